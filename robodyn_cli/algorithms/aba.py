@@ -1,0 +1,127 @@
+"""Forward dynamics by the articulated-body algorithm, O(N)."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.algorithms.kinematics import slice_q, transforms
+from robodyn_cli.algorithms.rnea import rnea
+from robodyn_cli.model.model import BASE, Body, Model
+from robodyn_cli.spatial.algebra import Matrix, Transform, Vector, cross, dot, zeros
+from robodyn_cli.spatial.inertia import ArticulatedInertia
+
+
+@dataclasses.dataclass(frozen=True)
+class JointFactor:
+    """What a joint contributes to the factorisation of M: U = I^A S, D^-1 = (S^T U + armature)^-1."""
+
+    S: Any
+    U: Any
+    U_D: Any
+    D_inverse: Matrix
+
+
+def factor_joint(body: Body, q: Vector, inertia: ArticulatedInertia) -> tuple[JointFactor, ArticulatedInertia]:
+    """Return a joint's factor and the inertia felt through it, I^a = I^A - U D^-1 U^T.
+
+    Source: Featherstone (2008), equations 7.14 and 7.43 to 7.45.
+    """
+    nv = body.joint.nv
+    S = body.joint.S(q)
+    columns = [inertia.column(S[:, j]) for j in range(nv)]
+    U = np.stack(columns, axis=1)
+    D = S.T @ U
+    for j in range(nv):
+        D[j, j] = D[j, j] + body.armature
+    D_inverse = invert_symmetric(D)
+    U_D = U @ D_inverse
+    felt = inertia
+    for j in range(nv):
+        felt = felt.downdate(U[:, j], U_D[:, j])
+    return JointFactor(S, U, U_D, D_inverse), felt
+
+
+def invert_symmetric(D: Matrix) -> Matrix:
+    """Return the inverse of a small symmetric positive definite matrix, by cofactors up to 1 and else LDL^T."""
+    n = D.shape[0]
+    if n == 1:
+        out = zeros(1, 1)
+        out[0, 0] = 1.0 / D[0, 0]
+        return out
+    from robodyn_cli.algorithms.linear import factor_ldl, solve_ldl
+
+    L, d = factor_ldl(D)
+    columns = []
+    for k in range(n):
+        unit = zeros(n)
+        unit[k] = 1.0
+        columns.append(solve_ldl(L, d, unit))
+    return np.stack(columns, axis=1)
+
+
+class ArticulatedFactor:
+    """M(q) factored along the tree; solves M x = y for any number of right-hand sides in O(N) each."""
+
+    def __init__(self, model: Model, q: Sequence[Any], X: Sequence[Transform] | None = None) -> None:
+        self.model = model
+        self.X = transforms(model, q) if X is None else X
+        inertia = [ArticulatedInertia.from_rigid(b.inertia) for b in model.bodies]
+        self.joints: list[JointFactor] = [None] * len(model.bodies)  # type: ignore[list-item]
+        for k in reversed(range(len(model.bodies))):
+            body = model.bodies[k]
+            self.joints[k], felt = factor_joint(body, slice_q(body, q), inertia[k])
+            if body.parent != BASE:
+                inertia[body.parent] = inertia[body.parent] + felt.to_parent(self.X[k])
+
+    def solve(self, y: Sequence[Any]) -> Vector:
+        """Return x with M x = y (nv,): torques collect down the tree, accelerations spread up it."""
+        bodies = self.model.bodies
+        pull = [(zeros(3), zeros(3)) for _ in bodies]
+        share: list[Vector] = [zeros(0)] * len(bodies)
+        for k in reversed(range(len(bodies))):
+            body, factor = bodies[k], self.joints[k]
+            n, f = pull[k]
+            u = zeros(body.joint.nv)
+            for j in range(body.joint.nv):
+                u[j] = y[body.v + j] - (dot(factor.S[:3, j], n) + dot(factor.S[3:, j], f))
+            share[k] = factor.D_inverse @ u
+            if body.parent != BASE:
+                reaction = factor.U @ share[k]
+                n_p, f_p = self.X[k].force_to_parent(n + reaction[:3], f + reaction[3:])
+                pull[body.parent] = (pull[body.parent][0] + n_p, pull[body.parent][1] + f_p)
+        x = zeros(self.model.nv)
+        motion: dict[int, tuple[Vector, Vector]] = {BASE: (zeros(3), zeros(3))}
+        for k, body in enumerate(bodies):
+            factor, X = self.joints[k], self.X[k]
+            w_p, a_p = motion[body.parent]
+            w, a = X.E @ w_p, X.E @ (a_p + cross(w_p, X.r))
+            own = share[k] - factor.U_D.T @ np.concatenate([w, a])
+            for j in range(body.joint.nv):
+                x[body.v + j] = own[j]
+            motion[k] = (w + factor.S[:3] @ own, a + factor.S[3:] @ own)
+        return x
+
+
+def aba(
+    model: Model, q: Sequence[Any], qd: Sequence[Any], tau: Sequence[Any], gravity: Vector | None = None
+) -> Vector:
+    """Return the joint accelerations for given torques: M^-1 (tau - h).
+
+    The velocity and gravity terms come from one Newton-Euler pass with qdd = 0; the articulated-body recursion
+    then runs on what is left, so its own velocity terms vanish (Featherstone 2008, section 7.3).
+
+    Parameters
+    ----------
+    q, qd, tau : (nq,), (nv,), (nv,); tau with joint springs, dampers and friction already added.
+
+    Raises
+    ------
+    ZeroDivisionError : on plain numbers, where a joint moves nothing that has inertia.
+    """
+    X = transforms(model, q)
+    h = rnea(model, q, qd, zeros(model.nv), gravity, X)
+    return ArticulatedFactor(model, q, X).solve([t - b for t, b in zip(tau, h)])

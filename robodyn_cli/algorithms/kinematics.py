@@ -1,0 +1,140 @@
+"""Forward kinematics: where bodies are, how points move.
+
+All quantities are in base coordinates unless a name says otherwise.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+from robodyn_cli.model.model import BASE, Body, FixedFrame, Model
+from robodyn_cli.spatial.algebra import Matrix, Transform, Vector, cross, identity, vector, zeros
+
+
+def slice_q(body: Body, q: Sequence[Any]) -> Vector:
+    """Return the position coordinates of a body's joint."""
+    return vector(q[body.q : body.q + body.joint.nq])
+
+
+def slice_v(body: Body, v: Sequence[Any]) -> Vector:
+    """Return the velocity coordinates of a body's joint."""
+    return vector(v[body.v : body.v + body.joint.nv])
+
+
+@dataclasses.dataclass(frozen=True)
+class Pose:
+    """Axes R (columns) and origin p [m] of a frame in base coordinates."""
+
+    R: Matrix
+    p: Vector
+
+    @staticmethod
+    def identity() -> Pose:
+        return Pose(identity(), zeros(3))
+
+    def point(self, p: Vector) -> Vector:
+        """Return base coordinates of a point given in this frame."""
+        return self.p + self.R @ p
+
+    def after(self, X: Transform) -> Pose:
+        """Return the pose of the frame that X leads to from this frame."""
+        return Pose(self.R @ X.E.T, self.p + self.R @ X.r)
+
+
+def transforms(model: Model, q: Sequence[Any]) -> list[Transform]:
+    """Return X from parent to body, for each body."""
+    return [b.joint.transform(slice_q(b, q)) @ b.X_tree for b in model.bodies]
+
+
+def poses(model: Model, X: Sequence[Transform], root: int = BASE) -> dict[int, Pose]:
+    """Return the pose of each body that hangs on ``root``, in the coordinates of ``root``."""
+    found: dict[int, Pose] = {root: Pose.identity()}
+    for k, body in enumerate(model.bodies):
+        if k != root and body.parent in found:
+            found[k] = found[body.parent].after(X[k])
+    return found
+
+
+def point_jacobian(
+    model: Model, q: Sequence[Any], pose: dict[int, Pose], body: int, p: Vector, root: int = BASE
+) -> tuple[Matrix, Matrix]:
+    """Return the Jacobians (3, nv) of the velocity of point p and of the body's angular velocity.
+
+    Column of a joint with motion subspace S = (S_w, S_v) in its body's frame (R, o):
+    angular R S_w, linear R S_v + (R S_w) x (p - o) (Siciliano et al. 2009, equation 3.30).
+    Motion is relative to ``root``, in its coordinates.
+    """
+    linear, angular = zeros(3, model.nv), zeros(3, model.nv)
+    k = body
+    while k != root and k != BASE:
+        b = model.bodies[k]
+        S = b.joint.S(slice_q(b, q))
+        for j in range(b.joint.nv):
+            axis = pose[k].R @ S[:3, j]
+            linear[:, b.v + j] = pose[k].R @ S[3:, j] + cross(axis, p - pose[k].p)
+            angular[:, b.v + j] = axis
+        k = b.parent
+    return linear, angular
+
+
+@dataclasses.dataclass(frozen=True)
+class Motion:
+    """Angular velocity, angular acceleration and linear acceleration of a body's origin, body coordinates.
+
+    The linear acceleration is the classical one (of the material point), less gravity where the recursion was
+    started with it.
+    """
+
+    w: Vector
+    wd: Vector
+    a: Vector
+
+    @staticmethod
+    def at_rest(gravity: Vector | None = None) -> Motion:
+        """Return the motion of the base; gravity enters as an upward acceleration."""
+        return Motion(zeros(3), zeros(3), zeros(3) if gravity is None else -gravity)
+
+    def acceleration_of(self, p: Vector) -> Vector:
+        """Return the acceleration of the body's point p."""
+        return self.a + cross(self.wd, p) + cross(self.w, cross(self.w, p))
+
+
+def step_motion(body: Body, X: Transform, q: Vector, qd: Vector, qdd: Vector, parent: Motion) -> Motion:
+    """Return a body's motion from its parent's (Luh, Walker and Paul 1980, equations 11 to 13, any joint).
+
+    With S = (S_w, S_v), joint velocity (w_J, v_J) = S qd in body coordinates:
+    w = E w_p + w_J;  wd = E wd_p + (E w_p) x w_J + S_w qdd + c_w;
+    a = E (a_p + wd_p x r + w_p x (w_p x r)) + 2 (E w_p) x v_J + w_J x v_J + S_v qdd + c_v.
+    """
+    S = body.joint.S(q)
+    c = body.joint.bias(q, qd)
+    joint_w, joint_v = S[:3] @ qd, S[3:] @ qd
+    w_p = X.E @ parent.w
+    w = w_p + joint_w
+    wd = X.E @ parent.wd + cross(w_p, joint_w) + S[:3] @ qdd + c[:3]
+    a = X.E @ parent.acceleration_of(X.r) + cross(2.0 * w_p + joint_w, joint_v) + S[3:] @ qdd + c[3:]
+    return Motion(w, wd, a)
+
+
+def motions(
+    model: Model,
+    X: Sequence[Transform],
+    q: Sequence[Any],
+    qd: Sequence[Any],
+    qdd: Sequence[Any],
+    gravity: Vector | None = None,
+) -> dict[int, Motion]:
+    """Return the motion of each body, the base included."""
+    found = {BASE: Motion.at_rest(gravity)}
+    for k, body in enumerate(model.bodies):
+        found[k] = step_motion(
+            body, X[k], slice_q(body, q), slice_v(body, qd), slice_v(body, qdd), found[body.parent]
+        )
+    return found
+
+
+def base_point(pose: dict[int, Pose], frame: FixedFrame) -> Vector:
+    """Return base coordinates of the origin of a fixed frame."""
+    return pose[frame.body].point(frame.p)

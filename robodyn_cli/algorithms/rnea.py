@@ -1,0 +1,83 @@
+"""Inverse dynamics by the recursive Newton-Euler algorithm, O(N)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from robodyn_cli.algorithms.kinematics import Motion, slice_q, slice_v, step_motion, transforms
+from robodyn_cli.model.model import BASE, Body, Model
+from robodyn_cli.spatial.algebra import Transform, Vector, cross, dot, zeros
+
+Wrench = tuple[Vector, Vector]
+
+
+def inertial_wrench(body: Body, motion: Motion) -> Wrench:
+    """Return the wrench (moment about the body's origin, force) that the motion needs.
+
+    f = m a + wd x h + w x (w x h);  n = I wd + w x I w + h x a   (Newton and Euler about the origin).
+    """
+    inertia = body.inertia
+    f = inertia.m * motion.a + cross(motion.wd, inertia.h) + cross(motion.w, cross(motion.w, inertia.h))
+    n = inertia.I @ motion.wd + cross(motion.w, inertia.I @ motion.w) + cross(inertia.h, motion.a)
+    return n, f
+
+
+def joint_torque(body: Body, q: Vector, wrench: Wrench) -> Vector:
+    """Return S^T f, the part of a wrench that the joint's actuator bears (nv,)."""
+    S = body.joint.S(q)
+    n, f = wrench
+    out = zeros(body.joint.nv)
+    for j in range(body.joint.nv):
+        out[j] = dot(S[:3, j], n) + dot(S[3:, j], f)
+    return out
+
+
+def rnea(
+    model: Model,
+    q: Sequence[Any],
+    qd: Sequence[Any],
+    qdd: Sequence[Any],
+    gravity: Vector | None = None,
+    X: Sequence[Transform] | None = None,
+) -> Vector:
+    """Return the joint torques of the rigid bodies and rotors: M qdd + C qd + G.
+
+    Parameters
+    ----------
+    q, qd, qdd : (nq,), (nv,), (nv,).
+    gravity : (3,) base coordinates [m/s^2]; None for none.
+
+    Returns
+    -------
+    tau : (nv,) [N m or N]; gravity's pull included, joint springs, dampers and friction not.
+
+    Source: Luh, Walker and Paul 1980; rotors as N^2 J on the joint's diagonal, without gyroscopic effect.
+    """
+    X = transforms(model, q) if X is None else X
+    motion = {BASE: Motion.at_rest(gravity)}
+    wrench: list[Wrench] = []
+    for k, body in enumerate(model.bodies):
+        motion[k] = step_motion(
+            body, X[k], slice_q(body, q), slice_v(body, qd), slice_v(body, qdd), motion[body.parent]
+        )
+        wrench.append(inertial_wrench(body, motion[k]))
+    return collect_torques(model, q, qdd, X, wrench)
+
+
+def collect_torques(
+    model: Model, q: Sequence[Any], qdd: Sequence[Any], X: Sequence[Transform], wrench: list[Wrench]
+) -> Vector:
+    """Carry the bodies' wrenches down to the base and return the joint torques (nv,)."""
+    wrench = list(wrench)
+    tau = zeros(model.nv)
+    for k in reversed(range(len(model.bodies))):
+        body = model.bodies[k]
+        own = joint_torque(body, slice_q(body, q), wrench[k])
+        for j in range(body.joint.nv):
+            tau[body.v + j] = own[j] + body.armature * qdd[body.v + j]
+        if body.parent != BASE:
+            n, f = X[k].force_to_parent(*wrench[k])
+            n_p, f_p = wrench[body.parent]
+            wrench[body.parent] = (n_p + n, f_p + f)
+    return tau

@@ -1,0 +1,58 @@
+"""Errors that a user can cause or meet, each with the exit code of the command line.
+
+Every message is one or two sentences that name the place (file, line, key), the value and what is allowed.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class RobodynError(Exception):
+    """Base of all errors that robodyn raises on purpose.
+
+    ``exit_code`` is what the command line returns; ``details`` are machine-readable facts for ``--json``.
+    """
+
+    exit_code = 70
+
+    def __init__(self, message: str, **details: Any) -> None:
+        super().__init__(message)
+        self.message = message
+        self.details = details
+
+
+class SceneError(RobodynError):
+    """The scene file says something that is not allowed (exit code 2)."""
+
+    exit_code = 2
+
+
+class CapabilityError(RobodynError):
+    """The scene is valid, but the method or command asked for cannot do it (exit code 2)."""
+
+    exit_code = 2
+
+
+class GeometryError(RobodynError):
+    """The geometry cannot be met: a loop that does not close, a target out of reach (exit code 5)."""
+
+    exit_code = 5
+
+
+class NumericalError(RobodynError):
+    """The numerics failed: divergence, step size underflow, singular mass matrix (exit code 3)."""
+
+    exit_code = 3
+
+
+class SingularConfigurationError(RobodynError):
+    """The mechanism met a singular configuration that the run was not told to expect (exit code 4)."""
+
+    exit_code = 4
+
+
+class OutputError(RobodynError):
+    """A result cannot be written (exit code 74)."""
+
+    exit_code = 74

@@ -1,0 +1,135 @@
+"""Exact derivatives of expressions, as expressions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.expr.functions import cos, cosh, exp, log, power, sign, sin, sinh, sqrt, where
+from robodyn_cli.expr.graph import Expr, Scalar, reachable
+
+SparseRow = dict[int, Scalar]
+
+
+def partials(node: Expr) -> list[tuple[Expr, Scalar]]:
+    """Return (argument, d node / d argument) for each argument.
+
+    Kinks (abs, sign, min, max, where, table knots) are differentiated as if the switching point were not met.
+    """
+    op, args = node.op, node.args
+    a = args[0]
+    if op == "add":
+        return [(a, 1.0), (args[1], 1.0)]
+    if op == "sub":
+        return [(a, 1.0), (args[1], -1.0)]
+    if op == "mul":
+        return [(a, args[1]), (args[1], a)]
+    if op == "div":
+        inverse = 1.0 / args[1]
+        return [(a, inverse), (args[1], -(node * inverse))]
+    if op == "neg":
+        return [(a, -1.0)]
+    if op == "sin":
+        return [(a, cos(a))]
+    if op == "cos":
+        return [(a, -sin(a))]
+    if op == "tan":
+        return [(a, 1.0 + node * node)]
+    if op == "asin":
+        return [(a, 1.0 / sqrt(1.0 - a * a))]
+    if op == "acos":
+        return [(a, -1.0 / sqrt(1.0 - a * a))]
+    if op == "atan":
+        return [(a, 1.0 / (1.0 + a * a))]
+    if op == "sinh":
+        return [(a, cosh(a))]
+    if op == "cosh":
+        return [(a, sinh(a))]
+    if op == "tanh":
+        return [(a, 1.0 - node * node)]
+    if op == "exp":
+        return [(a, exp(a))]
+    if op == "log":
+        return [(a, 1.0 / a)]
+    if op == "sqrt":
+        return [(a, 0.5 / node)]
+    if op == "abs":
+        return [(a, sign(a))]
+    if op == "sign":
+        return []
+    if op == "atan2":
+        y, x = args
+        r2 = x * x + y * y
+        return [(y, x / r2), (x, -(y / r2))]
+    if op == "min":
+        return [(a, where(args[1] - a, 1.0, 0.0)), (args[1], where(args[1] - a, 0.0, 1.0))]
+    if op == "max":
+        return [(a, where(a - args[1], 1.0, 0.0)), (args[1], where(a - args[1], 0.0, 1.0))]
+    if op == "where":
+        return [(args[1], where(a, 1.0, 0.0)), (args[2], where(a, 0.0, 1.0))]
+    if op == "pow":
+        base, exponent = args
+        if exponent.op == "const":
+            return [(base, exponent.value * power(base, exponent.value - 1.0))]
+        return [(base, exponent * node / base), (exponent, node * log(base))]
+    if op == "table":
+        knots, values, order = node.value
+        if order:
+            return []
+        return [(a, node.graph.interpolate(a, knots, values, 1))]
+    raise CapabilityError(f"the operation {op} has no derivative")
+
+
+def jacobian(outputs: Sequence[Scalar], inputs: Sequence[Expr]) -> list[SparseRow]:
+    """Return d outputs / d inputs as sparse rows {column: entry}; zeros that are structural do not appear.
+
+    Forward mode over the shared graph: each node carries its sparse gradient once.
+    """
+    gradient: dict[int, SparseRow] = {x.index: {k: 1.0} for k, x in enumerate(inputs)}
+    for node in reachable(outputs):
+        if not node.args or node.index in gradient:
+            continue
+        arguments = [a for a in node.args if gradient.get(a.index)]
+        if not arguments:
+            continue
+        row: SparseRow = {}
+        for argument, partial in partials(node):
+            inner = gradient.get(argument.index)
+            if not inner:
+                continue
+            for column, entry in inner.items():
+                term = partial * entry
+                row[column] = row[column] + term if column in row else term
+        gradient[node.index] = {k: e for k, e in row.items() if isinstance(e, Expr) or e != 0.0}
+    return [dict(gradient.get(e.index, {})) if isinstance(e, Expr) else {} for e in outputs]
+
+
+def directional(outputs: Sequence[Scalar], inputs: Sequence[Expr], direction: Sequence[Scalar]) -> list[Scalar]:
+    """Return (d outputs / d inputs) times ``direction``."""
+    tangent: dict[int, Scalar] = {x.index: d for x, d in zip(inputs, direction)}
+    for node in reachable(outputs):
+        if not node.args or node.index in tangent:
+            continue
+        if not any(a.index in tangent for a in node.args):
+            continue
+        total: Scalar = 0.0
+        for argument, partial in partials(node):
+            if argument.index in tangent:
+                total = total + partial * tangent[argument.index]
+        tangent[node.index] = total
+    return [tangent.get(e.index, 0.0) if isinstance(e, Expr) else 0.0 for e in outputs]
+
+
+def substitute(outputs: Sequence[Scalar], replacement: dict[int, Scalar]) -> list[Scalar]:
+    """Return the outputs with nodes (by index) replaced, rebuilt and folded again."""
+    from robodyn_cli.expr.rebuild import apply
+
+    new: dict[int, Scalar] = dict(replacement)
+    for node in reachable(outputs):
+        if node.index in new:
+            continue
+        if not node.args:
+            new[node.index] = node if node.op == "sym" else node.value
+        else:
+            new[node.index] = apply(node, [new[a.index] for a in node.args])
+    return [new[e.index] if isinstance(e, Expr) else e for e in outputs]

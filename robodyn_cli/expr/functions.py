@@ -1,0 +1,125 @@
+"""Elementary functions on numbers, numpy arrays and expressions alike."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from robodyn_cli.expr.graph import Expr
+
+
+def _sign(x: float) -> float:
+    return math.nan if math.isnan(x) else float((x > 0) - (x < 0))
+
+
+def _lift(op: str, number: Callable[[float], float], array: str) -> Callable[[Any], Any]:
+    def function(x: Any) -> Any:
+        if isinstance(x, Expr):
+            return x.graph.unary(op, x)
+        if isinstance(x, (float, int)):
+            return number(x)
+        import numpy as np
+
+        return getattr(np, array)(x)
+
+    function.__name__ = op
+    function.__doc__ = f"Return {op}(x)."
+    return function
+
+
+sin = _lift("sin", math.sin, "sin")
+cos = _lift("cos", math.cos, "cos")
+tan = _lift("tan", math.tan, "tan")
+asin = _lift("asin", math.asin, "arcsin")
+acos = _lift("acos", math.acos, "arccos")
+atan = _lift("atan", math.atan, "arctan")
+sinh = _lift("sinh", math.sinh, "sinh")
+cosh = _lift("cosh", math.cosh, "cosh")
+tanh = _lift("tanh", math.tanh, "tanh")
+exp = _lift("exp", math.exp, "exp")
+log = _lift("log", math.log, "log")
+sqrt = _lift("sqrt", math.sqrt, "sqrt")
+absolute = _lift("abs", abs, "abs")
+sign = _lift("sign", _sign, "sign")
+
+
+def _graph_of(*xs: Any) -> Any:
+    return next((x.graph for x in xs if isinstance(x, Expr)), None)
+
+
+def _scalar(*xs: Any) -> bool:
+    return all(isinstance(x, (float, int)) for x in xs)
+
+
+def atan2(y: Any, x: Any) -> Any:
+    """Return the angle of the vector (x, y), in (-pi, pi]."""
+    graph = _graph_of(y, x)
+    if graph is not None:
+        return graph.binary("atan2", y, x)
+    if _scalar(y, x):
+        return math.atan2(y, x)
+    import numpy as np
+
+    return np.arctan2(y, x)
+
+
+def minimum(a: Any, b: Any) -> Any:
+    """Return the smaller of a and b."""
+    graph = _graph_of(a, b)
+    if graph is not None:
+        return graph.binary("min", a, b)
+    if _scalar(a, b):
+        return min(a, b)
+    import numpy as np
+
+    return np.minimum(a, b)
+
+
+def maximum(a: Any, b: Any) -> Any:
+    """Return the larger of a and b."""
+    graph = _graph_of(a, b)
+    if graph is not None:
+        return graph.binary("max", a, b)
+    if _scalar(a, b):
+        return max(a, b)
+    import numpy as np
+
+    return np.maximum(a, b)
+
+
+def power(a: Any, b: Any) -> Any:
+    """Return a ** b."""
+    graph = _graph_of(a, b)
+    if graph is not None:
+        return graph.power(a, b)
+    if _scalar(a, b):
+        return math.pow(a, b)
+    import numpy as np
+
+    return np.power(a, b)
+
+
+def where(x: Any, a: Any, b: Any) -> Any:
+    """Return a if x > 0, else b."""
+    if isinstance(x, Expr):
+        return x.graph.where(x, a, b)
+    if isinstance(x, (float, int)):
+        return a if x > 0 else b
+    import numpy as np
+
+    return np.where(np.asarray(x) > 0, a, b)
+
+
+def step(x: Any) -> Any:
+    """Return 0 for x < 0 and 1 for x >= 0."""
+    return where(-x, 0.0, 1.0)
+
+
+def interpolate(x: Any, knots: tuple[float, ...], values: tuple[float, ...]) -> Any:
+    """Return the piecewise linear function through (knots, values) at x, held beyond the ends."""
+    if isinstance(x, Expr):
+        return x.graph.interpolate(x, knots, values)
+    import numpy as np
+
+    return np.interp(x, knots, values)

@@ -1,0 +1,320 @@
+"""Expression graph: scalars that remember how they were computed.
+
+Algorithms written on numbers run on ``Expr`` as well and leave behind the graph of what they would compute.
+Constants stay Python floats, so everything known about a scene is folded while the graph is built, terms
+multiplied by zero never appear, and equal subexpressions exist once (hash-consing).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any, Union
+
+Scalar = Union[float, "Expr"]
+
+COMMUTATIVE = frozenset({"add", "mul", "min", "max"})
+
+
+class Expr:
+    """One node: an operation on earlier nodes, a constant or a symbol. Create nodes by arithmetic only."""
+
+    __slots__ = ("args", "graph", "index", "op", "value")
+
+    def __init__(self, graph: Graph, op: str, args: tuple[Expr, ...], value: Any, index: int) -> None:
+        self.graph = graph
+        self.op = op
+        self.args = args
+        self.value = value
+        self.index = index
+
+    def __add__(self, other: Scalar) -> Scalar:
+        return self.graph.add(self, other) if isinstance(other, (Expr, float, int)) else NotImplemented
+
+    def __radd__(self, other: Scalar) -> Scalar:
+        return self.graph.add(other, self) if isinstance(other, (Expr, float, int)) else NotImplemented
+
+    def __sub__(self, other: Scalar) -> Scalar:
+        return self.graph.sub(self, other) if isinstance(other, (Expr, float, int)) else NotImplemented
+
+    def __rsub__(self, other: Scalar) -> Scalar:
+        return self.graph.sub(other, self) if isinstance(other, (Expr, float, int)) else NotImplemented
+
+    def __mul__(self, other: Scalar) -> Scalar:
+        return self.graph.mul(self, other) if isinstance(other, (Expr, float, int)) else NotImplemented
+
+    def __rmul__(self, other: Scalar) -> Scalar:
+        return self.graph.mul(other, self) if isinstance(other, (Expr, float, int)) else NotImplemented
+
+    def __truediv__(self, other: Scalar) -> Scalar:
+        return self.graph.div(self, other) if isinstance(other, (Expr, float, int)) else NotImplemented
+
+    def __rtruediv__(self, other: Scalar) -> Scalar:
+        return self.graph.div(other, self) if isinstance(other, (Expr, float, int)) else NotImplemented
+
+    def __neg__(self) -> Scalar:
+        return self.graph.neg(self)
+
+    def __pos__(self) -> Expr:
+        return self
+
+    def __pow__(self, other: Scalar) -> Scalar:
+        return self.graph.power(self, other) if isinstance(other, (Expr, float, int)) else NotImplemented
+
+    def __rpow__(self, other: Scalar) -> Scalar:
+        return self.graph.power(other, self) if isinstance(other, (Expr, float, int)) else NotImplemented
+
+    def __bool__(self) -> bool:
+        raise TypeError("the truth of an expression is not known while the graph is built; use where()")
+
+    def __repr__(self) -> str:
+        if self.op == "sym":
+            return f"<{self.value[0]}>"
+        if self.op == "const":
+            return repr(self.value)
+        return f"<{self.op} #{self.index}>"
+
+
+def is_number(x: Any) -> bool:
+    """Tell whether ``x`` is a plain number (folded), not an expression."""
+    return not isinstance(x, Expr)
+
+
+class Graph:
+    """Owner of nodes; equal nodes are the same object, and ``index`` is a topological order."""
+
+    def __init__(self) -> None:
+        self.nodes: list[Expr] = []
+        self._table: dict[Any, Expr] = {}
+
+    # -- leaves ---------------------------------------------------------------------------------------
+    def constant(self, value: float) -> Expr:
+        """Return the node of a constant (needed only as an argument of other nodes)."""
+        value = float(value)
+        # -0.0 == 0.0 hash alike, and 0.0 never needs its sign here
+        return self._node("const", (), value)
+
+    def symbol(self, name: str, group: str, position: int = 0) -> Expr:
+        """Return the symbol ``name``, entry ``position`` of the input array ``group``."""
+        return self._node("sym", (), (name, group, position))
+
+    def symbols(self, names: Sequence[str], group: str) -> list[Expr]:
+        """Return one symbol a name, numbered in order."""
+        return [self.symbol(name, group, k) for k, name in enumerate(names)]
+
+    def _node(self, op: str, args: tuple[Expr, ...], value: Any = None) -> Expr:
+        key = (op, value, *[a.index for a in args])
+        node = self._table.get(key)
+        if node is None:
+            node = Expr(self, op, args, value, len(self.nodes))
+            self.nodes.append(node)
+            self._table[key] = node
+        return node
+
+    def _as_node(self, x: Scalar) -> Expr:
+        return x if isinstance(x, Expr) else self.constant(x)
+
+    def _binary(self, op: str, a: Scalar, b: Scalar) -> Expr:
+        x, y = self._as_node(a), self._as_node(b)
+        if x.graph is not self or y.graph is not self:
+            raise ValueError("expressions of different graphs cannot be combined")
+        if op in COMMUTATIVE and y.index < x.index:
+            x, y = y, x
+        return self._node(op, (x, y))
+
+    # -- arithmetic with folding ----------------------------------------------------------------------
+    def add(self, a: Scalar, b: Scalar) -> Scalar:
+        """Return a + b."""
+        if not isinstance(a, Expr):
+            if not isinstance(b, Expr):
+                return a + b
+            a, b = b, a
+        # a is an expression now
+        if not isinstance(b, Expr):
+            if b == 0.0:
+                return a
+            constant, rest = _split_sum(a)
+            if constant != 0.0:
+                return self.add(rest, constant + b)
+            return self._binary("add", a, b)
+        if b.op == "neg":
+            return self.sub(a, b.args[0])
+        if a.op == "neg":
+            return self.sub(b, a.args[0])
+        if a is b:
+            return self.mul(2.0, a)
+        return self._binary("add", a, b)
+
+    def sub(self, a: Scalar, b: Scalar) -> Scalar:
+        """Return a - b."""
+        if not isinstance(b, Expr):
+            return self.add(a, -b) if isinstance(a, Expr) else a - b
+        if a is b:
+            return 0.0
+        if not isinstance(a, Expr):
+            if a == 0.0:
+                return self.neg(b)
+            return self._binary("sub", a, b)
+        if b.op == "neg":
+            return self.add(a, b.args[0])
+        if a.op == "neg":
+            return self.neg(self.add(a.args[0], b))
+        return self._binary("sub", a, b)
+
+    def neg(self, a: Scalar) -> Scalar:
+        """Return -a."""
+        if not isinstance(a, Expr):
+            return -a
+        if a.op == "neg":
+            return a.args[0]
+        if a.op == "sub":
+            return self._binary("sub", a.args[1], a.args[0])
+        if a.op == "mul" and a.args[0].op == "const":
+            return self.mul(-a.args[0].value, a.args[1])
+        if a.op == "mul" and a.args[1].op == "const":
+            return self.mul(-a.args[1].value, a.args[0])
+        return self._node("neg", (a,))
+
+    def mul(self, a: Scalar, b: Scalar) -> Scalar:
+        """Return a * b; a factor zero removes the other (expressions are taken as finite)."""
+        if not isinstance(a, Expr):
+            if not isinstance(b, Expr):
+                return a * b
+            a, b = b, a
+        if not isinstance(b, Expr):
+            if b == 0.0:
+                return 0.0
+            if b == 1.0:
+                return a
+            if b == -1.0:
+                return self.neg(a)
+            if a.op == "neg":
+                return self.mul(-b, a.args[0])
+            if a.op == "mul":
+                x, y = a.args
+                if x.op == "const":
+                    return self.mul(x.value * b, y)
+                if y.op == "const":
+                    return self.mul(y.value * b, x)
+            return self._binary("mul", a, b)
+        if a.op == "neg":
+            return self.neg(self.mul(a.args[0], b))
+        if b.op == "neg":
+            return self.neg(self.mul(a, b.args[0]))
+        # constants float outward, so that products of shared factors are found again
+        factor, a = _split_product(a)
+        other, b = _split_product(b)
+        if factor != 1.0 or other != 1.0:
+            return self.mul(factor * other, self.mul(a, b))
+        return self._binary("mul", a, b)
+
+    def div(self, a: Scalar, b: Scalar) -> Scalar:
+        """Return a / b."""
+        if not isinstance(b, Expr):
+            return self.mul(a, 1.0 / b) if isinstance(a, Expr) else a / b
+        if not isinstance(a, Expr) and a == 0.0:
+            return 0.0
+        if a is b:
+            return 1.0
+        return self._binary("div", a, b)
+
+    def power(self, a: Scalar, b: Scalar) -> Scalar:
+        """Return a ** b; small whole exponents become products."""
+        if not isinstance(b, Expr):
+            if not isinstance(a, Expr):
+                return float(a**b)
+            n = int(b) if float(b).is_integer() else None
+            if n is not None and 0 <= n <= 8:
+                result: Scalar = 1.0
+                square: Scalar = a
+                while n:
+                    if n & 1:
+                        result = self.mul(result, square)
+                    square = self.mul(square, square) if n > 1 else square
+                    n >>= 1
+                return result
+            if n is not None and -8 <= n < 0:
+                return self.div(1.0, self.power(a, -b))
+            if b == 0.5:
+                return self.unary("sqrt", a)
+        return self._binary("pow", a, b)
+
+    def unary(self, op: str, a: Expr) -> Scalar:
+        """Return a function of one argument; sin and cos take out the sign."""
+        if a.op == "neg" and op in ("sin", "tan", "asin", "atan", "sinh", "tanh", "sign"):
+            return self.neg(self.unary(op, a.args[0]))
+        if a.op == "neg" and op in ("cos", "cosh", "abs"):
+            return self.unary(op, a.args[0])
+        return self._node(op, (a,))
+
+    def binary(self, op: str, a: Scalar, b: Scalar) -> Expr:
+        """Return a function of two arguments (``atan2``, ``min``, ``max``)."""
+        return self._binary(op, a, b)
+
+    def where(self, x: Expr, a: Scalar, b: Scalar) -> Scalar:
+        """Return a if x > 0, else b."""
+        if not isinstance(a, Expr) and not isinstance(b, Expr) and a == b:
+            return a
+        if a is b:
+            return a
+        return self._node("where", (x, self._as_node(a), self._as_node(b)))
+
+    def interpolate(self, x: Expr, knots: tuple[float, ...], values: tuple[float, ...], order: int = 0) -> Expr:
+        """Return the piecewise linear function through (knots, values) at x, held beyond the ends.
+
+        ``order`` 1 is its derivative (right-continuous).
+        """
+        return self._node("table", (x,), (knots, values, order))
+
+
+def _split_sum(a: Expr) -> tuple[float, Scalar]:
+    """Split a constant off a sum: a = constant + rest."""
+    if a.op == "add":
+        x, y = a.args
+        if x.op == "const":
+            return x.value, y
+        if y.op == "const":
+            return y.value, x
+    return 0.0, a
+
+
+def _split_product(a: Expr) -> tuple[float, Expr]:
+    """Split a constant off a product: a = factor * rest."""
+    if a.op == "mul":
+        x, y = a.args
+        if x.op == "const":
+            return x.value, y
+        if y.op == "const":
+            return y.value, x
+    return 1.0, a
+
+
+def reachable(outputs: Iterable[Scalar]) -> list[Expr]:
+    """Return the nodes that the outputs need, arguments before results."""
+    seen: set[int] = set()
+    stack = [e for e in outputs if isinstance(e, Expr)]
+    found: list[Expr] = []
+    while stack:
+        node = stack.pop()
+        if node.index in seen:
+            continue
+        seen.add(node.index)
+        found.append(node)
+        stack.extend(node.args)
+    found.sort(key=lambda e: e.index)
+    return found
+
+
+def free_symbols(outputs: Iterable[Scalar]) -> list[Expr]:
+    """Return the symbols that the outputs depend on."""
+    return [e for e in reachable(outputs) if e.op == "sym"]
+
+
+def count_operations(outputs: Iterable[Scalar]) -> int:
+    """Count the operations that evaluating the outputs takes (leaves are free)."""
+    return sum(e.op not in ("sym", "const") for e in reachable(outputs))
+
+
+def finite(x: float) -> bool:
+    """Tell whether a folded constant is an ordinary number."""
+    return math.isfinite(x)

@@ -1,0 +1,77 @@
+"""Apply a node's operation to new arguments: numbers, arrays or expressions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.expr import functions as f
+from robodyn_cli.expr.graph import Expr, Scalar, reachable
+
+
+def _table(x: Any, value: tuple[Any, ...]) -> Any:
+    knots, values, order = value
+    if isinstance(x, Expr):
+        return x.graph.interpolate(x, knots, values, order)
+    if order == 0:
+        return f.interpolate(x, knots, values)
+    slopes = np.concatenate([[0.0], np.diff(values) / np.diff(knots), [0.0]])
+    return slopes[np.searchsorted(knots, x, side="right")]
+
+
+APPLY: dict[str, Callable[..., Any]] = {
+    "add": lambda a, b: a + b,
+    "sub": lambda a, b: a - b,
+    "mul": lambda a, b: a * b,
+    "div": lambda a, b: a / b,
+    "neg": lambda a: -a,
+    "pow": f.power,
+    "sin": f.sin,
+    "cos": f.cos,
+    "tan": f.tan,
+    "asin": f.asin,
+    "acos": f.acos,
+    "atan": f.atan,
+    "sinh": f.sinh,
+    "cosh": f.cosh,
+    "tanh": f.tanh,
+    "exp": f.exp,
+    "log": f.log,
+    "sqrt": f.sqrt,
+    "abs": f.absolute,
+    "sign": f.sign,
+    "atan2": f.atan2,
+    "min": f.minimum,
+    "max": f.maximum,
+    "where": f.where,
+}
+
+
+def apply(node: Expr, args: Sequence[Any]) -> Any:
+    """Return the operation of ``node`` on ``args``."""
+    if node.op == "table":
+        return _table(args[0], node.value)
+    return APPLY[node.op](*args)
+
+
+def evaluate(outputs: Sequence[Scalar], inputs: Mapping[str, Any]) -> list[Any]:
+    """Evaluate the outputs on numbers; the slow, compiler-free path and the oracle of the compiled one.
+
+    Parameters
+    ----------
+    outputs : expressions or numbers.
+    inputs : arrays by symbol group; entry ``position`` of a group is its symbol's value (a float, or an array
+        of samples; any numpy number type, ``longdouble`` included).
+    """
+    value: dict[int, Any] = {}
+    for node in reachable(outputs):
+        if node.op == "sym":
+            _, group, position = node.value
+            value[node.index] = inputs[group][position]
+        elif node.op == "const":
+            value[node.index] = node.value
+        else:
+            value[node.index] = apply(node, [value[a.index] for a in node.args])
+    return [value[e.index] if isinstance(e, Expr) else e for e in outputs]

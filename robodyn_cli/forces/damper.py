@@ -1,0 +1,26 @@
+"""Linear damper in a joint."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, ClassVar
+
+from robodyn_cli.schema.fields import Number, key
+
+
+@dataclasses.dataclass(frozen=True)
+class Damper:
+    """Torque ``tau = -c qd``."""
+
+    term: ClassVar[str] = "passive"
+    dissipative: ClassVar[bool] = True
+
+    damping: float = key(Number(minimum=0.0), unit="N m s/rad or N s/m", doc="Damping c.")
+
+    def torque(self, q: Any, qd: Any, gear_ratio: float, smooth: bool) -> Any:
+        """Return the torque on the joint [N m or N]."""
+        return -self.damping * qd
+
+    def potential(self, q: Any) -> Any:
+        """Return the potential energy [J]: none."""
+        return 0.0

@@ -1,0 +1,59 @@
+"""What a joint must know about itself.
+
+To add a joint, write a file with a subclass and one line in the registry. The checklist that the conformance
+tests run over every registered joint:
+
+1. ``transform(q)``: X from the frame before the joint to the body's frame, textbook sign.
+2. ``S``: motion subspace in body coordinates, (6, nv), angular rows first.
+3. ``bias(q, qd)``: c = S-dot qd in body coordinates (zero for constant S).
+4. ``velocity_map(q, v)``: q-dot from v; the identity unless nq and nv differ.
+5. ``integrate(q, dq)``, ``difference(q0, q1)``, ``normalise(q)``: steps on the joint's own manifold.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from robodyn_cli.spatial.algebra import Transform, Vector, matrix, vector, zeros
+
+
+class Joint:
+    """A kind of joint with ``nq`` position and ``nv`` velocity coordinates."""
+
+    type: ClassVar[str] = ""
+    nq: ClassVar[int] = 0
+    nv: ClassVar[int] = 0
+    units: ClassVar[tuple[str, ...]] = ()
+    subspace: ClassVar[tuple[tuple[float, ...], ...]] = ()
+
+    def transform(self, q: Vector) -> Transform:
+        """Return X from the frame before the joint to the body frame, at position ``q`` (nq,)."""
+        raise NotImplementedError
+
+    def S(self, q: Vector) -> Any:
+        """Return the motion subspace (6, nv), body coordinates, angular rows first."""
+        return matrix(self.subspace).T if self.subspace else zeros(6, 0)
+
+    def bias(self, q: Vector, qd: Vector) -> Vector:
+        """Return S-dot qd (6,), body coordinates; zero where S is constant."""
+        return zeros(6)
+
+    def velocity_map(self, q: Vector, v: Vector) -> Vector:
+        """Return q-dot (nq,) for joint velocity ``v`` (nv,)."""
+        return v
+
+    def neutral(self) -> list[float]:
+        """Return the position (nq,) at which the transform is the identity."""
+        return [0.0] * self.nq
+
+    def integrate(self, q: Vector, dq: Vector) -> Vector:
+        """Return the position reached from ``q`` by moving with constant velocity ``dq`` (nv,) for unit time."""
+        return vector([a + b for a, b in zip(q, dq)])
+
+    def difference(self, q0: Vector, q1: Vector) -> Vector:
+        """Return the velocity (nv,) that leads from q0 to q1 in unit time."""
+        return vector([b - a for a, b in zip(q0, q1)])
+
+    def normalise(self, q: Vector) -> Vector:
+        """Return ``q`` put back on its manifold."""
+        return q

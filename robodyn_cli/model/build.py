@@ -1,0 +1,364 @@
+"""Build the model from the scene: place bodies, merge what is fixed, name what is unknown."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+from robodyn_cli.errors import SceneError
+from robodyn_cli.expr.graph import Graph, is_number
+from robodyn_cli.joints.registry import joint_types
+from robodyn_cli.model.model import (
+    BASE,
+    PARAMETER_GROUP,
+    UNKNOWN_GROUP,
+    Body,
+    FixedFrame,
+    JointForce,
+    Loop,
+    Model,
+)
+from robodyn_cli.scene import types as sc
+from robodyn_cli.spatial.algebra import (
+    Matrix,
+    Transform,
+    Vector,
+    identity,
+    matrix,
+    rotation_about,
+    rotation_rpy,
+    rotation_to_z,
+    vector,
+    zeros,
+)
+from robodyn_cli.spatial.inertia import RigidInertia
+
+
+def parent_link(robot: sc.Robot, index: int) -> str:
+    """Return the name of the link that joint ``index`` hangs on (``base`` for the ground)."""
+    joint = robot.joints[index]
+    if joint.parent is not None:
+        return joint.parent
+    return "base" if index == 0 else moved_link(robot, index - 1)
+
+
+def moved_link(robot: sc.Robot, index: int) -> str:
+    """Return the name of the link that joint ``index`` moves."""
+    joint = robot.joints[index]
+    return joint.link if joint.link is not None else robot.links[index].name
+
+
+def has_dh(joint: sc.Joint) -> bool:
+    """Tell whether a joint is placed by D-H parameters."""
+    return any(x is not None for x in (joint.a, joint.alpha, joint.d, joint.theta))
+
+
+@dataclasses.dataclass
+class _Placed:
+    """Where a link is: the body that carries it, its joint frame and its link frame in body coordinates."""
+
+    body: int
+    joint_frame: Transform
+    link_frame: Transform
+
+
+class _Values:
+    """Numbers of the scene, replaced by symbols where they are unknown or asked for as parameters."""
+
+    def __init__(self, graph: Graph, symbolic: Sequence[str]) -> None:
+        self.graph = graph
+        self.symbolic = list(symbolic)
+        self.used: set[str] = set()
+
+    def get(self, path: str, value: float | None, unknown: str = "") -> Any:
+        if path in self.symbolic:
+            self.used.add(path)
+            return self.graph.symbol(path, PARAMETER_GROUP, self.symbolic.index(path))
+        if value is None:
+            return self.graph.symbol(unknown, UNKNOWN_GROUP)
+        return float(value)
+
+    def check(self) -> None:
+        missing = [p for p in self.symbolic if p not in self.used]
+        if missing:
+            raise SceneError(
+                f"symbolic parameter {missing[0]!r} names no constant of the model; "
+                "known are links.NAME.mass, links.NAME.com.0, links.NAME.inertia.xx, joints.NAME.a, gravity.1 ..."
+            )
+
+
+def _joint_placement(robot: sc.Robot, joint: sc.Joint, values: _Values) -> tuple[Transform, Transform, Transform]:
+    """Return (X_tree from the parent's link frame, joint frame, link frame), the latter two from the body frame.
+
+    The body frame has the joint's axis as z. For revolute and prismatic joints with D-H parameters it is the
+    frame right after the joint's own motion.
+    """
+    get = lambda key, value: values.get(f"joints.{joint.name}.{key}", value)  # noqa: E731
+    X = Transform.identity()
+    if joint.origin is not None:
+        X = Transform.from_pose(rotation_rpy(joint.origin.rpy), vector(joint.origin.xyz))
+    one = Transform.identity()
+    slide = lambda z: Transform(identity(), vector([0.0, 0.0, z]))  # noqa: E731
+    turn = lambda angle: Transform(rotation_about(2, angle).T, zeros(3))  # noqa: E731
+    offset = get("offset", joint.offset)
+    if not has_dh(joint):
+        if joint.axis is not None:
+            R = rotation_to_z(joint.axis)
+        else:
+            R = identity()
+        to_axis = Transform(R.T, zeros(3))
+        back = Transform(R, zeros(3))
+        shift = one
+        if joint.type == "revolute":
+            shift = turn(offset)
+        elif joint.type == "prismatic":
+            shift = slide(offset)
+        return shift @ to_axis @ X, back, back
+    a, alpha = get("a", joint.a or 0.0), get("alpha", joint.alpha or 0.0)
+    d, theta = get("d", joint.d or 0.0), get("theta", joint.theta or 0.0)
+    if joint.type == "revolute":
+        theta = offset
+    elif joint.type == "prismatic":
+        d = offset
+    bend = Transform(rotation_about(0, alpha).T, zeros(3)) @ Transform(identity(), vector([a, 0.0, 0.0]))
+    if robot.convention == "modified":
+        # Rx(alpha) Tx(a) Rz(theta) Tz(d): what is constant about z comes before the joint, it commutes
+        return turn(theta) @ slide(d) @ bend @ X, one, one
+    # standard: Rz(theta) Tz(d) Tx(a) Rx(alpha); the link frame lies beyond the joint's motion
+    if joint.type == "revolute":
+        return turn(theta) @ X, one, bend @ slide(d)
+    if joint.type == "prismatic":
+        return slide(d) @ turn(theta) @ X, one, bend
+    return X, one, bend @ slide(d) @ turn(theta)
+
+
+def _inertia(link: sc.Link, values: _Values, frame: Transform) -> RigidInertia:
+    """Return a link's inertia in body coordinates; ``frame`` takes body coordinates to those of ``com_frame``."""
+    path = f"links.{link.name}"
+    m = values.get(f"{path}.mass", link.mass, f"mass of {link.name}")
+    if is_number(m) and m == 0.0 and link.com is None and link.inertia == sc.Inertia():
+        return RigidInertia.zero()
+    com = link.com if link.com is not None else (None, None, None)
+    c = vector(
+        [values.get(f"{path}.com.{k}", com[k], f"com[{k}] of {link.name}") for k in range(3)]
+    )
+    I = {
+        k: values.get(f"{path}.inertia.{k}", getattr(link.inertia, k), f"inertia.{k} of {link.name}")
+        for k in ("xx", "yy", "zz", "xy", "xz", "yz")
+    }
+    given = [k for k in I if getattr(link.inertia, k) is not None]
+    if given and {"xx", "yy", "zz"} <= set(given):
+        # with all three moments given, products of inertia that are not written are zero, as in every handbook
+        for k in ("xy", "xz", "yz"):
+            if getattr(link.inertia, k) is None and f"{path}.inertia.{k}" not in values.used:
+                I[k] = 0.0
+    tensor = matrix(
+        [[I["xx"], I["xy"], I["xz"]], [I["xy"], I["yy"], I["yz"]], [I["xz"], I["yz"], I["zz"]]]
+    )
+    return RigidInertia.from_com(m, c, tensor).to_parent(frame)
+
+
+def build_model(scene: sc.Scene, symbolic: Sequence[str] = (), graph: Graph | None = None) -> Model:
+    """Build the model of a scene.
+
+    Parameters
+    ----------
+    scene : the checked scene.
+    symbolic : constants (``links.link1.mass``, ``joints.theta1.a``, ``gravity.1``) to keep as parameters, in the
+        order in which kernels take them.
+    graph : where symbols live; a new one by default.
+    """
+    graph = graph or Graph()
+    values = _Values(graph, symbolic)
+    robot = scene.robot
+    links = {link.name: link for link in robot.links}
+    placed: dict[str, _Placed] = {
+        "base": _Placed(BASE, Transform.identity(), Transform.identity())
+    }
+    bodies: list[dict[str, Any]] = []
+    merged: dict[int, RigidInertia] = {}
+    for index in _topological(robot):
+        joint = robot.joints[index]
+        name = moved_link(robot, index)
+        parent = placed[parent_link(robot, index)]
+        X_joint, joint_frame, link_frame = _joint_placement(robot, joint, values)
+        X_tree = X_joint @ parent.link_frame
+        link = links[name]
+        if joint.type == "fixed":
+            here = _Placed(parent.body, joint_frame @ X_tree, link_frame @ X_tree)
+        else:
+            here = _Placed(len(bodies), joint_frame, link_frame)
+            bodies.append({"joint": joint, "X_tree": X_tree, "parent": parent.body, "name": name})
+        placed[name] = here
+        if here.body != BASE:
+            frame = here.joint_frame if (link.com_frame or "joint") == "joint" else here.link_frame
+            own = _inertia(link, values, frame)
+            merged[here.body] = merged[here.body] + own if here.body in merged else own
+    gravity = vector([values.get(f"gravity.{k}", g) for k, g in enumerate(scene.gravity)])
+    base = Transform.from_pose(rotation_rpy(robot.base.rpy), vector(robot.base.xyz))
+    finished, names, units = _number(robot, bodies, merged, values)
+    points = {
+        name: _fixed_frame(placed, links, point, values) for name, point in (robot.points or {}).items()
+    }
+    frames = {
+        name: _fixed_frame(placed, links, frame, values) for name, frame in (robot.frames or {}).items()
+    }
+    link_frames = {
+        name: FixedFrame(p.body, p.link_frame.r, p.link_frame.E.T) for name, p in placed.items()
+    }
+    model = Model(
+        name=scene.title or "scene",
+        bodies=finished,
+        nq=sum(b.joint.nq for b in finished),
+        nv=sum(b.joint.nv for b in finished),
+        gravity=base.E @ gravity,
+        graph=graph,
+        base=base,
+        points=points,
+        frames=frames,
+        links=link_frames,
+        outlines=_outlines(robot, placed, points),
+        loops=tuple(_loop(scene, placed, links, points, element, values) for element in scene.loops),
+        joint_names=names,
+        q_names=names,
+        v_names=names,
+        q_units=units,
+        parameters=tuple(symbolic),
+    )
+    values.check()
+    return model
+
+
+def _topological(robot: sc.Robot) -> list[int]:
+    """Return joint indices, parents first, otherwise in the order of the YAML."""
+    owner = {moved_link(robot, k): k for k in range(len(robot.joints))}
+    order: list[int] = []
+    done = {"base"}
+    pending = list(range(len(robot.joints)))
+    while pending:
+        ready = [k for k in pending if parent_link(robot, k) in done]
+        if not ready:
+            raise SceneError(f"joint {robot.joints[pending[0]].name!r} does not hang on the base")
+        for k in ready:
+            order.append(k)
+            done.add(moved_link(robot, k))
+        pending = [k for k in pending if k not in ready]
+    assert len(owner) == len(order)
+    return order
+
+
+def _number(
+    robot: sc.Robot, bodies: list[dict[str, Any]], merged: dict[int, RigidInertia], values: _Values
+) -> tuple[tuple[Body, ...], tuple[str, ...], tuple[str, ...]]:
+    """Give bodies their places in q and v, which follow the joints' order in the YAML."""
+    start: dict[str, tuple[int, int]] = {}
+    nq = nv = 0
+    names: list[str] = []
+    units: list[str] = []
+    for joint in robot.joints:
+        kind = joint_types[joint.type]
+        start[joint.name] = (nq, nv)
+        nq += kind.nq
+        nv += kind.nv
+        if kind.nv:
+            names.append(joint.name)
+            units.extend(kind.units)
+    finished = []
+    for k, body in enumerate(bodies):
+        joint = body["joint"]
+        rotor = values.get(f"joints.{joint.name}.rotor_inertia", joint.rotor_inertia)
+        finished.append(
+            Body(
+                name=body["name"],
+                joint_name=joint.name,
+                joint=joint_types[joint.type],
+                parent=body["parent"],
+                X_tree=body["X_tree"],
+                inertia=merged.get(k, RigidInertia.zero()),
+                q=start[joint.name][0],
+                v=start[joint.name][1],
+                armature=joint.gear_ratio**2 * rotor,
+                gear_ratio=joint.gear_ratio,
+                forces=tuple(JointForce(name, element) for name, element in joint.forces),
+            )
+        )
+    return tuple(finished), tuple(names), tuple(units)
+
+
+def _fixed_frame(placed: dict[str, _Placed], links: dict[str, sc.Link], point: sc.Point, values: _Values) -> FixedFrame:
+    where = placed[point.link]
+    frame = where.joint_frame if point.frame == "joint" else where.link_frame
+    R: Matrix = frame.E.T
+    at: Vector
+    if point.at == "origin":
+        at = where.joint_frame.r
+    elif point.at == "end":
+        at = where.link_frame.r
+    elif point.at == "com":
+        at = _com(where, links[point.link], values)
+    else:
+        at = frame.point(vector(point.at))
+    if isinstance(point, sc.Frame):
+        R = R @ rotation_rpy(point.rpy)
+    return FixedFrame(where.body, at, R)
+
+
+def _com(where: _Placed, link: sc.Link, values: _Values) -> Vector:
+    frame = where.joint_frame if (link.com_frame or "joint") == "joint" else where.link_frame
+    com = link.com if link.com is not None else (None, None, None)
+    c = vector([values.get(f"links.{link.name}.com.{k}", com[k], f"com[{k}] of {link.name}") for k in range(3)])
+    return frame.point(c)
+
+
+def _loop(
+    scene: sc.Scene,
+    placed: dict[str, _Placed],
+    links: dict[str, sc.Link],
+    points: dict[str, FixedFrame],
+    element: Any,
+    values: _Values,
+) -> Loop:
+    def resolve(text: str) -> FixedFrame:
+        link, _, at = text.partition(".")
+        if not at:
+            named = scene.robot.points[text]
+            # the axes of a loop are given in the link's frame, whatever frame placed the point
+            return FixedFrame(points[text].body, points[text].p, placed[named.link].link_frame.E.T)
+        if link == "base" and at in points:
+            return points[at]
+        own = _fixed_frame(placed, links, sc.Point(link=link, at=at), values)
+        return FixedFrame(own.body, own.p, placed[link].link_frame.E.T)
+
+    first, second = (resolve(text) for text in element.between)
+    return Loop(element.name, element, first, second)
+
+
+def _outlines(
+    robot: sc.Robot, placed: dict[str, _Placed], points: dict[str, FixedFrame]
+) -> dict[str, tuple[FixedFrame, ...]]:
+    """Return, for each moving link, its joint, the joints it carries, its far end and its named points."""
+    outlines: dict[str, tuple[FixedFrame, ...]] = {}
+    for k in range(len(robot.joints)):
+        name = moved_link(robot, k)
+        where = placed[name]
+        if where.body == BASE:
+            continue
+        spots = [where.joint_frame.r]
+        for other in range(len(robot.joints)):
+            if parent_link(robot, other) == name:
+                child = placed[moved_link(robot, other)]
+                if child.body != where.body:
+                    joint = robot.joints[other]
+                    origin = where.link_frame.r
+                    if joint.origin is not None:
+                        origin = where.link_frame.point(vector(joint.origin.xyz))
+                    spots.append(origin)
+        spots.append(where.link_frame.r)
+        spots.extend(points[p].p for p, spec in (robot.points or {}).items() if spec.link == name)
+        unique: list[Vector] = []
+        for p in spots:
+            if not any(all(a is b or a == b for a, b in zip(p, other)) for other in unique):
+                unique.append(p)
+        outlines[name] = tuple(FixedFrame(where.body, p, identity()) for p in unique)
+    return outlines

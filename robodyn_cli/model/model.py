@@ -1,0 +1,116 @@
+"""The model: what the algorithms need of a mechanism, and nothing else."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from robodyn_cli.expr.graph import Graph
+from robodyn_cli.joints.base import Joint
+from robodyn_cli.spatial.algebra import Matrix, Transform, Vector
+from robodyn_cli.spatial.inertia import RigidInertia
+
+BASE = -1
+
+
+@dataclasses.dataclass(frozen=True)
+class JointForce:
+    """A force element that acts in one joint (spring, damper, friction)."""
+
+    kind: str
+    element: Any
+
+
+@dataclasses.dataclass(frozen=True)
+class Body:
+    """A moving body with the joint that carries it. Body axes: z is the joint axis, origin on the axis.
+
+    parent : index of the parent body, or ``BASE``.
+    X_tree : transform from the parent's body frame to the frame before the joint.
+    inertia : in body coordinates, about the body's origin.
+    """
+
+    name: str
+    joint_name: str
+    joint: Joint
+    parent: int
+    X_tree: Transform
+    inertia: RigidInertia
+    q: int
+    v: int
+    armature: Any = 0.0
+    gear_ratio: float = 1.0
+    forces: tuple[JointForce, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True)
+class FixedFrame:
+    """A frame (or point) fixed to a body: origin p [m] and axes R in body coordinates."""
+
+    body: int
+    p: Vector
+    R: Matrix
+
+
+@dataclasses.dataclass(frozen=True)
+class Loop:
+    """A loop closure between two frames; ``element`` knows the equations."""
+
+    name: str
+    element: Any
+    first: FixedFrame
+    second: FixedFrame
+
+
+@dataclasses.dataclass(frozen=True)
+class Model:
+    """A tree of bodies in topological order, and the loops that close it.
+
+    gravity : in base coordinates [m/s^2].
+    graph : owner of the symbols among the constants (unknown or deliberately symbolic ones).
+    order : position in q of the joints in the order of the YAML; columns of results follow it.
+    outlines : for each link, the points that a drawing connects.
+    """
+
+    name: str
+    bodies: tuple[Body, ...]
+    nq: int
+    nv: int
+    gravity: Vector
+    graph: Graph
+    base: Transform
+    points: dict[str, FixedFrame]
+    frames: dict[str, FixedFrame]
+    links: dict[str, FixedFrame]
+    outlines: dict[str, tuple[FixedFrame, ...]]
+    loops: tuple[Loop, ...] = ()
+    joint_names: tuple[str, ...] = ()
+    q_names: tuple[str, ...] = ()
+    v_names: tuple[str, ...] = ()
+    q_units: tuple[str, ...] = ()
+    parameters: tuple[str, ...] = ()
+
+    def body_of(self, joint_name: str) -> Body:
+        """Return the body carried by a joint."""
+        return next(b for b in self.bodies if b.joint_name == joint_name)
+
+    def path_to(self, body: int) -> list[int]:
+        """Return the bodies from the base to ``body``, the base left out."""
+        path: list[int] = []
+        while body != BASE:
+            path.append(body)
+            body = self.bodies[body].parent
+        return path[::-1]
+
+    def common_ancestor(self, first: int, second: int) -> int:
+        """Return the last body that the paths to two bodies share, or ``BASE``."""
+        ancestor = BASE
+        for a, b in zip(self.path_to(first), self.path_to(second)):
+            if a != b:
+                break
+            ancestor = a
+        return ancestor
+
+
+UNKNOWN_GROUP = "unknown"
+PARAMETER_GROUP = "p"

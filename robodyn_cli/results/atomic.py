@@ -1,0 +1,66 @@
+"""Files that appear whole or not at all: write beside the target, sync, rename."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from robodyn_cli.errors import OutputError
+
+SUFFIX = ".robodyn-tmp"
+
+
+def temporary_path(target: Path) -> Path:
+    """Return an unused name in the directory of ``target`` (a rename must not cross file systems)."""
+    return target.with_name(f".{target.name}.{os.getpid():x}-{os.urandom(4).hex()}{SUFFIX}")
+
+
+def is_temporary(path: Path) -> bool:
+    """Tell whether ``path`` is a name that ``temporary_path`` made."""
+    return path.name.startswith(".") and path.name.endswith(SUFFIX)
+
+
+def output_error(path: Path, error: BaseException) -> OutputError:
+    """Turn a failure of the operating system into an OutputError that names the path."""
+    reason = getattr(error, "strerror", None) or str(error)
+    return OutputError(f"cannot write {path}: {reason}", path=str(path))
+
+
+@contextlib.contextmanager
+def output_errors(path: Path, *kinds: type[Exception]) -> Iterator[None]:
+    """Raise OutputError naming ``path`` where the block raises OSError or one of ``kinds``."""
+    try:
+        yield
+    except (OSError, *kinds) as error:
+        raise output_error(path, error) from error
+
+
+def publish(temporary: Path, target: Path) -> None:
+    """Sync ``temporary`` to the disk and rename it to ``target``, replacing what is there."""
+    # Without the sync, a power cut after the rename can leave an empty file under the final name.
+    descriptor = os.open(temporary, os.O_RDWR | getattr(os, "O_BINARY", 0))
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+    os.replace(temporary, target)
+
+
+def discard(path: Path) -> None:
+    """Remove ``path`` if it is there; a failure to do so must not hide the error that led here."""
+    with contextlib.suppress(OSError):
+        path.unlink()
+
+
+def write_bytes(target: Path, content: bytes) -> None:
+    """Write ``content`` to ``target`` atomically."""
+    temporary = temporary_path(target)
+    with output_errors(target):
+        try:
+            temporary.write_bytes(content)
+            publish(temporary, target)
+        except BaseException:
+            discard(temporary)
+            raise

@@ -1,0 +1,107 @@
+"""Every path that a result file may hold, with its dimensions, units and meaning.
+
+The writer takes what a caller leaves out from here, and ``docs/hdf5.md`` is tested against it. A word in
+capitals stands for a name from the scene.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import re
+
+
+@dataclasses.dataclass(frozen=True)
+class Entry:
+    """One path of the format; ``names`` are the labels of the last dimension where they are always the same."""
+
+    path: str
+    dims: tuple[str, ...]
+    units: str
+    long_name: str
+    names: tuple[str, ...] = ()
+
+
+XYZ = ("x", "y", "z")
+
+ENTRIES: tuple[Entry, ...] = (
+    Entry("time", ("time",), "s", "time"),
+    Entry("q", ("time", "joint"), "rad or m", "joint position"),
+    Entry("qd", ("time", "joint"), "rad/s or m/s", "joint velocity"),
+    Entry("qdd", ("time", "joint"), "rad/s^2 or m/s^2", "joint acceleration"),
+    Entry("tau", ("time", "joint"), "N m or N", "actuator torque or force"),
+    Entry("torque_terms/TERM", ("time", "joint"), "N m or N", "part of the actuator torque"),
+    Entry(
+        "constraints/multipliers", ("time", "constraint"), "N or N m", "Lagrange multipliers of the loop closures"
+    ),
+    Entry(
+        "constraints/position_residual",
+        ("time", "constraint"),
+        "m or rad",
+        "residual of the loop closures, position",
+    ),
+    Entry(
+        "constraints/velocity_residual",
+        ("time", "constraint"),
+        "m/s or rad/s",
+        "residual of the loop closures, velocity",
+    ),
+    Entry("energy/kinetic", ("time",), "J", "kinetic energy"),
+    Entry("energy/potential", ("time",), "J", "potential energy"),
+    Entry("energy/total", ("time",), "J", "kinetic and potential energy"),
+    Entry("energy/work", ("time",), "J", "work done on the system by non-conservative forces since the start"),
+    Entry("points/NAME", ("time", "axis"), "m", "position of a point in the world frame", XYZ),
+    Entry("targets/NAME", ("time", "axis"), "m", "position asked of a point in the world frame", XYZ),
+    Entry("frames/NAME/position", ("time", "axis"), "m", "origin of a frame in the world frame", XYZ),
+    Entry(
+        "frames/NAME/quaternion",
+        ("time", "quaternion"),
+        "1",
+        "unit quaternion from the frame to the world frame, scalar first",
+        ("w", "x", "y", "z"),
+    ),
+    Entry(
+        "frames/NAME/twist",
+        ("time", "twist"),
+        "rad/s, m/s",
+        "angular velocity, then velocity of the origin, in the world frame",
+        ("wx", "wy", "wz", "vx", "vy", "vz"),
+    ),
+    Entry("singularity/psi", ("time", "singular_value"), "1", "singular values of the constraint Jacobian Psi"),
+    Entry(
+        "singularity/passive",
+        ("time", "passive_singular_value"),
+        "1",
+        "singular values of the block of Psi that belongs to the passive coordinates",
+    ),
+    Entry("singularity/determinant", ("time",), "1", "determinant of the passive block of Psi"),
+    Entry(
+        "skeleton/LINK", ("time", "vertex", "axis"), "m", "corners of a link's outline in the world frame", XYZ
+    ),
+)
+
+EVENT_ENTRIES: tuple[Entry, ...] = (
+    Entry("events/time", ("event",), "s", "time of the event"),
+    Entry("events/name", ("event",), "1", "name of the event"),
+    Entry("events/kind", ("event",), "1", "kind of the event"),
+    Entry("events/details", ("event",), "1", "further facts about the event, JSON"),
+)
+
+
+@functools.cache
+def _patterns() -> tuple[tuple[re.Pattern[str], Entry], ...]:
+    return tuple(
+        (re.compile(re.sub(r"\b[A-Z]+\b", "[^/]+", entry.path)), entry) for entry in ENTRIES if "/" in entry.path
+    )
+
+
+def lookup(path: str) -> Entry | None:
+    """Return the entry that ``path`` belongs to, or None for a path the format does not know."""
+    path = path.strip("/")
+    for entry in ENTRIES:
+        if entry.path == path:
+            return entry
+    for pattern, entry in _patterns():
+        if pattern.fullmatch(path):
+            return entry
+    return None

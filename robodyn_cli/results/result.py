@@ -1,0 +1,109 @@
+"""The result of a run in memory: named arrays with units, and a summary."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.results import catalogue
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass
+class Variable:
+    """An array with what is needed to read it alone.
+
+    ``data`` has the time dimension first when ``dims[0] == "time"``; ``names`` label the columns of the
+    last dimension (joints, constraint rows, axes).
+    """
+
+    data: Array
+    dims: tuple[str, ...]
+    units: str
+    long_name: str
+    names: tuple[str, ...] = ()
+
+
+def make_variable(
+    path: str,
+    data: Any,
+    *,
+    units: str | None = None,
+    long_name: str | None = None,
+    dims: tuple[str, ...] | None = None,
+    names: tuple[str, ...] | list[str] = (),
+) -> Variable:
+    """Return ``data`` as a Variable; what is not given comes from the catalogue, shapes are checked."""
+    known = catalogue.lookup(path)
+    if dims is None:
+        dims = known.dims if known else ("time",)
+    if known and not names and known.dims == tuple(dims):
+        names = known.names
+    units = known.units if units is None and known else units
+    long_name = known.long_name if long_name is None and known else long_name
+    if units is None or long_name is None:
+        raise ValueError(f"{path}: not in the catalogue of results, so units and long_name must be given")
+    array = np.asarray(data, dtype=float)
+    if array.ndim != len(dims):
+        raise ValueError(f"{path}: {array.ndim} dimensions, but dims is {tuple(dims)}")
+    if names and array.shape[-1] != len(names):
+        raise ValueError(f"{path}: {array.shape[-1]} columns, but {len(names)} names")
+    return Variable(array, tuple(dims), units, long_name, tuple(names))
+
+
+@dataclasses.dataclass
+class Result:
+    """What a run computed.
+
+    ``variables`` maps the HDF5 path without its leading slash (``"q"``, ``"torque_terms/gravity"``,
+    ``"points/tip"``) to a Variable; ``summary`` is what goes into ``summary.json``; ``attributes`` are the
+    root attributes of the HDF5 file. ``status`` is ``"ok"``, ``"locked"``, ``"no_lock"`` or ``"failed"``.
+    """
+
+    command: str
+    title: str
+    status: str
+    scene_text: str
+    variables: dict[str, Variable] = dataclasses.field(default_factory=dict)
+    events: list[dict[str, Any]] = dataclasses.field(default_factory=list)
+    summary: dict[str, Any] = dataclasses.field(default_factory=dict)
+    attributes: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+    def __getitem__(self, path: str) -> Array:
+        """Return the array stored under ``path`` (``result["q"]``)."""
+        return self.variables[path.strip("/")].data
+
+    def __contains__(self, path: object) -> bool:
+        return isinstance(path, str) and path.strip("/") in self.variables
+
+    def add(
+        self,
+        path: str,
+        data: Any,
+        *,
+        units: str | None = None,
+        long_name: str | None = None,
+        dims: tuple[str, ...] | None = None,
+        names: tuple[str, ...] | list[str] = (),
+    ) -> None:
+        """Store an array under ``path``; shapes are checked against ``dims`` and ``names``.
+
+        Units, meaning and dimensions of a path in the catalogue may be left out.
+        """
+        self.variables[path.strip("/")] = make_variable(
+            path, data, units=units, long_name=long_name, dims=dims, names=names
+        )
+
+    def group(self, prefix: str) -> dict[str, Variable]:
+        """Return the variables below ``prefix`` by the rest of their path (``group("points")["tip"]``)."""
+        start = prefix.strip("/") + "/"
+        return {path[len(start) :]: item for path, item in self.variables.items() if path.startswith(start)}
+
+    @property
+    def time(self) -> Array:
+        """Sample times, shape (T,), in seconds."""
+        return self["time"]

@@ -1,0 +1,134 @@
+"""Describe the YAML keys of a scene section: one frozen dataclass a section, one ``key()`` a field.
+
+The same description drives the reader (``scene/read.py``), the error messages and the reference in
+``docs/scene.md``. Kinds carry no behaviour: the reader dispatches on them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+REQUIRED: Any = dataclasses.MISSING
+
+
+@dataclasses.dataclass(frozen=True)
+class Kind:
+    """Base of the kinds of value that a key can hold."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Number(Kind):
+    """A finite number; text such as ``"pi/2"`` or ``-90 deg`` is a constant expression.
+
+    ``angle`` allows the ``deg`` suffix; ``minimum``/``maximum`` are inclusive unless ``exclusive``.
+    """
+
+    minimum: float | None = None
+    maximum: float | None = None
+    exclusive: bool = False
+    angle: bool = False
+
+
+@dataclasses.dataclass(frozen=True)
+class Integer(Kind):
+    minimum: int | None = None
+    maximum: int | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Boolean(Kind):
+    pass
+
+
+@dataclasses.dataclass(frozen=True)
+class Text(Kind):
+    pass
+
+
+@dataclasses.dataclass(frozen=True)
+class Name(Kind):
+    """An identifier ([A-Za-z_][A-Za-z0-9_-]*). ``of`` says what it names; ``refers`` that it must exist."""
+
+    of: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Choice(Kind):
+    options: tuple[str, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True)
+class Vector(Kind):
+    """A list of ``size`` numbers (``size`` 0: any length)."""
+
+    size: int = 3
+    angle: bool = False
+
+
+@dataclasses.dataclass(frozen=True)
+class Formula(Kind):
+    """A number or a formula over ``variables`` (a subset of ``t``, ``q``, ``qd``, ``phi``...)."""
+
+    variables: tuple[str, ...] = ("t", "q", "qd")
+
+
+@dataclasses.dataclass(frozen=True)
+class ListOf(Kind):
+    item: Kind
+    minimum: int = 0
+    maximum: int | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class MapOf(Kind):
+    """A map from names (``of`` says of what: joint, link, ...) to values."""
+
+    item: Kind
+    of: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Section(Kind):
+    """A nested section described by another dataclass."""
+
+    cls: type
+
+
+@dataclasses.dataclass(frozen=True)
+class Tagged(Kind):
+    """A section whose dataclass is chosen by the value of its ``type`` key, from a registry."""
+
+    registry: Callable[[], dict[str, type]]
+    tag: str = "type"
+
+
+@dataclasses.dataclass(frozen=True)
+class Either(Kind):
+    """The first of several kinds that the YAML node's shape (scalar, list, map) fits."""
+
+    kinds: tuple[Kind, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True)
+class OrFile(Kind):
+    """A value given in place or as the path of a YAML file, relative to the file that names it."""
+
+    item: Kind
+
+
+def key(kind: Kind, *, default: Any = REQUIRED, unit: str = "", doc: str = "") -> Any:
+    """Declare one YAML key as a dataclass field.
+
+    Parameters
+    ----------
+    kind : what values are allowed.
+    default : value when the key is absent; without one the key is required.
+    unit : SI unit, shown in errors and in the reference.
+    doc : one sentence for the reference.
+    """
+    metadata = {"kind": kind, "unit": unit, "doc": doc}
+    if default is REQUIRED:
+        return dataclasses.field(metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
