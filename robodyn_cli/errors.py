@@ -5,6 +5,7 @@ Every message is one or two sentences that name the place (file, line, key), the
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 
@@ -56,3 +57,12 @@ class OutputError(RobodynError):
     """A result cannot be written (exit code 74)."""
 
     exit_code = 74
+
+
+def did_you_mean(word: str, options: Iterable[str]) -> str:
+    """Return ``"; did you mean 'x'?"`` for the option nearest to ``word``, or an empty text."""
+    import difflib  # only when something is already wrong
+
+    lower = {option.lower(): option for option in options}
+    near = difflib.get_close_matches(word.lower()[:80], lower, n=1, cutoff=0.6)
+    return f"; did you mean {lower[near[0]]!r}?" if near else ""

@@ -25,7 +25,9 @@ class JointFactor:
     D_inverse: Matrix
 
 
-def factor_joint(body: Body, q: Vector, inertia: ArticulatedInertia) -> tuple[JointFactor, ArticulatedInertia]:
+def factor_joint(
+    body: Body, q: Vector, inertia: ArticulatedInertia
+) -> tuple[JointFactor, ArticulatedInertia]:
     """Return a joint's factor and the inertia felt through it, I^a = I^A - U D^-1 U^T.
 
     Source: Featherstone (2008), equations 7.14 and 7.43 to 7.45.
@@ -46,7 +48,7 @@ def factor_joint(body: Body, q: Vector, inertia: ArticulatedInertia) -> tuple[Jo
 
 
 def invert_symmetric(D: Matrix) -> Matrix:
-    """Return the inverse of a small symmetric positive definite matrix, by cofactors up to 1 and else LDL^T."""
+    """Return the inverse of a small symmetric positive definite matrix, by LDL^T beyond 1x1."""
     n = D.shape[0]
     if n == 1:
         out = zeros(1, 1)
@@ -57,8 +59,7 @@ def invert_symmetric(D: Matrix) -> Matrix:
     L, d = factor_ldl(D)
     columns = []
     for k in range(n):
-        unit = zeros(n)
-        unit[k] = 1.0
+        unit = [1.0 if i == k else 0.0 for i in range(n)]
         columns.append(solve_ldl(L, d, unit))
     return np.stack(columns, axis=1)
 
@@ -111,8 +112,8 @@ def aba(
 ) -> Vector:
     """Return the joint accelerations for given torques: M^-1 (tau - h).
 
-    The velocity and gravity terms come from one Newton-Euler pass with qdd = 0; the articulated-body recursion
-    then runs on what is left, so its own velocity terms vanish (Featherstone 2008, section 7.3).
+    The velocity and gravity terms come from one Newton-Euler pass with qdd = 0; the articulated-body
+    recursion then runs on what is left, so its own velocity terms vanish (Featherstone 2008, section 7.3).
 
     Parameters
     ----------
@@ -123,5 +124,5 @@ def aba(
     ZeroDivisionError : on plain numbers, where a joint moves nothing that has inertia.
     """
     X = transforms(model, q)
-    h = rnea(model, q, qd, zeros(model.nv), gravity, X)
+    h = rnea(model, q, qd, [0.0] * model.nv, gravity, X)
     return ArticulatedFactor(model, q, X).solve([t - b for t, b in zip(tau, h)])

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from robodyn_cli.model.model import BASE, Body, FixedFrame, Model
-from robodyn_cli.spatial.algebra import Matrix, Transform, Vector, cross, identity, vector, zeros
+from robodyn_cli.spatial.algebra import Matrix, Transform, Vector, cross, identity, skew, vector, zeros
 
 
 def slice_q(body: Body, q: Sequence[Any]) -> Vector:
@@ -80,6 +80,35 @@ def point_jacobian(
 
 
 @dataclasses.dataclass(frozen=True)
+class Velocity:
+    """Angular velocity w [rad/s] and velocity v [m/s] of a body's origin, body coordinates."""
+
+    w: Vector
+    v: Vector
+
+    @staticmethod
+    def at_rest() -> Velocity:
+        """Return the velocity of the base."""
+        return Velocity(zeros(3), zeros(3))
+
+
+def step_velocity(body: Body, X: Transform, q: Vector, qd: Vector, parent: Velocity) -> Velocity:
+    """Return a body's velocity from its parent's: w = E w_p + S_w qd;  v = E (v_p + w_p x r) + S_v qd."""
+    S = body.joint.S(q)
+    return Velocity(X.E @ parent.w + S[:3] @ qd, X.E @ (parent.v + cross(parent.w, X.r)) + S[3:] @ qd)
+
+
+def velocities(
+    model: Model, X: Sequence[Transform], q: Sequence[Any], qd: Sequence[Any]
+) -> dict[int, Velocity]:
+    """Return the velocity of each body, the base included."""
+    found = {BASE: Velocity.at_rest()}
+    for k, body in enumerate(model.bodies):
+        found[k] = step_velocity(body, X[k], slice_q(body, q), slice_v(body, qd), found[body.parent])
+    return found
+
+
+@dataclasses.dataclass(frozen=True)
 class Motion:
     """Angular velocity, angular acceleration and linear acceleration of a body's origin, body coordinates.
 
@@ -96,9 +125,24 @@ class Motion:
         """Return the motion of the base; gravity enters as an upward acceleration."""
         return Motion(zeros(3), zeros(3), zeros(3) if gravity is None else -gravity)
 
+    def rate_matrix(self) -> Matrix:
+        """Return wd~ + w~ w~, the matrix that takes a lever arm to its acceleration."""
+        return skew(self.wd) + squared_skew(self.w)
+
     def acceleration_of(self, p: Vector) -> Vector:
         """Return the acceleration of the body's point p."""
-        return self.a + cross(self.wd, p) + cross(self.w, cross(self.w, p))
+        return self.a + self.rate_matrix() @ p
+
+
+def squared_skew(w: Vector) -> Matrix:
+    """Return w~ w~ = w w^T - (w.w) E, symmetric."""
+    square = [w[k] * w[k] for k in range(3)]
+    out = zeros(3, 3)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        out[i, i] = -(square[j] + square[k])
+        out[i, j] = out[j, i] = w[i] * w[j]
+    return out
 
 
 def step_motion(body: Body, X: Transform, q: Vector, qd: Vector, qdd: Vector, parent: Motion) -> Motion:

@@ -15,10 +15,10 @@ Wrench = tuple[Vector, Vector]
 def inertial_wrench(body: Body, motion: Motion) -> Wrench:
     """Return the wrench (moment about the body's origin, force) that the motion needs.
 
-    f = m a + wd x h + w x (w x h);  n = I wd + w x I w + h x a   (Newton and Euler about the origin).
+    f = m a + (wd~ + w~ w~) h;  n = I wd + w x I w + h x a   (Newton and Euler about the origin).
     """
     inertia = body.inertia
-    f = inertia.m * motion.a + cross(motion.wd, inertia.h) + cross(motion.w, cross(motion.w, inertia.h))
+    f = inertia.m * motion.a + motion.rate_matrix() @ inertia.h
     n = inertia.I @ motion.wd + cross(motion.w, inertia.I @ motion.w) + cross(inertia.h, motion.a)
     return n, f
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.functions import cos, cosh, exp, log, power, sign, sin, sinh, sqrt, where
@@ -18,12 +19,14 @@ def partials(node: Expr) -> list[tuple[Expr, Scalar]]:
     """
     op, args = node.op, node.args
     a = args[0]
+    # constants as numbers, or they would not be folded
+    value: list[Any] = [e.value if e.op == "const" else e for e in args]
     if op == "add":
         return [(a, 1.0), (args[1], 1.0)]
     if op == "sub":
         return [(a, 1.0), (args[1], -1.0)]
     if op == "mul":
-        return [(a, args[1]), (args[1], a)]
+        return [(a, value[1]), (args[1], value[0])]
     if op == "div":
         inverse = 1.0 / args[1]
         return [(a, inverse), (args[1], -(node * inverse))]
@@ -58,20 +61,21 @@ def partials(node: Expr) -> list[tuple[Expr, Scalar]]:
     if op == "sign":
         return []
     if op == "atan2":
-        y, x = args
+        y, x = value
         r2 = x * x + y * y
-        return [(y, x / r2), (x, -(y / r2))]
-    if op == "min":
-        return [(a, where(args[1] - a, 1.0, 0.0)), (args[1], where(args[1] - a, 0.0, 1.0))]
-    if op == "max":
-        return [(a, where(a - args[1], 1.0, 0.0)), (args[1], where(a - args[1], 0.0, 1.0))]
+        return [(a, x / r2), (args[1], -(y / r2))]
+    if op in ("min", "max"):
+        first = value[1] - value[0] if op == "min" else value[0] - value[1]
+        return [(a, where(first, 1.0, 0.0)), (args[1], where(first, 0.0, 1.0))]
     if op == "where":
         return [(args[1], where(a, 1.0, 0.0)), (args[2], where(a, 0.0, 1.0))]
     if op == "pow":
-        base, exponent = args
-        if exponent.op == "const":
-            return [(base, exponent.value * power(base, exponent.value - 1.0))]
-        return [(base, exponent * node / base), (exponent, node * log(base))]
+        base, exponent = value
+        found = [(a, exponent * power(base, exponent - 1.0))] if isinstance(base, Expr) else []
+        if isinstance(exponent, Expr):
+            # 0 ** x is 0 wherever it has a slope
+            found.append((args[1], node * log(base) if isinstance(base, Expr) or base != 0.0 else 0.0))
+        return found
     if op == "table":
         knots, values, order = node.value
         if order:
@@ -104,7 +108,9 @@ def jacobian(outputs: Sequence[Scalar], inputs: Sequence[Expr]) -> list[SparseRo
     return [dict(gradient.get(e.index, {})) if isinstance(e, Expr) else {} for e in outputs]
 
 
-def directional(outputs: Sequence[Scalar], inputs: Sequence[Expr], direction: Sequence[Scalar]) -> list[Scalar]:
+def directional(
+    outputs: Sequence[Scalar], inputs: Sequence[Expr], direction: Sequence[Scalar]
+) -> list[Scalar]:
     """Return (d outputs / d inputs) times ``direction``."""
     tangent: dict[int, Scalar] = {x.index: d for x, d in zip(inputs, direction)}
     for node in reachable(outputs):

@@ -10,7 +10,7 @@ from robodyn_cli.expr.graph import Expr
 
 
 def _sign(x: float) -> float:
-    return math.nan if math.isnan(x) else float((x > 0) - (x < 0))
+    return math.nan if math.isnan(x) else float(int(x > 0) - int(x < 0))
 
 
 def _lift(op: str, number: Callable[[float], float], array: str) -> Callable[[Any], Any]:
@@ -122,4 +122,4 @@ def interpolate(x: Any, knots: tuple[float, ...], values: tuple[float, ...]) -> 
         return x.graph.interpolate(x, knots, values)
     import numpy as np
 
-    return np.interp(x, knots, values)
+    return float(np.interp(x, knots, values)) if _scalar(x) else np.interp(x, knots, values)

@@ -133,6 +133,10 @@ class Graph:
         if not isinstance(b, Expr):
             if b == 0.0:
                 return a
+            if a.op == "neg":
+                return self.sub(b, a.args[0])
+            if a.op == "sub" and a.args[0].op == "const":
+                return self.sub(a.args[0].value + b, a.args[1])
             constant, rest = _split_sum(a)
             if constant != 0.0:
                 return self.add(rest, constant + b)
@@ -154,6 +158,13 @@ class Graph:
         if not isinstance(a, Expr):
             if a == 0.0:
                 return self.neg(b)
+            if b.op == "neg":
+                return self.add(a, b.args[0])
+            if b.op == "sub" and b.args[0].op == "const":
+                return self.add(a - b.args[0].value, b.args[1])
+            constant, rest = _split_sum(b)
+            if constant != 0.0:
+                return self.sub(a - constant, rest)
             return self._binary("sub", a, b)
         if b.op == "neg":
             return self.add(a, b.args[0])
@@ -168,7 +179,8 @@ class Graph:
         if a.op == "neg":
             return a.args[0]
         if a.op == "sub":
-            return self._binary("sub", a.args[1], a.args[0])
+            x, y = a.args
+            return self.add(y, -x.value) if x.op == "const" else self._binary("sub", y, x)
         if a.op == "mul" and a.args[0].op == "const":
             return self.mul(-a.args[0].value, a.args[1])
         if a.op == "mul" and a.args[1].op == "const":
@@ -259,7 +271,9 @@ class Graph:
             return a
         return self._node("where", (x, self._as_node(a), self._as_node(b)))
 
-    def interpolate(self, x: Expr, knots: tuple[float, ...], values: tuple[float, ...], order: int = 0) -> Expr:
+    def interpolate(
+        self, x: Expr, knots: tuple[float, ...], values: tuple[float, ...], order: int = 0
+    ) -> Expr:
         """Return the piecewise linear function through (knots, values) at x, held beyond the ends.
 
         ``order`` 1 is its derivative (right-continuous).

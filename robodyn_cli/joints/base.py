@@ -5,7 +5,7 @@ tests run over every registered joint:
 
 1. ``transform(q)``: X from the frame before the joint to the body's frame, textbook sign.
 2. ``S``: motion subspace in body coordinates, (6, nv), angular rows first.
-3. ``bias(q, qd)``: c = S-dot qd in body coordinates (zero for constant S).
+3. ``S_rate(q, qd)`` and ``bias(q, qd)``: dS/dt, and c = dS/dt qd, in body coordinates (zero for constant S).
 4. ``velocity_map(q, v)``: q-dot from v; the identity unless nq and nv differ.
 5. ``integrate(q, dq)``, ``difference(q0, q1)``, ``normalise(q)``: steps on the joint's own manifold.
 """
@@ -38,6 +38,10 @@ class Joint:
         """Return S-dot qd (6,), body coordinates; zero where S is constant."""
         return zeros(6)
 
+    def S_rate(self, q: Vector, qd: Vector) -> Any:
+        """Return dS/dt (6, nv) in body coordinates, entry by entry; zero where S is constant."""
+        return zeros(6, self.nv)
+
     def velocity_map(self, q: Vector, v: Vector) -> Vector:
         """Return q-dot (nq,) for joint velocity ``v`` (nv,)."""
         return v
@@ -47,7 +51,7 @@ class Joint:
         return [0.0] * self.nq
 
     def integrate(self, q: Vector, dq: Vector) -> Vector:
-        """Return the position reached from ``q`` by moving with constant velocity ``dq`` (nv,) for unit time."""
+        """Return the position reached from ``q`` with constant velocity ``dq`` (nv,) in unit time."""
         return vector([a + b for a, b in zip(q, dq)])
 
     def difference(self, q0: Vector, q1: Vector) -> Vector:

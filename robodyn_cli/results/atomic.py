@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -25,6 +26,9 @@ def is_temporary(path: Path) -> bool:
 def output_error(path: Path, error: BaseException) -> OutputError:
     """Turn a failure of the operating system into an OutputError that names the path."""
     reason = getattr(error, "strerror", None) or str(error)
+    # HDF5 wraps the system's own words in a paragraph.
+    if found := re.search(r"error message = '([^']+)'", reason):
+        reason = found[1]
     return OutputError(f"cannot write {path}: {reason}", path=str(path))
 
 
@@ -33,7 +37,9 @@ def output_errors(path: Path, *kinds: type[Exception]) -> Iterator[None]:
     """Raise OutputError naming ``path`` where the block raises OSError or one of ``kinds``."""
     try:
         yield
-    except (OSError, *kinds) as error:
+    except Exception as error:
+        if not isinstance(error, (OSError, *kinds)):
+            raise
         raise output_error(path, error) from error
 
 

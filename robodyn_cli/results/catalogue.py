@@ -13,7 +13,7 @@ import re
 
 @dataclasses.dataclass(frozen=True)
 class Entry:
-    """One path of the format; ``names`` are the labels of the last dimension where they are always the same."""
+    """One path of the format; ``names`` label the last dimension where they are always the same."""
 
     path: str
     dims: tuple[str, ...]
@@ -32,7 +32,10 @@ ENTRIES: tuple[Entry, ...] = (
     Entry("tau", ("time", "joint"), "N m or N", "actuator torque or force"),
     Entry("torque_terms/TERM", ("time", "joint"), "N m or N", "part of the actuator torque"),
     Entry(
-        "constraints/multipliers", ("time", "constraint"), "N or N m", "Lagrange multipliers of the loop closures"
+        "constraints/multipliers",
+        ("time", "constraint"),
+        "N or N m",
+        "Lagrange multipliers of the loop closures",
     ),
     Entry(
         "constraints/position_residual",
@@ -49,7 +52,9 @@ ENTRIES: tuple[Entry, ...] = (
     Entry("energy/kinetic", ("time",), "J", "kinetic energy"),
     Entry("energy/potential", ("time",), "J", "potential energy"),
     Entry("energy/total", ("time",), "J", "kinetic and potential energy"),
-    Entry("energy/work", ("time",), "J", "work done on the system by non-conservative forces since the start"),
+    Entry(
+        "energy/work", ("time",), "J", "work done on the system by non-conservative forces since the start"
+    ),
     Entry("points/NAME", ("time", "axis"), "m", "position of a point in the world frame", XYZ),
     Entry("targets/NAME", ("time", "axis"), "m", "position asked of a point in the world frame", XYZ),
     Entry("frames/NAME/position", ("time", "axis"), "m", "origin of a frame in the world frame", XYZ),
@@ -67,7 +72,9 @@ ENTRIES: tuple[Entry, ...] = (
         "angular velocity, then velocity of the origin, in the world frame",
         ("wx", "wy", "wz", "vx", "vy", "vz"),
     ),
-    Entry("singularity/psi", ("time", "singular_value"), "1", "singular values of the constraint Jacobian Psi"),
+    Entry(
+        "singularity/psi", ("time", "singular_value"), "1", "singular values of the constraint Jacobian Psi"
+    ),
     Entry(
         "singularity/passive",
         ("time", "passive_singular_value"),
@@ -76,7 +83,11 @@ ENTRIES: tuple[Entry, ...] = (
     ),
     Entry("singularity/determinant", ("time",), "1", "determinant of the passive block of Psi"),
     Entry(
-        "skeleton/LINK", ("time", "vertex", "axis"), "m", "corners of a link's outline in the world frame", XYZ
+        "skeleton/LINK",
+        ("time", "vertex", "axis"),
+        "m",
+        "corners of a link's outline in the world frame",
+        XYZ,
     ),
 )
 
@@ -91,7 +102,9 @@ EVENT_ENTRIES: tuple[Entry, ...] = (
 @functools.cache
 def _patterns() -> tuple[tuple[re.Pattern[str], Entry], ...]:
     return tuple(
-        (re.compile(re.sub(r"\b[A-Z]+\b", "[^/]+", entry.path)), entry) for entry in ENTRIES if "/" in entry.path
+        (re.compile(re.sub(r"\b[A-Z]+\b", "[^/]+", entry.path)), entry)
+        for entry in ENTRIES
+        if "/" in entry.path
     )
 
 

@@ -6,7 +6,7 @@ from robodyn_cli.errors import CapabilityError, RobodynError
 
 
 class ResultFileError(RobodynError):
-    """A file given as a result cannot be read as one: foreign, damaged or from a newer robodyn (exit code 2)."""
+    """A file is not a result that can be read: foreign, damaged or too new (exit code 2)."""
 
     exit_code = 2
 

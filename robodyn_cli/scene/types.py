@@ -1,7 +1,8 @@
 """The scene as typed, immutable data: what the YAML says, checked, with names resolved but nothing computed.
 
 Every field is one YAML key. Angles are in radians here, whatever the file used. ``formula`` values are
-``robodyn_cli.expr.formula.Formula`` trees (a constant is a formula too).
+``robodyn_cli.expr.formula.Formula`` trees with canonical names (a constant is a formula too). The loader
+fills in the ``parent`` and ``link`` of every joint.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from robodyn_cli.schema.fields import (
     Choice,
     Either,
     Formula,
+    Inline,
     Integer,
     ListOf,
     MapOf,
@@ -50,7 +52,9 @@ class Inertia:
     xx: float | None = key(Number(), default=None, unit="kg m^2", doc="Moment about x.")
     yy: float | None = key(Number(), default=None, unit="kg m^2", doc="Moment about y.")
     zz: float | None = key(Number(), default=None, unit="kg m^2", doc="Moment about z.")
-    xy: float | None = key(Number(), default=None, unit="kg m^2", doc="Element xy of the tensor (-integral xy dm).")
+    xy: float | None = key(
+        Number(), default=None, unit="kg m^2", doc="Element xy of the tensor (-integral xy dm)."
+    )
     xz: float | None = key(Number(), default=None, unit="kg m^2", doc="Element xz of the tensor.")
     yz: float | None = key(Number(), default=None, unit="kg m^2", doc="Element yz of the tensor.")
 
@@ -65,29 +69,40 @@ class Joint:
         Name(of="link"), default=None, doc="Link it hangs on, or `base`; default: the previous joint's link."
     )
     link: str | None = key(
-        Name(of="link"), default=None, doc="Link that it moves; default: the link at the same place in `links`."
+        Name(of="link"),
+        default=None,
+        doc="Link that it moves; default: the link at the same place in `links`.",
     )
     a: float | None = key(Number(), default=None, unit="m", doc="D-H length.")
     alpha: float | None = key(Number(angle=True), default=None, unit="rad", doc="D-H twist.")
     d: float | None = key(Number(), default=None, unit="m", doc="D-H offset (revolute, fixed).")
-    theta: float | None = key(Number(angle=True), default=None, unit="rad", doc="D-H angle (prismatic, fixed).")
+    theta: float | None = key(
+        Number(angle=True), default=None, unit="rad", doc="D-H angle (prismatic, fixed)."
+    )
     offset: float = key(
         Number(angle=True), default=0.0, unit="rad or m", doc="Added to q to give the D-H variable."
     )
     origin: Placement | None = key(
-        Section(Placement), default=None, doc="Placement in the parent link's frame (before any D-H parameters)."
+        Section(Placement),
+        default=None,
+        doc="Placement in the parent link's frame (before any D-H parameters).",
     )
     axis: tuple[float, ...] | None = key(
         Vector(3), default=None, unit="1", doc="Joint axis in the joint's own frame (without D-H parameters)."
     )
-    gear_ratio: float = key(Number(), default=1.0, unit="1", doc="N: motor turns per joint turn (may be negative).")
-    rotor_inertia: float = key(
-        Number(minimum=0.0), default=0.0, unit="kg m^2", doc="J of the rotor, reflected as N^2 J on the joint."
+    gear_ratio: float = key(
+        Number(), default=1.0, unit="1", doc="N: motor turns per joint turn (may be negative)."
     )
-    forces: Any = key(
-        MapOf(Tagged(lambda: joint_forces), of=""),  # the reader inlines these: `friction:`, `spring:`, `damper:`
+    rotor_inertia: float = key(
+        Number(minimum=0.0),
+        default=0.0,
+        unit="kg m^2",
+        doc="J of the rotor, reflected as N^2 J on the joint.",
+    )
+    forces: tuple[tuple[str, Any], ...] = key(
+        Inline(lambda: joint_forces),
         default=(),
-        doc="Joint forces: each registered kind is a key of the joint.",
+        doc="Joint forces: each registered kind (`friction`, `spring`, `damper`) is a key of the joint.",
     )
 
 
@@ -101,8 +116,8 @@ class Link:
     com_frame: str | None = key(
         Choice(("joint", "link")),
         default=None,
-        doc="Frame of `com` and `inertia`: `joint` (origin and axes at the link's own joint, turning with the "
-        "link) or `link` (the D-H frame, or the frame placed by `origin`).",
+        doc="Frame of `com` and `inertia`: `joint` (origin and axes at the link's own joint, turning with "
+        "the link) or `link` (the D-H frame, or the frame placed by `origin`).",
     )
     inertia: Inertia = key(
         Section(Inertia), default=Inertia(), doc="About the centre of mass, in the axes of `com_frame`."
@@ -138,7 +153,9 @@ class Frame(Point):
 class Robot:
     """The tree of joints and links."""
 
-    joints: tuple[Joint, ...] = key(ListOf(Section(Joint), minimum=1), doc="Joints; their order is that of q.")
+    joints: tuple[Joint, ...] = key(
+        ListOf(Section(Joint), minimum=1), doc="Joints; their order is that of q."
+    )
     links: tuple[Link, ...] = key(ListOf(Section(Link), minimum=1), doc="Links.")
     convention: str | None = key(
         Choice(("standard", "modified")),
@@ -146,19 +163,26 @@ class Robot:
         doc="D-H convention; required as soon as a joint has D-H parameters.",
     )
     base: Placement = key(
-        Section(Placement), default=Placement(), doc="Placement of the base in the world (gravity is a world vector)."
+        Section(Placement),
+        default=Placement(),
+        doc="Placement of the base in the world (gravity is a world vector).",
     )
-    points: dict[str, Point] = key(MapOf(Section(Point)), default=None, doc="Named points.")
-    frames: dict[str, Frame] = key(MapOf(Section(Frame)), default=None, doc="Named frames.")
+    points: dict[str, Point] = key(MapOf(Section(Point), of="point"), default=None, doc="Named points.")
+    frames: dict[str, Frame] = key(MapOf(Section(Frame), of="frame"), default=None, doc="Named frames.")
 
 
 @dataclasses.dataclass(frozen=True)
 class Initial:
     """The state at t = 0."""
 
-    q: dict[str, float] = key(MapOf(Number(angle=True), of="joint"), default=None, unit="rad or m", doc="Positions.")
+    q: dict[str, float] = key(
+        MapOf(Number(angle=True), of="joint"), default=None, unit="rad or m", doc="Positions."
+    )
     qd: dict[str, float] = key(
-        MapOf(Number(angle=True), of="joint"), default=None, unit="rad/s or m/s", doc="Rates; 0 where not given."
+        MapOf(Number(angle=True), of="joint"),
+        default=None,
+        unit="rad/s or m/s",
+        doc="Rates; 0 where not given.",
     )
     hold: tuple[str, ...] = key(
         ListOf(Name(of="joint")), default=(), doc="Joints kept at their value when the loops are closed."
@@ -176,7 +200,9 @@ class Torque:
 
 @dataclasses.dataclass(frozen=True)
 class InverseOptions:
-    samples: int = key(Integer(minimum=2, maximum=100_000_000), default=1001, doc="Number of uniform samples.")
+    samples: int = key(
+        Integer(minimum=2, maximum=100_000_000), default=1001, doc="Number of uniform samples."
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -187,15 +213,22 @@ class Baumgarte:
 
 @dataclasses.dataclass(frozen=True)
 class SimulateOptions:
-    duration: float = key(Number(minimum=0.0, exclusive=True), default=10.0, unit="s", doc="Length of the run.")
-    samples: int = key(Integer(minimum=2, maximum=100_000_000), default=1001, doc="Number of uniform samples.")
+    duration: float = key(
+        Number(minimum=0.0, exclusive=True), default=10.0, unit="s", doc="Length of the run."
+    )
+    samples: int = key(
+        Integer(minimum=2, maximum=100_000_000), default=1001, doc="Number of uniform samples."
+    )
     integrator: str = key(
         Choice(("auto", "gauss", "dop853", "dopri5", "rk4")), default="auto", doc="Method of integration."
     )
     rtol: float = key(Number(minimum=1e-15, maximum=0.1), default=1e-10, unit="1", doc="Relative tolerance.")
     atol: float = key(Number(minimum=0.0), default=1e-12, unit="rad, m", doc="Absolute tolerance.")
     step: float | None = key(
-        Number(minimum=0.0, exclusive=True), default=None, unit="s", doc="Step of the fixed-step method (`rk4`)."
+        Number(minimum=0.0, exclusive=True),
+        default=None,
+        unit="s",
+        doc="Step of the fixed-step method (`rk4`).",
     )
     max_steps: int = key(Integer(minimum=1), default=10_000_000, doc="Steps after which the run is stopped.")
     stabilisation: Any = key(
@@ -210,7 +243,9 @@ class SimulateOptions:
 
 @dataclasses.dataclass(frozen=True)
 class Latch:
-    between: tuple[str, ...] = key(ListOf(Name(of="link"), minimum=2, maximum=2), doc="The two links it fixes.")
+    between: tuple[str, ...] = key(
+        ListOf(Name(of="link"), minimum=2, maximum=2), doc="The two links it fixes."
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -232,7 +267,7 @@ class DeployOptions:
 
 @dataclasses.dataclass(frozen=True)
 class Scene:
-    """A whole scene. ``path`` and ``text`` (resolved YAML) are set by the loader, not by the user."""
+    """A whole scene. ``path``, ``text`` (resolved YAML) and ``sources`` (files read) come from the loader."""
 
     schema: int = key(Integer(minimum=1, maximum=1), doc="Version of the scene format: 1.")
     robot: Robot = key(OrFile(Section(Robot)), doc="The mechanism, in place or as a path.")
@@ -242,11 +277,13 @@ class Scene:
         Choice(("inverse", "simulate", "deploy")), default=None, doc="What `robodyn run` does with this file."
     )
     parameters: dict[str, float] = key(
-        MapOf(Number(angle=True)), default=None, doc="Named constants for formulas."
+        MapOf(Number(angle=True), of="parameter"), default=None, doc="Named constants for formulas."
     )
     loops: tuple[Any, ...] = key(ListOf(Tagged(lambda: loop_types)), default=(), doc="Loop closures.")
     actuated: tuple[str, ...] | None = key(
-        ListOf(Name(of="joint")), default=None, doc="Actuated joints; default: all in open chains, those in `torques` in loops."
+        ListOf(Name(of="joint")),
+        default=None,
+        doc="Actuated joints; default: all in open chains, those in `torques` in loops.",
     )
     torques: dict[str, Any] = key(
         MapOf(Either((Formula(), Section(Torque))), of="joint"),
@@ -255,17 +292,22 @@ class Scene:
         doc="Actuator torques: a number, a formula in t, q and qd, or a table.",
     )
     prescribed: dict[str, FormulaTree] = key(
-        MapOf(Formula(("t",)), of="joint"), default=None, unit="rad or m", doc="Joints whose motion is prescribed."
+        MapOf(Formula(("t",)), of="joint"),
+        default=None,
+        unit="rad or m",
+        doc="Joints whose motion is prescribed.",
     )
     initial: Initial = key(Section(Initial), default=Initial(), doc="State at t = 0.")
     trajectory: Any = key(
         OrFile(Tagged(lambda: trajectory_types)), default=None, doc="Motion that `inverse` follows."
     )
-    inverse: InverseOptions = key(Section(InverseOptions), default=InverseOptions(), doc="Options of `inverse`.")
+    inverse: InverseOptions = key(
+        Section(InverseOptions), default=InverseOptions(), doc="Options of `inverse`."
+    )
     simulate: SimulateOptions = key(
         Section(SimulateOptions), default=SimulateOptions(), doc="Options of `simulate` and `deploy`."
     )
     deploy: DeployOptions = key(Section(DeployOptions), default=DeployOptions(), doc="Options of `deploy`.")
-    path: str = ""
-    text: str = ""
-    sources: tuple[str, ...] = ()
+    path: str = dataclasses.field(default="", compare=False)
+    text: str = dataclasses.field(default="", compare=False, repr=False)
+    sources: tuple[str, ...] = dataclasses.field(default=(), compare=False)

@@ -49,7 +49,10 @@ class Text(Kind):
 
 @dataclasses.dataclass(frozen=True)
 class Name(Kind):
-    """An identifier ([A-Za-z_][A-Za-z0-9_-]*). ``of`` says what it names; ``refers`` that it must exist."""
+    """An identifier ([A-Za-z_][A-Za-z0-9_-]*); ``of`` says what it names.
+
+    Names of joints and parameters stand in formulas, where ``-`` is a sign, so they are made without it.
+    """
 
     of: str = ""
 
@@ -69,7 +72,7 @@ class Vector(Kind):
 
 @dataclasses.dataclass(frozen=True)
 class Formula(Kind):
-    """A number or a formula over ``variables`` (a subset of ``t``, ``q``, ``qd``, ``phi``...)."""
+    """A number or a formula over ``variables`` (of ``t``, ``q``, ``qd``) and the scene's parameters."""
 
     variables: tuple[str, ...] = ("t", "q", "qd")
 
@@ -106,16 +109,34 @@ class Tagged(Kind):
 
 @dataclasses.dataclass(frozen=True)
 class Either(Kind):
-    """The first of several kinds that the YAML node's shape (scalar, list, map) fits."""
+    """The first of several kinds that fits the shape of the YAML node: scalar, list or map."""
 
     kinds: tuple[Kind, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)
 class OrFile(Kind):
-    """A value given in place or as the path of a YAML file, relative to the file that names it."""
+    """A value given in place or as the path of a YAML file, relative to the file that names it.
+
+    A map with the key ``include`` takes over the keys of that file, but for those that it gives itself.
+    """
 
     item: Kind
+
+
+@dataclasses.dataclass(frozen=True)
+class Inline(Kind):
+    """Optional keys of the section itself, one a registered class; the value holds (key, instance) pairs."""
+
+    registry: Callable[[], dict[str, type]]
+
+
+@dataclasses.dataclass(frozen=True)
+class CsvFile(Kind):
+    """The path of a CSV file; the loader puts its header in the key ``columns`` and its data in ``rows``."""
+
+    columns: str = "columns"
+    rows: str = "rows"
 
 
 def key(kind: Kind, *, default: Any = REQUIRED, unit: str = "", doc: str = "") -> Any:
@@ -124,11 +145,13 @@ def key(kind: Kind, *, default: Any = REQUIRED, unit: str = "", doc: str = "") -
     Parameters
     ----------
     kind : what values are allowed.
-    default : value when the key is absent; without one the key is required.
+    default : value when the key is absent; without one the key is required. For a map ``None`` means empty.
     unit : SI unit, shown in errors and in the reference.
     doc : one sentence for the reference.
     """
     metadata = {"kind": kind, "unit": unit, "doc": doc}
     if default is REQUIRED:
         return dataclasses.field(metadata=metadata)
+    if default is None and isinstance(kind, MapOf):
+        return dataclasses.field(default_factory=dict, metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)

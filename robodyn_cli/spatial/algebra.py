@@ -106,7 +106,7 @@ def rotation_rpy(rpy: Sequence[float]) -> Matrix:
 
 
 def rotation_to_z(axis: Sequence[float]) -> Matrix:
-    """Return a rotation R with R e_z = axis / |axis|; a signed permutation when the axis is a coordinate axis.
+    """Return a rotation R with R e_z = axis / |axis|; a permutation with signs for a coordinate axis.
 
     Raises
     ------

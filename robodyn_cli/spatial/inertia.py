@@ -8,7 +8,17 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.expr.graph import is_number
-from robodyn_cli.spatial.algebra import Matrix, Transform, Vector, congruence, cross, dot, identity, skew, zeros
+from robodyn_cli.spatial.algebra import (
+    Matrix,
+    Transform,
+    Vector,
+    congruence,
+    cross,
+    dot,
+    identity,
+    skew,
+    zeros,
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,7 +65,7 @@ def parallel_axis(h: Vector, c: Vector) -> Matrix:
 
 
 def _shift_matrix(r: Vector, h: Vector, m: Any) -> Matrix:
-    """Return what moving the reference point by r adds to I: 2 (r.h) E - r h^T - h r^T + m (r.r E - r r^T)."""
+    """Return what moving the reference by r adds to I: 2 (r.h) E - r h^T - h r^T + m (r.r E - r r^T)."""
     u = [2.0 * h[k] + m * r[k] for k in range(3)]
     s = [h[k] + m * r[k] for k in range(3)]
     out = zeros(3, 3)
@@ -99,7 +109,8 @@ class ArticulatedInertia:
             return out
 
         n, f, p, g = U[:3], U[3:], V[:3], V[3:]
-        return ArticulatedInertia(self.A - block(n, p, True), self.H - block(n, g, False), self.M - block(f, g, True))
+        A, H, M = block(n, p, True), block(n, g, False), block(f, g, True)
+        return ArticulatedInertia(self.A - A, self.H - H, self.M - M)
 
     def to_parent(self, X: Transform) -> ArticulatedInertia:
         """Return X^T I X (Featherstone 2008, table 2.1), in the parent frame."""
@@ -121,7 +132,8 @@ def consistency(m: float, I_com: np.ndarray) -> list[tuple[str, float]]:
 
     Returns
     -------
-    Pairs (what, deficit): a negative principal moment, a violated triangle inequality (Traversaro et al. 2016).
+    Pairs (what, deficit): a negative principal moment, a violated triangle inequality (Traversaro et al.
+    2016), inertia without mass.
     """
     problems: list[tuple[str, float]] = []
     moments = np.linalg.eigvalsh(np.asarray(I_com, dtype=float))

@@ -1,0 +1,157 @@
+"""The tree of a formula: immutable nodes that evaluate on numbers, arrays and graph expressions."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+import operator
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from robodyn_cli.expr import functions as fn
+from robodyn_cli.expr.graph import Expr
+
+CONSTANTS: dict[str, float] = {"pi": math.pi, "e": math.e}
+MANY = 1000
+
+# name: (function, fewest arguments, most arguments)
+FUNCTIONS: dict[str, tuple[Callable[..., Any], int, int]] = {
+    **{
+        name: (getattr(fn, name), 1, 1)
+        for name in (
+            "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh",
+            "exp", "log", "sqrt", "sign", "step",
+        )
+    },
+    "abs": (fn.absolute, 1, 1),
+    "atan2": (fn.atan2, 2, 2),
+    "min": (lambda *xs: functools.reduce(fn.minimum, xs), 2, MANY),
+    "max": (lambda *xs: functools.reduce(fn.maximum, xs), 2, MANY),
+}  # fmt: skip
+
+_BINARY: dict[str, Callable[[Any, Any], Any]] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": operator.truediv,
+}
+
+
+class Node:
+    """One node of the tree."""
+
+    __slots__ = ()
+
+    def value(self, env: Mapping[str, Any]) -> Any:
+        """Return the node's value with names taken from ``env``."""
+        raise NotImplementedError
+
+    def renamed(self, names: Mapping[str, str]) -> Node:
+        """Return the node with its identifiers replaced."""
+        raise NotImplementedError
+
+
+@dataclasses.dataclass(frozen=True)
+class Num(Node):
+    number: float
+
+    def value(self, env: Mapping[str, Any]) -> Any:
+        return self.number
+
+    def renamed(self, names: Mapping[str, str]) -> Node:
+        return self
+
+
+@dataclasses.dataclass(frozen=True)
+class Name(Node):
+    name: str
+
+    def value(self, env: Mapping[str, Any]) -> Any:
+        return env[self.name]
+
+    def renamed(self, names: Mapping[str, str]) -> Node:
+        return Name(names.get(self.name, self.name))
+
+
+@dataclasses.dataclass(frozen=True)
+class Negative(Node):
+    operand: Node
+
+    def value(self, env: Mapping[str, Any]) -> Any:
+        return -self.operand.value(env)
+
+    def renamed(self, names: Mapping[str, str]) -> Node:
+        return Negative(self.operand.renamed(names))
+
+
+@dataclasses.dataclass(frozen=True)
+class Chain(Node):
+    """Operations of one precedence from left to right; flat, so that a long sum is not a deep tree."""
+
+    first: Node
+    rest: tuple[tuple[str, Node], ...]
+
+    def value(self, env: Mapping[str, Any]) -> Any:
+        result = self.first.value(env)
+        for op, node in self.rest:
+            result = _BINARY[op](result, node.value(env))
+        return result
+
+    def renamed(self, names: Mapping[str, str]) -> Node:
+        return Chain(self.first.renamed(names), tuple((op, node.renamed(names)) for op, node in self.rest))
+
+
+@dataclasses.dataclass(frozen=True)
+class Power(Node):
+    base: Node
+    exponent: Node
+
+    def value(self, env: Mapping[str, Any]) -> Any:
+        return fn.power(self.base.value(env), self.exponent.value(env))
+
+    def renamed(self, names: Mapping[str, str]) -> Node:
+        return Power(self.base.renamed(names), self.exponent.renamed(names))
+
+
+@dataclasses.dataclass(frozen=True)
+class Call(Node):
+    function: str
+    arguments: tuple[Node, ...]
+
+    def value(self, env: Mapping[str, Any]) -> Any:
+        return FUNCTIONS[self.function][0](*[x.value(env) for x in self.arguments])
+
+    def renamed(self, names: Mapping[str, str]) -> Node:
+        return Call(self.function, tuple(x.renamed(names) for x in self.arguments))
+
+
+@dataclasses.dataclass(frozen=True)
+class If(Node):
+    """``if(left < right, yes, no)``, or the same with ``<=``, ``>``, ``>=``."""
+
+    comparison: str
+    left: Node
+    right: Node
+    yes: Node
+    no: Node
+
+    def value(self, env: Mapping[str, Any]) -> Any:
+        difference = self.left.value(env) - self.right.value(env)
+        if self.comparison in ("<", ">="):
+            difference = -difference
+        # where() asks "> 0"; the inclusive comparisons are the opposites of the strict ones
+        yes, no = (self.yes, self.no) if self.comparison in ("<", ">") else (self.no, self.yes)
+        if isinstance(difference, (float, int)):
+            # only the branch that counts: the other may not be defined here, as in if(t > 0, sin(t)/t, 1)
+            return yes.value(env) if difference > 0 else no.value(env)
+        if isinstance(difference, Expr):
+            return fn.where(difference, yes.value(env), no.value(env))
+        import numpy as np
+
+        with np.errstate(all="ignore"):  # the same reason: values of the other branch are thrown away
+            return fn.where(difference, yes.value(env), no.value(env))
+
+    def renamed(self, names: Mapping[str, str]) -> Node:
+        parts = [x.renamed(names) for x in (self.left, self.right, self.yes, self.no)]
+        return If(self.comparison, *parts)

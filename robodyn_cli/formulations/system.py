@@ -1,0 +1,85 @@
+"""What an integrator steps: the second-order system a = a(t, q, v, z), with everything it may ask for.
+
+A formulation turns the equations of a mechanism into a ``System``. Integrators know nothing of joints or loops.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from functools import cached_property
+
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.kernels.program import Program, make_program
+
+GROUPS = ("t", "q", "v", "z", "p")
+
+
+@dataclasses.dataclass(frozen=True)
+class EventFunction:
+    """A scalar whose sign change is an event.
+
+    direction : +1 for rising, -1 for falling, 0 for both. terminal : whether the run ends there.
+    """
+
+    name: str
+    value: Scalar
+    direction: int = 0
+    terminal: bool = True
+
+
+@dataclasses.dataclass(frozen=True)
+class System:
+    """State x = (q, v, z): q-dot = v, v-dot = ``acceleration``, z-dot = ``z_rate``, over symbols t, q, v, z, p.
+
+    position_correction : q corrected once onto the position constraints (one Newton step), or empty.
+    velocity_correction : v corrected onto the velocity constraints, or empty.
+    breakpoints : times at which the right-hand side has a kink; steps end there.
+    """
+
+    nq: int
+    nv: int
+    acceleration: tuple[Scalar, ...]
+    nz: int = 0
+    z_rate: tuple[Scalar, ...] = ()
+    position_correction: tuple[Scalar, ...] = ()
+    velocity_correction: tuple[Scalar, ...] = ()
+    events: tuple[EventFunction, ...] = ()
+    breakpoints: tuple[float, ...] = ()
+
+    @property
+    def size(self) -> int:
+        """Length of the state vector."""
+        return self.nq + self.nv + self.nz
+
+    @cached_property
+    def dynamics(self) -> Program:
+        """Outputs ``a`` (nv) and ``z`` (nz)."""
+        return _program(a=self.acceleration, z=self.z_rate)
+
+    @cached_property
+    def positions(self) -> Program | None:
+        """Output ``q`` (nq): the corrected positions."""
+        return _program(q=self.position_correction) if self.position_correction else None
+
+    @cached_property
+    def velocities(self) -> Program | None:
+        """Output ``v`` (nv): the corrected velocities."""
+        return _program(v=self.velocity_correction) if self.velocity_correction else None
+
+    @cached_property
+    def switching(self) -> Program | None:
+        """Output ``g``: the event functions."""
+        return _program(g=tuple(e.value for e in self.events)) if self.events else None
+
+    @property
+    def digest(self) -> str:
+        """Key of everything that decides the compiled code."""
+        parts = [self.dynamics, self.positions, self.velocities, self.switching]
+        return " ".join(
+            [f"{self.nq} {self.nv} {self.nz}", *("-" if p is None else p.digest for p in parts)]
+        ) + " ".join(str(e.direction) for e in self.events)
+
+
+def _program(**outputs: Sequence[Scalar]) -> Program:
+    return make_program({k: v for k, v in outputs.items() if v}, GROUPS)

@@ -1,0 +1,56 @@
+"""Memory that the compiled stepping loop shares with Python, and what it returns."""
+
+from __future__ import annotations
+
+import enum
+
+
+class Real(enum.IntEnum):
+    """Places in the array of doubles."""
+
+    T = 0  # current time
+    H = 1  # step to try next
+    T_END = 2
+    RTOL = 3
+    ATOL = 4
+    H_MAX = 5
+    SAMPLE_START = 6  # sample k lies at SAMPLE_START + k * SAMPLE_STEP
+    SAMPLE_STEP = 7
+    T_OLD = 8  # the last accepted step went from T_OLD over H_OLD
+    H_OLD = 9
+    MEMORY = 10  # method's own memory: last contraction ratio, last error
+    EVENT_LOW = 11  # bracket of an event
+    EVENT_HIGH = 12
+    T_SAMPLE_END = 13  # samples beyond this time are left alone
+    MEMORY_2 = 14
+    SIZE = 16  # event function values follow
+
+
+class Whole(enum.IntEnum):
+    """Places in the array of 64-bit integers."""
+
+    ACCEPTED = 0
+    REJECTED = 1
+    EVALUATIONS = 2  # evaluations of the right-hand side, a vector of lanes counted as one
+    MAX_STEPS = 3
+    NEXT_SAMPLE = 4
+    LAST_SAMPLE = 5
+    CAPACITY = 6  # rows in the output block
+    ROWS = 7  # rows written since the block was last emptied
+    PENDING = 8  # samples of the last step are still to be written
+    EVENT = 9  # which event function changed sign
+    WATCH = 10  # whether to look for events
+    REJECTED_IN_ROW = 11
+    PROJECTIONS = 12
+    SIZE = 16
+
+
+class Status(enum.IntEnum):
+    """Why the loop returned."""
+
+    DONE = 0
+    FULL = 1  # the output block is full: empty it and call again
+    EVENT = 2  # an event lies in the step that starts at the current state; nothing was committed
+    MAX_STEPS = 3
+    STEP_TOO_SMALL = 4
+    NOT_FINITE = 5

@@ -1,0 +1,337 @@
+"""The compiled stepping loop that all methods share.
+
+    attempt a step -> reject: shorter step | accept: look for events, project, write samples -> next step
+
+A method supplies the attempt, its dense output and its own memory (``Stepper``); tableaus are data. To add a
+method, write one file with a subclass and one line in the registry. Checklist for implementers:
+
+1. ``attempt`` emits straight-line code or inner loops and leaves new values in ``new`` slots; it returns the
+   squared, scaled error (accept where < 1; NaN must come out as NaN) and the factor for the next step.
+2. ``save_dense`` stores what dense output needs in ``%dense``; ``dense`` evaluates it at u in [-1, 0], where 0 is
+   the end of the step.
+3. Nothing is kept between steps outside ``%w``, ``%dense`` and the state, so that a run can stop and resume.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from robodyn_cli.formulations.system import System
+from robodyn_cli.integrators.layout import Real, Status, Whole
+from robodyn_cli.kernels.ir import RELAXED, Condition, Function, Value, module
+from robodyn_cli.kernels.lower import call_program, lower, outline
+from robodyn_cli.kernels.program import Program
+
+INLINE_LIMIT = 400  # operations; longer programs become functions
+LANES = 8
+
+
+class Writer:
+    """The function under construction, with the state and the programs of the system at hand."""
+
+    def __init__(self, system: System, fused: bool) -> None:
+        self.system = system
+        self.fused = fused
+        arguments = ["w", "n", "y", "p", "dense", "out"]
+        self.f = Function("run", [f"ptr noalias %{a}" for a in arguments], result="i64", flags=RELAXED)
+        self.outlined: dict[str, Function] = {}
+        f = self.f
+        self.state = [f.slot() for _ in range(system.size)]
+        self.new = [f.slot() for _ in range(system.size)]
+
+    # -- shared memory --------------------------------------------------------------------------------
+    def real(self, place: int) -> str:
+        return self.f.offset("%w", int(place))
+
+    def whole(self, place: int) -> str:
+        return self.f.offset("%n", int(place))
+
+    def get(self, place: int) -> Value:
+        return self.f.load(self.real(place))
+
+    def put(self, place: int, value: Value | float) -> None:
+        self.f.store(value, self.real(place))
+
+    def count(self, place: int, by: int = 1) -> None:
+        self.f.bump(self.whole(place), by)
+
+    # -- programs -------------------------------------------------------------------------------------
+    def evaluate(self, program: Program, t: Value, x: list[Value], width: int) -> dict[str, list[Value]]:
+        """Emit a program of the system at time t and state x = (q, v, z)."""
+        f, s = self.f, self.system
+        inputs = {
+            "t": [t],
+            "q": x[: s.nq],
+            "v": x[s.nq : s.nq + s.nv],
+            "z": x[s.nq + s.nv :],
+            "p": [f.load(f.offset("%p", k)) for k in range(program.inputs.get("p", 0))],
+        }
+        if program.operations <= INLINE_LIMIT:
+            return lower(f, program, inputs, width, self.fused)
+        name = f"program.{program.digest[:12]}.{width}"
+        if name not in self.outlined:
+            self.outlined[name] = outline(name, program, width, self.fused, f.flags)
+        return call_program(f, name, program, inputs, width)
+
+    def dynamics(self, t: Value, x: list[Value], width: int = 1) -> tuple[list[Value], list[Value]]:
+        """Return v-dot and z-dot."""
+        found = self.evaluate(self.system.dynamics, t, x, width)
+        return found.get("a", []), found.get("z", [])
+
+    def rate(self, t: Value, x: list[Value], width: int = 1) -> list[Value]:
+        """Return the whole x-dot = (v, v-dot, z-dot)."""
+        s = self.system
+        a, z = self.dynamics(t, x, width)
+        return [self.f.splat(v, width) for v in x[s.nq : s.nq + s.nv]] + a + z
+
+
+@dataclasses.dataclass
+class Attempt:
+    """Outcome of an attempted step: squared scaled error, and the factor by which to change the step."""
+
+    error: Value
+    factor: Value
+
+
+class Stepper:
+    """A method of integration. ``order`` is that of the solution, ``dense_order`` that of the dense output."""
+
+    name = ""
+    order = 0
+    dense_order = 0
+    adaptive = True
+    largest_growth = 5.0
+
+    def dense_size(self, system: System) -> int:
+        """Return how many doubles dense output keeps."""
+        raise NotImplementedError
+
+    def prepare(self, w: Writer) -> None:
+        """Emit what is needed once at entry (slots, constants)."""
+
+    def attempt(self, w: Writer, t: Value, h: Value, failed: str) -> Attempt:
+        """Emit one attempted step from the state; may jump to ``failed`` with the next step stored in ``%w``."""
+        raise NotImplementedError
+
+    def save_dense(self, w: Writer, t: Value, h: Value) -> None:
+        """Emit the storing of dense output, after acceptance and before the state is replaced."""
+        raise NotImplementedError
+
+    def dense(self, w: Writer, u: Value, h: Value) -> list[Value]:
+        """Emit the state at u in [-1, 0] of the step of length h."""
+        raise NotImplementedError
+
+    def sample(self, w: Writer, u: Value, h: Value) -> list[Value]:
+        """Emit the state at a uniform sample; like ``dense`` unless a method has something better there."""
+        return self.dense(w, u, h)
+
+
+def write_run(system: System, method: Stepper, fused: bool) -> str:
+    """Return the IR of ``i64 run(w, n, y, p, dense, out)``; the result is a ``Status``."""
+    w = Writer(system, fused)
+    f = w.f
+    size = system.size
+    method.prepare(w)
+    loop, accepted, rejected, samples, leave = (f.label(x) for x in ("step", "accept", "reject", "samples", "leave"))
+    retry = f.label("retry")
+    status = f.int_slot()
+    f.store_int(Status.DONE, status)
+    for k in range(size):
+        f.store(f.load(f.offset("%y", k)), w.state[k])
+    f.branch(f.compare_int("ne", f.load_int(w.whole(Whole.PENDING)), 0), samples, loop)
+
+    f.place(loop)
+    t, end = w.get(Real.T), w.get(Real.T_END)
+    with f.arithmetic(""):
+        left = end - t
+        tiny = f.abs(end) * 1e-15
+        more = f.label("more")
+        f.branch(f.compare("ogt", left, tiny), more, leave)
+    f.place(more)
+    taken = f.load_int(w.whole(Whole.ACCEPTED)) + f.load_int(w.whole(Whole.REJECTED))
+    go = f.label("go")
+    f.store_int(Status.MAX_STEPS, status)
+    f.branch(f.compare_int("slt", taken, f.load_int(w.whole(Whole.MAX_STEPS))), go, leave)
+    f.place(go)
+    f.store_int(Status.DONE, status)
+    wanted = f.min(w.get(Real.H), w.get(Real.H_MAX))
+    with f.strict():
+        # a last step that would leave almost nothing is stretched to the end; two even ones replace a long and a stub
+        last = f.compare("oge", wanted * 1.0001, left)
+        even = f.compare("ogt", wanted * 2.0, left)
+        h = f.select(last, left, f.select(even, left * 0.5, wanted)) if method.adaptive else f.select(last, left, wanted)
+    h_slot, full_slot = f.slot(), f.slot()
+    f.store(h, h_slot)
+    f.store(f.select(last, f.constant(1.0), f.constant(0.0)), full_slot)
+    outcome = method.attempt(w, t, h, retry)
+    factor_slot = f.slot()
+    f.store(outcome.factor, factor_slot)
+    f.branch(f.compare("olt", outcome.error, 1.0), accepted, rejected)
+
+    f.place(rejected)
+    h = f.load(h_slot)
+    broken = f.compare("uno", outcome.error, 0.0)
+    shrink = f.select(broken, f.constant(0.1), f.min(f.max(f.load(factor_slot), 0.1), 0.9))
+    w.put(Real.H, h * shrink)
+    f.jump(retry)
+    f.place(retry)
+    w.count(Whole.REJECTED)
+    in_row = f.bump(w.whole(Whole.REJECTED_IN_ROW))
+    floor = f.max(f.abs(w.get(Real.T)) * 4e-16, 1e-300)
+    too_small = f.compare("ult", w.get(Real.H), floor) | f.compare_int("sgt", in_row, 60)
+    f.store_int(Status.STEP_TOO_SMALL, status)
+    f.branch(too_small, leave, loop)
+
+    f.place(accepted)
+    h = f.load(h_slot)
+    t = w.get(Real.T)
+    method.save_dense(w, t, h)
+    if system.events:
+        _find_event(w, method, t, h, status, leave)
+    w.put(Real.H, h * f.load(factor_slot))
+    f.store_int(0, w.whole(Whole.REJECTED_IN_ROW))
+    with f.strict():
+        reached = f.select(f.compare("ogt", f.load(full_slot), 0.5), w.get(Real.T_END), t + h)
+    w.put(Real.T_OLD, t)
+    w.put(Real.H_OLD, h)
+    w.put(Real.T, reached)
+    w.count(Whole.ACCEPTED)
+    for k in range(size):
+        f.store(f.load(w.new[k]), w.state[k])
+    _project(w, reached)
+    f.jump(samples)
+
+    f.place(samples)
+    f.store_int(0, w.whole(Whole.PENDING))
+    _write_samples(w, method, status, leave)
+    f.jump(loop)
+
+    f.place(leave)
+    for k in range(size):
+        f.store(f.load(w.state[k]), f.offset("%y", k))
+    f.ret(f.load_int(status))
+    return module([f, *w.outlined.values()])
+
+
+def _project(w: Writer, t: Value) -> None:
+    """Put the state back on the constraints: Newton steps for q until they no longer matter, then v."""
+    f, s = w.f, w.system
+    if s.positions is not None:
+        again, done = f.label("again"), f.label("closed")
+        rounds = f.int_slot()
+        f.store_int(0, rounds)
+        f.jump(again)
+        f.place(again)
+        x = [f.load(a) for a in w.state]
+        q = w.evaluate(s.positions, t, x, 1)["q"]
+        moved: Value | None = None
+        for k in range(s.nq):
+            d = q[k] - x[k]
+            moved = d * d if moved is None else moved + d * d
+            f.store(q[k], w.state[k])
+        w.count(Whole.PROJECTIONS)
+        assert moved is not None
+        # quadratic convergence: after a step below 1e-9 the next would be below rounding
+        onward = f.compare("ogt", moved, 1e-18) & f.compare_int("slt", f.bump(rounds), 6)
+        f.branch(onward, again, done)
+        f.place(done)
+    if s.velocities is not None:
+        x = [f.load(a) for a in w.state]
+        for k, v in enumerate(w.evaluate(s.velocities, t, x, 1)["v"]):
+            f.store(v, w.state[s.nq + k])
+
+
+def _write_samples(w: Writer, method: Stepper, status: str, leave: str) -> None:
+    """Write every uniform sample that the last step has passed."""
+    f, s = w.f, w.system
+    head, body, room, done = (f.label(x) for x in ("sample", "due", "room", "written"))
+    f.jump(head)
+    f.place(head)
+    k = f.load_int(w.whole(Whole.NEXT_SAMPLE))
+    with f.strict():
+        time = w.get(Real.SAMPLE_START) + f.to_double(k) * w.get(Real.SAMPLE_STEP)
+        limit = w.get(Real.T)
+        slack = f.abs(limit) * 1e-14
+        due = f.compare("ole", time, limit + slack) & f.compare_int("sle", k, f.load_int(w.whole(Whole.LAST_SAMPLE)))
+    f.branch(due, body, done)
+    f.place(body)
+    rows = f.load_int(w.whole(Whole.ROWS))
+    f.store_int(1, w.whole(Whole.PENDING))
+    f.store_int(Status.FULL, status)
+    f.branch(f.compare_int("slt", rows, f.load_int(w.whole(Whole.CAPACITY))), room, leave)
+    f.place(room)
+    f.store_int(0, w.whole(Whole.PENDING))
+    f.store_int(Status.DONE, status)
+    h = w.get(Real.H_OLD)
+    with f.strict():
+        u = f.min((time - limit) / h, 0.0)
+    capacity = f.load_int(w.whole(Whole.CAPACITY))
+    for i, x in enumerate(method.sample(w, u, h)):
+        f.store(x, f.offset("%out", capacity * i + rows))
+    f.store_int(rows + 1, w.whole(Whole.ROWS))
+    f.store_int(k + 1, w.whole(Whole.NEXT_SAMPLE))
+    f.jump(head)
+    f.place(done)
+    assert s.size > 0
+
+
+def _find_event(w: Writer, method: Stepper, t: Value, h: Value, status: str, leave: str) -> None:
+    """Look for the first sign change of each event function at eight points of the step, all lanes at once.
+
+    Where there is one, the loop returns without committing the step; Python then locates it by steps that end
+    there, which have the full order of the method.
+    """
+    f, s = w.f, w.system
+    assert s.switching is not None
+    width = LANES
+    quiet = f.label("quiet")
+    look = f.label("look")
+    f.branch(f.compare_int("ne", f.load_int(w.whole(Whole.WATCH)), 0), look, quiet)
+    f.place(look)
+    fractions = np.arange(1, width + 1) / width - 1.0
+    u = f.constant(list(fractions))
+    values = w.evaluate(s.switching, t + h + h * u, method.dense(w, u, h), width)["g"]
+    first = f.int_slot()
+    which = f.int_slot()
+    f.store_int(width, first)
+    f.store_int(0, which)
+    lasts: list[Value] = []
+    for k, (g, event) in enumerate(zip(values, s.events)):
+        g = f.splat(g, width)
+        before = w.get(Real.SIZE + k)
+        order = "i32 " + f"{width}, " + ", ".join(f"i32 {j}" for j in range(width - 1))
+        vec = f"<{width} x double>"
+        shifted = f.emit(
+            f"shufflevector {vec} {g.ref}, {vec} {f.splat(before, width).ref}, <{width} x i32> <{order}>", width
+        )
+        rising = f.compare("ole", shifted, 0.0) & f.compare("ogt", g, 0.0)
+        falling = f.compare("oge", shifted, 0.0) & f.compare("olt", g, 0.0)
+        crossing: Condition
+        if event.direction > 0:
+            crossing = rising
+        elif event.direction < 0:
+            crossing = falling
+        else:
+            crossing = rising | falling
+        mask = crossing.mask() | (1 << width)
+        lane = f.lowest_bit(mask)
+        sooner = f.compare_int("slt", lane, f.load_int(first))
+        f.store_int(f.select_int(sooner, lane, f.load_int(first)), first)
+        f.store_int(f.select_int(sooner, f.emit_int(f"add i64 0, {k}"), f.load_int(which)), which)
+        lasts.append(f.lane(g, width - 1))
+    found, none = f.label("found"), f.label("none")
+    f.branch(f.compare_int("slt", f.load_int(first), width), found, none)
+    f.place(found)
+    lane_number = f.to_double(f.load_int(first))
+    w.put(Real.EVENT_LOW, t + h * lane_number * (1.0 / width))
+    w.put(Real.EVENT_HIGH, t + h * (lane_number + 1.0) * (1.0 / width))
+    f.store_int(f.load_int(which), w.whole(Whole.EVENT))
+    f.store_int(Status.EVENT, status)
+    f.jump(leave)
+    f.place(none)
+    for k, g in enumerate(lasts):
+        w.put(Real.SIZE + k, g)
+    f.jump(quiet)
+    f.place(quiet)

@@ -1,0 +1,14 @@
+"""The methods of integration: one file a family, one line here."""
+
+from __future__ import annotations
+
+from robodyn_cli.integrators.explicit import ClassicalRungeKutta, Dop853, Dopri5
+from robodyn_cli.integrators.gauss import Gauss
+from robodyn_cli.integrators.loop import Stepper
+
+methods: dict[str, type[Stepper]] = {
+    "gauss": Gauss,
+    "dop853": Dop853,
+    "dopri5": Dopri5,
+    "rk4": ClassicalRungeKutta,
+}

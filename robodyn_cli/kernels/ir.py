@@ -1,0 +1,437 @@
+"""Write LLVM IR as if it were arithmetic: values with operators, structured loops and branches.
+
+A ``Function`` collects the text of one function. Loop state lives in stack slots in the entry block, which LLVM
+turns into registers. Vectors of doubles are lanes: ``width`` 1 is a plain double.
+
+``flags`` are the fast-math flags of ordinary arithmetic. Right-hand sides may use ``RELAXED``: it lets LLVM
+reorder sums but keeps NaN and infinities honest. Argument reduction, error estimates and anything that relies on
+the exact order of operations is emitted inside ``strict()``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import struct
+from collections.abc import Iterator, Sequence
+from typing import Union
+
+RELAXED = "reassoc nsz arcp contract"
+CONTRACT = "contract"
+STRICT = ""
+
+Operand = Union["Value", float]
+
+
+def double_type(width: int) -> str:
+    """Return the LLVM type of ``width`` doubles."""
+    return "double" if width == 1 else f"<{width} x double>"
+
+
+def int_type(width: int, bits: int = 64) -> str:
+    """Return the LLVM type of ``width`` integers."""
+    return f"i{bits}" if width == 1 else f"<{width} x i{bits}>"
+
+
+def literal(x: float) -> str:
+    """Return a double exactly, as LLVM wants it."""
+    return "0x" + struct.pack(">d", float(x)).hex().upper()
+
+
+class Value:
+    """A double (or a vector of them) in a register."""
+
+    __slots__ = ("f", "ref", "width")
+
+    def __init__(self, f: Function, ref: str, width: int) -> None:
+        self.f = f
+        self.ref = ref
+        self.width = width
+
+    def _op(self, name: str, other: Operand, swap: bool = False) -> Value:
+        f = self.f
+        x = f.lift(other, self.width)
+        y = f.splat(self, x.width) if self.width != x.width else self
+        a, b = (x, y) if swap else (y, x)
+        return f.emit(f"{name} {f.flags} {double_type(x.width)} {a.ref}, {b.ref}", x.width)
+
+    def __add__(self, other: Operand) -> Value:
+        return self._op("fadd", other)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Operand) -> Value:
+        return self._op("fsub", other)
+
+    def __rsub__(self, other: Operand) -> Value:
+        return self._op("fsub", other, swap=True)
+
+    def __mul__(self, other: Operand) -> Value:
+        return self._op("fmul", other)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Operand) -> Value:
+        return self._op("fdiv", other)
+
+    def __rtruediv__(self, other: Operand) -> Value:
+        return self._op("fdiv", other, swap=True)
+
+    def __neg__(self) -> Value:
+        return self.f.emit(f"fneg {self.f.flags} {double_type(self.width)} {self.ref}", self.width)
+
+
+class Int:
+    """A 64-bit integer in a register."""
+
+    __slots__ = ("f", "ref")
+
+    def __init__(self, f: Function, ref: str) -> None:
+        self.f = f
+        self.ref = ref
+
+    def _op(self, name: str, other: Int | int) -> Int:
+        return self.f.emit_int(f"{name} i64 {self.ref}, {ref_of(other)}")
+
+    def __add__(self, other: Int | int) -> Int:
+        return self._op("add", other)
+
+    def __sub__(self, other: Int | int) -> Int:
+        return self._op("sub", other)
+
+    def __mul__(self, other: Int | int) -> Int:
+        return self._op("mul", other)
+
+    def __and__(self, other: Int | int) -> Int:
+        return self._op("and", other)
+
+    def __or__(self, other: Int | int) -> Int:
+        return self._op("or", other)
+
+
+def ref_of(x: Int | int) -> str:
+    """Return the operand text of an integer."""
+    return x.ref if isinstance(x, Int) else str(x)
+
+
+class Condition:
+    """An i1, or a vector of them."""
+
+    __slots__ = ("f", "ref", "width")
+
+    def __init__(self, f: Function, ref: str, width: int) -> None:
+        self.f = f
+        self.ref = ref
+        self.width = width
+
+    def _op(self, name: str, other: Condition | str) -> Condition:
+        right = other.ref if isinstance(other, Condition) else other
+        return Condition(self.f, self.f.name(f"{name} {int_type(self.width, 1)} {self.ref}, {right}"), self.width)
+
+    def __and__(self, other: Condition) -> Condition:
+        return self._op("and", other)
+
+    def __or__(self, other: Condition) -> Condition:
+        return self._op("or", other)
+
+    def __invert__(self) -> Condition:
+        return self._op("xor", "true")
+
+    def any(self) -> Condition:
+        """Return whether any lane holds."""
+        if self.width == 1:
+            return self
+        return self.mask() != 0
+
+    def mask(self) -> Mask:
+        """Return the lanes as the low bits of an integer, lane 0 lowest."""
+        if self.width == 1:
+            return Mask(self.f, self.f.name(f"zext i1 {self.ref} to i64"))
+        bits = self.f.name(f"bitcast <{self.width} x i1> {self.ref} to i{self.width}")
+        if self.width == 64:
+            return Mask(self.f, bits)
+        return Mask(self.f, self.f.name(f"zext i{self.width} {bits} to i64"))
+
+
+class Mask(Int):
+    """Lanes as bits."""
+
+    def __ne__(self, other: object) -> Condition:  # type: ignore[override]
+        assert isinstance(other, int)
+        return self.f.compare_int("ne", self, other)
+
+    def __hash__(self) -> int:
+        return hash(self.ref)
+
+
+class Function:
+    """The text of one function under construction."""
+
+    def __init__(self, name: str, arguments: Sequence[str], *, result: str = "void", internal: bool = False,
+                 attributes: str = "", flags: str = RELAXED) -> None:
+        self.title = name
+        self.arguments = list(arguments)
+        self.result = result
+        self.internal = internal
+        self.attributes = attributes
+        self.flags = flags
+        self.lines: list[str] = []
+        self.slots: list[str] = []
+        self.declarations: set[str] = set()
+        self.globals: list[str] = []
+        self.counter = 0
+
+    # -- plumbing -------------------------------------------------------------------------------------
+    def fresh(self, prefix: str = "v") -> str:
+        self.counter += 1
+        return f"{prefix}{self.counter}"
+
+    def raw(self, text: str) -> None:
+        self.lines.append("  " + text)
+
+    def name(self, text: str) -> str:
+        """Emit an instruction and return the register that holds its result."""
+        ref = "%" + self.fresh()
+        self.lines.append(f"  {ref} = {text}")
+        return ref
+
+    def emit(self, text: str, width: int) -> Value:
+        return Value(self, self.name(text), width)
+
+    def emit_int(self, text: str) -> Int:
+        return Int(self, self.name(text))
+
+    def text(self) -> str:
+        """Return the definition."""
+        kind = "internal " if self.internal else ""
+        head = f"define {kind}{self.result} @{self.title}({', '.join(self.arguments)}) {self.attributes} {{\nentry:\n"
+        return head + "\n".join(self.slots + self.lines) + "\n}\n"
+
+    @contextlib.contextmanager
+    def arithmetic(self, flags: str) -> Iterator[None]:
+        """Emit with other fast-math flags for a while."""
+        before, self.flags = self.flags, flags
+        try:
+            yield
+        finally:
+            self.flags = before
+
+    def strict(self) -> contextlib.AbstractContextManager[None]:
+        """Emit exactly what is written, in that order."""
+        return self.arithmetic(STRICT)
+
+    # -- values ---------------------------------------------------------------------------------------
+    def constant(self, x: float | Sequence[float], width: int = 1) -> Value:
+        """Return a constant: one number in every lane, or a number a lane."""
+        if isinstance(x, (int, float)):
+            if width == 1:
+                return Value(self, literal(x), 1)
+            return Value(self, "<" + ", ".join([f"double {literal(x)}"] * width) + ">", width)
+        return Value(self, "<" + ", ".join(f"double {literal(c)}" for c in x) + ">", len(x))
+
+    def lift(self, x: Operand, width: int) -> Value:
+        """Return ``x`` as a value of at least ``width`` lanes."""
+        if isinstance(x, Value):
+            return x if x.width >= width else self.splat(x, width)
+        return self.constant(x, width)
+
+    def argument(self, name: str) -> Value:
+        return Value(self, f"%{name}", 1)
+
+    def int_argument(self, name: str) -> Int:
+        return Int(self, f"%{name}")
+
+    def splat(self, x: Value, width: int) -> Value:
+        """Return a scalar in every lane."""
+        if x.width == width:
+            return x
+        one = self.name(f"insertelement {double_type(width)} poison, double {x.ref}, i32 0")
+        zero = f"<{width} x i32> zeroinitializer"
+        return self.emit(f"shufflevector {double_type(width)} {one}, {double_type(width)} poison, {zero}", width)
+
+    def lane(self, x: Value, k: int) -> Value:
+        """Return lane k as a scalar."""
+        return x if x.width == 1 else self.emit(f"extractelement {double_type(x.width)} {x.ref}, i32 {k}", 1)
+
+    def broadcast(self, x: Value, k: int) -> Value:
+        """Return lane k in every lane."""
+        if x.width == 1:
+            return x
+        picks = ", ".join([f"i32 {k}"] * x.width)
+        t = double_type(x.width)
+        return self.emit(f"shufflevector {t} {x.ref}, {t} poison, <{x.width} x i32> <{picks}>", x.width)
+
+    def pack(self, xs: Sequence[Value], width: int) -> Value:
+        """Return scalars as the lanes of a vector; lanes beyond them repeat the last."""
+        if width == 1:
+            return xs[0]
+        ref = "poison"
+        for k in range(width):
+            x = xs[min(k, len(xs) - 1)]
+            ref = self.name(f"insertelement {double_type(width)} {ref}, double {x.ref}, i32 {k}")
+        return Value(self, ref, width)
+
+    def intrinsic(self, name: str, args: Sequence[Operand], flags: str = "") -> Value:
+        """Call an LLVM intrinsic of doubles, lane by lane."""
+        width = max(x.width for x in args if isinstance(x, Value))
+        values = [self.lift(x, width) for x in args]
+        full = f"llvm.{name}." + ("f64" if width == 1 else f"v{width}f64")
+        t = double_type(width)
+        self.declarations.add(f"declare {t} @{full}({', '.join([t] * len(args))})")
+        return self.emit(f"call {flags} {t} @{full}({', '.join(f'{t} {v.ref}' for v in values)})", width)
+
+    def fma(self, a: Operand, b: Operand, c: Operand) -> Value:
+        """Return a * b + c, rounded once."""
+        return self.intrinsic("fma", [a, b, c])
+
+    def muladd(self, a: Operand, b: Operand, c: Operand) -> Value:
+        """Return a * b + c, fused where the machine can."""
+        return self.intrinsic("fmuladd", [a, b, c])
+
+    def abs(self, a: Value) -> Value:
+        return self.intrinsic("fabs", [a])
+
+    def sqrt(self, a: Value) -> Value:
+        return self.intrinsic("sqrt", [a])
+
+    def max(self, a: Operand, b: Operand) -> Value:
+        """Return the larger; NaN if either is NaN (so that a diverging run is seen)."""
+        return self.intrinsic("maximum", [a, b])
+
+    def min(self, a: Operand, b: Operand) -> Value:
+        """Return the smaller; NaN if either is NaN."""
+        return self.intrinsic("minimum", [a, b])
+
+    def reduce(self, kind: str, a: Value) -> Value:
+        """Combine the lanes: ``add`` or ``maximum``."""
+        if a.width == 1:
+            return a
+        t = double_type(a.width)
+        if kind == "add":
+            full = f"llvm.vector.reduce.fadd.v{a.width}f64"
+            self.declarations.add(f"declare double @{full}(double, {t})")
+            return self.emit(f"call reassoc double @{full}(double -0.0, {t} {a.ref})", 1)
+        full = f"llvm.vector.reduce.f{kind}.v{a.width}f64"
+        self.declarations.add(f"declare double @{full}({t})")
+        return self.emit(f"call double @{full}({t} {a.ref})", 1)
+
+    # -- comparisons ----------------------------------------------------------------------------------
+    def compare(self, predicate: str, a: Operand, b: Operand) -> Condition:
+        """Compare: ``olt`` is false and ``ult`` true where an operand is NaN, and so on."""
+        width = max(x.width for x in (a, b) if isinstance(x, Value))
+        x, y = self.lift(a, width), self.lift(b, width)
+        return Condition(self, self.name(f"fcmp {predicate} {double_type(width)} {x.ref}, {y.ref}"), width)
+
+    def compare_int(self, predicate: str, a: Int | int, b: Int | int) -> Condition:
+        return Condition(self, self.name(f"icmp {predicate} i64 {ref_of(a)}, {ref_of(b)}"), 1)
+
+    def select(self, condition: Condition, a: Operand, b: Operand) -> Value:
+        width = max([condition.width, *(x.width for x in (a, b) if isinstance(x, Value))])
+        x, y = self.lift(a, width), self.lift(b, width)
+        kind = int_type(condition.width, 1)
+        t = double_type(width)
+        return self.emit(f"select {kind} {condition.ref}, {t} {x.ref}, {t} {y.ref}", width)
+
+    def select_int(self, condition: Condition, a: Int | int, b: Int | int) -> Int:
+        return self.emit_int(f"select i1 {condition.ref}, i64 {ref_of(a)}, i64 {ref_of(b)}")
+
+    def lowest_bit(self, mask: Int) -> Int:
+        """Return the number of the lowest set bit of a mask that is not zero."""
+        self.declarations.add("declare i64 @llvm.cttz.i64(i64, i1)")
+        return self.emit_int(f"call i64 @llvm.cttz.i64(i64 {mask.ref}, i1 true)")
+
+    def to_double(self, n: Int) -> Value:
+        return self.emit(f"sitofp i64 {n.ref} to double", 1)
+
+    def to_int(self, x: Value) -> Int:
+        """Return the integer part of a value known to be in range."""
+        return self.emit_int(f"fptosi double {x.ref} to i64")
+
+    # -- memory ---------------------------------------------------------------------------------------
+    def slot(self, width: int = 1, count: int = 1) -> str:
+        """Reserve stack space for ``count`` values; returns its address."""
+        ref = "%" + self.fresh("slot")
+        self.slots.append(f"  {ref} = alloca {double_type(width)}, i64 {count}, align 64")
+        return ref
+
+    def int_slot(self) -> str:
+        ref = "%" + self.fresh("slot")
+        self.slots.append(f"  {ref} = alloca i64, align 8")
+        return ref
+
+    def load(self, address: str, width: int = 1, align: int = 8) -> Value:
+        return self.emit(f"load {double_type(width)}, ptr {address}, align {align}", width)
+
+    def store(self, x: Operand, address: str, align: int = 8) -> None:
+        v = self.lift(x, 1)
+        self.raw(f"store {double_type(v.width)} {v.ref}, ptr {address}, align {align}")
+
+    def load_int(self, address: str) -> Int:
+        return self.emit_int(f"load i64, ptr {address}, align 8")
+
+    def store_int(self, n: Int | int, address: str) -> None:
+        self.raw(f"store i64 {ref_of(n)}, ptr {address}, align 8")
+
+    def offset(self, address: str, index: Int | int) -> str:
+        """Return the address ``index`` doubles (or 64-bit integers) further on."""
+        if isinstance(index, int) and index == 0:
+            return address
+        return self.name(f"getelementptr double, ptr {address}, i64 {ref_of(index)}")
+
+    def bump(self, address: str, by: int = 1) -> Int:
+        """Add to a counter in memory and return its new value."""
+        n = self.load_int(address) + by
+        self.store_int(n, address)
+        return n
+
+    # -- control flow ---------------------------------------------------------------------------------
+    def label(self, hint: str) -> str:
+        return self.fresh(hint + ".")
+
+    def place(self, label: str) -> None:
+        self.lines.append(f"{label}:")
+
+    def jump(self, label: str) -> None:
+        self.raw(f"br label %{label}")
+
+    def branch(self, condition: Condition, yes: str, no: str) -> None:
+        self.raw(f"br i1 {condition.ref}, label %{yes}, label %{no}")
+
+    @contextlib.contextmanager
+    def when(self, condition: Condition) -> Iterator[None]:
+        """Emit the body so that it runs only if the condition holds."""
+        yes, after = self.label("then"), self.label("after")
+        self.branch(condition, yes, after)
+        self.place(yes)
+        yield
+        self.jump(after)
+        self.place(after)
+
+    @contextlib.contextmanager
+    def count(self, n: Int | int, *, start: int = 0, step: int = 1, down: bool = False) -> Iterator[Int]:
+        """Emit the body in a loop over start, start+step, ... < n (or backwards over the same numbers)."""
+        address = self.int_slot()
+        head, body, done = self.label("count"), self.label("body"), self.label("done")
+        self.store_int(start, address)
+        self.jump(head)
+        self.place(head)
+        k = self.load_int(address)
+        self.branch(self.compare_int("slt", k, n), body, done)
+        self.place(body)
+        if down:
+            last = self.emit_int(f"sub i64 {ref_of(n)}, 1")
+            yield last - k
+        else:
+            yield k
+        self.store_int(k + step, address)
+        self.jump(head)
+        self.place(done)
+
+    def ret(self, value: Int | int | None = None) -> None:
+        self.raw("ret void" if value is None else f"ret i64 {ref_of(value)}")
+
+
+def module(functions: Sequence[Function]) -> str:
+    """Return the text of a module."""
+    declarations = sorted(set().union(*(f.declarations for f in functions)))
+    constants = [g for f in functions for g in f.globals]
+    return "\n".join([*declarations, *constants, *(f.text() for f in functions)])

@@ -1,0 +1,240 @@
+"""Turn a Program into IR inside a function that is being written."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping, Sequence
+
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.kernels.ir import Function, Value
+from robodyn_cli.kernels.mathematics import sincos
+from robodyn_cli.kernels.program import TRIGONOMETRIC, Instruction, Program
+
+# one-argument functions that LLVM hands to the C library, lane by lane
+LIBRARY = {
+    "exp": "exp", "log": "log", "tan": "tan", "asin": "asin", "acos": "acos", "atan": "atan",
+    "sinh": "sinh", "cosh": "cosh", "tanh": "tanh",
+}  # fmt: skip
+
+
+def _where(f: Function, x: Value, a: Value, b: Value) -> Value:
+    return f.select(f.compare("ogt", x, 0.0), a, b)
+
+
+def _sign(f: Function, x: Value) -> Value:
+    one = f.intrinsic("copysign", [f.constant(1.0, x.width), x])
+    # x itself where it is zero or NaN
+    return f.select(f.compare("une", x, 0.0) & f.compare("ord", x, 0.0), one, x)
+
+
+def _table(f: Function, x: Value, knots: Sequence[float], values: Sequence[float], order: int) -> Value:
+    """Piecewise linear look-up by bisection, lane by lane."""
+    n = len(knots)
+    name = f"@{f.title}.{f.fresh('table')}"
+    slopes = [(values[k + 1] - values[k]) / (knots[k + 1] - knots[k]) for k in range(n - 1)]
+
+    def array(suffix: str, data: Sequence[float]) -> str:
+        body = ", ".join("double 0x" + struct.pack(">d", float(d)).hex().upper() for d in data)
+        f.globals.append(f"{name}.{suffix} = private unnamed_addr constant [{len(data)} x double] [{body}]")
+        return f"{name}.{suffix}"
+
+    at, start, slope = array("t", knots), array("y", values), array("s", [*slopes, 0.0])
+    results = []
+    for k in range(x.width):
+        u = f.lane(x, k)
+        low, high = f.int_slot(), f.int_slot()
+        f.store_int(0, low)
+        f.store_int(n - 1, high)
+        # bisection with a fixed number of halvings needs no test of its own
+        for _ in range(max(1, (n - 1).bit_length())):
+            a, b = f.load_int(low), f.load_int(high)
+            middle = f.emit_int(f"lshr i64 {(a + b).ref}, 1")
+            right = f.compare("oge", u, f.load(f.offset(at, middle)))
+            wider = f.compare_int("sgt", b - a, 1)
+            f.store_int(f.select_int(right & wider, middle, a), low)
+            f.store_int(f.select_int((~right) & wider, middle, b), high)
+        i = f.load_int(low)
+        inside = f.compare("oge", u, knots[0]) & f.compare("olt", u, knots[-1])
+        gradient = f.load(f.offset(slope, i))
+        if order:
+            results.append(f.select(inside, gradient, f.constant(0.0)))
+            continue
+        value = f.load(f.offset(start, i)) + (u - f.load(f.offset(at, i))) * gradient
+        outside = f.select(f.compare("olt", u, knots[0]), f.constant(values[0]), f.constant(values[-1]))
+        held = f.select(f.compare("uno", u, 0.0), u, outside)
+        results.append(f.select(inside, value, held))
+    return f.pack(results, x.width)
+
+
+class _Lowering:
+    """State of one lowering: values so far, and sines and cosines waiting to share a vector."""
+
+    def __init__(
+        self, f: Function, program: Program, inputs: Mapping[str, Sequence[Value]], width: int, fused: bool
+    ) -> None:
+        self.f = f
+        self.code = program.instructions
+        self.inputs = inputs
+        self.width = width
+        self.fused = fused
+        self.values: list[Value | None] = [None] * len(self.code)
+        self.groups = _trigonometric_levels(self.code)
+
+    def need(self, k: int) -> None:
+        """Compute instruction k and, first, what it waits for (an explicit stack: graphs may be deep)."""
+        stack = [k]
+        while stack:
+            j = stack[-1]
+            if self.values[j] is not None:
+                stack.pop()
+                continue
+            instruction = self.code[j]
+            if instruction.op in TRIGONOMETRIC:
+                angles = self.groups[j]
+                waiting = [a for a in angles if self.values[a] is None]
+                if waiting:
+                    stack.extend(waiting)
+                    continue
+                self._trigonometry(angles)
+            else:
+                waiting = [a for a in instruction.args if self.values[a] is None]
+                if waiting:
+                    stack.extend(waiting)
+                    continue
+                self.values[j] = self._apply(instruction)
+            stack.pop()
+
+    def _trigonometry(self, angles: dict[int, list[int]]) -> None:
+        """Evaluate all sines and cosines of one level; scalars travel together in a vector."""
+        f = self.f
+        pending = list(angles)
+        per_vector = 8 if self.width == 1 else 1
+        for first in range(0, len(pending), per_vector):
+            chunk = pending[first : first + per_vector]
+            xs = [self.values[a] for a in chunk]
+            if self.width == 1 and len(chunk) > 1 and self.fused:
+                lanes = 2
+                while lanes < len(chunk):
+                    lanes *= 2
+                s, c = sincos(f, f.pack([x for x in xs if x is not None], lanes), self.fused)
+                pairs = [(f.lane(s, k), f.lane(c, k)) for k in range(len(chunk))]
+            else:
+                pairs = [sincos(f, x, self.fused) for x in xs if x is not None]
+            for a, (sine, cosine) in zip(chunk, pairs):
+                for user in angles[a]:
+                    self.values[user] = sine if self.code[user].op == "sin" else cosine
+
+    def _apply(self, i: Instruction) -> Value:
+        f = self.f
+        if i.op == "const":
+            return f.constant(i.value, self.width)
+        if i.op == "sym":
+            group, position = i.value
+            return f.splat(self.inputs[group][position], self.width)
+        args = [v for v in (self.values[a] for a in i.args) if v is not None]
+        if i.op == "add":
+            return args[0] + args[1]
+        if i.op == "sub":
+            return args[0] - args[1]
+        if i.op == "mul":
+            return args[0] * args[1]
+        if i.op == "div":
+            return args[0] / args[1]
+        if i.op == "neg":
+            return -args[0]
+        if i.op == "sqrt":
+            return f.sqrt(args[0])
+        if i.op == "abs":
+            return f.abs(args[0])
+        if i.op == "sign":
+            return _sign(f, args[0])
+        if i.op == "min":
+            return f.min(args[0], args[1])
+        if i.op == "max":
+            return f.max(args[0], args[1])
+        if i.op == "where":
+            return _where(f, args[0], args[1], args[2])
+        if i.op in ("pow", "atan2"):
+            return f.intrinsic(i.op, args)
+        if i.op in LIBRARY:
+            return f.intrinsic(LIBRARY[i.op], args)
+        if i.op == "table":
+            return _table(f, args[0], *i.value)
+        raise CapabilityError(f"the operation {i.op} cannot be compiled")
+
+
+def _trigonometric_levels(code: Sequence[Instruction]) -> dict[int, dict[int, list[int]]]:
+    """Group sines and cosines that do not wait for each other: {instruction: {angle: its users}}."""
+    level = [0] * len(code)
+    groups: dict[int, dict[int, list[int]]] = {}
+    members: dict[int, dict[int, list[int]]] = {}
+    for k, i in enumerate(code):
+        below = max((level[a] for a in i.args), default=0)
+        level[k] = below + (i.op in TRIGONOMETRIC)
+        if i.op in TRIGONOMETRIC:
+            group = groups.setdefault(below, {})
+            group.setdefault(i.args[0], []).append(k)
+            members[k] = group
+    return members
+
+
+def lower(
+    f: Function, program: Program, inputs: Mapping[str, Sequence[Value]], width: int, fused: bool = True
+) -> dict[str, list[Value]]:
+    """Emit a program and return the values of its outputs.
+
+    Parameters
+    ----------
+    inputs : for each symbol group, a value a position (scalars are spread over the lanes).
+    width : lanes of the arithmetic.
+    fused : whether the machine has fused multiply-add.
+    """
+    state = _Lowering(f, program, inputs, width, fused)
+    for k in range(len(program.instructions)):
+        state.need(k)
+    found: dict[str, list[Value]] = {}
+    for name, entries in program.outputs.items():
+        row = []
+        for e in entries:
+            value = f.constant(e, width) if isinstance(e, float) else state.values[e]
+            assert value is not None
+            row.append(value)
+        found[name] = row
+    return found
+
+
+def call_program(
+    f: Function, name: str, program: Program, inputs: Mapping[str, Sequence[Value]], width: int
+) -> dict[str, list[Value]]:
+    """Call a program emitted by ``outline`` (for code too long to be repeated in place)."""
+    pointers = []
+    for group, count in program.inputs.items():
+        address = f.slot(width, count)
+        for k in range(count):
+            f.store(f.splat(inputs[group][k], width), f.offset(address, k * width), 8 * width)
+        pointers.append(address)
+    results = {}
+    for output, entries in program.outputs.items():
+        results[output] = f.slot(width, max(1, len(entries)))
+        pointers.append(results[output])
+    f.raw(f"call void @{name}({', '.join(f'ptr {p}' for p in pointers)})")
+    return {
+        output: [f.load(f.offset(results[output], k * width), width, 8 * width) for k in range(len(entries))]
+        for output, entries in program.outputs.items()
+    }
+
+
+def outline(name: str, program: Program, width: int, fused: bool, flags: str) -> Function:
+    """Return a program as an internal function that works on memory."""
+    arguments = [f"ptr noalias readonly %in.{g}" for g in program.inputs]
+    arguments += [f"ptr noalias %out.{o}" for o in program.outputs]
+    f = Function(name, arguments, internal=True, attributes="noinline", flags=flags)
+    inputs = {
+        g: [f.load(f.offset(f"%in.{g}", k * width), width, 8 * width) for k in range(n)]
+        for g, n in program.inputs.items()
+    }
+    for output, values in lower(f, program, inputs, width, fused).items():
+        for k, v in enumerate(values):
+            f.store(f.splat(v, width), f.offset(f"%out.{output}", k * width), 8 * width)
+    f.ret()
+    return f

@@ -1,0 +1,108 @@
+"""Elementary functions as IR: sine and cosine of all lanes at once, and rough powers for step control."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from robodyn_cli.kernels.ir import Function, Value, double_type, int_type
+
+# pi/2 in three parts of full precision: with fused multiply-add each product is exact, so the reduction holds
+# for |x| up to about 2^49 (Cody and Waite 1980)
+PI_2 = (1.5707963267948966, 6.123233995736766e-17, -1.4973849048591833e-33)
+TO_NEAREST = 6755399441055744.0  # 1.5 * 2^52: adding it rounds to a whole number, kept in the low bits
+# Cephes' minimax coefficients on [-pi/4, pi/4]
+SIN = (
+    -1.66666666666666307295e-1, 8.33333333332211858878e-3, -1.98412698295895385996e-4,
+    2.75573136213857245213e-6, -2.50507477628578072866e-8, 1.58962301576546568060e-10,
+)
+COS = (
+    4.16666666666665929218e-2, -1.38888888888730564116e-3, 2.48015872888517045348e-5,
+    -2.75573141792967388112e-7, 2.08757008419747316778e-9, -1.13585365213876817300e-11,
+)
+
+
+def polynomial(f: Function, coefficients: Sequence[float], z: Value) -> Value:
+    """Return c0 + c1 z + c2 z^2 + ... by Estrin's scheme (short dependency chains)."""
+    level: list[Value | float] = list(coefficients)
+    power = z
+    while len(level) > 1:
+        level = [
+            f.fma(level[k + 1], power, level[k]) if k + 1 < len(level) else level[k]
+            for k in range(0, len(level), 2)
+        ]
+        if len(level) > 1:
+            power = power * power
+    return f.lift(level[0], z.width)
+
+
+def sincos(f: Function, x: Value, fused: bool = True) -> tuple[Value, Value]:
+    """Return sin x and cos x, all lanes at once, to about one unit in the last place.
+
+    NaN and infinities give NaN. Without fused multiply-add (``fused`` false) the C library is called instead.
+    """
+    if not fused:
+        return f.intrinsic("sin", [x]), f.intrinsic("cos", [x])
+    width = x.width
+    t, i = double_type(width), int_type(width)
+
+    def whole(n: int) -> str:
+        return str(n) if width == 1 else "<" + ", ".join([f"i64 {n}"] * width) + ">"
+
+    with f.strict():
+        shifted = f.fma(x, 2.0 / np.pi, TO_NEAREST)
+        n = shifted - TO_NEAREST
+        r = x
+        for part in PI_2:
+            r = f.fma(n, -part, r)
+        z = r * r
+        s = f.fma(r * z, polynomial(f, SIN, z), r)
+        c = f.fma(z * z, polynomial(f, COS, z), f.fma(z, -0.5, 1.0))
+        # the quadrant is in the low bits of ``shifted``: odd swaps sine and cosine, bit 1 is the sign
+        bits = f.name(f"bitcast {t} {shifted.ref} to {i}")
+        odd = f.name(f"and {i} {bits}, {whole(1)}")
+        swap = f.name(f"icmp ne {i} {odd}, {whole(0)}")
+        flag = int_type(width, 1)
+        sine = f.emit(f"select {flag} {swap}, {t} {c.ref}, {t} {s.ref}", width)
+        cosine = f.emit(f"select {flag} {swap}, {t} {s.ref}, {t} {c.ref}", width)
+
+        def with_sign(value: Value, quadrant: str) -> Value:
+            high = f.name(f"shl {i} {quadrant}, {whole(62)}")
+            sign = f.name(f"and {i} {high}, {whole(-(2**63))}")
+            raw = f.name(f"bitcast {t} {value.ref} to {i}")
+            flipped = f.name(f"xor {i} {raw}, {sign}")
+            return f.emit(f"bitcast {i} {flipped} to {t}", width)
+
+        next_quadrant = f.name(f"add {i} {bits}, {whole(1)}")
+        return with_sign(sine, bits), with_sign(cosine, next_quadrant)
+
+
+def _fit_log2(degree: int) -> list[float]:
+    x = np.cos((np.arange(40) + 0.5) * np.pi / 40) * 0.5 + 1.5
+    return list(np.polynomial.polynomial.polyfit(x, np.log2(x) - 1023, degree))
+
+
+def _fit_exp2(degree: int) -> list[float]:
+    x = np.linspace(-0.5, 0.5, 41)
+    return list(np.polynomial.polynomial.polyfit(x, 2.0**x, degree))
+
+
+def rough_power(f: Function, x: Value, exponent: float) -> Value:
+    """Return x ** exponent to about 1e-4, for positive normal x: enough to choose a step size."""
+    with f.strict():
+        bits = f.name(f"bitcast double {x.ref} to i64")
+        e = f.name(f"lshr i64 {bits}, 52")
+        fraction = f.name(f"and i64 {bits}, {2**52 - 1}")
+        mantissa = f.name(f"or i64 {fraction}, {1023 << 52}")
+        m = f.emit(f"bitcast i64 {mantissa} to double", 1)
+        log2 = (polynomial(f, _fit_log2(5), m) + f.emit(f"sitofp i64 {e} to double", 1)) * exponent
+        log2 = f.max(f.min(log2, 1000.0), -1000.0)
+        shifted = log2 + TO_NEAREST
+        rest = log2 - (shifted - TO_NEAREST)
+        y = polynomial(f, _fit_exp2(4), rest)
+        raw = f.name(f"bitcast double {y.ref} to i64")
+        n = f.name(f"bitcast double {shifted.ref} to i64")
+        scale = f.name(f"shl i64 {n}, 52")
+        total = f.name(f"add i64 {raw}, {scale}")
+        return f.emit(f"bitcast i64 {total} to double", 1)

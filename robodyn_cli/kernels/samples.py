@@ -1,0 +1,99 @@
+"""Kernels that evaluate a program at many samples, eight (or four, or two) at a time in SIMD lanes."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.kernels.compiler import compile_module, machine
+from robodyn_cli.kernels.ir import RELAXED, Function, module
+from robodyn_cli.kernels.lower import lower
+from robodyn_cli.kernels.program import Program, make_program
+
+Array = NDArray[np.float64]
+PARAMETERS = "p"
+
+
+def write_sample_kernel(program: Program, lanes: int, fused: bool) -> str:
+    """Return the IR of ``kernel(in..., p, out..., T)``: inputs and outputs are rows of T samples."""
+    arguments = [f"ptr noalias %in.{g}" for g in program.inputs]
+    arguments += [f"ptr noalias %out.{o}" for o in program.outputs] + ["i64 %T"]
+    f = Function("kernel", arguments, flags=RELAXED)
+    samples = f.int_argument("T")
+    with f.count(samples, step=lanes) as start:
+        # the last block is moved back so that it ends at T; it repeats a few samples instead of needing masks
+        t = f.select_int(f.compare_int("sgt", start + lanes, samples), samples - lanes, start)
+        inputs = {}
+        for group, count in program.inputs.items():
+            if group == PARAMETERS:
+                inputs[group] = [f.splat(f.load(f.offset(f"%in.{group}", k)), lanes) for k in range(count)]
+            else:
+                inputs[group] = [
+                    f.load(f.offset(f"%in.{group}", samples * k + t), lanes) for k in range(count)
+                ]
+        for output, values in lower(f, program, inputs, lanes, fused).items():
+            for k, value in enumerate(values):
+                f.store(f.splat(value, lanes), f.offset(f"%out.{output}", samples * k + t))
+    f.ret()
+    return module([f])
+
+
+class SampleKernel:
+    """A compiled function of samples.
+
+    Calling it takes arrays by group, shape (T, n) or (T,) for a group of one, and returns {output: (T, n)}.
+    Arrays in column order (``order="F"``) are read in place; others are copied once. Parameters ``p`` have
+    shape (n,).
+    """
+
+    def __init__(self, outputs: Mapping[str, Sequence[Scalar]], known: Sequence[str]) -> None:
+        self.program = make_program(dict(outputs), known)
+        host = machine()
+        self.lanes = host.lanes
+        level = 1 if self.program.operations < 20_000 else 0
+        compiled = compile_module(
+            f"samples {self.lanes} {self.program.digest}",
+            lambda: write_sample_kernel(self.program, host.lanes, host.fused),
+            level,
+        )
+        count = len(self.program.inputs) + len(self.program.outputs)
+        self._call = compiled.function("kernel", *[ctypes.c_void_p] * count, ctypes.c_int64)
+
+    def __call__(self, **groups: Array) -> dict[str, Array]:
+        lengths = {np.shape(a)[0] for g, a in groups.items() if g != PARAMETERS}
+        if len(lengths) != 1:
+            raise ValueError(f"arrays of different lengths: {sorted(lengths)}")
+        samples = lengths.pop()
+        return self.evaluate(samples, groups)
+
+    def evaluate(self, samples: int, groups: Mapping[str, Array]) -> dict[str, Array]:
+        """Evaluate ``samples`` samples; what a constant program needs no input for included."""
+        padded = max(samples, self.lanes)
+        arguments: list[int] = []
+        keep: list[Array] = []
+        for group, count in self.program.inputs.items():
+            array = np.asarray(groups[group], dtype=np.float64)
+            if array.ndim == 1 and group != PARAMETERS:
+                array = array[:, None]
+            if array.shape[-1] < count:
+                raise CapabilityError(f"input {group}: {array.shape[-1]} columns, but {count} are needed")
+            if group != PARAMETERS:
+                if padded != samples:
+                    array = np.concatenate([array, np.repeat(array[-1:], padded - samples, axis=0)])
+                array = np.asfortranarray(array)
+            else:
+                array = np.ascontiguousarray(array)
+            keep.append(array)
+            arguments.append(array.ctypes.data)
+        results = {
+            name: np.empty((padded, len(entries)), order="F") for name, entries in self.program.outputs.items()
+        }
+        arguments += [r.ctypes.data for r in results.values()]
+        if samples:
+            self._call(*arguments, padded)
+        return {name: r[:samples] for name, r in results.items()}

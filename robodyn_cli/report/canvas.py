@@ -1,0 +1,123 @@
+"""Figures with a fixed layout in inches, and their way into a PNG.
+
+Automatic layout draws everything once more to measure it; with legends below the axes and known font sizes
+the room needed is known beforehand.
+"""
+
+from __future__ import annotations
+
+import math
+import textwrap
+import warnings
+from pathlib import Path
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from robodyn_cli.report import style
+from robodyn_cli.report.marks import failure_note
+from robodyn_cli.results.result import Result
+
+WIDTH = 7.0
+LEFT, RIGHT = 0.8, 0.3
+DEGREES = 0.45
+TITLE_LINE, SUBTITLE_LINE = 0.21, 0.18
+X_LABEL = 0.52
+LEGEND_LINE = 0.19
+# Mean advance of a character over the font size; DejaVu Sans is wide.
+CHARACTER = 0.62 * style.FONT_SIZE / 72.0
+HANDLE = 0.62
+
+
+class Sheet:
+    """A figure with its panels; legend and captions are placed around them."""
+
+    def __init__(
+        self,
+        result: Result,
+        subtitle: str,
+        *,
+        rows: int = 1,
+        height: float = 3.3,
+        labels: tuple[str, ...] | list[str] = (),
+        degrees: bool = False,
+    ) -> None:
+        """Lay out ``rows`` panels of ``height`` inches each, one above the other.
+
+        ``labels`` are the texts of the legend below; ``degrees`` leaves room for a second scale.
+        """
+        title = textwrap.wrap(result.title or result.command, 72, max_lines=2, placeholder=" ...")
+        notes = [*textwrap.wrap(subtitle, 100), *failure_note(result)]
+        self.columns, lines = legend_shape(labels)
+        top = 0.12 + TITLE_LINE * len(title) + SUBTITLE_LINE * len(notes) + 0.14
+        bottom = X_LABEL + (LEGEND_LINE * lines + 0.1 if lines else 0.0) + 0.04
+        gap = 0.16
+        total = top + rows * height + (rows - 1) * gap + bottom
+        self.figure = Figure(figsize=(WIDTH, total), dpi=style.DPI)
+        self.bottom_of_axes = bottom / total
+        width = WIDTH - LEFT - RIGHT - (DEGREES if degrees else 0.0)
+        self.axes: list[Axes] = []
+        for row in range(rows):
+            y = bottom + (rows - 1 - row) * (height + gap)
+            ax = self.figure.add_axes((LEFT / WIDTH, y / total, width / WIDTH, height / total))
+            if row < rows - 1:
+                ax.tick_params(labelbottom=False)
+            self.axes.append(ax)
+        y = total - 0.12
+        for line in title:
+            self._text(LEFT, y, total, line, fontsize=11, fontweight="bold")
+            y -= TITLE_LINE
+        for index, line in enumerate(notes):
+            alarm = index >= len(notes) - len(failure_note(result))
+            self._text(LEFT, y, total, line, color=style.ALARM if alarm else style.GREY)
+            y -= SUBTITLE_LINE
+        self._legend_at = ((LEFT - 0.1) / WIDTH, (bottom - X_LABEL) / total)
+
+    @property
+    def ax(self) -> Axes:
+        """The first panel."""
+        return self.axes[0]
+
+    def legend(self, handles: list[Any], labels: list[str] | tuple[str, ...]) -> None:
+        """Put the legend below the panels, in the columns foreseen."""
+        if not labels:
+            return
+        self.figure.legend(
+            handles,
+            # A leading underscore would hide the entry.
+            [f" {label}" if label.startswith("_") else label for label in labels],
+            loc="upper left",
+            bbox_to_anchor=self._legend_at,
+            ncols=self.columns,
+            borderaxespad=0.0,
+            borderpad=0.1,
+            handlelength=2.6,
+            columnspacing=1.6,
+            labelspacing=0.3,
+        )
+
+    def _text(self, x: float, y: float, total: float, text: str, **style_: Any) -> None:
+        self.figure.text(x / WIDTH, y / total, text, ha="left", va="top", **style_)
+
+
+def legend_shape(labels: tuple[str, ...] | list[str]) -> tuple[int, int]:
+    """Return how many columns and lines a legend of ``labels`` takes below the axes."""
+    if not labels:
+        return 1, 0
+    entry = HANDLE + CHARACTER * max(len(label) for label in labels)
+    columns = max(1, min(len(labels), int((WIDTH - LEFT) / entry)))
+    lines = math.ceil(len(labels) / columns)
+    # As few columns as the lines allow: 9 names in 5 + 4, not 8 + 1.
+    return math.ceil(len(labels) / lines), lines
+
+
+def save_png(figure: Figure, path: Path) -> None:
+    """Draw ``figure`` once and store it, marked as ours."""
+    canvas: Any = FigureCanvasAgg(figure)
+    with warnings.catch_warnings():
+        # A title in a script that the font lacks shows boxes; that is no news for a user of the tool.
+        warnings.filterwarnings("ignore", message="Glyph .* missing")
+        # The strongest compression costs as much as the drawing and saves a tenth.
+        canvas.print_png(path, metadata={"Software": "robodyn"}, pil_kwargs={"compress_level": 3})

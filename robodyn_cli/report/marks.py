@@ -1,0 +1,74 @@
+"""What a drawing says about the course of a run: a failure, a lock, the growth of the multipliers."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from typing import TYPE_CHECKING, Any
+
+from robodyn_cli.report import style
+from robodyn_cli.report.ticks import number
+from robodyn_cli.results.result import Result
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def failure_note(result: Result) -> list[str]:
+    """Return the lines that say that and why a run failed; none if it did not."""
+    if result.status != "failed":
+        return []
+    termination = result.summary.get("termination") or result.attributes.get("termination") or {}
+    if not isinstance(termination, dict):
+        termination = {"reason": str(termination)}
+    reason = str(termination.get("reason") or "reason not recorded")
+    time = termination.get("time")
+    if not isinstance(time, int | float):
+        time = result.time[-1] if result.time.size else math.nan
+    return textwrap.wrap(f"Run failed at t = {number(float(time), 6)} s: {reason}", 100, max_lines=2)
+
+
+def lock(result: Result) -> dict[str, Any]:
+    """Return what the run reported about its lock; empty if it did not lock."""
+    found = result.summary.get("lock")
+    return found if isinstance(found, dict) else {}
+
+
+def lock_time(result: Result) -> float | None:
+    """Return the time of the lock in seconds, or None."""
+    time = lock(result).get("time")
+    return float(time) if isinstance(time, int | float) and math.isfinite(time) else None
+
+
+def mark_lock(axes: list[Axes], result: Result) -> None:
+    """Mark the time of the lock by a vertical line with its value, on all of ``axes``."""
+    time = lock_time(result)
+    if time is None:
+        return
+    for ax in axes:
+        ax.axvline(time, color=style.ALARM, linewidth=1.0, linestyle=(0, (4, 2)), zorder=1.5)
+    first = axes[0]
+    low, high = first.get_xlim()
+    late = time > low + 0.6 * (high - low)
+    kind = str(lock(result).get("kind") or "lock").replace("_", " ")
+    first.annotate(
+        f"{kind} at {number(time, 6)} s",
+        (time, 1.0),
+        xycoords=("data", "axes fraction"),
+        xytext=(-4 if late else 4, -3),
+        textcoords="offset points",
+        ha="right" if late else "left",
+        va="top",
+        color=style.ALARM,
+        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0},
+    )
+
+
+def growth_times(result: Result) -> list[tuple[float, float]]:
+    """Return (factor, time) at which the multipliers passed multiples of their running median."""
+    table = lock(result).get("growth_times")
+    if not isinstance(table, dict):
+        return []
+    return sorted(
+        (float(factor), float(time)) for factor, time in table.items() if isinstance(time, int | float)
+    )

@@ -1,0 +1,57 @@
+"""How far the energy strays from what it must be, on a logarithmic axis."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.decimate import finite
+from robodyn_cli.report.lines import draw_columns
+from robodyn_cli.report.marks import lock_time
+from robodyn_cli.report.ticks import log_axis, number, positive_floor
+from robodyn_cli.results.result import Result
+
+
+def applies(result: Result) -> bool:
+    """Tell whether there is a total energy over more than one sample."""
+    return "energy/total" in result and len(result.time) > 1
+
+
+def draw(result: Result) -> Any:
+    """Return the figure."""
+    total = finite(result["energy/total"])
+    change = total - total[0]
+    worked = "energy/work" in result and bool(np.any(result["energy/work"] != 0.0))
+    if worked:
+        work = finite(result["energy/work"])
+        change = change - (work - work[0])
+    time, error = result.time, np.abs(change)
+    locked = lock_time(result)
+    if locked is not None and np.any(time < locked):
+        # A latch takes energy by an impulse, which is no error of the integration.
+        before = time < locked * (1.0 - 1e-12)
+        time, error = time[before], error[before]
+    scale = max(float(np.nanmax(np.abs(result["energy/" + kind]))) for kind in _present(result))
+    # One rounding unit of the largest energy: below it there is nothing to see, and zero has no logarithm.
+    floor = np.finfo(float).eps * scale if scale > 0.0 else 1e-16
+    worst = int(np.nanargmax(error)) if np.isfinite(error).any() else 0
+    name = "|E(t) − E(0) − work|" if worked else "|E(t) − E(0)|"
+    subtitle = (
+        f"Energy {'balance error' if worked else 'drift'} {name}: largest {number(float(error[worst]))} J"
+    )
+    if scale > 0.0:
+        share = number(float(error[worst]) / scale)
+        subtitle += f" at t = {number(float(time[worst]), 4)} s, {share} of the largest energy"
+    sheet = Sheet(result, subtitle + "; zeros are drawn at one rounding unit")
+    ax = sheet.ax
+    draw_columns(ax, time, np.maximum(error, floor)[:, None])
+    log_axis(ax, *positive_floor(error, floor=floor))
+    ax.set_xlabel("time [s]")
+    ax.set_ylabel(f"{name} [J]")
+    return sheet.figure
+
+
+def _present(result: Result) -> list[str]:
+    return [kind for kind in ("kinetic", "potential", "total") if f"energy/{kind}" in result]

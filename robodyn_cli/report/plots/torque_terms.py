@@ -1,0 +1,61 @@
+"""What the torque of each joint is made of: one panel a joint, one line a term."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.decimate import finite
+from robodyn_cli.report.lines import column_names, draw_columns
+from robodyn_cli.report.style import COLOURS, DASHES
+from robodyn_cli.report.ticks import unit
+from robodyn_cli.results.result import Result
+
+# The order of the contract, so that a term has the same colour in every drawing.
+ORDER = ("inertia", "coriolis", "gravity", "friction", "passive")
+MOST_JOINTS = 6
+
+
+def applies(result: Result) -> bool:
+    """Tell whether the run split its torques into terms."""
+    return bool(result.group("torque_terms")) and "tau" in result and result["tau"].size > 0
+
+
+def draw(result: Result) -> Any:
+    """Return the figure."""
+    terms = result.group("torque_terms")
+    order = [name for name in ORDER if name in terms] + [name for name in terms if name not in ORDER]
+    total = result.variables["tau"]
+    names = column_names(total)
+    joints = _largest(finite(total.data))
+    subtitle = "Terms of the actuator torque, which sum to the total"
+    if len(joints) < len(names):
+        subtitle += f"; the {len(joints)} of {len(names)} joints with the largest torque"
+    labels = [*order, "total"]
+    height = {1: 3.3, 2: 2.0, 3: 1.6}.get(len(joints), 1.3)
+    sheet = Sheet(result, subtitle, rows=len(joints), height=height, labels=labels)
+    styles = [_look(name) for name in order]
+    styles.append({"color": "#000000", "linestyle": "-", "linewidth": 1.8})
+    handles: list[Any] = []
+    for ax, joint in zip(sheet.axes, joints):
+        columns = [terms[name].data[:, joint] for name in order] + [total.data[:, joint]]
+        handles = draw_columns(ax, result.time, np.column_stack(columns), styles)
+        ax.set_ylabel(f"{names[joint]} [{unit(total.units)}]")
+        ax.yaxis.set_label_coords(-0.085, 0.5)
+    sheet.axes[-1].set_xlabel("time [s]")
+    sheet.legend(handles, labels)
+    return sheet.figure
+
+
+def _look(name: str) -> dict[str, Any]:
+    colours = [colour for colour in COLOURS if colour != "#000000"]
+    index = ORDER.index(name) if name in ORDER else len(ORDER) + len(name) % 2
+    return {"color": colours[index], "linestyle": DASHES[index + 1], "linewidth": 1.4}
+
+
+def _largest(data: Any) -> list[int]:
+    """Return the joints with the largest torques, in their own order."""
+    peak = np.max(np.nan_to_num(np.abs(data)), axis=0)
+    return sorted(np.argsort(-peak, kind="stable")[:MOST_JOINTS].tolist())

@@ -1,0 +1,76 @@
+"""Actuator torques over time, with the peak and the root mean square of each."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.report import style
+from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.decimate import finite
+from robodyn_cli.report.lines import column_names, draw_columns, legend_choice
+from robodyn_cli.report.ticks import labelled, number, unit
+from robodyn_cli.results.result import Result
+
+
+def applies(result: Result) -> bool:
+    """Tell whether there are torques that someone asked for: given ones that are all zero are not drawn."""
+    return (
+        "tau" in result
+        and result["tau"].size > 0
+        and (result.command == "inverse" or bool(np.any(result["tau"] != 0.0)))
+    )
+
+
+def draw(result: Result) -> Any:
+    """Return the figure."""
+    variable = result.variables["tau"]
+    data, names = finite(variable.data), column_names(variable)
+    units = unit(variable.units)
+    rms = np.sqrt(np.nanmean(data**2, axis=0))
+    peak = [_peak(data[:, column]) for column in range(data.shape[1])]
+    few = len(names) <= style.FEW
+    chosen = legend_choice(len(names))
+    labels = [
+        f"{names[k]}: peak {number(data[peak[k], k], 4)}, RMS {number(float(rms[k]), 4)} {units}"
+        if few
+        else names[k]
+        for k in chosen
+    ]
+    subtitle = (
+        "Actuator torques; dot: peak, thin line: root mean square" if few else _worst(names, data, rms, units)
+    )
+    if len(chosen) < len(names):
+        subtitle += f"; {len(names)} columns in order of colour, some named"
+    sheet = Sheet(result, subtitle, labels=labels)
+    ax = sheet.ax
+    handles = draw_columns(ax, result.time, data)
+    if few:
+        for column, handle in enumerate(handles):
+            at = peak[column]
+            colour = handle.get_color()
+            ax.plot(
+                result.time[at], data[at, column], "o", color=colour, markersize=5, clip_on=False, zorder=3
+            )
+            ax.axhline(
+                float(rms[column]), color=colour, linewidth=0.8, linestyle=handle.get_linestyle(), alpha=0.7
+            )
+    ax.set_xlabel("time [s]")
+    ax.set_ylabel(labelled("torque" if variable.units == "N m" else "torque or force", variable.units))
+    sheet.legend([handles[index] for index in chosen], labels)
+    return sheet.figure
+
+
+def _peak(column: Any) -> int:
+    """Return the index of the largest magnitude; the first if nothing is finite."""
+    return 0 if np.isnan(column).all() else int(np.nanargmax(np.abs(column)))
+
+
+def _worst(names: list[str], data: Any, rms: Any, units: str) -> str:
+    largest = int(np.nanargmax(rms)) if np.isfinite(rms).any() else 0
+    peak = data[_peak(data[:, largest]), largest]
+    return (
+        f"Actuator torques; largest RMS: {names[largest]} with {number(float(rms[largest]), 4)} {units},"
+        f" peak {number(float(peak), 4)} {units}"
+    )

@@ -1,0 +1,83 @@
+"""How robodyn's drawings look: colours and dashes that survive colour blindness and a grey printer."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import matplotlib
+from matplotlib import colormaps
+
+DPI = 120
+FONT_SIZE = 9.0
+GREY = "#5f5f5f"
+ALARM = "#D55E00"
+TARGET = "#000000"
+
+# Okabe and Ito, ordered so that neighbours differ in lightness too; its yellow is too pale for a thin line.
+COLOURS = ("#0072B2", "#E69F00", "#000000", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#7F7F7F")
+DASHES: tuple[Any, ...] = (
+    "-",
+    (0, (5, 1.5)),
+    (0, (1.2, 1.2)),
+    (0, (7, 1.5, 1.2, 1.5)),
+    (0, (3, 1)),
+    (0, (9, 3)),
+    (0, (3, 1.2, 1, 1.2, 1, 1.2)),
+    (0, (1, 2.5)),
+)
+# Up to this many lines are told apart by colour and dash; more get a colour map.
+FEW = len(COLOURS)
+
+_SETTINGS: dict[Any, Any] = {
+    "font.size": FONT_SIZE,
+    "axes.labelsize": FONT_SIZE,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#4d4d4d",
+    "axes.linewidth": 0.8,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.xmargin": 0.0,
+    "grid.color": "#dedede",
+    "grid.linewidth": 0.6,
+    "xtick.color": "#4d4d4d",
+    "ytick.color": "#4d4d4d",
+    "xtick.labelcolor": "black",
+    "ytick.labelcolor": "black",
+    "lines.linewidth": 1.5,
+    "lines.solid_capstyle": "round",
+    "legend.frameon": False,
+    "legend.fontsize": FONT_SIZE,
+    # Names come from the scene: a dollar sign in one is no formula. Without formulas, text is cheaper too.
+    "text.parse_math": False,
+    "path.simplify_threshold": 0.2,
+    "agg.path.chunksize": 20000,
+}
+
+
+@contextlib.contextmanager
+def styled() -> Iterator[None]:
+    """Draw in robodyn's style inside the context, whatever the user's own settings of matplotlib."""
+    with matplotlib.rc_context():
+        matplotlib.rcParams.update(matplotlib.rcParamsDefault)
+        matplotlib.rcParams.update(_SETTINGS)
+        yield
+
+
+def line_styles(count: int) -> list[dict[str, Any]]:
+    """Return colour, dash and width for each of ``count`` lines."""
+    if count == 1:
+        return [{"color": COLOURS[0], "linestyle": "-", "linewidth": 1.5}]
+    if count <= FEW:
+        return [
+            {"color": colour, "linestyle": dash, "linewidth": 1.5} for colour, dash in zip(COLOURS, DASHES)
+        ][:count]
+    return [{"color": colour, "linestyle": "-", "linewidth": 0.9} for colour in shades(count)]
+
+
+def shades(count: int) -> Sequence[Any]:
+    """Return ``count`` colours in order from dark to light, none too pale for white paper."""
+    palette = colormaps["viridis"]
+    return [palette(0.9 * index / max(1, count - 1)) for index in range(count)]

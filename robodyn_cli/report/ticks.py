@@ -1,0 +1,98 @@
+"""Units, numbers and axes as they are written on drawings, without the cost of formulas."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.ticker import Formatter, LogLocator, MaxNLocator, NullLocator
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def unit(units: str) -> str:
+    """Return units of the file as printed: ``N m`` -> ``N·m``, ``rad/s^2`` -> ``rad/s²``."""
+    text = units.replace("^2", "²").replace("^3", "³")
+    for word in (" or ", ", "):
+        text = text.replace(word, word.replace(" ", "\N{NO-BREAK SPACE}"))
+    return text.replace(" ", "·").replace("\N{NO-BREAK SPACE}", " ")
+
+
+def labelled(quantity: str, units: str) -> str:
+    """Return an axis label with units, if it has any."""
+    return f"{quantity} [{unit(units)}]" if units not in ("", "1") else quantity
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Return a number for a caption: short, with a true minus and a power of ten where it helps."""
+    if not math.isfinite(value):
+        return "not finite"
+    text = f"{value:.{digits}g}"
+    if "e" in text:
+        mantissa, exponent = text.split("e")
+        text = f"{mantissa}·{power(int(exponent))}"
+    return text.replace("-", "−")
+
+
+def power(exponent: int) -> str:
+    """Return ten to a power with raised digits."""
+    return "10" + str(exponent).translate(_SUPERSCRIPT)
+
+
+class PowerFormatter(Formatter):
+    """Writes powers of ten on a logarithmic axis."""
+
+    def __call__(self, x: float, pos: Any = None) -> str:
+        if x <= 0.0:
+            return ""
+        exponent = math.log10(x)
+        return power(round(exponent)) if abs(exponent - round(exponent)) < 1e-6 else ""
+
+
+def log_axis(ax: Axes, low: float, high: float) -> None:
+    """Make the y-axis logarithmic, from whole decade to whole decade."""
+    first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
+    last = max(last, first + 1)
+    ax.set_yscale("log")
+    ax.set_ylim(10.0**first, 10.0**last)
+    ax.yaxis.set_major_locator(LogLocator(numticks=9))
+    ax.yaxis.set_major_formatter(PowerFormatter())
+    if last - first <= 3:
+        ax.yaxis.set_minor_locator(LogLocator(subs=(2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0)))
+        ax.yaxis.set_minor_formatter(_Silent())
+    else:
+        ax.yaxis.set_minor_locator(NullLocator())
+
+
+class _Silent(Formatter):
+    def __call__(self, x: float, pos: Any = None) -> str:
+        return ""
+
+
+def degree_axis(ax: Axes) -> None:
+    """Add a scale in degrees on the right of an axis in radians, with round numbers of its own."""
+    twin = ax.twinx()
+    low, high = ax.get_ylim()
+    ax.set_ylim(low, high)
+    twin.set_ylim(math.degrees(low), math.degrees(high))
+    twin.yaxis.set_major_locator(MaxNLocator(nbins=8, steps=[1, 1.5, 3, 4.5, 6, 9, 10]))
+    twin.spines["right"].set_visible(True)
+    twin.grid(False)
+    twin.set_ylabel("[°]", rotation=0, labelpad=8)
+
+
+def positive_floor(*arrays: Any, floor: float = 0.0) -> tuple[float, float]:
+    """Return (floor, largest) for a logarithmic axis over ``arrays``; zeros are drawn at the floor.
+
+    Without a ``floor`` it is a little below the smallest positive value.
+    """
+    found = np.concatenate([np.ravel(array) for array in arrays])
+    found = found[np.isfinite(found) & (found > 0.0)]
+    if not found.size:
+        return floor or 1e-16, 10.0 * (floor or 1e-16)
+    low = floor or max(float(found.min()), float(found.max()) * 1e-25)
+    return low, max(float(found.max()), 2.0 * low)

@@ -1,0 +1,121 @@
+"""Compare two results dataset by dataset."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from robodyn_cli.results.result import Array, Result, Variable
+
+
+@dataclasses.dataclass(frozen=True)
+class Difference:
+    """How one dataset compares with the baseline.
+
+    ``verdict`` is ``"equal"`` (within tolerance), ``"differs"``, ``"missing"`` (only in the baseline),
+    ``"extra"`` (only in the result), ``"shape"``, ``"units"`` or ``"names"``. The other fields describe the
+    worst sample: ``ratio`` is its error over what is allowed there.
+    """
+
+    path: str
+    verdict: str
+    detail: str = ""
+    ratio: float = 0.0
+    error: float = 0.0
+    value: float = math.nan
+    expected: float = math.nan
+    time: float | None = None
+    column: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """All differences, worst first; ``agrees`` tells whether every dataset of the baseline was met."""
+
+    differences: tuple[Difference, ...]
+
+    @property
+    def agrees(self) -> bool:
+        """Whether nothing differs; datasets that only the new result has are no failure."""
+        return all(item.verdict in ("equal", "extra") for item in self.differences)
+
+
+def compare(
+    result: Result, baseline: Result, *, rtol: float = 1e-9, atol: float = 1e-12, relative_to: str = "peak"
+) -> Comparison:
+    """Compare ``result`` with ``baseline``: |difference| <= atol + rtol * reference.
+
+    The reference is the largest magnitude of the baseline's column (``relative_to="peak"``: a zero crossing
+    is no trap) or the baseline's value at each sample (``"sample"``).
+    """
+    if relative_to not in ("peak", "sample"):
+        raise ValueError(f"relative_to is {relative_to!r}; allowed are 'peak' and 'sample'")
+    found = [Difference(path, "extra") for path in result.variables if path not in baseline.variables]
+    for path, expected in baseline.variables.items():
+        if path not in result.variables:
+            found.append(Difference(path, "missing"))
+            continue
+        actual = result.variables[path]
+        reason = _mismatch(actual, expected)
+        if reason is not None:
+            found.append(Difference(path, *reason))
+        else:
+            found.append(_worst(result, path, actual, expected, rtol, atol, relative_to))
+    rank = {"missing": 0, "shape": 0, "units": 0, "names": 0, "differs": 1, "equal": 2, "extra": 3}
+    return Comparison(tuple(sorted(found, key=lambda item: (rank[item.verdict], -item.ratio, item.path))))
+
+
+def _mismatch(actual: Variable, expected: Variable) -> tuple[str, str] | None:
+    """Return what keeps two variables from being compared by value: (verdict, detail)."""
+    if actual.data.shape != expected.data.shape:
+        return "shape", f"{actual.data.shape} instead of {expected.data.shape}"
+    if actual.units != expected.units:
+        return "units", f"{actual.units} instead of {expected.units}"
+    if actual.names != expected.names:
+        return "names", f"{', '.join(actual.names)} instead of {', '.join(expected.names)}"
+    return None
+
+
+def _worst(
+    result: Result,
+    path: str,
+    actual: Variable,
+    expected: Variable,
+    rtol: float,
+    atol: float,
+    relative_to: str,
+) -> Difference:
+    a, b = actual.data, expected.data
+    if not a.size:
+        return Difference(path, "equal")
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        error = np.abs(a - b)
+        # Equal infinities subtract to NaN, and a NaN where the baseline has one is agreement.
+        error[(a == b) | (np.isnan(a) & np.isnan(b))] = 0.0
+        error[np.isnan(error)] = np.inf
+        ratio = np.divide(error, atol + rtol * _reference(b, relative_to))
+    # 0/0 where no tolerance is allowed and none is needed
+    ratio[error == 0.0] = 0.0
+    index = np.unravel_index(int(np.argmax(ratio)), ratio.shape)
+    worst = float(ratio[index])
+    has_time = expected.dims[:1] == ("time",) and "time" in result
+    return Difference(
+        path,
+        "differs" if worst > 1.0 else "equal",
+        ratio=worst,
+        error=float(error[index]),
+        value=float(a[index]),
+        expected=float(b[index]),
+        time=float(result.time[index[0]]) if has_time else None,
+        column=expected.names[index[-1]] if expected.names else "",
+    )
+
+
+def _reference(b: Array, relative_to: str) -> Array:
+    magnitude: Array = np.where(np.isfinite(b), np.abs(b), 0.0)
+    if relative_to == "sample" or b.ndim == 0:
+        return magnitude
+    peak: Array = magnitude.max(axis=0, keepdims=True)
+    return peak

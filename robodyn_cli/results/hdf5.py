@@ -1,0 +1,144 @@
+"""Result files: ``write`` and ``read`` a Result in one call, ``ResultWriter`` for runs too long for memory.
+
+The format is described in ``docs/hdf5.md``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.results.errors import ResultFileError
+from robodyn_cli.results.result import Result, Variable
+from robodyn_cli.results.writer import FILETYPE, FORMAT_VERSION, JSON_ATTRIBUTES, ResultWriter
+
+__all__ = ["FILETYPE", "FORMAT_VERSION", "ResultWriter", "read", "write"]
+
+_FIELDS = ("filetype", "format_version", "command", "title", "status", "scene", "scene_sha256", "summary")
+_TEXT_ATTRIBUTES = ("robodyn_version", "cpu", "integrator")
+
+
+def write(result: Result, path: str | Path) -> Path:
+    """Store ``result`` at ``path``, atomically, and return the path."""
+    with ResultWriter(
+        path, command=result.command, title=result.title, scene_text=result.scene_text
+    ) as writer:
+        for name, variable in result.variables.items():
+            writer.put_variable(name, variable)
+        return writer.finish(
+            status=result.status, summary=result.summary, events=result.events, attributes=result.attributes
+        )
+
+
+def read(path: str | Path, select: Callable[[str], bool] | None = None) -> Result:
+    """Return the result stored at ``path``; ``select`` chooses paths where not all are wanted.
+
+    Raises ResultFileError if the file is not a result of robodyn, is damaged, or is of a newer format.
+    """
+    import h5py
+
+    path = Path(path)
+    if not path.exists():
+        raise ResultFileError(f"{path}: no such file", path=str(path))
+    if path.is_dir():
+        raise ResultFileError(f"{path} is a directory; name the result.h5 in it", path=str(path))
+    try:
+        with h5py.File(path, "r", locking="best-effort") as file:
+            _check(file, path)
+            return _result(file, select)
+    except (OSError, KeyError, ValueError, RuntimeError) as error:
+        raise ResultFileError(
+            f"{path} cannot be read as a result of robodyn: {error}", path=str(path)
+        ) from error
+
+
+def _check(file: Any, path: Path) -> None:
+    if file.attrs.get("filetype") != FILETYPE:
+        raise ResultFileError(f"{path} is an HDF5 file, but not a result of robodyn", path=str(path))
+    version = int(file.attrs["format_version"])
+    if version > FORMAT_VERSION:
+        raise ResultFileError(
+            f"{path} has format {version}, written by robodyn {file.attrs.get('robodyn_version', '?')}; this"
+            f" version reads formats up to {FORMAT_VERSION}: update robodyn",
+            path=str(path),
+        )
+
+
+def _result(file: Any, select: Callable[[str], bool] | None) -> Result:
+    attributes = {name: _attribute(name, value) for name, value in file.attrs.items() if name not in _FIELDS}
+    result = Result(
+        command=str(file.attrs["command"]),
+        title=str(file.attrs["title"]),
+        status=str(file.attrs["status"]),
+        scene_text=str(file.attrs["scene"]),
+        events=_events(file),
+        summary=json.loads(file.attrs.get("summary", "{}")),
+        attributes=attributes,
+    )
+    _collect(file, "", result, select)
+    return result
+
+
+def _attribute(name: str, value: Any) -> Any:
+    """Return a root attribute as Python has it; those that hold JSON are parsed."""
+    if isinstance(value, np.generic):
+        return value.item()
+    if not isinstance(value, str) or name in _TEXT_ATTRIBUTES:
+        return value
+    if name in JSON_ATTRIBUTES or value.startswith(("{", "[")):
+        try:
+            return json.loads(value)
+        except ValueError:
+            return value
+    return value
+
+
+def _collect(group: Any, prefix: str, result: Result, select: Callable[[str], bool] | None) -> None:
+    import h5py
+
+    for name, item in group.items():
+        path = prefix + name
+        if isinstance(item, h5py.Group):
+            if path != "events":
+                _collect(item, path + "/", result, select)
+        elif item.dtype.kind in "fiu" and not _is_bare(item) and (select is None or select(path)):
+            attributes = dict(item.attrs)
+            result.variables[path] = Variable(
+                np.asarray(item[()], dtype=float),
+                _dims(item, path),
+                str(attributes.get("units", "")),
+                str(attributes.get("long_name", "")),
+                tuple(str(label) for label in attributes.get("names", ())),
+            )
+
+
+def _is_bare(dataset: Any) -> bool:
+    """Tell whether a dataset only carries the length of a dimension."""
+    return dataset.is_scale and bytes(dataset.attrs.get("NAME", b"")).startswith(
+        b"This is a netCDF dimension"
+    )
+
+
+def _dims(dataset: Any, path: str) -> tuple[str, ...]:
+    """Return the names of the dimensions from their scales; one that is a scale itself is its own."""
+    if dataset.is_scale:
+        return (path,)
+    return tuple(
+        dimension[0].name.rsplit("/", 1)[-1] if len(dimension) else f"dim_{axis}"
+        for axis, dimension in enumerate(dataset.dims)
+    )
+
+
+def _events(file: Any) -> list[dict[str, Any]]:
+    group = file.get("events")
+    if group is None:
+        return []
+    names, kinds, details = (group[key].asstr()[()] for key in ("name", "kind", "details"))
+    return [
+        {"time": float(time), "name": name, "kind": kind, **json.loads(more)}
+        for time, name, kind, more in zip(group["time"][()], names, kinds, details)
+    ]

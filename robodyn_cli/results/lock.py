@@ -1,0 +1,83 @@
+"""An exclusive lock on a directory that ends with the process that holds it, however that ends."""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+import warnings
+from pathlib import Path
+
+from robodyn_cli.results.errors import DirectoryInUseError
+
+LOCK_NAME = ".lock"
+# Some network file systems have no locks; a run there is better than none.
+_UNSUPPORTED = {errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP, errno.EINVAL}
+
+if sys.platform == "win32":
+    import msvcrt
+
+    # A lock on Windows hides the locked bytes from others, so it lies behind the process number.
+    _OFFSET = 1 << 30
+
+    def _take(descriptor: int) -> None:
+        os.lseek(descriptor, _OFFSET, os.SEEK_SET)
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+
+    def _drop(descriptor: int) -> None:
+        os.lseek(descriptor, _OFFSET, os.SEEK_SET)
+        msvcrt.locking(descriptor, msvcrt.LK_UNLCK, 1)
+
+else:
+    import fcntl
+
+    def _take(descriptor: int) -> None:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+    def _drop(descriptor: int) -> None:
+        fcntl.flock(descriptor, fcntl.LOCK_UN)
+
+
+class DirectoryLock:
+    """Holds ``DIR/.lock``. The file stays behind: removing it would let two runs lock two different files."""
+
+    def __init__(self, directory: Path) -> None:
+        """Take the lock; raises DirectoryInUseError if another run holds it."""
+        self._descriptor: int | None = os.open(directory / LOCK_NAME, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            _take(self._descriptor)
+        except OSError as error:
+            if error.errno in _UNSUPPORTED:
+                warnings.warn(
+                    f"{directory}: this file system has no locks; run one robodyn here at a time",
+                    stacklevel=3,
+                )
+                return
+            holder = self._holder()
+            os.close(self._descriptor)
+            self._descriptor = None
+            if error.errno not in (errno.EAGAIN, errno.EACCES, errno.EDEADLK):
+                raise
+            raise DirectoryInUseError(
+                f"{directory} is in use by another run{holder}; wait for it or choose another --out",
+                path=str(directory),
+            ) from None
+        os.ftruncate(self._descriptor, 0)
+        os.write(self._descriptor, f"{os.getpid()}\n".encode())
+
+    def release(self) -> None:
+        """Give the lock back."""
+        if self._descriptor is not None:
+            try:
+                _drop(self._descriptor)
+            except OSError:
+                pass
+            finally:
+                os.close(self._descriptor)
+                self._descriptor = None
+
+    def _holder(self) -> str:
+        assert self._descriptor is not None
+        os.lseek(self._descriptor, 0, os.SEEK_SET)
+        text = os.read(self._descriptor, 32).decode(errors="replace").strip()
+        return f" (process {text})" if text.isdigit() else ""

@@ -1,0 +1,132 @@
+"""Checks of the robot that look at more than one key."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from robodyn_cli.joints.registry import joint_types
+from robodyn_cli.scene.check import Check
+from robodyn_cli.scene.nodes import Path
+from robodyn_cli.scene.points import BASE, BUILT_IN, has_dh, joint_of, spot_problem
+from robodyn_cli.scene.types import Joint, Robot
+
+ROBOT: Path = ("robot",)
+_DH = ("a", "alpha", "d", "theta")
+# the D-H parameter that is the joint's own coordinate
+_VARIABLE = {"revolute": "theta", "prismatic": "d"}
+
+
+def moving(robot: Robot) -> tuple[str, ...]:
+    """Return the names of the joints that have a coordinate."""
+    return tuple(joint.name for joint in robot.joints if joint_types[joint.type].nv > 0)
+
+
+def check_robot(robot: Robot, check: Check) -> Robot:
+    """Return the robot with every joint's link and parent filled in, or raise the first error."""
+    joints = [(*ROBOT, "joints", k) for k in range(len(robot.joints))]
+    links = [(*ROBOT, "links", k) for k in range(len(robot.links))]
+    check.unique([j.name for j in robot.joints], "joint", [(*p, "name") for p in joints])
+    check.unique([link.name for link in robot.links], "link", [(*p, "name") for p in links])
+    for path, link in zip(links, robot.links):
+        if link.name == BASE:
+            check.fail((*path, "name"), "'base' is the ground; choose another name")
+    robot = _connect(robot, check, joints, links)
+    for path, joint in zip(joints, robot.joints):
+        _check_placement(robot, joint, check, path)
+        _check_drive(joint, check, path)
+    for path, link in zip(links, robot.links):
+        owner = joint_of(robot, link.name)
+        ambiguous = robot.convention == "standard" and owner is not None and has_dh(owner)
+        if ambiguous and link.com is not None and link.com_frame is None:
+            message = "key 'com_frame' is missing: with standard D-H the link frame is not at the joint"
+            check.fail(path, f"{message}; allowed: joint, link")
+    _check_points(robot, check)
+    return robot
+
+
+def _connect(robot: Robot, check: Check, joints: list[Path], links: list[Path]) -> Robot:
+    """Fill in which link each joint moves and which it hangs on; refuse what is not a tree."""
+    names = [link.name for link in robot.links]
+    moved: dict[str, str] = {}
+    connected: list[Joint] = []
+    for k, joint in enumerate(robot.joints):
+        link = joint.link
+        if link is None and k >= len(names):
+            check.fail(joints[k], f"joint {joint.name!r} moves no link: there are only {len(names)} links")
+        if link is None:
+            link = names[k]
+        elif link == BASE:
+            check.fail((*joints[k], "link"), "a joint cannot move 'base'")
+        check.known(link, names, "link", (*joints[k], "link"))
+        if link in moved:
+            check.fail((*joints[k], "link"), f"link {link!r} is moved by joint {moved[link]!r} already")
+        moved[link] = joint.name
+        parent = joint.parent or (connected[-1].link if connected else BASE)
+        check.known(str(parent), [BASE, *names], "link", (*joints[k], "parent"))
+        connected.append(dataclasses.replace(joint, link=link, parent=parent))
+    for path, name in zip(links, names):
+        if name not in moved:
+            check.fail(path, f"no joint moves link {name!r}; each link needs one joint")
+    owner = {joint.link: joint for joint in connected}
+    for k, joint in enumerate(connected):
+        chain = [str(joint.link)]
+        link = joint.parent
+        while link != BASE:
+            if link in chain:
+                loop = " -> ".join([*chain[chain.index(link) :], link])
+                check.fail((*joints[k], "parent"), f"parents form a cycle: {loop}; close loops with 'loops'")
+            chain.append(str(link))
+            link = owner[link].parent
+    return dataclasses.replace(robot, joints=tuple(connected))
+
+
+def _check_placement(robot: Robot, joint: Joint, check: Check, path: Path) -> None:
+    variable = _VARIABLE.get(joint.type)
+    if variable is not None and getattr(joint, variable) is not None:
+        check.fail(
+            (*path, variable),
+            f"{variable!r} of a {joint.type} joint is its coordinate; give a constant part as 'offset'",
+            at_key=True,
+        )
+    if has_dh(joint):
+        if robot.convention is None:
+            check.fail(
+                (*ROBOT, "convention"),
+                f"is missing, and joint {joint.name!r} has D-H parameters; allowed: standard, modified",
+            )
+        if joint.axis is not None:
+            given = next(name for name in _DH if getattr(joint, name) is not None)
+            check.fail(
+                (*path, "axis"), f"does not go with the D-H parameter {given!r}; give one or the other", True
+            )
+    elif joint_types[joint.type].nv > 0 and joint.axis is None:
+        check.fail(path, f"joint {joint.name!r} needs D-H parameters (a, alpha, d, theta) or an 'axis'")
+    if joint.axis is not None and not any(joint.axis):
+        check.fail((*path, "axis"), "must not be zero (value [0, 0, 0])")
+
+
+def _check_drive(joint: Joint, check: Check, path: Path) -> None:
+    if joint.gear_ratio == 0.0:
+        check.fail((*path, "gear_ratio"), "must not be zero")
+    if joint_types[joint.type].nv == 0:
+        forces = [name for name, _ in joint.forces]
+        for name in ("axis", "offset", "gear_ratio", "rotor_inertia", *forces):
+            if check.has((*path, name)):
+                check.fail(
+                    (*path, name), f"joint {joint.name!r} is {joint.type}: it takes no {name!r}", at_key=True
+                )
+
+
+def _check_points(robot: Robot, check: Check) -> None:
+    names = [BASE, *[link.name for link in robot.links]]
+    for group, points in (("points", robot.points), ("frames", robot.frames)):
+        for name, point in points.items():
+            path = (*ROBOT, group, name)
+            if name in BUILT_IN:
+                check.fail(
+                    path, f"{name!r} is reserved, as in 'LINK.{name}'; choose another name", at_key=True
+                )
+            check.known(point.link, names, "link", (*path, "link"))
+            problem = spot_problem(robot, point.link, point.at) if isinstance(point.at, str) else None
+            if problem is not None:
+                check.fail((*path, "at"), problem)

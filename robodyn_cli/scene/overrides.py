@@ -1,0 +1,102 @@
+"""``--set key.path=value``: replace values in the tree before it is read."""
+
+from __future__ import annotations
+
+from robodyn_cli.errors import SceneError, did_you_mean
+from robodyn_cli.scene.includes import Includer, child_kind, concrete
+from robodyn_cli.scene.nodes import (
+    Mapping,
+    Node,
+    Path,
+    Scalar,
+    Sequence,
+    Source,
+    describe_node,
+    dotted,
+    located,
+    mapping,
+    sequence,
+    shown,
+)
+from robodyn_cli.scene.yaml_nodes import compose
+from robodyn_cli.schema.fields import Kind, ListOf
+
+HELP = "allowed: key.path=value, list items by index or by name, as in robot.joints.theta1.a=0.5"
+
+
+def apply(root: Node, kind: Kind, override: str, directory: str, includer: Includer) -> Node:
+    """Return the tree with one value set.
+
+    Parameters
+    ----------
+    root, kind : the tree and what it is.
+    override : ``key.path=value``; the value is YAML 1.2.
+    directory : where relative paths in the value start.
+    includer : loads the files that the path leads through.
+    """
+    label = "--set " + (override if len(override) <= 100 else override[:97] + "...")
+    source = Source(" ".join(label.split()), directory, positions=False)
+    place = Scalar(source, 1, 1, "", None)
+    key, sign, text = override.partition("=")
+    steps = key.strip().split(".")
+    if not sign:
+        raise located(place, "", f"has no '='; {HELP}")
+    if not all(step.strip() == step and step for step in steps):
+        raise located(place, "", f"{shown(key)} is not a path of keys; {HELP}")
+    if not text.strip():
+        raise located(place, key.strip(), "has no value; write null to clear a key, '\"\"' for an empty text")
+    value = compose(text.strip(), source, tuple(steps), empty=True)
+    return _Setter(place, value, includer).set(root, kind, steps, ())
+
+
+class _Setter:
+    def __init__(self, place: Scalar, value: Node, includer: Includer) -> None:
+        self.place = place
+        self.value = value
+        self.includer = includer
+
+    def set(self, node: Node, kind: Kind | None, steps: list[str], done: Path) -> Node:
+        """Return ``node`` with the value at ``steps`` below it replaced."""
+        if not steps:
+            return self.value
+        if kind is not None:
+            node = self.includer.here(kind, node, done)
+            kind = concrete(kind, node)
+        step, rest = steps[0], steps[1:]
+        if isinstance(node, Sequence):
+            index = self.index(node, step, done)
+            items = list(node.items)
+            items[index] = self.set(items[index], child_kind(kind, step), rest, (*done, index))
+            return sequence(node, items)
+        if isinstance(node, Mapping):
+            key = node.key(step) or Scalar(self.place.source, 1, 1, step, step)
+            below = child_kind(kind, step)
+            old = node.get(step)
+            if old is None or (isinstance(old, Scalar) and old.value is None and rest):
+                if rest and isinstance(below, ListOf):
+                    raise self.error((*done, step), "is empty, so it has no items; set the whole list")
+                # what the schema does not know is refused by the reader, which names this option
+                old = mapping(self.place, [])
+            return node.replaced(key, self.set(old, below, rest, (*done, step)))
+        what = f"is {describe_node(node)}" if done else f"the scene is {describe_node(node)}"
+        raise self.error(done, f"{what}, so it has no key {shown(step)}")
+
+    def index(self, node: Sequence, step: str, done: Path) -> int:
+        """Return the index of a list item, given by index or by its ``name``."""
+        if step.isdecimal() and step.isascii() and len(step) < 10:
+            if int(step) < len(node.items):
+                return int(step)
+            last = f"allowed: 0 to {len(node.items) - 1}" if node.items else "the list is empty"
+            raise self.error(done, f"has no item {step}; {last}")
+        names = []
+        for index, item in enumerate(node.items):
+            name = item.get("name") if isinstance(item, Mapping) else None
+            if isinstance(name, Scalar):
+                names.append(name.text)
+                if name.text == step:
+                    return index
+        allowed = f"; allowed: {', '.join(names)} or an index" if names else "; allowed: an index"
+        raise self.error(done, f"has no item named {shown(step)}{did_you_mean(step, names)}{allowed}")
+
+    def error(self, path: Path, message: str) -> SceneError:
+        return located(self.place, dotted(path), message)

@@ -1,0 +1,72 @@
+"""Point references: ``tip``, ``link.origin``, ``link.end``, ``link.com``, ``base.origin``, ``base.tip``."""
+
+from __future__ import annotations
+
+from robodyn_cli.errors import did_you_mean
+from robodyn_cli.scene.types import Joint, Robot
+
+BASE = "base"
+BUILT_IN = ("origin", "end", "com")
+
+
+def has_dh(joint: Joint) -> bool:
+    """Tell whether a joint is placed by D-H parameters."""
+    return any(x is not None for x in (joint.a, joint.alpha, joint.d, joint.theta))
+
+
+def joint_of(robot: Robot, link: str) -> Joint | None:
+    """Return the joint that moves a link (of a checked robot, where every joint names its link)."""
+    return next((joint for joint in robot.joints if joint.link == link), None)
+
+
+def spot_problem(robot: Robot, link: str, at: str) -> str | None:
+    """Tell why a link has no ``origin``, ``end`` or ``com``, or return None."""
+    if link == BASE:
+        return (
+            None
+            if at == "origin"
+            else f"'base' has no {at!r}; allowed: base.origin, or a point defined on base"
+        )
+    joint = joint_of(robot, link)
+    if at == "end" and joint is not None and not has_dh(joint):
+        return (
+            f"{link!r} has no 'end', because joint {joint.name!r} has no D-H parameters; "
+            f"define a named point: points: {{tip: {{link: {link}, at: [x, y, z]}}}}"
+        )
+    if at == "com" and next(x for x in robot.links if x.name == link).com is None:
+        return f"the centre of mass of {link!r} is not given; add 'com' to that link"
+    return None
+
+
+def point_problem(robot: Robot, reference: str) -> str | None:
+    """Tell why a reference to a point does not resolve, or return None."""
+    if reference in robot.points:
+        return None
+    links = [BASE, *[link.name for link in robot.links]]
+    link, dot, at = reference.partition(".")
+    if not dot:
+        hint = did_you_mean(reference, robot.points)
+        if link in links:
+            hint = f"; it is a link: write {link + '.origin' if link == BASE else link + '.end'!r}"
+        return f"unknown point {reference!r}{hint}; allowed: {_allowed(robot)}"
+    if link not in links:
+        return (
+            f"unknown link {link!r} in {reference!r}{did_you_mean(link, links)}; allowed: {', '.join(links)}"
+        )
+    if at in BUILT_IN:
+        return spot_problem(robot, link, at)
+    if at in robot.points:
+        if robot.points[at].link == BASE == link:
+            return None
+        return f"{reference!r} is no point: {at!r} is fixed to {robot.points[at].link!r}; write {at!r} alone"
+    hint = did_you_mean(at, [*BUILT_IN, *robot.points])
+    return f"unknown point {reference!r}{hint}; allowed: {_allowed(robot)}"
+
+
+def point_link(robot: Robot, reference: str) -> str:
+    """Return the link that carries a point which resolves."""
+    return robot.points[reference].link if reference in robot.points else reference.partition(".")[0]
+
+
+def _allowed(robot: Robot) -> str:
+    return ", ".join([*robot.points, "LINK.origin", "LINK.end", "LINK.com", "base.origin"])

@@ -1,0 +1,324 @@
+"""Read a tree into the dataclasses that describe it; every complaint names file, line, column and key."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from robodyn_cli.errors import SceneError, did_you_mean
+from robodyn_cli.expr import formula as fm
+from robodyn_cli.scene.includes import concrete
+from robodyn_cli.scene.nodes import (
+    Mapping,
+    Node,
+    Path,
+    Scalar,
+    Sequence,
+    describe_node,
+    dotted,
+    located,
+    shown,
+)
+from robodyn_cli.schema.describe import describe
+from robodyn_cli.schema.fields import (
+    Boolean,
+    Choice,
+    CsvFile,
+    Either,
+    Formula,
+    Inline,
+    Integer,
+    Kind,
+    ListOf,
+    MapOf,
+    Name,
+    Number,
+    OrFile,
+    Section,
+    Tagged,
+    Text,
+    Vector,
+)
+
+T = TypeVar("T")
+
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
+_IN_FORMULAS = ("joint", "parameter")
+_MAX_LISTED = 20
+
+
+@dataclasses.dataclass(frozen=True)
+class Names:
+    """What formulas may refer to."""
+
+    joints: tuple[str, ...] = ()
+    parameters: tuple[str, ...] = ()
+
+
+class Reader:
+    """Reads one scene; ``names`` are those that formulas may use."""
+
+    def __init__(self, names: Names) -> None:
+        self.names = names
+        self.handlers: dict[type[Kind], Callable[[Any, Node, Path, str], Any]] = {
+            Number: self.number,
+            Integer: self.integer,
+            Boolean: self.boolean,
+            Text: self.text,
+            Name: self.name,
+            Choice: self.choice,
+            Vector: self.vector,
+            Formula: self.formula,
+            ListOf: self.list_of,
+            MapOf: self.map_of,
+            Section: self.section,
+            Tagged: self.tagged,
+            Either: self.either,
+            OrFile: self.or_file,
+            CsvFile: self.text,
+        }
+
+    def read(self, cls: type[T], node: Node, path: Path = ()) -> T:
+        """Return an instance of the dataclass ``cls``."""
+        return self.section(Section(cls), node, path)
+
+    def value(self, kind: Kind, node: Node, path: Path, unit: str = "") -> Any:
+        """Return what ``node`` says, as ``kind`` wants it."""
+        return self.handlers[type(kind)](kind, node, path, unit)
+
+    def wrong(self, kind: Kind, node: Node, path: Path, unit: str, what: str = "") -> SceneError:
+        """Return the error of a value that ``kind`` does not allow."""
+        allowed = describe(kind, unit)
+        if isinstance(node, Scalar) and node.value is None and not what:
+            return located(node, dotted(path), f"has no value; allowed: {allowed}")
+        what = what or "is not allowed here"
+        return located(node, dotted(path), f"{what} (value {describe_node(node)}); allowed: {allowed}")
+
+    # -- scalars --------------------------------------------------------------------------------------
+    def number(self, kind: Number, node: Node, path: Path, unit: str) -> float:
+        value = self.plain_number(kind, node, path, unit, kind.angle)
+        return self.in_range(kind, value, node, path, unit)
+
+    def plain_number(self, kind: Kind, node: Node, path: Path, unit: str, angle: bool) -> float:
+        """Return a finite number, from a number or from text that is a constant formula."""
+        if not isinstance(node, Scalar) or node.value is None or isinstance(node.value, bool):
+            raise self.wrong(kind, node, path, unit)
+        if not isinstance(node.value, str):
+            return self.finite(node, path)
+        tree = self.parse(node, path, describe(kind, unit))
+        if tree.constant is None:
+            name = sorted(tree.names)[0]
+            raise self.wrong(kind, node, path, unit, f"is not a number: {name!r} stands in it")
+        if tree.degrees and not angle:
+            raise self.wrong(kind, node, path, unit, "'deg' does not fit: this is not an angle")
+        return tree.constant
+
+    def finite(self, node: Scalar, path: Path) -> float:
+        value = float(node.value) if isinstance(node.value, (int, float)) else math.nan
+        if not math.isfinite(value):
+            raise located(
+                node, dotted(path), f"is not finite (value {describe_node(node)}); allowed: a finite number"
+            )
+        return value
+
+    def in_range(self, kind: Number | Integer, value: Any, node: Node, path: Path, unit: str) -> Any:
+        low, high = kind.minimum, kind.maximum
+        strict = isinstance(kind, Number) and kind.exclusive
+        if low is not None and (value < low or (strict and value == low)):
+            raise self.wrong(kind, node, path, unit, "is too small")
+        if high is not None and (value > high or (strict and value == high)):
+            raise self.wrong(kind, node, path, unit, "is too large")
+        return value
+
+    def integer(self, kind: Integer, node: Node, path: Path, unit: str) -> int:
+        value = self.plain_number(kind, node, path, unit, False)
+        if not value.is_integer():
+            raise self.wrong(kind, node, path, unit, "is not a whole number")
+        return self.in_range(kind, int(value), node, path, unit)
+
+    def boolean(self, kind: Boolean, node: Node, path: Path, unit: str) -> bool:
+        if not isinstance(node, Scalar) or not isinstance(node.value, bool):
+            raise self.wrong(kind, node, path, unit)
+        return node.value
+
+    def text(self, kind: Kind, node: Node, path: Path, unit: str) -> str:
+        if isinstance(node, Scalar) and isinstance(node.value, str):
+            return node.value
+        what = "is not text; put it in quotes" if isinstance(node, Scalar) and node.value is not None else ""
+        raise self.wrong(kind, node, path, unit, what)
+
+    def name(self, kind: Name, node: Node, path: Path, unit: str) -> str:
+        if not isinstance(node, Scalar) or node.value is None:
+            raise self.wrong(kind, node, path, unit)
+        self.check_name(kind.of, node, path)
+        return node.text
+
+    def check_name(self, of: str, node: Scalar, path: Path) -> None:
+        """Refuse what cannot be a name, and words that mean something else in formulas."""
+        if not _NAME.fullmatch(node.text):
+            what = (
+                f"{shown(node.text)} cannot be the name of a {of}" if of else f"{shown(node.text)} is no name"
+            )
+            raise located(node, dotted(path), f"{what}; allowed: letters, digits, _ and -, not first a digit")
+        if of in _IN_FORMULAS and "-" in node.text:
+            message = f"{shown(node.text)}: '-' is a sign in formulas; allowed: letters, digits, _"
+            raise located(node, dotted(path), message)
+        if of in _IN_FORMULAS and node.text in fm.RESERVED:
+            raise located(
+                node, dotted(path), f"{shown(node.text)} has a meaning in formulas; choose another name"
+            )
+
+    def choice(self, kind: Choice, node: Node, path: Path, unit: str) -> str:
+        if not isinstance(node, Scalar):
+            raise self.wrong(kind, node, path, unit)
+        if node.text not in kind.options or not isinstance(node.value, str):
+            hint = did_you_mean(node.text, kind.options)
+            raise self.wrong(kind, node, path, unit, f"is not one of the choices{hint}" if node.text else "")
+        return node.text
+
+    def formula(self, kind: Formula, node: Node, path: Path, unit: str) -> fm.Formula:
+        if not isinstance(node, Scalar) or node.value is None or isinstance(node.value, bool):
+            raise self.wrong(kind, node, path, unit)
+        if not isinstance(node.value, str):
+            return fm.Formula.number(self.finite(node, path))
+        tree = self.parse(node, path, describe(kind, unit))
+        try:
+            tree = tree.resolve(self.names.joints, self.names.parameters, kind.variables)
+        except SceneError as error:
+            raise located(node, dotted(path), error.message) from None
+        where = str(located(node, dotted(path), "").message).removesuffix(": ")
+        return dataclasses.replace(tree, where=where)
+
+    def parse(self, node: Scalar, path: Path, allowed: str) -> fm.Formula:
+        try:
+            return fm.parse(node.text)
+        except SceneError as error:
+            raise located(node, dotted(path), f"{error.message}; allowed: {allowed}") from None
+
+    # -- collections ----------------------------------------------------------------------------------
+    def vector(self, kind: Vector, node: Node, path: Path, unit: str) -> tuple[float, ...]:
+        if not isinstance(node, Sequence):
+            raise self.wrong(kind, node, path, unit)
+        if kind.size and len(node.items) != kind.size:
+            raise self.wrong(kind, node, path, unit, f"has {len(node.items)} entries")
+        entry = Number(angle=kind.angle)
+        return tuple(
+            self.plain_number(entry, item, (*path, k), unit, kind.angle) for k, item in enumerate(node.items)
+        )
+
+    def list_of(self, kind: ListOf, node: Node, path: Path, unit: str) -> tuple[Any, ...]:
+        if not isinstance(node, Sequence):
+            raise self.wrong(kind, node, path, unit)
+        if len(node.items) < kind.minimum or (kind.maximum is not None and len(node.items) > kind.maximum):
+            raise self.wrong(kind, node, path, unit, f"has {len(node.items)} entries")
+        return tuple(self.value(kind.item, item, (*path, k), unit) for k, item in enumerate(node.items))
+
+    def map_of(self, kind: MapOf, node: Node, path: Path, unit: str) -> dict[str, Any]:
+        if isinstance(node, Scalar) and node.value is None:
+            return {}
+        if not isinstance(node, Mapping):
+            raise self.wrong(kind, node, path, unit)
+        result = {}
+        for key, item in node.entries:
+            self.check_name(kind.of, key, (*path, key.text))
+            result[key.text] = self.value(kind.item, item, (*path, key.text), unit)
+        return result
+
+    def tagged(self, kind: Tagged, node: Node, path: Path, unit: str) -> Any:
+        options = kind.registry()
+        if not isinstance(node, Mapping):
+            raise self.wrong(kind, node, path, unit)
+        tag = node.get(kind.tag)
+        if tag is None:
+            message = f"key {kind.tag!r} is missing; allowed: {', '.join(options)}"
+            raise located(node, dotted(path), message)
+        self.choice(Choice(tuple(options)), tag, (*path, kind.tag), "")
+        found = concrete(kind, node)
+        assert isinstance(found, Section)
+        return self.section(found, node, path)
+
+    def either(self, kind: Either, node: Node, path: Path, unit: str) -> Any:
+        found = concrete(kind, node)
+        if found is None or (isinstance(node, Scalar) and node.value is None):
+            raise self.wrong(kind, node, path, unit)
+        if isinstance(found, Choice) and isinstance(node, Scalar) and node.text not in found.options:
+            # speak of all that is allowed, not of the scalar form only
+            hint = did_you_mean(node.text, found.options)
+            raise self.wrong(kind, node, path, unit, f"is not one of the choices{hint}")
+        return self.value(found, node, path, unit)
+
+    def or_file(self, kind: OrFile, node: Node, path: Path, unit: str) -> Any:
+        # files have been brought in before reading: what is still a scalar is no path
+        if isinstance(node, Scalar):
+            raise self.wrong(kind, node, path, unit)
+        return self.value(kind.item, node, path, unit)
+
+    # -- sections -------------------------------------------------------------------------------------
+    def section(self, kind: Section, node: Node, path: Path, unit: str = "") -> Any:
+        fields = {f.name: f for f in dataclasses.fields(kind.cls) if "kind" in f.metadata}
+        inline = {
+            name: (f.name, cls)
+            for f in fields.values()
+            if isinstance(f.metadata["kind"], Inline)
+            for name, cls in f.metadata["kind"].registry().items()
+        }
+        holders = {f.name for f in fields.values() if isinstance(f.metadata["kind"], Inline)}
+        allowed = [name for name in fields if name not in holders] + list(inline)
+        if not isinstance(node, Mapping):
+            keys = ", ".join(allowed[:_MAX_LISTED])
+            what = "has no value" if isinstance(node, Scalar) and node.value is None else "is not a map"
+            raise located(
+                node, dotted(path), f"{what} (value {describe_node(node)}); allowed: a map with keys {keys}"
+            )
+        values: dict[str, Any] = {}
+        elements: dict[str, list[tuple[str, Any]]] = {holder: [] for holder in holders}
+        for key, item in node.entries:
+            here = (*path, key.text)
+            if key.text not in allowed:
+                hint = did_you_mean(key.text, allowed)
+                raise located(
+                    key, dotted(here), f"unknown key {shown(key.text)}{hint}; allowed: {', '.join(allowed)}"
+                )
+            if key.text in inline:
+                holder, cls = inline[key.text]
+                elements[holder].append((key.text, self.section(Section(cls), item, here)))
+            elif not self.is_default(fields[key.text], item):
+                field = fields[key.text]
+                values[key.text] = self.value(field.metadata["kind"], item, here, field.metadata["unit"])
+        self.check_missing(fields, holders, values, node, path)
+        order = list(inline)
+        for holder, found in elements.items():
+            # in the order of the registry, so that the order of keys in the file makes no difference
+            values[holder] = tuple(sorted(found, key=lambda pair: order.index(pair[0])))
+        return kind.cls(**values)
+
+    @staticmethod
+    def is_default(field: dataclasses.Field[Any], node: Node) -> bool:
+        """Tell whether a key is written as null where null means that it is absent."""
+        return isinstance(node, Scalar) and node.value is None and field.default is None
+
+    @staticmethod
+    def check_missing(
+        fields: dict[str, dataclasses.Field[Any]],
+        holders: set[str],
+        values: dict[str, Any],
+        node: Node,
+        path: Path,
+    ) -> None:
+        needed = [
+            f.name
+            for f in fields.values()
+            if f.default is dataclasses.MISSING
+            and f.default_factory is dataclasses.MISSING
+            and f.name not in holders
+        ]
+        missing = [name for name in needed if name not in values]
+        if missing:
+            keys = ", ".join(repr(name) for name in missing)
+            what = f"key{'s' * (len(missing) > 1)} {keys} {'are' if len(missing) > 1 else 'is'} missing"
+            docs = fields[missing[0]].metadata
+            meaning = f" ({missing[0]}: {describe(docs['kind'], docs['unit'])})"
+            raise located(node, dotted(path), f"{what}{meaning}; needed here: {', '.join(needed)}")

@@ -1,0 +1,154 @@
+"""Checks of a scene that look at more than one key; each error is placed at the key that is wrong."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+
+from robodyn_cli.errors import SceneError
+from robodyn_cli.expr.formula import parse
+from robodyn_cli.scene.check import Check
+from robodyn_cli.scene.check_robot import check_robot, moving
+from robodyn_cli.scene.nodes import Node, Path, Scalar
+from robodyn_cli.scene.points import BASE, point_link, point_problem
+from robodyn_cli.scene.types import Robot, Scene, Torque
+
+
+@dataclasses.dataclass(frozen=True)
+class _SceneNames:
+    """What a trajectory may ask."""
+
+    robot: Robot
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        return moving(self.robot)
+
+    def point_problem(self, reference: str) -> str | None:
+        return point_problem(self.robot, reference)
+
+
+def validate(scene: Scene, root: Node) -> Scene:
+    """Return the scene with the robot's connections filled in, or raise the first error."""
+    check = Check(root)
+    robot = check_robot(scene.robot, check)
+    scene = dataclasses.replace(scene, robot=robot)
+    for name in scene.parameters:
+        if name in [joint.name for joint in robot.joints]:
+            check.fail(("parameters", name), f"{name!r} is a joint already; choose another name", at_key=True)
+    _check_loops(scene, check)
+    _check_drives(scene, check)
+    _check_initial(scene, check)
+    if scene.trajectory is not None:
+        for path, message in scene.trajectory.problems(_SceneNames(robot)):
+            check.fail(("trajectory", *path), message)
+    _check_runs(scene, check)
+    return scene
+
+
+def _check_joints(scene: Scene, names: Iterable[tuple[str, Path]], check: Check, at_key: bool) -> None:
+    """Refuse names that are no joints, and joints without a coordinate."""
+    joints = moving(scene.robot)
+    fixed = [joint.name for joint in scene.robot.joints if joint.name not in joints]
+    for name, path in names:
+        if name in fixed:
+            check.fail(
+                path, f"joint {name!r} is fixed: it has no coordinate; allowed: {', '.join(joints)}", at_key
+            )
+        check.known(name, joints, "joint", path, at_key)
+
+
+def _keys(names: Iterable[str], *path: str) -> list[tuple[str, Path]]:
+    return [(name, (*path, name)) for name in names]
+
+
+def _items(names: Iterable[str], *path: str) -> list[tuple[str, Path]]:
+    return [(name, (*path, k)) for k, name in enumerate(names)]
+
+
+def _check_loops(scene: Scene, check: Check) -> None:
+    paths: list[Path] = [("loops", k) for k in range(len(scene.loops))]
+    check.unique([loop.name for loop in scene.loops], "loop", [(*path, "name") for path in paths])
+    for path, loop in zip(paths, scene.loops):
+        for k, reference in enumerate(loop.between):
+            problem = point_problem(scene.robot, reference)
+            if problem is not None:
+                check.fail((*path, "between", k), problem)
+        first, second = (point_link(scene.robot, reference) for reference in loop.between)
+        if first == second:
+            check.fail((*path, "between"), f"both points are on {first!r}; a loop joins two links")
+        for name in ("axis", "axis2"):
+            axis = getattr(loop, name, None)
+            if axis is not None and not any(axis):
+                check.fail((*path, name), "must not be zero (value [0, 0, 0])")
+
+
+def _check_drives(scene: Scene, check: Check) -> None:
+    actuated = scene.actuated
+    _check_joints(scene, _items(actuated or (), "actuated"), check, at_key=False)
+    check.unique(actuated or (), "joint", [path for _, path in _items(actuated or (), "actuated")])
+    _check_joints(scene, _keys(scene.torques, "torques"), check, at_key=True)
+    _check_joints(scene, _keys(scene.prescribed, "prescribed"), check, at_key=True)
+    for name, torque in scene.torques.items():
+        path: Path = ("torques", name)
+        if actuated is not None and name not in actuated:
+            allowed = ", ".join(actuated) or "none"
+            check.fail(path, f"joint {name!r} is not in 'actuated'; allowed: {allowed}", at_key=True)
+        if name in scene.prescribed:
+            check.fail(path, f"the motion of {name!r} is prescribed, so its torque is a result", at_key=True)
+        if isinstance(torque, Torque):
+            for k in range(1, len(torque.table)):
+                time, before = torque.table[k][0], torque.table[k - 1][0]
+                if not time > before:
+                    message = f"times must increase (value {time!r} after {before!r})"
+                    check.fail((*path, "table", k, 0), message)
+
+
+def _check_initial(scene: Scene, check: Check) -> None:
+    initial = scene.initial
+    _check_joints(scene, _keys(initial.q, "initial", "q"), check, at_key=True)
+    _check_joints(scene, _keys(initial.qd, "initial", "qd"), check, at_key=True)
+    _check_joints(scene, _items(initial.hold, "initial", "hold"), check, at_key=False)
+    check.unique(initial.hold, "joint", [path for _, path in _items(initial.hold, "initial", "hold")])
+    for k, joint in enumerate(scene.robot.joints):
+        if joint.type != "prismatic":
+            continue
+        for path in (
+            ("robot", "joints", k, "offset"),
+            ("initial", "q", joint.name),
+            ("initial", "qd", joint.name),
+        ):
+            if _in_degrees(check.find(path)):
+                check.fail(
+                    path, f"'deg' does not fit: joint {joint.name!r} is prismatic; allowed: a length in m"
+                )
+
+
+def _in_degrees(node: Node | None) -> bool:
+    if not isinstance(node, Scalar) or not isinstance(node.value, str):
+        return False
+    try:
+        return parse(node.value).degrees
+    except SceneError:
+        return False
+
+
+def _check_runs(scene: Scene, check: Check) -> None:
+    options = scene.simulate
+    if options.integrator == "rk4" and options.step is None:
+        check.fail(
+            ("simulate",),
+            "key 'step' is missing: integrator 'rk4' has a fixed step; allowed: a number > 0 [s]",
+        )
+    if options.integrator != "rk4" and options.step is not None:
+        message = (
+            f"does not go with integrator {options.integrator!r}, which chooses its own; allowed: with rk4"
+        )
+        check.fail(("simulate", "step"), message)
+    if scene.deploy.latch is not None:
+        between = scene.deploy.latch.between
+        links = [link.name for link in scene.robot.links]
+        for name, path in _items(between, "deploy", "latch", "between"):
+            check.known(name, [*links, BASE], "link", path)
+        if between[0] == between[1]:
+            check.fail(("deploy", "latch", "between"), f"both are {between[0]!r}; a latch joins two links")

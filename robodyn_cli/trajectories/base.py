@@ -1,0 +1,87 @@
+"""What the trajectories share: the inverse kinematics options, and what they may ask about the scene.
+
+A trajectory is a frozen dataclass whose fields are its YAML keys. ``problems`` reports what single keys
+cannot tell, as (path below the trajectory, message); the loader adds file and line.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from typing import Protocol
+
+from robodyn_cli.schema.fields import Choice, Integer, MapOf, Number, key
+
+Problems = Iterator[tuple[tuple[str | int, ...], str]]
+
+
+class SceneNames(Protocol):
+    """What a trajectory may ask about the scene: its moving joints, and whether a point exists."""
+
+    @property
+    def joints(self) -> tuple[str, ...]: ...
+
+    def point_problem(self, reference: str) -> str | None: ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Ik:
+    """Options of the inverse kinematics."""
+
+    method: str = key(
+        Choice(("auto", "analytic", "newton")),
+        default="auto",
+        doc="`auto` uses the analytic solution if there is one.",
+    )
+    branch: str | None = key(
+        Choice(("elbow_up", "elbow_down")),
+        default=None,
+        doc="Branch of a planar 2R arm; elbow_up: theta2 < 0.",
+    )
+    guess: dict[str, float] = key(
+        MapOf(Number(angle=True), of="joint"),
+        default=None,
+        unit="rad or m",
+        doc="Start of Newton's method at t = 0.",
+    )
+    tolerance: float = key(
+        Number(minimum=0.0, exclusive=True),
+        default=1e-12,
+        unit="m",
+        doc="Distance to the target that is accepted.",
+    )
+    max_iterations: int = key(
+        Integer(minimum=1, maximum=100_000), default=50, doc="Newton iterations a sample."
+    )
+
+
+def joint_problems(names: Sequence[str], joints: Sequence[str], path: tuple[str | int, ...]) -> Problems:
+    """Report joints that ``names`` lacks, and names that are no moving joints."""
+    from robodyn_cli.errors import did_you_mean
+
+    for name in names:
+        if name not in joints:
+            hint = did_you_mean(name, joints)
+            yield (*path, name), f"unknown joint {name!r}{hint}; allowed: {', '.join(joints)}"
+    missing = [name for name in joints if name not in names]
+    if missing:
+        yield path, f"joint {missing[0]!r} is missing; needed here: {', '.join(joints)}"
+
+
+def time_problems(times: Sequence[float], paths: Sequence[tuple[str | int, ...]]) -> Problems:
+    """Report times that do not start at 0 or do not increase."""
+    if times and times[0] != 0.0:
+        yield paths[0], f"the first time must be 0 (value {times[0]!r})"
+    for k in range(1, len(times)):
+        if not times[k] > times[k - 1]:
+            yield paths[k], f"times must increase (value {times[k]!r} after {times[k - 1]!r})"
+
+
+def point_problems(point: str, ik: Ik, scene: SceneNames) -> Problems:
+    """Report a point that does not exist, and guesses for joints that do not."""
+    problem = scene.point_problem(point)
+    if problem is not None:
+        yield ("point",), problem
+    for path, message in joint_problems(tuple(ik.guess), scene.joints, ("ik", "guess")):
+        if ik.guess:
+            yield path, message

@@ -1,0 +1,26 @@
+"""A point whose position is given by formulas in t."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from robodyn_cli.expr.formula import Formula as FormulaTree
+from robodyn_cli.schema.fields import Choice, Formula, ListOf, Number, Section, Text, key
+from robodyn_cli.trajectories.base import Ik, Problems, SceneNames, point_problems
+
+
+@dataclasses.dataclass(frozen=True)
+class CartesianTrajectory:
+    """Position of a point in the base frame as formulas in t."""
+
+    type: str = key(Choice(("cartesian",)), doc="Kind of trajectory.")
+    point: str = key(Text(), doc="The point that follows: a named point, or `link.end`.")
+    position: tuple[FormulaTree, ...] = key(
+        ListOf(Formula(("t",)), minimum=2, maximum=3), unit="m", doc="x, y (and z) as formulas in t."
+    )
+    duration: float = key(Number(minimum=0.0, exclusive=True), unit="s", doc="Length of the motion.")
+    ik: Ik = key(Section(Ik), default=Ik(), doc="Options of the inverse kinematics.")
+
+    def problems(self, scene: SceneNames) -> Problems:
+        """Report what single keys cannot tell."""
+        yield from point_problems(self.point, self.ik, scene)

@@ -1,0 +1,24 @@
+"""Joint motion given by formulas in t."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from robodyn_cli.expr.formula import Formula as FormulaTree
+from robodyn_cli.schema.fields import Choice, Formula, MapOf, Number, key
+from robodyn_cli.trajectories.base import Problems, SceneNames, joint_problems
+
+
+@dataclasses.dataclass(frozen=True)
+class JointTrajectory:
+    """q(t) of every moving joint as a formula."""
+
+    type: str = key(Choice(("joint",)), doc="Kind of trajectory.")
+    q: dict[str, FormulaTree] = key(
+        MapOf(Formula(("t",)), of="joint"), unit="rad or m", doc="Position of each joint as a formula in t."
+    )
+    duration: float = key(Number(minimum=0.0, exclusive=True), unit="s", doc="Length of the motion.")
+
+    def problems(self, scene: SceneNames) -> Problems:
+        """Report what single keys cannot tell."""
+        yield from joint_problems(tuple(self.q), scene.joints, ("q",))
