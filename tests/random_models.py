@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 from robodyn_cli.expr.graph import Graph
@@ -28,7 +30,11 @@ def random_inertia(rng: np.random.Generator) -> tuple[float, np.ndarray, np.ndar
 
 
 def random_tree(
-    n: int, seed: int, branching: float = 0.3, kinds: tuple[str, ...] = ("revolute", "prismatic"), armature: bool = True
+    n: int,
+    seed: int,
+    branching: float = 0.3,
+    kinds: tuple[str, ...] = ("revolute", "prismatic"),
+    armature: bool = True,
 ) -> Model:
     """Build a random tree; ``branching`` is the chance that a body does not hang on the one before it."""
     rng = np.random.default_rng(seed)
@@ -38,6 +44,7 @@ def random_tree(
         if k and rng.uniform() < branching:
             parent = int(rng.integers(-1, k))
         m, c, I = random_inertia(rng)
+        placement = Transform(matrix(random_rotation(rng).tolist()), vector((rng.normal(size=3) * 0.4).tolist()))
         kind = kinds[int(rng.integers(len(kinds)))]
         bodies.append(
             Body(
@@ -45,7 +52,7 @@ def random_tree(
                 joint_name=f"q{k}",
                 joint=joint_types[kind],
                 parent=parent if k else BASE,
-                X_tree=Transform(matrix(random_rotation(rng).tolist()), vector((rng.normal(size=3) * 0.4).tolist())),
+                X_tree=placement,
                 inertia=RigidInertia.from_com(m, vector(c.tolist()), matrix(I.tolist())),
                 q=k,
                 v=k,
@@ -70,4 +77,17 @@ def random_tree(
         q_names=names,
         v_names=names,
         q_units=tuple("rad" for _ in names),
+    )
+
+
+def shuffled(model: Model, seed: int) -> Model:
+    """Give the joints other places in q and v, as a scene does whose joints are not listed in tree order."""
+    order = np.random.default_rng(seed).permutation(model.nv)
+    names = [""] * model.nv
+    bodies = []
+    for body, place in zip(model.bodies, order):
+        bodies.append(dataclasses.replace(body, q=int(place), v=int(place)))
+        names[place] = body.joint_name
+    return dataclasses.replace(
+        model, bodies=tuple(bodies), joint_names=tuple(names), q_names=tuple(names), v_names=tuple(names)
     )

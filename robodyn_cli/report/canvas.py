@@ -17,12 +17,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from robodyn_cli.report import style
-from robodyn_cli.report.marks import failure_note
+from robodyn_cli.report.marks import NOTE_WIDTH, failure_note
 from robodyn_cli.results.result import Result
 
 WIDTH = 7.0
 LEFT, RIGHT = 0.8, 0.3
-DEGREES = 0.45
+DEGREES = 0.3
+BAR = 0.85
 TITLE_LINE, SUBTITLE_LINE = 0.21, 0.18
 X_LABEL = 0.52
 LEGEND_LINE = 0.19
@@ -41,23 +42,24 @@ class Sheet:
         *,
         rows: int = 1,
         height: float = 3.3,
+        gap: float = 0.16,
         labels: tuple[str, ...] | list[str] = (),
         degrees: bool = False,
+        bar: bool = False,
     ) -> None:
-        """Lay out ``rows`` panels of ``height`` inches each, one above the other.
+        """Lay out ``rows`` panels of ``height`` inches each, one above the other with ``gap`` between.
 
-        ``labels`` are the texts of the legend below; ``degrees`` leaves room for a second scale.
+        ``labels`` are the texts of the legend below; ``degrees`` leaves room for a second scale, ``bar`` adds
+        axes for a colour bar.
         """
         title = textwrap.wrap(result.title or result.command, 72, max_lines=2, placeholder=" ...")
-        notes = [*textwrap.wrap(subtitle, 100), *failure_note(result)]
+        notes = [*textwrap.wrap(subtitle, NOTE_WIDTH), *failure_note(result)]
         self.columns, lines = legend_shape(labels)
         top = 0.12 + TITLE_LINE * len(title) + SUBTITLE_LINE * len(notes) + 0.14
         bottom = X_LABEL + (LEGEND_LINE * lines + 0.1 if lines else 0.0) + 0.04
-        gap = 0.16
         total = top + rows * height + (rows - 1) * gap + bottom
         self.figure = Figure(figsize=(WIDTH, total), dpi=style.DPI)
-        self.bottom_of_axes = bottom / total
-        width = WIDTH - LEFT - RIGHT - (DEGREES if degrees else 0.0)
+        width = WIDTH - LEFT - RIGHT - (DEGREES if degrees else 0.0) - (BAR if bar else 0.0)
         self.axes: list[Axes] = []
         for row in range(rows):
             y = bottom + (rows - 1 - row) * (height + gap)
@@ -65,6 +67,10 @@ class Sheet:
             if row < rows - 1:
                 ax.tick_params(labelbottom=False)
             self.axes.append(ax)
+        self.bar: Axes | None = None
+        if bar:
+            place = ((LEFT + width + 0.15) / WIDTH, bottom / total, 0.18 / WIDTH, height / total)
+            self.bar = self.figure.add_axes(place)
         y = total - 0.12
         for line in title:
             self._text(LEFT, y, total, line, fontsize=11, fontweight="bold")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from robodyn_cli.results.result import Array
@@ -32,6 +34,19 @@ def envelope(x: Array, y: Array, bins: int = BINS) -> tuple[Array, Array]:
     return x[kept], y[kept]
 
 
+def crest(x: Array, y: Array, bins: int = 250) -> tuple[Array, Array]:
+    """Return the largest sample of each bin: the line below which a noisy error stays."""
+    count = len(y)
+    if count <= 2 * bins:
+        return x, y
+    filled = np.where(np.isnan(y), -np.inf, y)
+    starts = np.arange(bins) * count // bins
+    top = np.maximum.reduceat(filled, starts)
+    centre = x[np.minimum((starts + count // (2 * bins)), count - 1)]
+    centre[0], centre[-1] = x[0], x[-1]
+    return centre, np.asarray(np.where(np.isinf(top), np.nan, top))
+
+
 def thin_path(points: Array, cells: int = 1500, limit: int = 100_000) -> Array:
     """Return ``points``, shape (T, 2), without those that stay within a cell of the drawing.
 
@@ -39,8 +54,8 @@ def thin_path(points: Array, cells: int = 1500, limit: int = 100_000) -> Array:
     """
     if len(points) <= 4 * cells:
         return points
-    low = np.nanmin(points, axis=0)
-    extent = float(np.nanmax(np.nanmax(points, axis=0) - low))
+    low, high = extremes(points)
+    extent = float((high - low).max())
     if not extent > 0.0:
         return points[[0, -1]]
     cell = np.floor(np.nan_to_num((points - low) / extent * cells, nan=-1.0)).astype(np.int64)
@@ -48,12 +63,30 @@ def thin_path(points: Array, cells: int = 1500, limit: int = 100_000) -> Array:
     kept = np.flatnonzero(np.concatenate([[True], moved]))
     if len(kept) > limit:
         kept = kept[:: -(-len(kept) // limit)]
-    return points[np.union1d(kept, [len(points) - 1])]
+    thinned: Array = points[np.union1d(kept, [len(points) - 1])]
+    return thinned
+
+
+def largest(values: Array) -> float:
+    """Return the largest of ``values`` that is a number; NaN if none is."""
+    return float(np.fmax.reduce(values, axis=None)) if values.size else math.nan
+
+
+def where_largest(values: Array) -> int:
+    """Return the index of the largest number in ``values``, shape (T,); 0 if there is none."""
+    return int(np.argmax(np.where(np.isnan(values), -np.inf, values)))
+
+
+def extremes(points: Array) -> tuple[Array, Array]:
+    """Return (smallest, largest) of each column over the rows that are numbers; zeros if there are none."""
+    rows = points[np.isfinite(points).all(axis=1)]
+    if not len(rows):
+        return np.zeros(points.shape[1]), np.zeros(points.shape[1])
+    return rows.min(axis=0), rows.max(axis=0)
 
 
 def finite(values: Array, ceiling: float = 1e100) -> Array:
     """Return ``values`` with NaN for what is infinite or too large to scale an axis by."""
     with np.errstate(invalid="ignore"):
         wild = ~(np.abs(values) < ceiling)
-    kept: Array = np.where(wild, np.nan, values) if wild.any() else values
-    return kept
+    return np.asarray(np.where(wild, np.nan, values)) if wild.any() else values

@@ -11,25 +11,16 @@ from matplotlib.lines import Line2D
 
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
-from robodyn_cli.report.decimate import envelope, finite
+from robodyn_cli.report.decimate import crest, envelope, finite
+from robodyn_cli.report.heatmap import draw_map
 from robodyn_cli.report.marks import mark_lock
 from robodyn_cli.report.ticks import degree_axis, labelled
 from robodyn_cli.results.result import Array, Result, Variable
-
-# Beyond this many names a legend shows a choice of them.
-MANY = 24
 
 
 def column_names(variable: Variable) -> list[str]:
     """Return the names of the columns; their numbers where they have none."""
     return list(variable.names) or [str(index + 1) for index in range(variable.data.shape[-1])]
-
-
-def legend_choice(count: int) -> list[int]:
-    """Return the indices of the columns that a legend names."""
-    if count <= MANY:
-        return list(range(count))
-    return sorted({round(index * (count - 1) / 7) for index in range(8)})
 
 
 def draw_columns(ax: Axes, time: Array, data: Array, styles: list[dict[str, Any]] | None = None) -> list[Any]:
@@ -51,7 +42,10 @@ def draw_columns(ax: Axes, time: Array, data: Array, styles: list[dict[str, Any]
         paths = [np.column_stack(envelope(time, data[:, column], bins)) for column in range(len(styles))]
         ax.add_collection(
             LineCollection(
-                paths, colors=[look["color"] for look in styles], linewidths=styles[0]["linewidth"]
+                paths,
+                colors=[look["color"] for look in styles],
+                linestyles=[look["linestyle"] for look in styles],
+                linewidths=styles[0]["linewidth"],
             )
         )
         ax.autoscale_view()
@@ -60,16 +54,34 @@ def draw_columns(ax: Axes, time: Array, data: Array, styles: list[dict[str, Any]
     return handles
 
 
+def draw_magnitudes(ax: Axes, time: Array, data: Array, low: float) -> list[Any]:
+    """Draw noisy magnitudes, shape (T, n), faintly and their crests heavily; return handles of the crests.
+
+    Zeros leave gaps in the faint lines, and crests that are zero lie at ``low``.
+    """
+    styles = style.line_styles(data.shape[1])
+    if len(time) <= 2:
+        return draw_columns(ax, time, np.maximum(data, low), styles)
+    handles = []
+    for column, look in enumerate(styles):
+        values = finite(data[:, column])
+        with np.errstate(invalid="ignore"):
+            seen = np.where(values > 0.0, values, np.nan)
+        ax.plot(*envelope(time, seen), color=look["color"], linewidth=0.5, alpha=0.45)
+        x, top = crest(time, values)
+        handles += ax.plot(x, np.maximum(top, low), **look)
+    ax.set_xlim(time[0], time[-1])
+    return handles
+
+
 def time_plot(result: Result, path: str, quantity: str, subtitle: str) -> Any:
     """Return a figure of all columns of one variable over time, with degrees where it is an angle."""
     variable = result.variables[path]
     names = column_names(variable)
-    chosen = legend_choice(len(names))
-    labels = [names[index] for index in chosen]
-    if len(chosen) < len(names):
-        subtitle += f"; {len(names)} columns in order of colour, some named"
+    if len(names) > style.MANY:
+        return draw_map(result, variable.data, names, quantity, variable.units, subtitle)
     angle = variable.units == "rad"
-    sheet = Sheet(result, subtitle, labels=labels if len(names) > 1 else (), degrees=angle)
+    sheet = Sheet(result, subtitle, labels=names if len(names) > 1 else (), degrees=angle)
     ax = sheet.ax
     handles = draw_columns(ax, result.time, variable.data)
     ax.set_xlabel("time [s]")
@@ -78,5 +90,5 @@ def time_plot(result: Result, path: str, quantity: str, subtitle: str) -> Any:
         degree_axis(ax)
     mark_lock([ax], result)
     if len(names) > 1:
-        sheet.legend([handles[index] for index in chosen], labels)
+        sheet.legend(handles, names)
     return sheet.figure

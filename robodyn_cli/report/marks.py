@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
+# Characters of a caption that fit on a line.
+NOTE_WIDTH = 96
+
+
 def failure_note(result: Result) -> list[str]:
     """Return the lines that say that and why a run failed; none if it did not."""
     if result.status != "failed":
@@ -25,7 +29,7 @@ def failure_note(result: Result) -> list[str]:
     time = termination.get("time")
     if not isinstance(time, int | float):
         time = result.time[-1] if result.time.size else math.nan
-    return textwrap.wrap(f"Run failed at t = {number(float(time), 6)} s: {reason}", 100, max_lines=2)
+    return textwrap.wrap(f"Run failed at t = {number(float(time), 6)} s: {reason}", NOTE_WIDTH, max_lines=2)
 
 
 def lock(result: Result) -> dict[str, Any]:

@@ -27,8 +27,9 @@ DASHES: tuple[Any, ...] = (
     (0, (3, 1.2, 1, 1.2, 1, 1.2)),
     (0, (1, 2.5)),
 )
-# Up to this many lines are told apart by colour and dash; more get a colour map.
+# Up to this many lines are told apart by colour and dash, up to MANY by shade and dash; more become a map.
 FEW = len(COLOURS)
+MANY = 24
 
 _SETTINGS: dict[Any, Any] = {
     "font.size": FONT_SIZE,
@@ -74,7 +75,10 @@ def line_styles(count: int) -> list[dict[str, Any]]:
         return [
             {"color": colour, "linestyle": dash, "linewidth": 1.5} for colour, dash in zip(COLOURS, DASHES)
         ][:count]
-    return [{"color": colour, "linestyle": "-", "linewidth": 0.9} for colour in shades(count)]
+    return [
+        {"color": colour, "linestyle": DASHES[index % 3], "linewidth": 1.1}
+        for index, colour in enumerate(shades(count))
+    ]
 
 
 def shades(count: int) -> Sequence[Any]:

@@ -73,6 +73,11 @@ class _Silent(Formatter):
         return ""
 
 
+class _Degrees(Formatter):
+    def __call__(self, x: float, pos: Any = None) -> str:
+        return f"{x:g}°".replace("-", "−")
+
+
 def degree_axis(ax: Axes) -> None:
     """Add a scale in degrees on the right of an axis in radians, with round numbers of its own."""
     twin = ax.twinx()
@@ -80,9 +85,9 @@ def degree_axis(ax: Axes) -> None:
     ax.set_ylim(low, high)
     twin.set_ylim(math.degrees(low), math.degrees(high))
     twin.yaxis.set_major_locator(MaxNLocator(nbins=8, steps=[1, 1.5, 3, 4.5, 6, 9, 10]))
+    twin.yaxis.set_major_formatter(_Degrees())
     twin.spines["right"].set_visible(True)
     twin.grid(False)
-    twin.set_ylabel("[°]", rotation=0, labelpad=8)
 
 
 def positive_floor(*arrays: Any, floor: float = 0.0) -> tuple[float, float]:

@@ -62,12 +62,12 @@ def _names(root: Node) -> Names:
     """Return the names that formulas may use, as far as the tree can be understood before it is read."""
     robot = root.get("robot") if isinstance(root, Mapping) else None
     joints = robot.get("joints") if isinstance(robot, Mapping) else None
-    names = []
+    moving, fixed = [], []
     for joint in joints.items if isinstance(joints, SequenceNode) else ():
         name, type_ = (joint.get("name"), joint.get("type")) if isinstance(joint, Mapping) else (None, None)
         kind = joint_types.get(type_.text) if isinstance(type_, Scalar) else None
-        if isinstance(name, Scalar) and (kind is None or kind.nv > 0):
-            names.append(name.text)
+        if isinstance(name, Scalar):
+            (moving if kind is None or kind.nv > 0 else fixed).append(name.text)
     parameters = root.get("parameters") if isinstance(root, Mapping) else None
     keys = [key.text for key, _ in parameters.entries] if isinstance(parameters, Mapping) else []
-    return Names(tuple(names), tuple(keys))
+    return Names(tuple(moving), tuple(keys), tuple(fixed))

@@ -50,12 +50,17 @@ _IN_FORMULAS = ("joint", "parameter")
 _MAX_LISTED = 20
 
 
+def _entries(node: Sequence) -> str:
+    return f"has {len(node.items)} {'entry' if len(node.items) == 1 else 'entries'}"
+
+
 @dataclasses.dataclass(frozen=True)
 class Names:
     """What formulas may refer to."""
 
     joints: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
+    fixed: tuple[str, ...] = ()  # joints without a coordinate, for a better message
 
 
 class Reader:
@@ -185,6 +190,10 @@ class Reader:
         if not isinstance(node.value, str):
             return fm.Formula.number(self.finite(node, path))
         tree = self.parse(node, path, describe(kind, unit))
+        for name in tree.names:
+            if name.rpartition(".")[2] in self.names.fixed:
+                message = f"joint {name.rpartition('.')[2]!r} is fixed: it has no coordinate for a formula"
+                raise located(node, dotted(path), f"{message} (value {describe_node(node)})")
         try:
             tree = tree.resolve(self.names.joints, self.names.parameters, kind.variables)
         except SceneError as error:
@@ -203,7 +212,7 @@ class Reader:
         if not isinstance(node, Sequence):
             raise self.wrong(kind, node, path, unit)
         if kind.size and len(node.items) != kind.size:
-            raise self.wrong(kind, node, path, unit, f"has {len(node.items)} entries")
+            raise self.wrong(kind, node, path, unit, _entries(node))
         entry = Number(angle=kind.angle)
         return tuple(
             self.plain_number(entry, item, (*path, k), unit, kind.angle) for k, item in enumerate(node.items)
@@ -213,7 +222,7 @@ class Reader:
         if not isinstance(node, Sequence):
             raise self.wrong(kind, node, path, unit)
         if len(node.items) < kind.minimum or (kind.maximum is not None and len(node.items) > kind.maximum):
-            raise self.wrong(kind, node, path, unit, f"has {len(node.items)} entries")
+            raise self.wrong(kind, node, path, unit, _entries(node))
         return tuple(self.value(kind.item, item, (*path, k), unit) for k, item in enumerate(node.items))
 
     def map_of(self, kind: MapOf, node: Node, path: Path, unit: str) -> dict[str, Any]:

@@ -136,14 +136,10 @@ def _in_degrees(node: Node | None) -> bool:
 def _check_runs(scene: Scene, check: Check) -> None:
     options = scene.simulate
     if options.integrator == "rk4" and options.step is None:
-        check.fail(
-            ("simulate",),
-            "key 'step' is missing: integrator 'rk4' has a fixed step; allowed: a number > 0 [s]",
-        )
+        message = "has a fixed step: key 'step' is missing beside it (value 'rk4'); allowed: a number > 0 [s]"
+        check.fail(("simulate", "integrator"), message)
     if options.integrator != "rk4" and options.step is not None:
-        message = (
-            f"does not go with integrator {options.integrator!r}, which chooses its own; allowed: with rk4"
-        )
+        message = f"does not go with integrator {options.integrator!r}, which chooses its own; allowed: with rk4"
         check.fail(("simulate", "step"), message)
     if scene.deploy.latch is not None:
         between = scene.deploy.latch.between

@@ -36,9 +36,9 @@ def _plain(kind: Kind) -> str:
             return f"{kind.minimum:g}"
         bounds = []
         if kind.minimum is not None:
-            bounds.append(f"{'>' if strict else '>='} {kind.minimum:g}")
+            bounds.append(f"{'>' if strict else '>='} {_bound(kind.minimum)}")
         if kind.maximum is not None:
-            bounds.append(f"{'<' if strict else '<='} {kind.maximum:g}")
+            bounds.append(f"{'<' if strict else '<='} {_bound(kind.maximum)}")
         angle = " or an angle such as '45 deg'" if isinstance(kind, Number) and kind.angle else ""
         return " ".join([noun, " and ".join(bounds)]).strip() + angle
     if isinstance(kind, Boolean):
@@ -69,6 +69,10 @@ def _plain(kind: Kind) -> str:
     if isinstance(kind, CsvFile):
         return "the path of a CSV file"
     return "a value"
+
+
+def _bound(x: float) -> str:
+    return str(x) if isinstance(x, int) else f"{x:g}"
 
 
 def _collection(kind: ListOf | MapOf) -> str:

@@ -204,6 +204,7 @@ MP: dict[str, Any] = {
 }
 U = mp.mpf(2) ** -53
 NEAR = mp.mpf("1e-3")  # distance from a kink below which a formula is not compared
+LARGE = mp.mpf("1e8")  # beyond it rounding says little
 
 
 def _kink(op: str, v: list[Any]) -> Any:
@@ -226,7 +227,7 @@ def with_error(formula: Any, x: list[Any]) -> tuple[Any, Any]:
 
     Raises
     ------
-    Undefined : within ``NEAR`` of a kink, a jump or a pole.
+    Undefined : within ``NEAR`` of a kink, a jump or a pole, or beyond ``LARGE``.
     """
     op, *args = formula
     if op == "sym":
@@ -244,12 +245,16 @@ def with_error(formula: Any, x: list[Any]) -> tuple[Any, Any]:
             raise Undefined
         value = base**n
         slope = abs(n * base ** (n - 1)) if n else mp.mpf(0)
+        if abs(value) > LARGE:
+            raise Undefined
         return value, slope * error + 16 * U * abs(value)
     pairs = [with_error(a, x) for a in args]
     v, e = [p[0] for p in pairs], [p[1] for p in pairs]
     if _kink(op, v) < NEAR:
         raise Undefined
     value = MP[op](*v)
+    if abs(value) > LARGE:
+        raise Undefined
     if op == "where":
         return value, e[1] if v[0] > 0 else e[2]
     error = 4 * U * abs(value)

@@ -75,7 +75,10 @@ def pendulum_result(samples: int = 1001, duration: float = 10.0) -> Result:
     result.add("energy/work", 0 * kinetic)
     result.add("points/tip", tip)
     result.add("points/elbow", elbow)
-    result.summary = {"status": "ok", "termination": {"reason": "end of the time asked for", "time": duration}}
+    result.summary = {
+        "status": "ok",
+        "termination": {"reason": "end of the time asked for", "time": duration},
+    }
     return result
 
 
@@ -84,7 +87,7 @@ def four_bar_result(samples: int = 1229) -> Result:
     ground, crank, coupler, follower = 2.0, 1.0, 1.3, 1.4
     last = np.arccos((crank**2 + ground**2 - (coupler + follower) ** 2) / (2 * crank * ground))
     time = np.linspace(0.0, 12.283, samples)
-    theta = 0.01 + (last - 0.01) * (1 - np.cos(np.pi * time / time[-1] * 0.75)) / (1 - np.cos(0.75 * np.pi))
+    theta = 0.01 + (last - 0.01) * (1 - np.cos(np.pi * time / 12.283 * 0.75)) / (1 - np.cos(0.75 * np.pi))
     a = crank * np.stack([np.cos(theta), np.sin(theta), 0 * theta], axis=1)
     d = np.array([ground, 0.0, 0.0])
     span = np.linalg.norm(d - a, axis=1)
@@ -127,7 +130,12 @@ def chain_result(joints: int, samples: int = 501) -> Result:
     names = tuple(f"joint{index + 1}" for index in range(joints))
     result = Result("inverse", f"Chain of {joints} joints", "ok", "schema: 1\n")
     result.add("time", time)
-    for path, factor, units in (("q", 1, "rad"), ("qd", 2, "rad/s"), ("qdd", -4, "rad/s^2"), ("tau", 80, "N m")):
+    for path, factor, units in (
+        ("q", 1, "rad"),
+        ("qd", 2, "rad/s"),
+        ("qdd", -4, "rad/s^2"),
+        ("tau", 80, "N m"),
+    ):
         result.add(path, factor * wave, units=units, names=names)
     result.add("torque_terms/inertia", 30 * wave, units="N m", names=names)
     result.add("torque_terms/gravity", 50 * wave, units="N m", names=names)

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.report.canvas import Sheet
-from robodyn_cli.report.decimate import finite
-from robodyn_cli.report.lines import draw_columns
+from robodyn_cli.report.decimate import finite, largest
+from robodyn_cli.report.lines import draw_magnitudes
 from robodyn_cli.report.marks import mark_lock
 from robodyn_cli.report.ticks import log_axis, number, positive_floor, unit
 from robodyn_cli.results.result import Result
@@ -28,20 +28,19 @@ def draw(result: Result) -> Any:
         path = f"constraints/{kind}"
         if path not in result or not result[path].size:
             continue
-        largest = np.max(np.abs(finite(result[path])), axis=1)
-        worst = float(np.nanmax(largest)) if np.isfinite(largest).any() else np.nan
+        size = np.max(np.abs(finite(result[path])), axis=1)
         units = unit(result.variables[path].units)
-        columns.append(largest)
-        labels.append(f"{word} [{units}], largest {number(worst)}")
+        columns.append(size)
+        labels.append(f"{word} [{units}], largest {number(largest(size))}")
     sheet = Sheet(
         result,
-        "Largest residual of the loop closures at each time; zeros are drawn at the bottom",
+        "Residuals of the loop closures: the largest of all closures",
         labels=labels,
     )
     ax = sheet.ax
     data = np.column_stack(columns)
     low, high = positive_floor(data)
-    handles = draw_columns(ax, result.time, np.maximum(data, low))
+    handles = draw_magnitudes(ax, result.time, data, low)
     log_axis(ax, low, high)
     ax.set_xlabel("time [s]")
     ax.set_ylabel("residual")

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.report.canvas import Sheet
-from robodyn_cli.report.decimate import finite
-from robodyn_cli.report.lines import draw_columns
+from robodyn_cli.report.decimate import finite, largest, where_largest
+from robodyn_cli.report.lines import draw_magnitudes
 from robodyn_cli.report.marks import lock_time
 from robodyn_cli.report.ticks import log_axis, number, positive_floor
 from robodyn_cli.results.result import Result
@@ -33,10 +33,10 @@ def draw(result: Result) -> Any:
         # A latch takes energy by an impulse, which is no error of the integration.
         before = time < locked * (1.0 - 1e-12)
         time, error = time[before], error[before]
-    scale = max(float(np.nanmax(np.abs(result["energy/" + kind]))) for kind in _present(result))
+    scale = max(largest(np.abs(finite(result[f"energy/{kind}"]))) for kind in _present(result))
     # One rounding unit of the largest energy: below it there is nothing to see, and zero has no logarithm.
     floor = np.finfo(float).eps * scale if scale > 0.0 else 1e-16
-    worst = int(np.nanargmax(error)) if np.isfinite(error).any() else 0
+    worst = where_largest(error)
     name = "|E(t) − E(0) − work|" if worked else "|E(t) − E(0)|"
     subtitle = (
         f"Energy {'balance error' if worked else 'drift'} {name}: largest {number(float(error[worst]))} J"
@@ -44,9 +44,9 @@ def draw(result: Result) -> Any:
     if scale > 0.0:
         share = number(float(error[worst]) / scale)
         subtitle += f" at t = {number(float(time[worst]), 4)} s, {share} of the largest energy"
-    sheet = Sheet(result, subtitle + "; zeros are drawn at one rounding unit")
+    sheet = Sheet(result, subtitle + "; zeros at one rounding unit")
     ax = sheet.ax
-    draw_columns(ax, time, np.maximum(error, floor)[:, None])
+    draw_magnitudes(ax, time, error[:, None], floor)
     log_axis(ax, *positive_floor(error, floor=floor))
     ax.set_xlabel("time [s]")
     ax.set_ylabel(f"{name} [J]")

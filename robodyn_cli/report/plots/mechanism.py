@@ -11,6 +11,7 @@ from matplotlib.lines import Line2D
 
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.decimate import extremes
 from robodyn_cli.report.marks import lock_time
 from robodyn_cli.report.plane import AXES, box_height, main_plane
 from robodyn_cli.report.ticks import number
@@ -94,13 +95,15 @@ def _poses(ax: Any, flat: dict[str, Array], chosen: list[int]) -> list[Any]:
 
 def _pivots(ax: Any, flat: dict[str, Array], sample: int) -> None:
     """Draw the pivots of the last pose: triangles where they never move, circles where they do."""
-    size = max(float(np.nanmax(np.ptp(data.reshape(-1, 2), axis=0))) for data in flat.values())
+    low, high = extremes(np.concatenate([data.reshape(-1, 2) for data in flat.values()]))
+    size = float((high - low).max())
     still: list[Array] = []
     moving: list[Array] = []
     for data in flat.values():
         for corner in range(data.shape[1]):
             track = data[:, corner]
-            fixed = float(np.nanmax(np.ptp(track, axis=0))) <= 1e-6 * size
+            first, last = extremes(track)
+            fixed = float((last - first).max()) <= 1e-6 * size
             (still if fixed else moving).append(track[sample])
     marks = {
         "color": "white",

@@ -8,7 +8,7 @@ import numpy as np
 
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
-from robodyn_cli.report.decimate import finite
+from robodyn_cli.report.decimate import finite, largest
 from robodyn_cli.report.lines import draw_columns
 from robodyn_cli.report.marks import mark_lock
 from robodyn_cli.report.ticks import log_axis, number, positive_floor
@@ -41,9 +41,7 @@ def draw(result: Result) -> Any:
             {"color": colour, "linestyle": dash, "linewidth": 1.8 if column == 0 else 0.9}
             for column in range(data.shape[1])
         ]
-        labels.append(
-            f"{word}: smallest {number(float(np.nanmin(data)) if np.isfinite(data).any() else np.nan)}"
-        )
+        labels.append(f"{word}: smallest {number(-largest(-data))}")
         smallest.append(len(columns) - data.shape[1])
     sheet = Sheet(
         result,
@@ -53,7 +51,8 @@ def draw(result: Result) -> Any:
     ax = sheet.ax
     values = np.column_stack(columns)
     low, high = positive_floor(values)
-    low = max(low, high * 1e-18)
+    # Where one vanishes, how deep a sample happens to fall says nothing.
+    low = max(low, high * 1e-6)
     handles = draw_columns(ax, result.time, np.maximum(values, low), styles)
     log_axis(ax, low, high)
     ax.set_xlabel("time [s]")

@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from matplotlib.lines import Line2D
 
 from robodyn_cli.report.canvas import Sheet
-from robodyn_cli.report.decimate import finite, thin_path
+from robodyn_cli.report.decimate import finite, largest, thin_path
 from robodyn_cli.report.plane import AXES, box_height, main_plane
-from robodyn_cli.report.style import FEW, TARGET, line_styles
+from robodyn_cli.report.style import FEW, GREY, TARGET, line_styles
 from robodyn_cli.report.ticks import number
 from robodyn_cli.results.result import Array, Result
 
@@ -47,9 +48,8 @@ def draw(result: Result) -> Any:
         if name in targets:
             path = thin_path(targets[name][:, [first, second]])
             dashed = ax.plot(path[:, 0], path[:, 1], color=TARGET, linestyle=(0, (4, 3)), linewidth=1.0)
-    start: list[Any] = []
     for name, handle in zip(drawn, handles):
-        start = ax.plot(
+        ax.plot(
             flat[name][0, 0],
             flat[name][0, 1],
             "o",
@@ -63,6 +63,9 @@ def draw(result: Result) -> Any:
     ax.margins(0.08)
     ax.set_xlabel(f"{AXES[first]} [m]")
     ax.set_ylabel(f"{AXES[second]} [m]")
+    start = [
+        Line2D([], [], marker="o", color="white", markeredgecolor=GREY, markeredgewidth=1.8, markersize=8)
+    ]
     sheet.legend([*handles, *dashed, *start], labels)
     return sheet.figure
 
@@ -72,9 +75,6 @@ def _subtitle(points: dict[str, Array], targets: dict[str, Array], drawn: list[s
     if len(drawn) < len(points):
         text += f" ({len(drawn)} of {len(points)})"
     if targets:
-        gap = max(
-            float(np.nanmax(np.linalg.norm(points[name] - target, axis=1)))
-            for name, target in targets.items()
-        )
+        gap = max(largest(np.linalg.norm(points[name] - target, axis=1)) for name, target in targets.items())
         text += f"; largest distance from the target {number(gap)} m"
     return text

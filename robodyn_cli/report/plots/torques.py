@@ -8,8 +8,9 @@ import numpy as np
 
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
-from robodyn_cli.report.decimate import finite
-from robodyn_cli.report.lines import column_names, draw_columns, legend_choice
+from robodyn_cli.report.decimate import finite, where_largest
+from robodyn_cli.report.heatmap import draw_map
+from robodyn_cli.report.lines import column_names, draw_columns
 from robodyn_cli.report.ticks import labelled, number, unit
 from robodyn_cli.results.result import Result
 
@@ -28,21 +29,19 @@ def draw(result: Result) -> Any:
     variable = result.variables["tau"]
     data, names = finite(variable.data), column_names(variable)
     units = unit(variable.units)
-    rms = np.sqrt(np.nanmean(data**2, axis=0))
-    peak = [_peak(data[:, column]) for column in range(data.shape[1])]
+    counted = np.maximum(1, np.isfinite(data).sum(axis=0))
+    rms = np.sqrt(np.nansum(data**2, axis=0) / counted)
+    peak = [where_largest(np.abs(data[:, column])) for column in range(data.shape[1])]
     few = len(names) <= style.FEW
-    chosen = legend_choice(len(names))
-    labels = [
-        f"{names[k]}: peak {number(data[peak[k], k], 4)}, RMS {number(float(rms[k]), 4)} {units}"
-        if few
-        else names[k]
-        for k in chosen
-    ]
-    subtitle = (
-        "Actuator torques; dot: peak, thin line: root mean square" if few else _worst(names, data, rms, units)
-    )
-    if len(chosen) < len(names):
-        subtitle += f"; {len(names)} columns in order of colour, some named"
+    if len(names) > style.MANY:
+        return draw_map(result, data, names, "torque", variable.units, _worst(names, data, rms, units))
+    labels, subtitle = names, _worst(names, data, rms, units)
+    if few:
+        subtitle = "Actuator torques; dot: peak, thin line: root mean square"
+        labels = [
+            f"{name}: peak {number(data[at, k], 4)}, RMS {number(float(rms[k]), 4)} {units}"
+            for k, (name, at) in enumerate(zip(names, peak))
+        ]
     sheet = Sheet(result, subtitle, labels=labels)
     ax = sheet.ax
     handles = draw_columns(ax, result.time, data)
@@ -58,18 +57,13 @@ def draw(result: Result) -> Any:
             )
     ax.set_xlabel("time [s]")
     ax.set_ylabel(labelled("torque" if variable.units == "N m" else "torque or force", variable.units))
-    sheet.legend([handles[index] for index in chosen], labels)
+    sheet.legend(handles, labels)
     return sheet.figure
 
 
-def _peak(column: Any) -> int:
-    """Return the index of the largest magnitude; the first if nothing is finite."""
-    return 0 if np.isnan(column).all() else int(np.nanargmax(np.abs(column)))
-
-
 def _worst(names: list[str], data: Any, rms: Any, units: str) -> str:
-    largest = int(np.nanargmax(rms)) if np.isfinite(rms).any() else 0
-    peak = data[_peak(data[:, largest]), largest]
+    largest = where_largest(rms)
+    peak = data[where_largest(np.abs(data[:, largest])), largest]
     return (
         f"Actuator torques; largest RMS: {names[largest]} with {number(float(rms[largest]), 4)} {units},"
         f" peak {number(float(peak), 4)} {units}"

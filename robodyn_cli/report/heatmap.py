@@ -1,0 +1,48 @@
+"""Many columns over time as a map: one row a column, lightness for the value."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.image import AxesImage
+
+from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.decimate import finite
+from robodyn_cli.report.ticks import labelled
+from robodyn_cli.results.result import Array, Result
+
+# More instants than pixels add nothing.
+INSTANTS = 800
+ROWS = 400
+
+
+def draw_map(result: Result, data: Array, names: list[str], quantity: str, units: str, subtitle: str) -> Any:
+    """Return a figure of ``data``, shape (T, n), with joints upwards and time to the right."""
+    sheet = Sheet(result, f"{subtitle}; a row for each of {len(names)} joints", bar=True)
+    ax = sheet.ax
+    time = result.time
+    rows = _spread(len(names), ROWS)
+    image = finite(data)[np.ix_(_spread(len(time), INSTANTS), rows)].T
+    half = 0.5 if len(time) == 1 else 0.0
+    extent = (time[0] - half, time[-1] + half, 0.5, len(names) + 0.5)
+    # Lightness grows with the value, so a grey print keeps the order.
+    drawn: AxesImage = ax.imshow(
+        image, aspect="auto", origin="lower", extent=extent, cmap="cividis", interpolation="nearest"
+    )
+    ax.grid(False)
+    marks = sorted({round(1 + index * (len(names) - 1) / 8) for index in range(9)})
+    ax.set_yticks(marks, [_short(names[mark - 1]) for mark in marks])
+    ax.set_xlabel("time [s]")
+    bar = sheet.figure.colorbar(drawn, cax=sheet.bar)
+    bar.set_label(labelled(quantity, units))
+    return sheet.figure
+
+
+def _spread(count: int, most: int) -> Any:
+    """Return at most ``most`` indices evenly over ``count``."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= 9 else name[:4] + "…" + name[-4:]

@@ -1,0 +1,125 @@
+"""RNEA, CRBA and ABA are three readings of one equation: M qdd + h = tau."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+
+from robodyn_cli.algorithms.aba import ArticulatedFactor, aba, invert_symmetric
+from robodyn_cli.algorithms.crba import crba
+from robodyn_cli.algorithms.rnea import rnea
+from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.model.model import Model
+from robodyn_cli.spatial.algebra import matrix
+from tests.identities.trees import State, condition, flat, symbols, trees
+from tests.numeric import EPS, assert_close, examples, real
+from tests.random_models import random_tree
+
+
+@examples(40)
+@given(trees())
+def test_forward_dynamics_inverts_inverse_dynamics(model: Model) -> None:
+    s = State.random(model)
+    tau = rnea(model, s.q, s.qd, s.qdd, model.gravity)
+    tolerance = 100 * EPS * condition(crba(model, s.q))
+    scale = float(np.abs(real(tau)).max() / np.abs(np.linalg.eigvalsh(real(crba(model, s.q)))).max())
+    assert_close(aba(model, s.q, s.qd, tau, model.gravity), s.qdd, tolerance, scale + np.abs(s.qdd).max())
+    # and the other way round, on the scale of the torques
+    qdd = aba(model, s.q, s.qd, s.tau, model.gravity)
+    assert_close(rnea(model, s.q, s.qd, qdd, model.gravity), s.tau, tolerance, np.abs(real(tau)).max() + 100.0)
+
+
+@examples(40)
+@given(trees())
+def test_mass_matrix_and_bias_make_up_inverse_dynamics(model: Model) -> None:
+    s = State.random(model)
+    M, h = crba(model, s.q), rnea(model, s.q, s.qd, [0.0] * model.nv, model.gravity)
+    assert_close(real(M) @ s.qdd + real(h), rnea(model, s.q, s.qd, s.qdd, model.gravity), 1e-13)
+    for j in range(model.nv):
+        unit = [float(k == j) for k in range(model.nv)]
+        assert_close(rnea(model, s.q, [0.0] * model.nv, unit), M[:, j], 1e-13, np.abs(real(M)).max())
+
+
+@examples(40)
+@given(trees())
+def test_articulated_factor_solves_with_the_mass_matrix(model: Model) -> None:
+    s = State.random(model)
+    M, factor = real(crba(model, s.q)), ArticulatedFactor(model, s.q)
+    inverse = np.stack([real(factor.solve(row)) for row in np.eye(model.nv)], axis=1)
+    assert_close(inverse @ M, np.eye(model.nv), 100 * EPS * condition(M))
+    assert_close(inverse, inverse.T, 100 * EPS * condition(M))
+
+
+@examples(40)
+@given(trees())
+def test_mass_matrix_is_symmetric_and_positive_definite(model: Model) -> None:
+    M = crba(model, State.random(model).q)
+    for i in range(model.nv):
+        for j in range(model.nv):
+            assert M[i, j] == M[j, i]
+    assert np.linalg.eigvalsh(real(M)).min() > 0.0
+    for body in model.bodies:
+        assert M[body.v, body.v] > body.armature
+
+
+@examples(20)
+@given(trees(6))
+def test_rotors_add_to_the_diagonal_only(model: Model) -> None:
+    import dataclasses
+
+    s = State.random(model)
+    bare = dataclasses.replace(model, bodies=tuple(dataclasses.replace(b, armature=0.0) for b in model.bodies))
+    rotors = np.zeros(model.nv)
+    for body in model.bodies:
+        rotors[body.v] = body.armature
+    assert_close(real(crba(model, s.q)) - real(crba(bare, s.q)), np.diag(rotors), 1e-13, 1.0 + rotors.max())
+    with_, without = (rnea(m, s.q, s.qd, s.qdd, m.gravity) for m in (model, bare))
+    assert_close(real(with_) - real(without), rotors * s.qdd, 1e-12, np.abs(real(with_)).max())
+
+
+@examples(15)
+@given(trees(8))
+def test_graph_gives_the_same_numbers(model: Model) -> None:
+    s = State.random(model)
+    q, qd, qdd, tau = symbols(model)
+    cond = condition(crba(model, s.q))
+    pairs = {
+        "rnea": (rnea(model, q, qd, qdd, model.gravity), rnea(model, s.q, s.qd, s.qdd, model.gravity), 1.0),
+        "no gravity": (rnea(model, q, qd, qdd), rnea(model, s.q, s.qd, s.qdd), 1.0),
+        "crba": (crba(model, q), crba(model, s.q), 1.0),
+        "aba": (aba(model, q, qd, tau, model.gravity), aba(model, s.q, s.qd, s.tau, model.gravity), cond),
+    }
+    for graph, numbers, amplification in pairs.values():
+        got = evaluate(flat(graph), s.inputs)
+        assert_close(got, flat(numbers), 1e-13 * max(1.0, amplification / 100))
+
+
+def test_graph_takes_many_samples_at_once() -> None:
+    model = random_tree(4, 5)
+    q, qd, qdd, _ = symbols(model)
+    tau = rnea(model, q, qd, qdd, model.gravity)
+    states = [State.random(model, k) for k in range(5)]
+    inputs = {k: np.stack([getattr(s, k) for s in states], axis=1) for k in ("q", "qd", "qdd")}
+    got = np.stack([np.broadcast_to(x, 5) for x in evaluate(flat(tau), inputs)], axis=1)
+    for row, s in zip(got, states):
+        assert_close(row, rnea(model, s.q, s.qd, s.qdd, model.gravity), 1e-13)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 6])
+def test_small_symmetric_inverse(n: int) -> None:
+    A = np.random.default_rng(n).normal(size=(n, n))
+    D = A @ A.T + n * np.eye(n)
+    assert_close(real(invert_symmetric(matrix(D.tolist()))) @ D, np.eye(n), 1e-13)
+
+
+def test_a_joint_that_moves_nothing_is_an_error_on_numbers() -> None:
+    import dataclasses
+
+    from robodyn_cli.spatial.inertia import RigidInertia
+
+    model = random_tree(2, 0, armature=False)
+    empty = dataclasses.replace(model.bodies[1], inertia=RigidInertia.zero())
+    model = dataclasses.replace(model, bodies=(model.bodies[0], empty))
+    with pytest.raises(ZeroDivisionError):
+        aba(model, [0.1, 0.2], [0.0, 0.0], [0.0, 0.0])
