@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.algorithms.kinematics import slice_q, transforms
+from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.model.model import BASE, Body, Model
 from robodyn_cli.spatial.algebra import Matrix, Transform, Vector, cross, dot, zeros
@@ -54,13 +55,11 @@ def invert_symmetric(D: Matrix) -> Matrix:
         out = zeros(1, 1)
         out[0, 0] = 1.0 / D[0, 0]
         return out
-    from robodyn_cli.algorithms.linear import factor_ldl, solve_ldl
-
-    L, d = factor_ldl(D)
+    factor = LdlFactor.of(D)
     columns = []
     for k in range(n):
         unit = [1.0 if i == k else 0.0 for i in range(n)]
-        columns.append(solve_ldl(L, d, unit))
+        columns.append(factor.solve(unit))
     return np.stack(columns, axis=1)
 
 

@@ -2,54 +2,74 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
 from robodyn_cli.spatial.algebra import Matrix, Vector, zeros
 
 
-def factor_ldl(A: Matrix, order: Sequence[int] | None = None) -> tuple[Matrix, list[Any]]:
-    """Factor a symmetric positive definite matrix as L D L^T; zeros of A that stay zero cost nothing.
+@dataclasses.dataclass(frozen=True)
+class LdlFactor:
+    """Symmetric positive definite A = P^T L D L^T P; zeros of A that stay zero cost nothing.
 
-    Returns
-    -------
-    L : unit lower triangle (below the diagonal only). d : the inverses of the pivots.
+    L : unit lower triangle (below the diagonal only). inverse : inverses of the pivots D. order : the
+    permutation; position k of the factor is row order[k] of A.
     """
-    n = A.shape[0]
-    L = zeros(n, n)
-    D: list[Any] = []
-    inverse: list[Any] = []
-    for j in range(n):
-        pivot = A[j, j]
-        scaled = []
-        for k in range(j):
-            w = L[j, k] * D[k]
-            scaled.append(w)
-            pivot = pivot - L[j, k] * w
-        D.append(pivot)
-        inverse.append(1.0 / pivot)
-        for i in range(j + 1, n):
-            entry = A[i, j]
+
+    L: Matrix
+    inverse: tuple[Any, ...]
+    order: tuple[int, ...]
+
+    @staticmethod
+    def of(A: Matrix, order: Sequence[int] | None = None) -> LdlFactor:
+        """Factor A. Eliminating the leaves of a tree first keeps the branches apart."""
+        n = A.shape[0]
+        order = tuple(range(n)) if order is None else tuple(order)
+        L = zeros(n, n)
+        D: list[Any] = []
+        inverse: list[Any] = []
+        for j in range(n):
+            pivot = A[order[j], order[j]]
+            scaled = []
             for k in range(j):
-                entry = entry - L[i, k] * scaled[k]
-            L[i, j] = entry * inverse[j]
-    return L, inverse
+                w = L[j, k] * D[k]
+                scaled.append(w)
+                pivot = pivot - L[j, k] * w
+            D.append(pivot)
+            inverse.append(1.0 / pivot)
+            for i in range(j + 1, n):
+                entry = A[order[i], order[j]]
+                for k in range(j):
+                    entry = entry - L[i, k] * scaled[k]
+                L[i, j] = entry * inverse[j]
+        return LdlFactor(L, tuple(inverse), order)
 
+    def forward(self, b: Sequence[Any]) -> Vector:
+        """Return L^-1 P b."""
+        n = len(self.inverse)
+        x = zeros(n)
+        for i in range(n):
+            entry = b[self.order[i]]
+            for k in range(i):
+                entry = entry - self.L[i, k] * x[k]
+            x[i] = entry
+        return x
 
-def solve_ldl(L: Matrix, inverse: Sequence[Any], b: Sequence[Any]) -> Vector:
-    """Solve L D L^T x = b."""
-    n = len(inverse)
-    x = zeros(n)
-    for i in range(n):
-        entry = b[i]
-        for k in range(i):
-            entry = entry - L[i, k] * x[k]
-        x[i] = entry
-    for i in range(n):
-        x[i] = x[i] * inverse[i]
-    for i in reversed(range(n)):
-        entry = x[i]
-        for k in range(i + 1, n):
-            entry = entry - L[k, i] * x[k]
-        x[i] = entry
-    return x
+    def backward(self, y: Sequence[Any]) -> Vector:
+        """Return P^T L^-T y."""
+        n = len(self.inverse)
+        x = zeros(n)
+        for i in reversed(range(n)):
+            entry = y[i]
+            for k in range(i + 1, n):
+                entry = entry - self.L[k, i] * x[k]
+            x[i] = entry
+        out = zeros(n)
+        for i in range(n):
+            out[self.order[i]] = x[i]
+        return out
+
+    def solve(self, b: Sequence[Any]) -> Vector:
+        """Return A^-1 b."""
+        return self.backward([x * d for x, d in zip(self.forward(b), self.inverse)])

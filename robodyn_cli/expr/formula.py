@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, NoReturn
 
 from robodyn_cli.errors import NumericalError, SceneError, did_you_mean
@@ -101,9 +101,9 @@ class Formula:
 
     def resolve(
         self,
-        joints: Iterable[str],
-        parameters: Iterable[str] = (),
-        variables: Iterable[str] = ("t", "q", "qd"),
+        joints: Collection[str],
+        parameters: Collection[str] = (),
+        variables: Collection[str] = ("t", "q", "qd"),
     ) -> Formula:
         """Return the formula with canonical names: ``t``, ``q.JOINT``, ``qd.JOINT``, ``p.PARAMETER``.
 
@@ -111,24 +111,26 @@ class Formula:
         ------
         SceneError : a name that is unknown, or not among ``variables``.
         """
-        joints, parameters, variables = list(joints), list(parameters), list(variables)
-        known = {name: f"p.{name}" for name in parameters}
-        known.update({f"p.{name}": f"p.{name}" for name in parameters})
-        everything = dict(known, t="t")
-        for name in joints:
-            everything.update({name: f"q.{name}", f"q.{name}": f"q.{name}", f"qd.{name}": f"qd.{name}"})
-        known.update({k: v for k, v in everything.items() if v.partition(".")[0] in variables})
+        canonical: dict[str, str] = {}
         for name, column in self.columns.items():
-            if name in known:
+            group, dot, rest = name.partition(".")
+            if name == "t" or (dot and rest in (parameters if group == "p" else joints)):
+                canonical[name] = name
+            elif name in parameters:
+                canonical[name] = f"p.{name}"
+            elif name in joints:
+                canonical[name] = f"q.{name}"
+            if name in canonical and canonical[name].partition(".")[0] in (*variables, "p"):
                 continue
-            what = f"{name!r} is not allowed here" if name in everything else f"unknown name {name!r}"
-            allowed = _listed(sorted({v if v[0] != "p" else v[2:] for v in known.values()}))
-            hint = did_you_mean(name, known)
-            fail(self.text, column, f"{what}{hint}; allowed: {allowed}", self.where)
+            options = [x for x in ("t",) if x in variables] + [*parameters]
+            options += [f"{x}.{joint}" for x in ("q", "qd") if x in variables for joint in joints]
+            what = f"{name!r} is not allowed here" if name in canonical else f"unknown name {name!r}"
+            hint = did_you_mean(name, [*options, *(joints if "q" in variables else ())])
+            fail(self.text, column, f"{what}{hint}; allowed: {_listed(options)}", self.where)
         return dataclasses.replace(
             self,
-            root=self.root.renamed(known),
-            columns={known[name]: column for name, column in self.columns.items()},
+            root=self.root.renamed(canonical),
+            columns={canonical[name]: column for name, column in self.columns.items()},
         )
 
 

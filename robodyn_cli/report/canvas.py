@@ -24,6 +24,7 @@ WIDTH = 7.0
 LEFT, RIGHT = 0.8, 0.3
 DEGREES = 0.3
 BAR = 0.85
+BETWEEN = 0.7
 TITLE_LINE, SUBTITLE_LINE = 0.21, 0.18
 X_LABEL = 0.52
 LEGEND_LINE = 0.19
@@ -40,14 +41,15 @@ class Sheet:
         result: Result,
         subtitle: str,
         *,
-        rows: int = 1,
+        panels: int = 1,
+        across: int = 1,
         height: float = 3.3,
         gap: float = 0.16,
         labels: tuple[str, ...] | list[str] = (),
         degrees: bool = False,
         bar: bool = False,
     ) -> None:
-        """Lay out ``rows`` panels of ``height`` inches each, one above the other with ``gap`` between.
+        """Lay out ``panels`` of ``height`` inches, ``across`` of them side by side, rows ``gap`` apart.
 
         ``labels`` are the texts of the legend below; ``degrees`` leaves room for a second scale, ``bar`` adds
         axes for a colour bar.
@@ -57,16 +59,18 @@ class Sheet:
         self.columns, lines = legend_shape(labels)
         top = 0.12 + TITLE_LINE * len(title) + SUBTITLE_LINE * len(notes) + 0.14
         bottom = X_LABEL + (LEGEND_LINE * lines + 0.1 if lines else 0.0) + 0.04
+        rows = math.ceil(panels / across)
         total = top + rows * height + (rows - 1) * gap + bottom
         self.figure = Figure(figsize=(WIDTH, total), dpi=style.DPI)
         width = WIDTH - LEFT - RIGHT - (DEGREES if degrees else 0.0) - (BAR if bar else 0.0)
+        wide = (width - (across - 1) * BETWEEN) / across
+        self._across = across
         self.axes: list[Axes] = []
-        for row in range(rows):
+        for panel in range(panels):
+            row, column = divmod(panel, across)
+            x = LEFT + column * (wide + BETWEEN)
             y = bottom + (rows - 1 - row) * (height + gap)
-            ax = self.figure.add_axes((LEFT / WIDTH, y / total, width / WIDTH, height / total))
-            if row < rows - 1:
-                ax.tick_params(labelbottom=False)
-            self.axes.append(ax)
+            self.axes.append(self.figure.add_axes((x / WIDTH, y / total, wide / WIDTH, height / total)))
         self.bar: Axes | None = None
         if bar:
             place = ((LEFT + width + 0.15) / WIDTH, bottom / total, 0.18 / WIDTH, height / total)
@@ -85,6 +89,14 @@ class Sheet:
     def ax(self) -> Axes:
         """The first panel."""
         return self.axes[0]
+
+    def label_time(self) -> None:
+        """Name the time axis, and number it only where no panel follows below."""
+        for panel, ax in enumerate(self.axes):
+            if panel + self._across < len(self.axes):
+                ax.tick_params(labelbottom=False)
+            else:
+                ax.set_xlabel("time [s]")
 
     def legend(self, handles: list[Any], labels: list[str] | tuple[str, ...]) -> None:
         """Put the legend below the panels, in the columns foreseen."""

@@ -47,7 +47,7 @@ def crest(x: Array, y: Array, bins: int = 250) -> tuple[Array, Array]:
     return centre, np.asarray(np.where(np.isinf(top), np.nan, top))
 
 
-def thin_path(points: Array, cells: int = 1500, limit: int = 100_000) -> Array:
+def thin_path(points: Array, cells: int = 1500, limit: int = 30_000) -> Array:
     """Return ``points``, shape (T, 2), without those that stay within a cell of the drawing.
 
     ``cells`` is the number of cells along the larger side; ``limit`` bounds what is left.

@@ -19,7 +19,7 @@ ROWS = 400
 
 def draw_map(result: Result, data: Array, names: list[str], quantity: str, units: str, subtitle: str) -> Any:
     """Return a figure of ``data``, shape (T, n), with joints upwards and time to the right."""
-    sheet = Sheet(result, f"{subtitle}; a row for each of {len(names)} joints", bar=True)
+    sheet = Sheet(result, f"{subtitle}; {len(names)} joints, one row each", bar=True)
     ax = sheet.ax
     time = result.time
     rows = _spread(len(names), ROWS)
@@ -33,7 +33,7 @@ def draw_map(result: Result, data: Array, names: list[str], quantity: str, units
     ax.grid(False)
     marks = sorted({round(1 + index * (len(names) - 1) / 8) for index in range(9)})
     ax.set_yticks(marks, [_short(names[mark - 1]) for mark in marks])
-    ax.set_xlabel("time [s]")
+    sheet.label_time()
     bar = sheet.figure.colorbar(drawn, cax=sheet.bar)
     bar.set_label(labelled(quantity, units))
     return sheet.figure

@@ -84,7 +84,7 @@ def time_plot(result: Result, path: str, quantity: str, subtitle: str) -> Any:
     sheet = Sheet(result, subtitle, labels=names if len(names) > 1 else (), degrees=angle)
     ax = sheet.ax
     handles = draw_columns(ax, result.time, variable.data)
-    ax.set_xlabel("time [s]")
+    sheet.label_time()
     ax.set_ylabel(labelled(quantity if len(names) > 1 else f"{names[0]}: {quantity}", variable.units))
     if angle:
         degree_axis(ax)

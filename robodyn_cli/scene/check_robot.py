@@ -67,16 +67,18 @@ def _connect(robot: Robot, check: Check, joints: list[Path], links: list[Path]) 
     for path, name in zip(links, names):
         if name not in moved:
             check.fail(path, f"no joint moves link {name!r}; each link needs one joint")
-    owner = {joint.link: joint for joint in connected}
+    owner = {str(joint.link): joint for joint in connected}
+    grounded = {BASE}
     for k, joint in enumerate(connected):
-        chain = [str(joint.link)]
-        link = joint.parent
-        while link != BASE:
+        chain: list[str] = []
+        link = str(joint.link)
+        while link not in grounded:
             if link in chain:
                 loop = " -> ".join([*chain[chain.index(link) :], link])
                 check.fail((*joints[k], "parent"), f"parents form a cycle: {loop}; close loops with 'loops'")
-            chain.append(str(link))
-            link = owner[link].parent
+            chain.append(link)
+            link = str(owner[link].parent)
+        grounded.update(chain)
     return dataclasses.replace(robot, joints=tuple(connected))
 
 

@@ -62,7 +62,8 @@ def _names(root: Node) -> Names:
     """Return the names that formulas may use, as far as the tree can be understood before it is read."""
     robot = root.get("robot") if isinstance(root, Mapping) else None
     joints = robot.get("joints") if isinstance(robot, Mapping) else None
-    moving, fixed = [], []
+    moving: list[str] = []
+    fixed: list[str] = []
     for joint in joints.items if isinstance(joints, SequenceNode) else ():
         name, type_ = (joint.get("name"), joint.get("type")) if isinstance(joint, Mapping) else (None, None)
         kind = joint_types.get(type_.text) if isinstance(type_, Scalar) else None

@@ -68,6 +68,9 @@ class Reader:
 
     def __init__(self, names: Names) -> None:
         self.names = names
+        # looked up once a formula: as sets, but in the order of the scene
+        self.joints = dict.fromkeys(names.joints)
+        self.parameters = dict.fromkeys(names.parameters)
         self.handlers: dict[type[Kind], Callable[[Any, Node, Path, str], Any]] = {
             Number: self.number,
             Integer: self.integer,
@@ -195,7 +198,7 @@ class Reader:
                 message = f"joint {name.rpartition('.')[2]!r} is fixed: it has no coordinate for a formula"
                 raise located(node, dotted(path), f"{message} (value {describe_node(node)})")
         try:
-            tree = tree.resolve(self.names.joints, self.names.parameters, kind.variables)
+            tree = tree.resolve(self.joints, self.parameters, kind.variables)
         except SceneError as error:
             raise located(node, dotted(path), error.message) from None
         where = str(located(node, dotted(path), "").message).removesuffix(": ")

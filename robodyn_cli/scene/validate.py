@@ -139,7 +139,9 @@ def _check_runs(scene: Scene, check: Check) -> None:
         message = "has a fixed step: key 'step' is missing beside it (value 'rk4'); allowed: a number > 0 [s]"
         check.fail(("simulate", "integrator"), message)
     if options.integrator != "rk4" and options.step is not None:
-        message = f"does not go with integrator {options.integrator!r}, which chooses its own; allowed: with rk4"
+        message = (
+            f"does not go with integrator {options.integrator!r}, which chooses its own; allowed: with rk4"
+        )
         check.fail(("simulate", "step"), message)
     if scene.deploy.latch is not None:
         between = scene.deploy.latch.between

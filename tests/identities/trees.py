@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
+from robodyn_cli.algorithms.crba import crba
+from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.model.model import Model
 from tests.numeric import real
@@ -25,7 +27,7 @@ def trees(largest: int = 12) -> st.SearchStrategy[Model]:
 
     return st.builds(
         build,
-        st.integers(1, largest),
+        st.sampled_from(range(1, largest + 1)),
         st.integers(0, 2**31),
         st.sampled_from((0.3, 0.0, 0.8)),
         st.sampled_from(KINDS),
@@ -68,6 +70,14 @@ def symbols(model: Model) -> tuple[list[Expr], list[Expr], list[Expr], list[Expr
 
 def flat(array: Any) -> list[Any]:
     return list(np.asarray(array, dtype=object).ravel())
+
+
+def torque_scale(model: Model, s: State) -> float:
+    """Size of the terms that make up a torque, before they cancel."""
+    inertia = np.abs(real(crba(model, s.q))) @ np.abs(s.qdd)
+    bias = np.abs(real(rnea(model, s.q, s.qd, [0.0] * model.nv)))
+    weight = np.abs(real(rnea(model, s.q, [0.0] * model.nv, [0.0] * model.nv, model.gravity)))
+    return float((inertia + bias + weight).max())
 
 
 def condition(M: Any) -> float:

@@ -42,7 +42,7 @@ def draw(result: Result) -> Any:
     low, high = positive_floor(data)
     handles = draw_magnitudes(ax, result.time, data, low)
     log_axis(ax, low, high)
-    ax.set_xlabel("time [s]")
+    sheet.label_time()
     ax.set_ylabel("residual")
     mark_lock([ax], result)
     sheet.legend(handles, labels)

@@ -35,7 +35,7 @@ def draw(result: Result) -> Any:
     sheet = Sheet(result, subtitle, labels=labels)
     ax = sheet.ax
     handles = draw_columns(ax, result.time, np.column_stack(list(columns.values())))
-    ax.set_xlabel("time [s]")
+    sheet.label_time()
     ax.set_ylabel("energy [J]")
     mark_lock([ax], result)
     sheet.legend(handles, labels)

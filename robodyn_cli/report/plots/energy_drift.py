@@ -41,14 +41,14 @@ def draw(result: Result) -> Any:
     subtitle = (
         f"Energy {'balance error' if worked else 'drift'} {name}: largest {number(float(error[worst]))} J"
     )
-    if scale > 0.0:
+    if scale > 0.0 and error[worst] > 0.0:
         share = number(float(error[worst]) / scale)
         subtitle += f" at t = {number(float(time[worst]), 4)} s, {share} of the largest energy"
     sheet = Sheet(result, subtitle + "; zeros at one rounding unit")
     ax = sheet.ax
     draw_magnitudes(ax, time, error[:, None], floor)
     log_axis(ax, *positive_floor(error, floor=floor))
-    ax.set_xlabel("time [s]")
+    sheet.label_time()
     ax.set_ylabel(f"{name} [J]")
     return sheet.figure
 

@@ -38,7 +38,9 @@ def draw(result: Result) -> Any:
     labels = [*times[:-1], f"{times[-1]} ({end})"]
     everything = np.concatenate([data[chosen].reshape(-1, 2) for data in flat.values()])
     name = f"{AXES[plane[0]]}-{AXES[plane[1]]} plane"
-    subtitle = f"The mechanism in the {name} at {len(chosen)} instants, light to dark"
+    subtitle = (
+        f"The mechanism in the {name} at {len(chosen)} instant{'s, light to dark' if len(chosen) > 1 else ''}"
+    )
     sheet = Sheet(result, subtitle, labels=labels, height=box_height(everything))
     ax = sheet.ax
     handles = _poses(ax, flat, chosen)
@@ -103,7 +105,8 @@ def _pivots(ax: Any, flat: dict[str, Array], sample: int) -> None:
         for corner in range(data.shape[1]):
             track = data[:, corner]
             first, last = extremes(track)
-            fixed = float((last - first).max()) <= 1e-6 * size
+            # Without any motion nothing tells the pivots on the ground from the others.
+            fixed = bool(size > 0.0 and len(track) > 1 and float((last - first).max()) <= 1e-6 * size)
             (still if fixed else moving).append(track[sample])
     marks = {
         "color": "white",

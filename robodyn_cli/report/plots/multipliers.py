@@ -40,7 +40,7 @@ def draw(result: Result) -> Any:
     if close is not None:
         windows.append(close)
     sheet = Sheet(
-        result, subtitle, rows=len(windows), height=3.3 if close is None else 2.4, gap=0.35, labels=labels
+        result, subtitle, panels=len(windows), height=3.3 if close is None else 2.4, gap=0.55, labels=labels
     )
     low, high = positive_floor(norm)
     # A component crosses zero while the norm does not; its dip may leave the picture.
@@ -51,8 +51,7 @@ def draw(result: Result) -> Any:
         handles = draw_columns(ax, result.time[window], columns[window], _styles(shown))
         log_axis(ax, low, high)
         ax.set_ylabel(labelled("multiplier", variable.units))
-        ax.tick_params(labelbottom=True)
-    sheet.axes[-1].set_xlabel("time [s]")
+        ax.set_xlabel("time [s]")
     mark_lock(sheet.axes, result)
     marks = _mark_growth(sheet.axes, result.time, norm, growth)
     sheet.legend([handles[-1], *handles[:-1], *marks], labels)
@@ -90,7 +89,7 @@ def _mark_growth(axes: list[Any], time: Array, norm: Array, growth: list[tuple[f
         axes[-1].annotate(
             f"{factor:g}×",
             (at, value),
-            xytext=(-8, 2),
+            xytext=(-6, 7),
             textcoords="offset points",
             ha="right",
             color=style.ALARM,

@@ -55,7 +55,7 @@ def draw(result: Result) -> Any:
     low = max(low, high * 1e-6)
     handles = draw_columns(ax, result.time, np.maximum(values, low), styles)
     log_axis(ax, low, high)
-    ax.set_xlabel("time [s]")
+    sheet.label_time()
     ax.set_ylabel("singular value")
     mark_lock([ax], result)
     sheet.legend([handles[index] for index in smallest], labels)

@@ -15,7 +15,7 @@ from robodyn_cli.results.result import Result
 
 # The order of the contract, so that a term has the same colour in every drawing.
 ORDER = ("inertia", "coriolis", "gravity", "friction", "passive")
-MOST_JOINTS = 6
+MOST_JOINTS = 8
 
 
 def applies(result: Result) -> bool:
@@ -34,8 +34,9 @@ def draw(result: Result) -> Any:
     if len(joints) < len(names):
         subtitle += f"; the {len(joints)} of {len(names)} joints with the largest torque"
     labels = [*order, "total"]
-    height = {1: 3.3, 2: 2.0, 3: 1.6}.get(len(joints), 1.3)
-    sheet = Sheet(result, subtitle, rows=len(joints), height=height, labels=labels)
+    count = len(joints)
+    height = {1: 3.3, 2: 2.0}.get(count, 1.6)
+    sheet = Sheet(result, subtitle, panels=count, across=1 if count <= 3 else 2, height=height, labels=labels)
     styles = [_look(name) for name in order]
     styles.append({"color": "#000000", "linestyle": "-", "linewidth": 1.8})
     handles: list[Any] = []
@@ -43,8 +44,9 @@ def draw(result: Result) -> Any:
         columns = [terms[name].data[:, joint] for name in order] + [total.data[:, joint]]
         handles = draw_columns(ax, result.time, np.column_stack(columns), styles)
         ax.set_ylabel(f"{names[joint]} [{unit(total.units)}]")
-        ax.yaxis.set_label_coords(-0.085, 0.5)
-    sheet.axes[-1].set_xlabel("time [s]")
+        if count <= 3:
+            ax.yaxis.set_label_coords(-0.085, 0.5)
+    sheet.label_time()
     sheet.legend(handles, labels)
     return sheet.figure
 

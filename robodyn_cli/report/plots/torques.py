@@ -55,7 +55,7 @@ def draw(result: Result) -> Any:
             ax.axhline(
                 float(rms[column]), color=colour, linewidth=0.8, linestyle=handle.get_linestyle(), alpha=0.7
             )
-    ax.set_xlabel("time [s]")
+    sheet.label_time()
     ax.set_ylabel(labelled("torque" if variable.units == "N m" else "torque or force", variable.units))
     sheet.legend(handles, labels)
     return sheet.figure

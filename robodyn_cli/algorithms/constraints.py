@@ -1,0 +1,147 @@
+"""Closed loops: constraint rows, and the equations of motion with Lagrange multipliers."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+from robodyn_cli.algorithms.kinematics import Motion, Pose, motions, point_jacobian, poses, slice_q, slice_v, step_motion
+from robodyn_cli.algorithms.linear import LdlFactor
+from robodyn_cli.expr.graph import Expr
+from robodyn_cli.loops.base import LoopFrame, Row
+from robodyn_cli.model.model import BASE, FixedFrame, Loop, Model
+from robodyn_cli.spatial.algebra import Matrix, Transform, Vector, zeros
+
+
+def loop_rows(
+    model: Model,
+    loop: Loop,
+    X: Sequence[Transform],
+    q: Sequence[Any],
+    qd: Sequence[Any],
+    gravity: Vector | None = None,
+) -> list[Row]:
+    """Return the rows of one loop closure.
+
+    ``gravity`` may be given so that accelerations are shared with the Newton-Euler pass: it cancels in the
+    difference of the two ends.
+    """
+    root = model.common_ancestor(loop.first.body, loop.second.body)
+    pose = poses(model, X, root)
+    rest = zeros(model.nv)
+    if root == BASE:
+        motion = motions(model, X, q, qd, rest, gravity)
+    else:
+        motion = {root: Motion.at_rest()}
+        for k, body in enumerate(model.bodies):
+            if k != root and body.parent in motion:
+                motion[k] = step_motion(
+                    body, X[k], slice_q(body, q), slice_v(body, qd), slice_v(body, rest), motion[body.parent]
+                )
+    ends = [_frame(model, q, pose, motion, frame, root) for frame in (loop.first, loop.second)]
+    rows: list[Row] = loop.element.rows(*ends)
+    return rows
+
+
+def _frame(
+    model: Model, q: Sequence[Any], pose: dict[int, Pose], motion: dict[int, Motion], frame: FixedFrame, root: int
+) -> LoopFrame:
+    here, moving = pose[frame.body], motion[frame.body]
+    p = here.point(frame.p)
+    Jv, Jw = point_jacobian(model, q, pose, frame.body, p, root)
+    return LoopFrame(
+        p,
+        here.R @ frame.R,
+        Jv,
+        Jw,
+        here.R @ moving.w,
+        here.R @ moving.acceleration_of(frame.p),
+        here.R @ moving.wd,
+    )
+
+
+def vanishes(row: Row) -> bool:
+    """Tell whether a row is identically zero (a planar loop out of its plane)."""
+    return not any(isinstance(x, Expr) or x != 0.0 for x in (row.eta, row.gamma, row.eta_t, *row.psi))
+
+
+@dataclasses.dataclass(frozen=True)
+class Multipliers:
+    """Solution of equation (36): accelerations and multipliers."""
+
+    qdd: Vector
+    lam: Vector
+
+
+def solve_with_multipliers(factor: LdlFactor, f: Sequence[Any], psi: Matrix, gamma: Sequence[Any]) -> Multipliers:
+    """Solve M qdd = f + Psi^T lambda with Psi qdd + gamma = 0 (equation 36 of the lecture).
+
+    With M = L D L^T, b = L^-1 f and Y = L^-1 Psi^T:
+    (Y^T D^-1 Y) lambda = -(gamma + Y^T D^-1 b);  qdd = L^-T D^-1 (b + Y lambda).
+    """
+    m = psi.shape[0]
+    b = factor.forward(f)
+    Y = [factor.forward(psi[i]) for i in range(m)]
+    scaled = [[y * d for y, d in zip(row, factor.inverse)] for row in Y]
+    A = zeros(m, m)
+    rhs = zeros(m)
+    for i in range(m):
+        for j in range(i + 1):
+            total: Any = 0.0
+            for x, y in zip(scaled[i], Y[j]):
+                total = total + x * y
+            A[i, j] = A[j, i] = total
+        total = gamma[i]
+        for x, y in zip(scaled[i], b):
+            total = total + x * y
+        rhs[i] = -total
+    lam = LdlFactor.of(A).solve(rhs)
+    loaded = []
+    for k in range(len(b)):
+        total = b[k]
+        for i in range(m):
+            total = total + Y[i][k] * lam[i]
+        loaded.append(total * factor.inverse[k])
+    return Multipliers(factor.backward(loaded), lam)
+
+
+def correction(psi: Matrix, residual: Sequence[Any]) -> Vector:
+    """Return the smallest x with Psi x = residual: Psi^T (Psi Psi^T + mu E)^-1 residual.
+
+    mu is 1e-12 of the mean diagonal, far below any regular pose, and bounds the correction where Psi loses rank.
+    """
+    m = psi.shape[0]
+    A = psi @ psi.T
+    trace: Any = 0.0
+    for i in range(m):
+        trace = trace + A[i, i]
+    for i in range(m):
+        A[i, i] = A[i, i] + trace * (1e-12 / m)
+        for j in range(i):
+            A[i, j] = A[j, i]
+    return psi.T @ LdlFactor.of(A).solve(residual)
+
+
+def determinant(A: Matrix) -> Any:
+    """Return the determinant by expansion along rows, minors shared; zeros of the structure cost nothing.
+
+    The work grows as n 2^n: meant for the passive block of a mechanism, n up to about 10.
+    """
+    n = A.shape[0]
+    minors: dict[frozenset[int], Any] = {frozenset(): 1.0}
+    for row in reversed(range(n)):
+        size = n - row
+        level: dict[frozenset[int], Any] = {}
+        for smaller, value in minors.items():
+            if len(smaller) != size - 1:
+                continue
+            for column in range(n):
+                if column in smaller or (not isinstance(A[row, column], Expr) and A[row, column] == 0.0):
+                    continue
+                sign = -1.0 if sum(c < column for c in smaller) % 2 else 1.0
+                key = smaller | {column}
+                term = sign * (A[row, column] * value)
+                level[key] = level[key] + term if key in level else term
+        minors = level
+    return minors.get(frozenset(range(n)), 0.0)

@@ -1,0 +1,300 @@
+"""The equations of motion of a scene, each part on its own and built only when asked for.
+
+    M(q) v-dot + h(q, v) = tau_a + tau_f + Psi^T lambda,   eta(q, t) = 0
+
+tau_a are actuator torques, tau_f those of springs, dampers and friction in the joints.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+from robodyn_cli.algorithms.aba import ArticulatedFactor
+from robodyn_cli.algorithms.constraints import Multipliers, loop_rows, solve_with_multipliers, vanishes
+from robodyn_cli.algorithms.crba import crba
+from robodyn_cli.algorithms.energy import gravity_energy, kinetic_energy, spring_energy
+from robodyn_cli.algorithms.kinematics import Pose, poses, transforms
+from robodyn_cli.algorithms.linear import LdlFactor
+from robodyn_cli.algorithms.rnea import rnea
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.expr.calculus import directional
+from robodyn_cli.expr.functions import interpolate
+from robodyn_cli.expr.graph import Expr, Scalar, count_operations
+from robodyn_cli.loops.base import Row
+from robodyn_cli.model.build import build_model
+from robodyn_cli.model.model import FixedFrame, Model
+from robodyn_cli.scene import types as sc
+from robodyn_cli.spatial.algebra import Matrix, Transform, Vector, zeros
+
+GROUPS = ("t", "q", "v", "a", "p")
+
+
+@dataclasses.dataclass(frozen=True)
+class Constraints:
+    """Rows eta = 0, Psi v + eta_t = 0, Psi v-dot + gamma = 0; ``dropped`` rows vanish identically.
+
+    ``prescribed`` rows drive a joint; the others close loops.
+    """
+
+    rows: tuple[Row, ...]
+    dropped: tuple[str, ...]
+    prescribed: tuple[int, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(r.name for r in self.rows)
+
+    @property
+    def eta(self) -> list[Scalar]:
+        return [r.eta for r in self.rows]
+
+    @property
+    def eta_t(self) -> list[Scalar]:
+        return [r.eta_t for r in self.rows]
+
+    @property
+    def gamma(self) -> list[Scalar]:
+        return [r.gamma for r in self.rows]
+
+    def psi(self, nv: int) -> Matrix:
+        """Return Psi (m, nv)."""
+        out = zeros(len(self.rows), nv)
+        for i, row in enumerate(self.rows):
+            out[i] = row.psi
+        return out
+
+    def only(self, keep: Sequence[int]) -> Constraints:
+        """Return the constraints with a subset of the rows."""
+        place = {old: new for new, old in enumerate(keep)}
+        return Constraints(
+            tuple(self.rows[i] for i in keep),
+            self.dropped,
+            tuple(place[i] for i in self.prescribed if i in place),
+        )
+
+
+class Problem:
+    """The equations of one scene as expressions of t, q, v (and a, the accelerations), parameters p.
+
+    Parameters
+    ----------
+    scene : the checked scene.
+    symbolic : constants kept as parameters p, in this order (see ``build_model``).
+    keep_rows : constraint rows to keep, by index; all by default.
+    """
+
+    def __init__(
+        self, scene: sc.Scene, symbolic: Sequence[str] = (), keep_rows: Sequence[int] | None = None,
+        model: Model | None = None,
+    ) -> None:
+        self.scene = scene
+        self.model = model if model is not None else build_model(scene, symbolic)
+        graph = self.graph = self.model.graph
+        self.t: Expr = graph.symbol("t", "t")
+        self.q: list[Expr] = graph.symbols(self.model.q_names, "q")
+        self.v: list[Expr] = graph.symbols([f"{n}'" for n in self.model.v_names], "v")
+        self.a: list[Expr] = graph.symbols([f"{n}''" for n in self.model.v_names], "a")
+        self.keep_rows = keep_rows
+
+    # -- rigid bodies ---------------------------------------------------------------------------------
+    @property
+    def gravity(self) -> Vector | None:
+        """Gravity in base coordinates, None where it is zero."""
+        g = self.model.gravity
+        return g if any(isinstance(x, Expr) or x != 0.0 for x in g) else None
+
+    @cached_property
+    def X(self) -> list[Transform]:
+        return transforms(self.model, self.q)
+
+    @cached_property
+    def pose(self) -> dict[int, Pose]:
+        """Poses of the bodies in base coordinates."""
+        return poses(self.model, self.X)
+
+    @cached_property
+    def mass_matrix(self) -> Matrix:
+        return crba(self.model, self.q, self.X)
+
+    @cached_property
+    def bias(self) -> Vector:
+        """h = C v + G."""
+        return rnea(self.model, self.q, self.v, zeros(self.model.nv), self.gravity, self.X)
+
+    @cached_property
+    def inverse_dynamics(self) -> Vector:
+        """M a + C v + G."""
+        return rnea(self.model, self.q, self.v, self.a, self.gravity, self.X)
+
+    def rigid_terms(self) -> dict[str, Vector]:
+        """Return M a, C v and G apart: ``inertia``, ``coriolis`` and, where there is gravity, ``gravity``."""
+        nv = self.model.nv
+        rest = zeros(nv)
+        terms = {
+            "inertia": rnea(self.model, self.q, rest, self.a, None, self.X),
+            "coriolis": rnea(self.model, self.q, self.v, rest, None, self.X),
+        }
+        if self.gravity is not None:
+            terms["gravity"] = rnea(self.model, self.q, rest, rest, self.gravity, self.X)
+        return terms
+
+    # -- torques --------------------------------------------------------------------------------------
+    def _environment(self) -> dict[str, Any]:
+        env: dict[str, Any] = {"t": self.t}
+        for name, q, v in zip(self.model.joint_names, self.q, self.v):
+            env[f"q.{name}"], env[f"qd.{name}"] = q, v
+        for name, value in (self.scene.parameters or {}).items():
+            env[f"p.{name}"] = value
+        return env
+
+    @cached_property
+    def actuator_torques(self) -> Vector:
+        """tau_a (nv,) from the scene's ``torques``: constants, formulas, tables."""
+        tau = zeros(self.model.nv)
+        env = self._environment()
+        for name, torque in (self.scene.torques or {}).items():
+            place = self.model.body_of(name).v
+            if isinstance(torque, sc.Torque):
+                times, values = zip(*torque.table)
+                tau[place] = interpolate(self.t, tuple(times), tuple(values))
+            else:
+                tau[place] = torque.evaluate(env)
+        return tau
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times at which tabulated torques have kinks."""
+        times = {
+            float(row[0])
+            for torque in (self.scene.torques or {}).values()
+            if isinstance(torque, sc.Torque)
+            for row in torque.table
+        }
+        return tuple(sorted(times))
+
+    def joint_forces(self, smooth: bool) -> dict[str, Vector]:
+        """Return the torques of springs, dampers (``passive``) and friction (``friction``) on the joints.
+
+        ``smooth`` replaces the sign in Coulomb friction, for simulations.
+        """
+        terms: dict[str, Vector] = {}
+        for body in self.model.bodies:
+            for force in body.forces:
+                term = terms.setdefault(force.element.term, zeros(self.model.nv))
+                try:
+                    torque = force.element.torque(self.q[body.q], self.v[body.v], body.gear_ratio, smooth)
+                except CapabilityError as error:
+                    raise CapabilityError(f"joint {body.joint_name}: {error.message}") from error
+                term[body.v] = term[body.v] + torque
+        return terms
+
+    @cached_property
+    def applied(self) -> Vector:
+        """tau_a + tau_f, as a simulation uses them."""
+        total = self.actuator_torques.copy()
+        for term in self.joint_forces(smooth=True).values():
+            total = total + term
+        return total
+
+    @cached_property
+    def dissipated(self) -> list[tuple[int, Scalar]]:
+        """Torques of joint elements that are not the gradient of a potential: (velocity index, torque)."""
+        found = []
+        for body in self.model.bodies:
+            for force in body.forces:
+                if force.element.dissipative:
+                    torque = force.element.torque(self.q[body.q], self.v[body.v], body.gear_ratio, True)
+                    found.append((body.v, torque))
+        return found
+
+    # -- constraints ----------------------------------------------------------------------------------
+    @cached_property
+    def constraints(self) -> Constraints:
+        """Rows of the loop closures, then of prescribed joints."""
+        rows: list[Row] = []
+        dropped: list[str] = []
+        for loop in self.model.loops:
+            for row in loop_rows(self.model, loop, self.X, self.q, self.v, self.gravity):
+                if vanishes(row):
+                    dropped.append(row.name)
+                else:
+                    rows.append(row)
+        first = len(rows)
+        env = {"t": self.t, **{f"p.{n}": x for n, x in (self.scene.parameters or {}).items()}}
+        for name, formula in (self.scene.prescribed or {}).items():
+            body = self.model.body_of(name)
+            target = formula.evaluate(env)
+            rate = directional([target], [self.t], [1.0])[0]
+            second = directional([rate], [self.t], [1.0])[0]
+            psi = zeros(self.model.nv)
+            psi[body.v] = 1.0
+            rows.append(
+                Row(f"prescribed.{name}", self.q[body.q] - target, psi, -second, -rate, body.joint.units[0])
+            )
+        found = Constraints(tuple(rows), tuple(dropped), tuple(range(first, len(rows))))
+        return found if self.keep_rows is None else found.only(self.keep_rows)
+
+    @property
+    def constraint_rows(self) -> tuple[Row, ...]:
+        return self.constraints.rows
+
+    @cached_property
+    def psi(self) -> Matrix:
+        return self.constraints.psi(self.model.nv)
+
+    @cached_property
+    def elimination_order(self) -> list[int]:
+        """Velocity coordinates, leaves of the tree first."""
+        return [
+            body.v + j for body in reversed(self.model.bodies) for j in range(body.joint.nv)
+        ]
+
+    # -- forward dynamics -----------------------------------------------------------------------------
+    @cached_property
+    def forward(self) -> Multipliers:
+        """Accelerations (and multipliers) for the applied torques, by whichever way takes fewer operations."""
+        f = self.applied - self.bias
+        if self.constraints.rows:
+            factor = LdlFactor.of(self.mass_matrix, self.elimination_order)
+            return solve_with_multipliers(factor, f, self.psi, self.constraints.gamma)
+        return Multipliers(self.free_accelerations(f), zeros(0))
+
+    def free_accelerations(self, f: Sequence[Any]) -> Vector:
+        """Return M^-1 f for the open tree: articulated bodies, or factored mass matrix where that is shorter."""
+        articulated = ArticulatedFactor(self.model, self.q, self.X).solve(f)
+        if self.model.nv > 12:  # the dense factorisation grows with the cube
+            return articulated
+        dense = LdlFactor.of(self.mass_matrix, self.elimination_order).solve(f)
+        return min((dense, articulated), key=count_operations)
+
+    # -- energy ---------------------------------------------------------------------------------------
+    @cached_property
+    def kinetic(self) -> Scalar:
+        return kinetic_energy(self.model, self.q, self.v, self.X)
+
+    @cached_property
+    def potential(self) -> Scalar:
+        """Gravity (zero at the base's origin) and joint springs."""
+        return gravity_energy(self.model, self.q, self.gravity, self.X) + spring_energy(self.model, self.q)
+
+    @cached_property
+    def power(self) -> Scalar:
+        """Power of everything that the potential energy does not cover: actuators, damping, prescribed joints."""
+        total: Scalar = 0.0
+        for tau, v in zip(self.actuator_torques, self.v):
+            total = total + tau * v
+        for place, torque in self.dissipated:
+            total = total + torque * self.v[place]
+        constraints = self.constraints
+        for i in constraints.prescribed:
+            # Psi^T lambda does work at the rate -lambda eta_t on a rheonomic row
+            total = total - self.forward.lam[i] * constraints.rows[i].eta_t
+        return total
+
+    # -- places ---------------------------------------------------------------------------------------
+    def world_point(self, frame: FixedFrame) -> Vector:
+        """Return the world coordinates [m] of a point fixed to a body."""
+        return self.model.base.point(self.pose[frame.body].point(frame.p))

@@ -1,0 +1,68 @@
+"""A small scene to spoil, and the place where the complaint must point."""
+
+from __future__ import annotations
+
+import pytest
+
+from robodyn_cli.errors import SceneError
+from robodyn_cli.scene import load_scene_text
+
+FILE = "bad.yaml"
+MARK = "§"
+
+SCENE = """\
+schema: 1
+gravity: [0, -9.81, 0]
+parameters: {k: 0.1}
+robot:
+  convention: standard
+  joints:
+    - {name: j1, type: revolute, a: 1.0, alpha: 0, d: 0}
+    - {name: j2, type: prismatic, a: 0, alpha: 90 deg, theta: 0}
+    - {name: weld, type: fixed, parent: l1, origin: {xyz: [0.1, 0, 0]}}
+  links:
+    - {name: l1, mass: 1, com: [0.5, 0, 0], com_frame: joint}
+    - {name: l2, mass: 1}
+    - {name: l3, mass: 1}
+  points:
+    tip: {link: l2, at: end}
+    post: {link: base, at: [1, 0, 0]}
+torques: {j1: 1}
+initial: {q: {j1: 0.1}}
+"""
+
+
+def spoiled(old: str, new: str, scene: str = SCENE) -> str:
+    """Return the scene with ``old``, which stands there once, replaced; an empty ``old`` appends."""
+    if not old:
+        return scene + new
+    assert scene.count(old) == 1, old
+    return scene.replace(old, new)
+
+
+def unmarked(text: str) -> tuple[str, int, int]:
+    """Return the text without its mark, and the mark's line and column."""
+    assert text.count(MARK) == 1
+    before, after = text.split(MARK)
+    return before + after, before.count("\n") + 1, len(before) - (before.rfind("\n") + 1) + 1
+
+
+def complaint(text: str, overrides: tuple[str, ...] = (), path: str = FILE) -> SceneError:
+    """Return the error of a scene that must not load."""
+    with pytest.raises(SceneError) as caught:
+        load_scene_text(text, path, overrides)
+    assert "\n" not in caught.value.message
+    assert {"file", "line", "column", "key"} <= set(caught.value.details)
+    return caught.value
+
+
+def check_place(marked: str, key: str, *fragments: str) -> None:
+    """Check that the scene is refused at the mark, for this key, with these words."""
+    text, line, column = unmarked(marked)
+    error = complaint(text)
+    prefix = f"{FILE}:{line}:{column}: " + (f"{key}: " if key else "")
+    assert error.message.startswith(prefix), f"{error.message!r} does not start with {prefix!r}"
+    expected = {"file": FILE, "line": line, "column": column, "key": key}
+    assert {name: error.details[name] for name in expected} == expected
+    for fragment in fragments:
+        assert fragment in error.message[len(prefix) :], error.message

@@ -1,0 +1,274 @@
+"""YAML 1.2 scalars, places of nodes, and everything that is refused before a key is looked at."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+
+import pytest
+
+from robodyn_cli.errors import SceneError
+from robodyn_cli.scene import load_scene, load_scene_text
+from robodyn_cli.scene.emit import emit
+from robodyn_cli.scene.nodes import Mapping, Node, Scalar, Sequence, Source
+from robodyn_cli.scene.yaml_nodes import MAX_BYTES, compose
+from tests.unit.scene_text import FILE, SCENE, check_place, complaint
+
+SOURCE = Source("x.yaml", ".")
+
+
+def plain(node: Node) -> object:
+    """Return a tree as Python values."""
+    if isinstance(node, Mapping):
+        return {key.text: plain(value) for key, value in node.entries}
+    if isinstance(node, Sequence):
+        return [plain(item) for item in node.items]
+    assert isinstance(node, Scalar)
+    return node.value
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("1", 1),
+        ("-3", -3),
+        ("+7", 7),
+        ("010", 10),
+        ("1e-9", 1e-9),
+        ("1E5", 1e5),
+        ("-1.5e+3", -1500.0),
+        (".5", 0.5),
+        ("5.", 5.0),
+        (".inf", math.inf),
+        ("-.INF", -math.inf),
+        ("true", True),
+        ("false", False),
+        ("null", None),
+        ("~", None),
+        ("True", "True"),
+        ("yes", "yes"),
+        ("no", "no"),
+        ("on", "on"),
+        ("1:30", "1:30"),
+        ("1_000", "1_000"),
+        ("2024-01-01", "2024-01-01"),
+        ("-90 deg", "-90 deg"),
+        ("=", "="),
+        ("'1'", "1"),
+        ('"true"', "true"),
+        ("!!str 12", "12"),
+        ("!!float 12", 12),
+        ("!!int 12", 12),
+        ("! 12", "12"),
+        ("12e", "12e"),
+        ("+", "+"),
+        ("9" * 5000, math.inf),
+    ],
+)
+def test_scalars(text: str, value: object) -> None:
+    node = plain(compose(f"a: {text}", SOURCE))
+    assert isinstance(node, dict)
+    assert node["a"] == value
+    assert type(node["a"]) is type(value)
+
+
+def test_nan_is_recognised() -> None:
+    node = plain(compose("[.nan, .NaN]", SOURCE))
+    assert isinstance(node, list)
+    assert all(isinstance(x, float) and math.isnan(x) for x in node)
+
+
+def test_nodes_know_their_places() -> None:
+    root = compose("a: 1\nb:\n  - x\n  - {c: é, d: 2}\n", SOURCE)
+    assert isinstance(root, Mapping)
+    b = root.get("b")
+    assert isinstance(b, Sequence)
+    last = b.items[1]
+    assert isinstance(last, Mapping)
+    d, key = last.get("d"), last.key("d")
+    assert d is not None and key is not None
+    assert (b.items[0].line, b.items[0].column) == (3, 5)
+    assert (key.line, key.column) == (4, 12)
+    assert (d.line, d.column) == (4, 15)
+
+
+def test_aliases_stand_for_what_they_name() -> None:
+    assert plain(compose("a: &x [1, 2]\nb: *x\nc: [*x, *x]", SOURCE)) == {
+        "a": [1, 2],
+        "b": [1, 2],
+        "c": [[1, 2], [1, 2]],
+    }
+    assert plain(compose("- &k word\n- {*k : 1}", SOURCE)) == ["word", {"word": 1}]
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "words"),
+    [
+        ("a: 1\nb: 2\n§a: 3\n", "a", "stands twice; first on line 1"),
+        ("a:\n  b: 1\n  §'b': 2\n", "a.b", "stands twice; first on line 2"),
+        ("a: {b: 1, §b: 2}\n", "a.b", "stands twice"),
+        ("a: &x\n  b: [1, §*x]\n", "a.b.1", "its own anchor"),
+        ("§&a [*a]", "", "its own anchor"),
+        ("a: [1, §*x]", "a.1", "no anchor &x"),
+        ("a: 1\n§---\nb: 2\n", "", "second document"),
+        ("a: §!!python/object/apply:os.system ['x']", "a", "'!!python/object/apply:os.system' is not allowed"),
+        ("a: §!thing 3", "a", "'!thing' is not allowed"),
+        ("a: §!!set {x, y}", "a", "not allowed"),
+        ("a: §!!seq {x: y}", "a", "not allowed"),
+        ("a: §!!int x", "a", "does not fit its tag"),
+        ("a: §!!bool 1", "a", "does not fit its tag"),
+        ("a: §0x1F", "a", "hexadecimal"),
+        ("a: §0o17", "a", "octal"),
+        ("a: [1, 2\n§b: 3", "", "not YAML"),
+        ("a: b§: c", "", "not YAML"),
+        ("a:\n  b: 1\n §c: 2\n", "", "not YAML"),
+        ("a: 'open§", "", "not YAML"),
+        ("a: b\n§\tc: d", "", "not YAML"),
+        ("a: x§\x01y", "", "'\\x01' is not allowed"),
+        ("a: é\nb: x§\x7f", "", "'\\x7f' is not allowed"),
+        ("§[1]: 2", "", "plain word"),
+        ("{§: 2}", "", "plain word"),
+        ("a: {§{b: 1}: 2}", "a", "plain word"),
+        ("§<<: {a: 1}", "", "merge keys"),
+        ("§", "", "nothing in it"),
+        ("§# only a comment\n", "", "nothing in it"),
+        ("§---\n...\n", "", "nothing in it"),
+        ("§- 1\n- 2\n", "", "a scene is a map"),
+        ("§just text", "", "a scene is a map"),
+        ("§3", "", "a scene is a map"),
+    ],
+)
+def test_refused(text: str, key: str, words: str) -> None:
+    if words in ("nothing in it", "its own anchor") and text.startswith("§"):
+        text = text.replace("§", "")
+        error = complaint(text)
+        assert words in error.message
+        assert error.details["line"] == 1
+        return
+    if "not YAML" in words:
+        # where exactly broken syntax shows depends on the scanner: the line must be right, or the next one
+        before = text[: text.index("§")]
+        error = complaint(text.replace("§", ""))
+        assert words in error.message
+        assert error.details["line"] - before.count("\n") in (1, 2)
+        return
+    check_place(text, key, words)
+
+
+def test_half_a_surrogate_pair() -> None:
+    check_place("a: 1\nb: x§\ud800", "", "surrogate")
+
+
+def test_billion_laughs() -> None:
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
+    lines += [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)}]" for k in range(1, 30)]
+    start = time.perf_counter()
+    error = complaint("\n".join(lines))
+    assert "aliases expand to more than" in error.message
+    assert error.details["line"] == 5
+    assert time.perf_counter() - start < 1.0
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, "{a: " * 50_000, "- " * 50_000, "? " * 50_000])
+def test_deep_nesting_is_refused_at_once(text: str) -> None:
+    start = time.perf_counter()
+    assert "levels deep" in complaint(text).message
+    assert time.perf_counter() - start < 2.0
+
+
+def test_the_slow_parser_gives_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    import yaml
+
+    from robodyn_cli.scene import yaml_nodes
+
+    text = SCENE + "title: 'é: \"x\"'\n"
+    fast = compose(text, SOURCE)
+    monkeypatch.setattr(yaml_nodes, "_LOADER", yaml.SafeLoader)
+    assert compose(text, SOURCE) == fast
+    assert "not allowed in YAML" in complaint("a: x\x01y").message
+    assert complaint("a: 1\na: 2").details["line"] == 2
+
+
+# -- files --------------------------------------------------------------------------------------------
+def refuse(path: Path) -> str:
+    with pytest.raises(SceneError) as caught:
+        load_scene(path)
+    assert "\n" not in caught.value.message
+    assert caught.value.details["file"] == str(path)
+    return caught.value.message
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    path = tmp_path / "none.yaml"
+    assert refuse(path) == f"{path}: cannot be read: there is no such file"
+
+
+def test_directory(tmp_path: Path) -> None:
+    assert "it is a directory" in refuse(tmp_path)
+
+
+def test_zero_byte_in_the_path() -> None:
+    assert "cannot be read" in refuse(Path("a\0b.yaml"))
+
+
+def test_not_utf8(tmp_path: Path) -> None:
+    path = tmp_path / "latin.yaml"
+    path.write_bytes(b"schema: 1\ntitle: caf\xe9\n")
+    assert "it is not UTF-8 text (byte 20, line 2)" in refuse(path)
+
+
+def test_huge_file(tmp_path: Path) -> None:
+    path = tmp_path / "huge.yaml"
+    with path.open("wb") as file:
+        file.truncate(MAX_BYTES + 1)
+    assert "larger than 50 MB" in refuse(path)
+
+
+def test_byte_order_mark_is_dropped(tmp_path: Path) -> None:
+    path = tmp_path / "bom.yaml"
+    path.write_bytes(b"\xef\xbb\xbf" + SCENE.encode())
+    assert load_scene(path) == load_scene_text(SCENE)
+
+
+def test_windows_line_ends() -> None:
+    assert load_scene_text(SCENE.replace("\n", "\r\n")) == load_scene_text(SCENE)
+
+
+# -- writing ------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[]",
+        "{}",
+        "a: {}",
+        "[[], {}, [[]]]",
+        "a: ''",
+        "a: null",
+        "'null': 'true'",
+        "a: '1'",
+        "a: '1e-9'",
+        "a: '- x'",
+        "a: 'x: y # z'",
+        "a: ' x '",
+        'a: "tab\\t, newline\\n, bell\\a, \\u0085 \\u2028 \\uFEFF \\U0001F600"',
+        "a: 0.1\nb: 1e-300\nc: 123456789.123456789\nd: 1e22",
+        "a: -.inf",
+        "a: [1, {b: [2, {c: [3, {d: 4}]}]}]",
+        "'a b': {'c-d': 1, 'é': 2}",
+        "a: [" + ", ".join(["123456.789"] * 50) + "]",
+    ],
+)
+def test_emitted_text_reads_back(text: str) -> None:
+    tree = compose(text, SOURCE)
+    written = emit(tree)
+    again = compose(written, SOURCE)
+    assert plain(again) == plain(tree)
+    assert emit(again) == written
+
+
+def test_place_in_an_error_is_the_given_path() -> None:
+    assert complaint("a: 1", path=FILE).details["file"] == FILE
+    with pytest.raises(SceneError) as caught:
+        load_scene_text("a: 1")
+    assert caught.value.message.startswith("<text>:1:1: a: unknown key")
