@@ -39,8 +39,8 @@ def assert_close(got: Any, expected: Any, tolerance: float, scale: float | None 
     if a.size == 0:
         return
     if scale is None:
-        scale = max(float(np.abs(a).max()), float(np.abs(b).max()), 1e-300)
-    error = float(np.abs(a - b).max()) / scale
+        scale = max(float(np.abs(a).max()), float(np.abs(b).max()))
+    error = float(np.abs(a - b).max()) / max(float(scale), 1e-300)
     assert error <= tolerance, f"relative difference {error:.3e} exceeds {tolerance:.1e} (scale {scale:.3g})"
 
 

@@ -62,7 +62,9 @@ _SETTINGS: dict[Any, Any] = {
 def styled() -> Iterator[None]:
     """Draw in robodyn's style inside the context, whatever the user's own settings of matplotlib."""
     with matplotlib.rc_context():
-        matplotlib.rcParams.update(matplotlib.rcParamsDefault)
+        # To touch the backend would import pyplot and look for a display.
+        defaults = {name: item for name, item in matplotlib.rcParamsDefault.items() if name != "backend"}
+        matplotlib.rcParams.update(defaults)
         matplotlib.rcParams.update(_SETTINGS)
         yield
 

@@ -99,6 +99,35 @@ EVENT_ENTRIES: tuple[Entry, ...] = (
 )
 
 
+@dataclasses.dataclass(frozen=True)
+class Attribute:
+    """One root attribute; ``kind`` is ``text``, ``integer`` or ``JSON`` (stored as text)."""
+
+    name: str
+    kind: str
+    meaning: str
+
+
+ATTRIBUTES: tuple[Attribute, ...] = (
+    Attribute("filetype", "text", "always `robodyn.result`"),
+    Attribute("format_version", "integer", "version of this format, 1"),
+    Attribute("robodyn_version", "text", "version of robodyn that wrote the file"),
+    Attribute("command", "text", "command that was run: `inverse`, `simulate`, `deploy`, ..."),
+    Attribute("title", "text", "title of the scene"),
+    Attribute("status", "text", "`ok`, `locked`, `no_lock` or `failed`"),
+    Attribute("scene", "text", "the scene as it was run: includes and `--set` resolved"),
+    Attribute("scene_sha256", "text", "SHA-256 of `scene`, hexadecimal"),
+    Attribute("versions", "JSON", "versions of Python, the libraries in use and the operating system"),
+    Attribute("cpu", "text", "name of the processor"),
+    Attribute("seed", "integer", "seed of the random numbers; -1 where none were drawn"),
+    Attribute("integrator", "text", "integrator that was used; `none` where nothing was integrated"),
+    Attribute("termination", "JSON", "why and when the run ended: `reason`, `time`, ..."),
+    Attribute("counters", "JSON", "steps, evaluations and so on"),
+    Attribute("wall_time_s", "JSON", "wall time by stage, in seconds"),
+    Attribute("summary", "JSON", "what `summary.json` holds, but for the list of outputs"),
+)
+
+
 @functools.cache
 def _patterns() -> tuple[tuple[re.Pattern[str], Entry], ...]:
     return tuple(

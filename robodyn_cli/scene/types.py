@@ -236,6 +236,11 @@ class SimulateOptions:
         default="projection",
         doc="How loops stay closed: `projection`, `none`, or Baumgarte's {alpha, beta}.",
     )
+    singular: str = key(
+        Choice(("stop", "pass")),
+        default="stop",
+        doc="What `simulate` does where the loops' constraints lose rank: stop (exit code 4) or pass through.",
+    )
     error_estimate: bool = key(
         Boolean(), default=True, doc="Estimate the global error by a second, tighter integration."
     )

@@ -230,7 +230,7 @@ class _Builder:
         value: Value = text
         kind = (event.tag or "").removeprefix(_TAG)
         try:
-            if event.implicit[0]:
+            if event.implicit[0] and event.tag != "!":
                 value = resolve(text)
             elif event.tag not in (None, "!"):
                 value = self.tagged(event.tag, kind, text, place)

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping, Sequence
 
 from robodyn_cli.expr.formula import Formula as FormulaTree
 from robodyn_cli.schema.fields import Choice, Formula, MapOf, Number, key
 from robodyn_cli.trajectories.base import Problems, SceneNames, joint_problems
+from robodyn_cli.trajectories.formulas import time_derivatives
+from robodyn_cli.trajectories.motion import Array, JointMotion
 
 
 @dataclasses.dataclass(frozen=True)
 class JointTrajectory:
-    """q(t) of every moving joint as a formula."""
+    """q(t) of every moving joint as a formula; rates and accelerations are its exact derivatives."""
 
     type: str = key(Choice(("joint",)), doc="Kind of trajectory.")
     q: dict[str, FormulaTree] = key(
@@ -22,3 +25,7 @@ class JointTrajectory:
     def problems(self, scene: SceneNames) -> Problems:
         """Report what single keys cannot tell."""
         yield from joint_problems(tuple(self.q), scene.joints, ("q",))
+
+    def motion(self, times: Array, joints: Sequence[str], parameters: Mapping[str, float]) -> JointMotion:
+        """Return the motion of ``joints`` at ``times`` (T,)."""
+        return JointMotion(*time_derivatives([self.q[name] for name in joints], times, parameters, joints))

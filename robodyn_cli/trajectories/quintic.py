@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
 
 from robodyn_cli.schema.fields import Choice, ListOf, MapOf, Number, Section, key
 from robodyn_cli.trajectories.base import Problems, SceneNames, joint_problems, time_problems
+from robodyn_cli.trajectories.motion import Array, JointMotion
+from robodyn_cli.trajectories.quintic_spline import QuinticSpline
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,7 +34,12 @@ class WayPoint:
 
 @dataclasses.dataclass(frozen=True)
 class QuinticTrajectory:
-    """Quintic polynomials through way points; the duration is that of the last point."""
+    """Quintic polynomials through way points; the duration is that of the last point.
+
+    Rates and accelerations at the first and the last point are zero unless they are given. At an inner point
+    they are kept where given and otherwise chosen so that the jerk is least, which makes the motion four times
+    continuously differentiable there.
+    """
 
     type: str = key(Choice(("quintic",)), doc="Kind of trajectory.")
     points: tuple[WayPoint, ...] = key(ListOf(Section(WayPoint), minimum=2), doc="Way points, times from 0.")
@@ -44,3 +54,22 @@ class QuinticTrajectory:
         yield from time_problems(
             [p.t for p in self.points], [("points", k, "t") for k in range(len(self.points))]
         )
+
+    @property
+    def duration(self) -> float:
+        """Time of the last way point [s]."""
+        return self.points[-1].t
+
+    def motion(self, times: Array, joints: Sequence[str], parameters: Mapping[str, float]) -> JointMotion:
+        """Return the motion of ``joints`` at ``times`` (T,)."""
+        q = np.array([[p.q[name] for name in joints] for p in self.points])
+        given = []
+        for key_name in ("qd", "qdd"):
+            values: list[list[float]] = []
+            for k, point in enumerate(self.points):
+                stated = getattr(point, key_name)
+                free = 0.0 if k in (0, len(self.points) - 1) else np.nan
+                values.append([stated.get(name, free) for name in joints])
+            given.append(np.array(values))
+        spline = QuinticSpline(np.array([p.t for p in self.points]), q, *given)
+        return JointMotion(*spline(np.asarray(times)))

@@ -247,4 +247,3 @@ def test_formulas_compare_by_meaning_of_the_tree() -> None:
     assert Formula.number(2) == parse("2") == parse("1+1")
     assert Formula.number(2).constant == 2.0
     assert len({parse("t+1"), parse("t + 1")}) == 1
-

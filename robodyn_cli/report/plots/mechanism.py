@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
-from robodyn_cli.report.decimate import extremes
+from robodyn_cli.report.decimate import extremes, finite
 from robodyn_cli.report.marks import lock_time
 from robodyn_cli.report.plane import AXES, box_height, main_plane
 from robodyn_cli.report.ticks import number
@@ -28,7 +28,7 @@ def applies(result: Result) -> bool:
 
 def draw(result: Result) -> Any:
     """Return the figure."""
-    links = {name: item.data for name, item in result.group("skeleton").items()}
+    links = {name: finite(item.data) for name, item in result.group("skeleton").items()}
     plane = list(main_plane(list(links.values())))
     flat = {name: data[:, :, plane] for name, data in links.items()}
     chosen = _instants(flat)

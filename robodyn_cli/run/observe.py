@@ -1,0 +1,234 @@
+"""From integrated states to everything a simulation reports, block by block."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.algorithms.kinematics import Pose
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.graph import Expr, Scalar
+from robodyn_cli.formulations.index1 import residuals
+from robodyn_cli.formulations.system import GROUPS, System
+from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.model.model import FixedFrame, Model
+from robodyn_cli.results.result import Result
+
+Array = NDArray[np.float64]
+XYZ = ("x", "y", "z")
+
+
+@dataclasses.dataclass(frozen=True)
+class Column:
+    """A dataset of the result: units, meaning and names of its columns (see ``Result.add``)."""
+
+    units: str
+    long_name: str
+    dims: tuple[str, ...]
+    names: tuple[str, ...] = ()
+
+
+def unit_text(model: Model, suffix: str, table: dict[str, str] | None = None) -> str:
+    """Return one text for the units of all joints: ``rad/s``, ``m/s`` or both."""
+    kinds = list(dict.fromkeys(model.q_units)) or ["rad"]
+    texts = [table[k] if table else k + suffix for k in kinds]
+    return " or ".join(texts)
+
+
+class Observer:
+    """Evaluates accelerations, torques, multipliers, residuals, energies and places at sampled states."""
+
+    def __init__(self, problem: Problem, system: System, singular: Sequence[int] | None = None) -> None:
+        self.problem = problem
+        self.system = system
+        self.passive = singular
+        model = problem.model
+        forward = problem.forward
+        outputs: dict[str, Sequence[Scalar]] = {
+            "qdd": list(forward.qdd),
+            "tau": self._actuator_torques(),
+            "energy": [problem.kinetic, problem.potential],
+        }
+        if problem.constraints.rows:
+            found = residuals(problem)
+            outputs["lam"] = list(forward.lam)
+            outputs["eta"] = found["position"]
+            outputs["eta_rate"] = found["velocity"]
+            outputs["psi"] = list(problem.psi.ravel())
+        self.places = self._places(model)
+        outputs["places"] = [x for _, frames in self.places for f in frames for x in problem.world_point(f)]
+        self.kernel = SampleKernel(outputs, GROUPS)
+        self.correct_q = (
+            SampleKernel({"q": system.position_correction}, GROUPS) if system.position_correction else None
+        )
+        self.correct_v = (
+            SampleKernel({"v": system.velocity_correction}, GROUPS) if system.velocity_correction else None
+        )
+        self.parameters = np.zeros(max(1, len(model.parameters)))
+
+    def _actuator_torques(self) -> list[Scalar]:
+        """Actuator torques; a prescribed joint's is the multiplier that drives it."""
+        problem = self.problem
+        tau = list(problem.actuator_torques)
+        for i in problem.constraints.prescribed:
+            row = problem.constraints.rows[i]
+            for k, x in enumerate(row.psi):
+                if isinstance(x, Expr) or x != 0.0:
+                    tau[k] = tau[k] + x * problem.forward.lam[i]
+        return tau
+
+    @staticmethod
+    def _places(model: Model) -> list[tuple[str, tuple[FixedFrame, ...]]]:
+        places = [(f"points/{name}", (frame,)) for name, frame in model.points.items()]
+        places += [(f"skeleton/{name}", frames) for name, frames in model.outlines.items()]
+        return places
+
+    def project(self, t: Array, x: Array) -> Array:
+        """Return the states put back on the constraints (positions by repeated Newton steps, then rates)."""
+        s = self.system
+        if self.correct_q is None or self.correct_v is None:
+            return x
+        x = np.asfortranarray(x)
+        for _ in range(4):
+            q = self.correct_q.evaluate(len(t), self._groups(t, x))["q"]
+            moved = float(np.abs(q - x[:, : s.nq]).max(initial=0.0))
+            x[:, : s.nq] = q
+            if not moved > 1e-9:
+                break
+        x[:, s.nq : s.nq + s.nv] = self.correct_v.evaluate(len(t), self._groups(t, x))["v"]
+        return x
+
+    def _groups(self, t: Array, x: Array) -> dict[str, Array]:
+        s = self.system
+        return {
+            "t": t, "q": x[:, : s.nq], "v": x[:, s.nq : s.nq + s.nv], "z": x[:, s.nq + s.nv :], "p": self.parameters,
+        }  # fmt: skip
+
+    def observe(self, t: Array, x: Array) -> dict[str, Array]:
+        """Return the datasets of a block of samples by path; ``x`` (T, nx) is projected first."""
+        s, problem = self.system, self.problem
+        x = self.project(t, x)
+        found = self.kernel.evaluate(len(t), self._groups(t, x))
+        kinetic, potential = found["energy"].T
+        data: dict[str, Array] = {
+            "time": t,
+            "q": x[:, : s.nq],
+            "qd": x[:, s.nq : s.nq + s.nv],
+            "qdd": found["qdd"],
+            "tau": found["tau"],
+            "energy/kinetic": kinetic,
+            "energy/potential": potential,
+            "energy/total": kinetic + potential,
+        }
+        if s.nz:
+            data["energy/work"] = x[:, s.nq + s.nv]
+        if problem.constraints.rows:
+            data["constraints/multipliers"] = found["lam"]
+            data["constraints/position_residual"] = found["eta"]
+            data["constraints/velocity_residual"] = found["eta_rate"]
+            data.update(self._singular(found["psi"]))
+        first = 0
+        for path, frames in self.places:
+            block = found["places"][:, first : first + 3 * len(frames)]
+            first += 3 * len(frames)
+            data[path] = block if path.startswith("points/") else block.reshape(len(t), len(frames), 3)
+        return data
+
+    def _singular(self, flat: Array) -> dict[str, Array]:
+        """Return the singular values of Psi and of its passive block along the samples."""
+        constraints = self.problem.constraints
+        loops = [i for i in range(len(constraints.rows)) if i not in constraints.prescribed]
+        if not loops:
+            return {}
+        psi = flat.reshape(len(flat), len(constraints.rows), self.system.nv)[:, loops, :]
+        data = {"singularity/psi": np.linalg.svd(psi, compute_uv=False)}
+        if self.passive:
+            block = psi[:, :, list(self.passive)]
+            data["singularity/passive"] = np.linalg.svd(block, compute_uv=False)
+            if block.shape[1] == block.shape[2]:
+                data["singularity/determinant"] = np.linalg.det(block)
+        return data
+
+    def describe(self) -> dict[str, Column]:
+        """Return units and names of the datasets whose columns belong to this scene."""
+        model = self.problem.model
+        torque = {"rad": "N m", "m": "N"}
+        names = model.joint_names
+        rows = self.problem.constraints.names
+        joints = ("time", "joint")
+        table = {
+            "q": Column(unit_text(model, ""), "joint position", joints, names),
+            "qd": Column(unit_text(model, "/s"), "joint velocity", joints, names),
+            "qdd": Column(unit_text(model, "/s^2"), "joint acceleration", joints, names),
+            "tau": Column(unit_text(model, "", torque), "actuator torque", joints, names),
+        }
+        constraint = ("time", "constraint")
+        kinds = [r.kind for r in self.problem.constraints.rows]
+        force = "N" if all(k == "force" for k in kinds) else "N or N m"
+        table["constraints/multipliers"] = Column(force, "Lagrange multipliers", constraint, rows)
+        table["constraints/position_residual"] = Column("m", "residual of position constraints", constraint, rows)
+        table["constraints/velocity_residual"] = Column("m/s", "residual of velocity constraints", constraint, rows)
+        return table
+
+
+class Recorder:
+    """Collects blocks of observations into a Result; keeps the extremes that the summary reports."""
+
+    def __init__(self, observer: Observer) -> None:
+        self.observer = observer
+        self.blocks: dict[str, list[Array]] = {}
+        self.drift = 0.0
+        self.energy_scale = 0.0
+        self.position_residual = 0.0
+        self.velocity_residual = 0.0
+        self._start: float | None = None
+
+    def emit(self, t: Array, x: Array) -> None:
+        """Observe and keep a block of states."""
+        data = self.observer.observe(t, x)
+        balance = data["energy/total"] - data.get("energy/work", 0.0)
+        if self._start is None:
+            self._start = float(balance[0])
+        self.drift = max(self.drift, float(np.abs(balance - self._start).max()))
+        self.energy_scale = max(self.energy_scale, float(np.ptp(data["energy/potential"])),
+                                float(data["energy/kinetic"].max()))
+        if "constraints/position_residual" in data:
+            self.position_residual = max(
+                self.position_residual, float(np.abs(data["constraints/position_residual"]).max(initial=0.0))
+            )
+            self.velocity_residual = max(
+                self.velocity_residual, float(np.abs(data["constraints/velocity_residual"]).max(initial=0.0))
+            )
+        for path, block in data.items():
+            self.blocks.setdefault(path, []).append(block)
+
+    @property
+    def samples(self) -> int:
+        return sum(len(b) for b in self.blocks.get("time", []))
+
+    def array(self, path: str) -> Array:
+        """Return what was collected under ``path``."""
+        return np.concatenate(self.blocks[path])
+
+    def fill(self, result: Result) -> None:
+        """Put everything into the result."""
+        described = self.observer.describe()
+        for path, blocks in self.blocks.items():
+            data = blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
+            column = described.get(path)
+            if column is None:
+                result.add(path, data)
+            else:
+                result.add(
+                    path, data, units=column.units, long_name=column.long_name, dims=column.dims, names=column.names
+                )
+
+
+def world_pose(model: Model, pose: dict[int, Pose], frame: FixedFrame) -> Pose:
+    """Return the pose of a frame in world coordinates."""
+    here = pose[frame.body]
+    R, p = here.R @ frame.R, here.point(frame.p)
+    return Pose(model.base.E.T @ R, model.base.point(p))

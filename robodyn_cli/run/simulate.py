@@ -1,0 +1,273 @@
+"""Forward dynamics: what motion do these torques give."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import NumericalError, RobodynError, SceneError
+from robodyn_cli.formulations.index1 import index1
+from robodyn_cli.formulations.system import EventFunction, System
+from robodyn_cli.integrators.integrator import Counters, Event, Grid, Integrator, Options
+from robodyn_cli.results.result import Result
+from robodyn_cli.run.observe import Observer, Recorder
+from robodyn_cli.run.progress import Progress, no_progress
+from robodyn_cli.run.singularity import rank_loss_event, stop_at_rank_loss
+from robodyn_cli.run.stopwatch import Stopwatch
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.solve.assembly import Assembled, assemble
+
+Array = NDArray[np.float64]
+# the second run of the error estimate: this much tighter, but not below what double precision can resolve
+TIGHTER = 50.0
+TIGHTEST_RTOL = 3e-14
+
+
+@dataclasses.dataclass
+class Setup:
+    """A scene made ready: equations, consistent initial state."""
+
+    problem: Problem
+    assembled: Assembled
+    watch: Stopwatch
+
+
+def prepare(scene: Scene, watch: Stopwatch | None = None) -> Setup:
+    """Build the equations and close the loops at t = 0.
+
+    Raises
+    ------
+    SceneError : an initial position is missing. GeometryError, SingularConfigurationError : from the assembly.
+    """
+    watch = watch or Stopwatch()
+    with watch.stage("equations"):
+        problem = Problem(scene)
+        given = dict(scene.initial.q or {})
+        for name, formula in (scene.prescribed or {}).items():
+            env = {"t": 0.0, **{f"p.{n}": x for n, x in (scene.parameters or {}).items()}}
+            given.setdefault(name, float(formula.evaluate(env)))
+        if not problem.model.loops:
+            for name in problem.model.joint_names:
+                if name not in given:
+                    raise SceneError(
+                        f"{scene.path}: initial.q: joint {name!r} has no initial position (an open chain "
+                        "needs one for each joint)", file=scene.path, key="initial.q",
+                    )  # fmt: skip
+    with watch.stage("assemble"):
+        hold = [*scene.initial.hold, *(n for n in scene.prescribed or {} if n not in scene.initial.hold)]
+        assembled = assemble(problem, given, dict(scene.initial.qd or {}), hold)
+    if assembled.redundant:
+        with watch.stage("equations"):
+            problem = Problem(scene, keep_rows=assembled.independent, model=problem.model)
+    return Setup(problem, assembled, watch)
+
+
+def method_for(scene: Scene) -> tuple[str, str]:
+    """Return the method and the reason for it."""
+    asked = scene.simulate.integrator
+    if asked != "auto":
+        return asked, "asked for in simulate.integrator"
+    return "gauss", "collocation of order 16: the fastest at every accuracy where the motion is not stiff"
+
+
+def options_for(scene: Scene) -> Options:
+    s = scene.simulate
+    return Options(s.rtol, s.atol, s.step, max_steps=s.max_steps)
+
+
+def tighter(options: Options, mean_step: float) -> tuple[Options, str]:
+    """Return the options of the second run of the error estimate, and how it differs in words."""
+    if options.step is not None:
+        return dataclasses.replace(options, step=options.step / 2), "step halved"
+    if options.rtol >= 1e-12:
+        rtol = max(options.rtol / TIGHTER, TIGHTEST_RTOL)
+        atol = options.atol * rtol / options.rtol
+        return dataclasses.replace(options, rtol=rtol, atol=atol), f"rtol {rtol:.1g}"
+    # at the limit of double precision a tighter tolerance says nothing; other steps show the rounding errors
+    return dataclasses.replace(options, max_step=0.6 * mean_step), "steps 0.6 times as long"
+
+
+def integrate_states(
+    system: System, method: str, start: Array, grid: Grid, end: float, options: Options
+) -> tuple[Array, Counters]:
+    """Integrate without observing; returns states (T, nx) at the grid up to ``end`` and the counters."""
+    integrator = Integrator(system, method)
+    integrator.reset(grid.start, start, options)
+    rows: list[Array] = []
+    integrator.run(end, grid, lambda t, x: rows.append(x), lambda event: True)
+    return np.concatenate(rows), integrator.counters
+
+
+def estimate_error(
+    setup: Setup, system: System, method: str, start: Array, grid: Grid, end: float, options: Options,
+    recorder: Recorder, counters: Counters,
+) -> dict[str, Any]:
+    """Estimate the global error by a second integration that is more accurate than the first.
+
+    The difference of the two is the error of the first, up to the (much smaller) error of the second: the
+    largest over all samples, for q and qd apart. Nothing else about the two runs is shared but the method.
+    """
+    second, how = tighter(options, end / max(counters.steps, 1))
+    report: dict[str, Any] = {"method": f"difference from a second integration with {how}"}
+    try:
+        states, more = integrate_states(system, method, start, grid, end, second)
+    except NumericalError as error:
+        report.update(state_max=None, reason=f"the second integration failed: {error.message}")
+        return report
+    states = recorder.observer.project(grid.times(0, len(states)), states)
+    nq = system.nq
+    q, qd = recorder.array("q")[: len(states)], recorder.array("qd")[: len(states)]
+    states = states[: len(q)]
+    scale = 16 / 15 if method == "rk4" else 1.0
+    dq = scale * np.abs(states[:, :nq] - q)
+    dv = scale * np.abs(states[:, nq : nq + system.nv] - qd)
+    floor = rounding_floor(q, qd, counters.steps)
+    report.update(
+        q_max=float(dq.max(initial=0.0)), qd_max=float(dv.max(initial=0.0)),
+        state_max=float(max(dq.max(initial=0.0), dv.max(initial=0.0))),
+        q_end=float(dq[-1].max(initial=0.0)), qd_end=float(dv[-1].max(initial=0.0)), rounding_floor=floor,
+        steps=more.steps,
+    )  # fmt: skip
+    spread = float(max(np.ptp(q, axis=0).max(initial=0.0), 1e-300))
+    if report["state_max"] > 1e-2 * max(spread, float(np.ptp(qd, axis=0).max(initial=0.0))):
+        times = recorder.array("time")
+        bad = np.flatnonzero(np.max(dq, axis=1) > 1e-2 * spread)
+        report["meaningful_until"] = float(times[bad[0]]) if len(bad) else float(times[-1])
+    report["at_rounding"] = bool(report["state_max"] < 100 * floor)
+    return report
+
+
+def rounding_floor(q: Array, qd: Array, steps: int) -> float:
+    """Return the error that rounding alone is expected to leave: eps times the state, growing as sqrt(steps)."""
+    size = max(float(np.abs(q).max(initial=0.0)), float(np.abs(qd).max(initial=0.0)))
+    return 1.1e-16 * size * max(1.0, steps) ** 0.5
+
+
+def simulate(scene: Scene, progress: Progress = no_progress, watch: Stopwatch | None = None) -> Result:
+    """Integrate the scene over its duration.
+
+    Returns
+    -------
+    A Result with the contract's datasets (``docs/hdf5.md``) and its error estimate in the summary.
+
+    Raises
+    ------
+    RobodynError : with attribute ``result`` holding what was computed until then.
+    """
+    setup = prepare(scene, watch)
+    watch = setup.watch
+    problem = setup.problem
+    with watch.stage("equations"):
+        events: tuple[EventFunction, ...] = ()
+        if problem.model.loops and scene.simulate.singular == "stop":
+            events = rank_loss_event(problem)
+        system = index1(problem, scene.simulate.stabilisation, events)
+        observer = Observer(problem, system, passive_coordinates(problem))
+    method, reason = method_for(scene)
+    grid = Grid.over(scene.simulate.duration, scene.simulate.samples)
+    options = options_for(scene)
+    integrator = Integrator(system, method)
+    start = np.concatenate([setup.assembled.q, setup.assembled.v, np.zeros(system.nz)])
+    integrator.reset(0.0, start, options)
+    recorder = Recorder(observer)
+    found: list[dict[str, Any]] = []
+
+    def emit(t: Array, x: Array) -> None:
+        recorder.emit(t, x)
+        progress(float(t[-1]), scene.simulate.duration)
+
+    def on_event(event: Event) -> bool:
+        stop_at_rank_loss(problem, event)
+        return True
+
+    failure: RobodynError | None = None
+    with watch.stage("integrate"):
+        try:
+            integrator.run(scene.simulate.duration, grid, emit, on_event)
+        except RobodynError as error:
+            failure = error
+            keep_last_state(recorder, integrator)
+    result = new_result(scene, "simulate", recorder, found)
+    describe_run(result, setup, recorder, integrator, method, reason)
+    if failure is not None:
+        raise fail(result, failure, watch)
+    result.summary["termination"] = {"reason": "duration", "time": integrator.time}
+    if scene.simulate.error_estimate:
+        with watch.stage("error_estimate"):
+            result.summary["error_estimate"] = estimate_error(
+                setup, system, method, start, grid, integrator.time, options, recorder, integrator.counters
+            )
+    result.summary["wall_time_s"] = watch.report()
+    return result
+
+
+def passive_coordinates(problem: Problem) -> list[int] | None:
+    """Return the velocity coordinates that nothing drives, None without loops.
+
+    Actuated are the joints of ``actuated`` (by default those in ``torques``) and prescribed ones.
+    """
+    scene, model = problem.scene, problem.model
+    if not model.loops:
+        return None
+    actuated = list(scene.actuated) if scene.actuated is not None else list(scene.torques or {})
+    driven = {*actuated, *(scene.prescribed or {})}
+    return [b.v + j for b in sorted(model.bodies, key=lambda b: b.v) if b.joint_name not in driven for j in range(b.joint.nv)]
+
+
+def keep_last_state(recorder: Recorder, integrator: Integrator) -> None:
+    """Record the last state that a failed run reached, if it lies beyond the last sample."""
+    if not np.all(np.isfinite(integrator.y)):
+        return
+    if not recorder.samples or integrator.time > recorder.blocks["time"][-1][-1]:
+        recorder.emit(np.array([integrator.time]), integrator.y[None, :].copy())
+
+
+def new_result(scene: Scene, command: str, recorder: Recorder, events: list[dict[str, Any]]) -> Result:
+    """Return a Result with everything that was recorded."""
+    result = Result(command, scene.title or command, "ok", scene.text, events=events)
+    recorder.fill(result)
+    return result
+
+
+def describe_run(
+    result: Result, setup: Setup, recorder: Recorder, integrator: Integrator, method: str, reason: str
+) -> None:
+    """Fill in what every simulation reports: integrator, counters, energy drift, residuals."""
+    summary = result.summary
+    summary["status"] = "ok"
+    summary["termination"] = {}
+    summary["integrator"] = method
+    summary["integrator_reason"] = reason
+    summary["tolerances"] = {"rtol": integrator.options.rtol, "atol": integrator.options.atol}
+    if integrator.options.step is not None:
+        summary["tolerances"] = {"step": integrator.options.step}
+    summary["samples"] = recorder.samples
+    summary["error_estimate"] = None
+    summary["energy_drift"] = recorder.drift
+    summary["energy_drift_relative"] = recorder.drift / recorder.energy_scale if recorder.energy_scale else 0.0
+    summary["energy_balance"] = "kinetic + potential - work" if integrator.system.nz else "kinetic + potential"
+    if setup.problem.constraints.rows:
+        summary["constraint_residual"] = {
+            "position": recorder.position_residual, "velocity": recorder.velocity_residual,
+        }  # fmt: skip
+        summary["assembly"] = {
+            "position_residual": setup.assembled.position_residual,
+            "velocity_residual": setup.assembled.velocity_residual,
+            "redundant_rows": list(setup.assembled.redundant),
+            "vanishing_rows": list(setup.problem.constraints.dropped),
+        }
+    summary["counters"] = integrator.counters.as_dict()
+
+
+def fail(result: Result, error: RobodynError, watch: Stopwatch) -> RobodynError:
+    """Mark the result as failed and hang it on the error."""
+    result.status = "failed"
+    result.summary["status"] = "failed"
+    result.summary["termination"] = {"reason": error.message, **error.details}
+    result.summary["wall_time_s"] = watch.report()
+    error.result = result  # type: ignore[attr-defined]
+    return error

@@ -1,0 +1,36 @@
+"""Wall time by stage."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Iterator
+
+from robodyn_cli.kernels.compiler import REPORT
+
+
+class Stopwatch:
+    """Adds up wall time by stage; compilation inside a stage is counted as ``compile`` instead."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._start = time.perf_counter()
+
+    @contextlib.contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Count the time inside the block under ``name``."""
+        start, compiling = time.perf_counter(), REPORT.seconds
+        try:
+            yield
+        finally:
+            spent = REPORT.seconds - compiling
+            self.add("compile", spent)
+            self.add(name, time.perf_counter() - start - spent)
+
+    def add(self, name: str, seconds: float) -> None:
+        self.seconds[name] = self.seconds.get(name, 0.0) + seconds
+
+    def report(self) -> dict[str, float]:
+        """Return seconds by stage, and in all."""
+        return {**{k: round(v, 6) for k, v in self.seconds.items() if v > 0.0},
+                "total": round(time.perf_counter() - self._start, 6)}

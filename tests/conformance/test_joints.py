@@ -1,0 +1,175 @@
+"""Every joint of the registry against the checklist in ``joints/base.py``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robodyn_cli.algorithms.rnea import joint_torque
+from robodyn_cli.expr.graph import Expr, Graph
+from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.joints.base import Joint
+from robodyn_cli.joints.registry import joint_types
+from robodyn_cli.model.model import BASE, Body
+from robodyn_cli.spatial.algebra import Transform, vector
+from robodyn_cli.spatial.inertia import RigidInertia
+from tests.numeric import assert_close, first_derivative, real, vee
+
+SAMPLES = range(5)
+STEP = 0.05
+
+registered = pytest.mark.parametrize("name", sorted(joint_types))
+sampled = pytest.mark.parametrize("seed", SAMPLES)
+
+
+def state(joint: Joint, seed: int) -> tuple[Any, Any, np.ndarray]:
+    """A position on the joint's manifold, a velocity, and a generator for more."""
+    rng = np.random.default_rng(seed)
+    q = joint.integrate(vector(joint.neutral()), vector(rng.normal(size=joint.nv).tolist()))
+    return q, vector(rng.normal(size=joint.nv).tolist()), rng
+
+
+def pose(joint: Joint, q: Any) -> np.ndarray:
+    """Axes and origin of the body frame in the frame before the joint, (3, 4)."""
+    X = joint.transform(q)
+    return np.column_stack([real(X.E).T, real(X.r)])
+
+
+def body_velocity(joint: Joint, q: Any, v: Any) -> np.ndarray:
+    """Angular and linear velocity (6,) in body coordinates when q moves with v: from poses alone."""
+    rate = first_derivative(lambda t: pose(joint, joint.integrate(q, vector([t * x for x in v]))), STEP)
+    R = pose(joint, q)[:, :3]
+    return np.concatenate([vee(R.T @ rate[:, :3]), R.T @ rate[:, 3]])
+
+
+@registered
+def test_sizes_and_names(name: str) -> None:
+    joint = joint_types[name]
+    assert joint.type == name
+    assert joint.nv <= joint.nq and joint.nv <= 6
+    assert len(joint.units) == joint.nq
+    assert len(joint.neutral()) == joint.nq
+    q, v, _ = state(joint, 0)
+    assert np.shape(q) == (joint.nq,)
+    assert np.shape(joint.S(q)) == (6, joint.nv)
+    assert np.shape(joint.S_rate(q, v)) == (6, joint.nv)
+    assert np.shape(joint.bias(q, v)) == (6,)
+    assert np.shape(joint.velocity_map(q, v)) == (joint.nq,)
+    if joint.nv:
+        assert np.linalg.matrix_rank(real(joint.S(q))) == joint.nv
+
+
+@registered
+def test_neutral_position_is_the_identity(name: str) -> None:
+    joint = joint_types[name]
+    assert_close(pose(joint, vector(joint.neutral())), np.eye(4)[:3], 1e-15)
+
+
+@registered
+@sampled
+def test_transform_is_a_rigid_motion(name: str, seed: int) -> None:
+    joint = joint_types[name]
+    E = real(joint.transform(state(joint, seed)[0]).E)
+    assert_close(E @ E.T, np.eye(3), 1e-15)
+    assert np.linalg.det(E) > 0.0
+
+
+@registered
+@sampled
+def test_subspace_is_the_rate_of_the_transform(name: str, seed: int) -> None:
+    """Check 1 and 2: S v is the velocity of the body frame, in body coordinates, angular rows first."""
+    joint = joint_types[name]
+    q, v, _ = state(joint, seed)
+    assert_close(real(joint.S(q)) @ real(v), body_velocity(joint, q, v), 1e-11, 1.0 + np.abs(real(v)).sum())
+
+
+@registered
+@sampled
+def test_rate_and_bias_are_those_of_the_subspace(name: str, seed: int) -> None:
+    """Check 3: with v held constant, the components of the body's velocity change by the bias."""
+    joint = joint_types[name]
+    q, v, _ = state(joint, seed)
+    move = lambda t: joint.integrate(q, vector([t * x for x in v]))  # noqa: E731
+    scale = 1.0 + float(np.abs(real(v)).sum()) ** 2
+    assert_close(joint.S_rate(q, v), first_derivative(lambda t: joint.S(move(t)), STEP), 1e-11, scale)
+    assert_close(joint.bias(q, v), real(joint.S_rate(q, v)) @ real(v), 1e-13, scale)
+    changed = first_derivative(lambda t: body_velocity(joint, move(t), v), STEP)
+    assert_close(joint.bias(q, v), changed, 1e-9, scale)
+
+
+@registered
+@sampled
+def test_velocity_map_is_the_rate_of_the_position(name: str, seed: int) -> None:
+    """Check 4."""
+    joint = joint_types[name]
+    q, v, _ = state(joint, seed)
+    rate = first_derivative(lambda t: joint.integrate(q, vector([t * x for x in v])), STEP)
+    assert_close(joint.velocity_map(q, v), rate, 1e-11, 1.0 + np.abs(real(v)).sum())
+
+
+@registered
+@sampled
+def test_integrate_and_difference_undo_each_other(name: str, seed: int) -> None:
+    """Check 5, and that steps along one velocity add up."""
+    joint = joint_types[name]
+    q, v, _ = state(joint, seed)
+    part = lambda t: vector([t * x for x in v])  # noqa: E731
+    there = joint.integrate(q, v)
+    assert_close(joint.difference(q, there), v, 1e-14, 2.0)
+    assert_close(pose(joint, joint.integrate(q, joint.difference(q, there))), pose(joint, there), 1e-14, 2.0)
+    assert_close(joint.difference(there, q), part(-1.0), 1e-14, 2.0)
+    assert_close(joint.integrate(q, part(0.0)), q, 1e-15)
+    assert_close(pose(joint, joint.integrate(joint.integrate(q, part(0.3)), part(0.7))), pose(joint, there), 1e-14, 2.0)
+
+
+@registered
+@sampled
+def test_normalise_keeps_what_is_on_the_manifold(name: str, seed: int) -> None:
+    joint = joint_types[name]
+    q, _, rng = state(joint, seed)
+    assert_close(joint.normalise(q), q, 1e-15)
+    disturbed = vector([float(x) for x in real(q) * (1.0 + 1e-6 * rng.normal())])
+    once = joint.normalise(disturbed)
+    assert_close(joint.normalise(once), once, 1e-15)
+    E = real(joint.transform(once).E)
+    assert_close(E @ E.T, np.eye(3), 1e-14)
+
+
+@registered
+@sampled
+def test_power_of_the_torque_is_that_of_the_wrench(name: str, seed: int) -> None:
+    """tau.v = n.w + f.v with the velocity taken from poses."""
+    joint = joint_types[name]
+    q, v, rng = state(joint, seed)
+    n, f = (vector(rng.normal(size=3).tolist()) for _ in range(2))
+    body = Body("b", "j", joint, BASE, Transform.identity(), RigidInertia.zero(), 0, 0)
+    tau = real(joint_torque(body, q, (n, f)))
+    moved = body_velocity(joint, q, v)
+    assert_close(tau @ real(v), real(n) @ moved[:3] + real(f) @ moved[3:], 1e-11, 10.0 * (1.0 + np.abs(moved).max()))
+
+
+@registered
+@sampled
+def test_expressions_give_the_same_and_keep_structural_zeros(name: str, seed: int) -> None:
+    joint = joint_types[name]
+    q, v, _ = state(joint, seed)
+    graph = Graph()
+    Q = vector(graph.symbols([f"q{k}" for k in range(joint.nq)], "q"))
+    V = vector(graph.symbols([f"v{k}" for k in range(joint.nv)], "v"))
+    inputs = {"q": list(q), "v": list(v)}
+    for symbolic, number in [
+        (joint.transform(Q).E, joint.transform(q).E),
+        (joint.transform(Q).r, joint.transform(q).r),
+        (joint.S(Q), joint.S(q)),
+        (joint.S_rate(Q, V), joint.S_rate(q, v)),
+        (joint.bias(Q, V), joint.bias(q, v)),
+        (joint.velocity_map(Q, V), joint.velocity_map(q, v)),
+        (joint.integrate(Q, V), joint.integrate(q, v)),
+        (joint.normalise(Q), joint.normalise(q)),
+    ]:
+        got = evaluate(list(np.ravel(symbolic)), inputs)
+        assert_close(got, list(np.ravel(number)), 1e-14, 10.0)
+        for e in np.ravel(symbolic):
+            assert isinstance(e, (Expr, float)), "an entry is neither an expression nor a float"

@@ -1,0 +1,226 @@
+"""Drawings: which are made, that odd results do not stop them, and that they cost little."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robodyn_cli.errors import OutputError
+from robodyn_cli.report import draw, draw_all, plot_files
+from robodyn_cli.report.decimate import crest, envelope, finite, thin_path
+from robodyn_cli.report.registry import PLOTS, applicable
+from robodyn_cli.report.ticks import number, unit
+from robodyn_cli.results.hdf5 import read, write
+from robodyn_cli.results.output_dir import SIGNATURE
+from robodyn_cli.results.result import Result
+from tests.unit.synthetic_results import chain_result, four_bar_result, inverse_result, pendulum_result
+
+INVERSE = ["joint_angles", "joint_rates", "joint_accelerations", "torques", "torque_terms", "tip_path"]
+SIMULATE = ["joint_angles", "joint_rates", "tip_path", "energy", "energy_drift"]
+DEPLOY = ["joint_angles", "multipliers", "constraint_residual", "singular_values", "mechanism"]
+
+
+@pytest.fixture(autouse=True)
+def no_warnings() -> Iterator[None]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        yield
+
+
+@pytest.mark.parametrize(
+    ("result", "expected"),
+    [(inverse_result(), INVERSE), (pendulum_result(201), SIMULATE), (four_bar_result(), DEPLOY)],
+    ids=["inverse", "simulate", "deploy"],
+)
+def test_each_command_gets_its_drawings(tmp_path: Path, result: Result, expected: list[str]) -> None:
+    paths = draw_all(result, tmp_path)
+    assert [path.name for path in paths] == [f"{name}.png" for name in expected]
+    assert {path.name for path in tmp_path.iterdir()} == {path.name for path in paths} <= set(plot_files())
+    for path in paths:
+        content = path.read_bytes()
+        assert content.startswith(b"\x89PNG") and SIGNATURE in content[:512]
+        width, height = (int.from_bytes(content[at : at + 4], "big") for at in (16, 20))
+        assert width == 840 and 300 < height < 1000
+
+
+def test_a_stored_result_draws_alike(tmp_path: Path) -> None:
+    result = four_bar_result()
+    first, second = tmp_path / "a", tmp_path / "b"
+    for directory, source in ((first, result), (second, read(write(result, tmp_path / "r.h5")))):
+        directory.mkdir()
+        draw_all(source, directory)
+    for path in first.iterdir():
+        assert path.read_bytes() == (second / path.name).read_bytes(), path.name
+
+
+@pytest.mark.parametrize("joints", [1, 7, 12, 100])
+def test_any_number_of_joints_stays_a_page(tmp_path: Path, joints: int) -> None:
+    for path in draw_all(chain_result(joints, 51), tmp_path):
+        assert int.from_bytes(path.read_bytes()[20:24], "big") < 1200, path.name
+
+
+@pytest.mark.parametrize("make", [inverse_result, four_bar_result, pendulum_result])
+@pytest.mark.parametrize("samples", [1, 2, 3])
+def test_few_samples(tmp_path: Path, make: object, samples: int) -> None:
+    result = make(samples)  # type: ignore[operator]
+    assert draw_all(result, tmp_path)
+
+
+def test_no_samples_no_drawings(tmp_path: Path) -> None:
+    result = Result("simulate", "", "failed", "")
+    assert draw_all(result, tmp_path) == []
+    result.add("time", [])
+    result.add("q", np.zeros((0, 2)))
+    assert draw_all(result, tmp_path) == []
+
+
+@pytest.mark.parametrize("value", [0.0, np.nan, np.inf, 1e300])
+@pytest.mark.parametrize("make", [inverse_result, four_bar_result, pendulum_result])
+def test_values_that_scale_no_axis(tmp_path: Path, make: object, value: float) -> None:
+    result = make(101)  # type: ignore[operator]
+    for path, variable in result.variables.items():
+        if path != "time":
+            variable.data[:] = value
+    assert draw_all(result, tmp_path)
+
+
+def test_names_that_look_like_formulas(tmp_path: Path) -> None:
+    result = inverse_result(51)
+    result.title = "Cost: $5 and $6_{x}"
+    for path in ("q", "qd", "qdd", "tau"):
+        result.variables[path].names = ("_hidden", r"$\frac{")
+    result.variables["points/$a_b"] = result.variables.pop("points/tip")
+    assert len(draw_all(result, tmp_path)) == 6
+
+
+def texts(result: Result, name: str) -> str:
+    import matplotlib.text
+
+    return "\n".join(item.get_text() for item in draw(result, name).findobj(matplotlib.text.Text))
+
+
+def test_a_failed_run_says_so_on_every_drawing() -> None:
+    result = pendulum_result(51)
+    assert "failed" not in texts(result, "joint_angles")
+    result.status = "failed"
+    result.summary["termination"] = {"reason": "step size underflow", "time": 4.25}
+    for name in applicable(result):
+        assert "Run failed at t = 4.25 s: step size underflow" in texts(result, name)
+
+
+def test_captions_state_the_figures() -> None:
+    drawn = texts(inverse_result(), "torques")
+    tau = inverse_result()["tau"][:, 0]
+    assert (
+        f"theta1: peak {number(tau.max(), 4)}, RMS {number(float(np.sqrt(np.mean(tau**2))), 4)} N·m" in drawn
+    )
+    result = pendulum_result(201)
+    total = result["energy/total"]
+    assert f"largest {number(float(np.abs(total - total[0]).max()))} J" in texts(result, "energy_drift")
+    drawn = texts(four_bar_result(), "multipliers")
+    assert "dead point at 12.283 s" in drawn
+    assert all(f"{factor}×" in drawn for factor in (10, 100, 1000))
+    assert "12.28 s (locked)" in texts(four_bar_result(), "mechanism")
+
+
+def test_the_energy_a_latch_takes_is_no_drift() -> None:
+    result = pendulum_result(201)
+    total = result["energy/total"].copy()
+    total[150:] -= 5.0
+    result.add("energy/total", total)
+    assert "largest 5" in texts(result, "energy_drift")
+    result.summary["lock"] = {"time": float(result.time[150])}
+    assert "largest 5" not in texts(result, "energy_drift")
+
+
+def test_a_point_without_target_and_motion_in_another_plane() -> None:
+    result = pendulum_result(101)
+    for path in ("points/tip", "points/elbow"):
+        result.variables[path].data = result[path][:, [0, 2, 1]]
+    drawn = texts(result, "tip_path")
+    assert "x [m]" in drawn and "z [m]" in drawn and "target" not in drawn
+
+
+def test_torques_that_nobody_gave_are_not_drawn() -> None:
+    result = pendulum_result(51)
+    result.add("tau", np.zeros((51, 2)), units="N m", names=("theta1", "theta2"))
+    assert "torques" not in applicable(result)
+    result["tau"][3, 0] = 1.0
+    assert "torques" in applicable(result)
+
+
+def test_drawing_leaves_the_settings_of_matplotlib_alone(tmp_path: Path) -> None:
+    import matplotlib
+
+    before = dict(matplotlib.rcParams)
+    draw_all(inverse_result(11), tmp_path)
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_an_unwritable_directory_is_an_output_error(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="nowhere"):
+        draw_all(inverse_result(11), tmp_path / "nowhere")
+
+
+def test_the_registry_imports_no_matplotlib() -> None:
+    code = "import sys, robodyn_cli.report as r; r.plot_files(); sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_drawing_does_without_pyplot() -> None:
+    code = (
+        "import sys, tempfile, tests.unit.synthetic_results as s; from robodyn_cli.report import draw_all;"
+        "draw_all(s.inverse_result(11), tempfile.mkdtemp()); sys.exit('matplotlib.pyplot' in sys.modules)"
+    )
+    assert (
+        subprocess.run([sys.executable, "-c", code], check=False, cwd=Path(__file__).parents[2]).returncode
+        == 0
+    )
+
+
+def test_every_plot_has_its_file_and_keeps_to_the_contract() -> None:
+    folder = Path(sys.modules["robodyn_cli.report"].__file__ or "").parent / "plots"
+    assert sorted(path.stem for path in folder.glob("[a-z]*.py")) == sorted(PLOTS)
+
+
+def test_envelope_keeps_every_extreme() -> None:
+    rng = np.random.default_rng(0)
+    x = np.arange(100_003.0)
+    y = rng.normal(size=x.size)
+    y[77_777], y[100_002] = 50.0, -60.0
+    few, low = envelope(x, y, 500)
+    assert len(few) < 1600
+    assert np.all(np.diff(few) > 0) and few[0] == 0 and few[-1] == x[-1]
+    assert low.max() == 50.0 and low.min() == -60.0
+    y[1000:90_000] = np.nan
+    few, low = envelope(x, y, 500)
+    assert np.isnan(low).any() and low[-1] == -60.0
+    assert envelope(x[:10], y[:10])[0] is not None
+
+
+def test_crest_and_path_keep_what_is_seen() -> None:
+    x = np.arange(10_001.0)
+    y = np.abs(np.sin(x))
+    y[5000] = 3.0
+    assert crest(x, y)[1].max() == 3.0 and len(crest(x, y)[0]) == 250
+    angle = np.linspace(0.0, 20.0 * np.pi, 1_000_000)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    thin = thin_path(circle)
+    assert len(thin) < 31_000
+    assert np.array_equal(thin[0], circle[0]) and np.array_equal(thin[-1], circle[-1])
+    assert np.abs(np.linalg.norm(0.5 * (thin[1:] + thin[:-1]), axis=1) - 1.0).max() < 1e-3
+    assert np.isnan(finite(np.array([1.0, 1e200, np.inf]))[1:]).all()
+
+
+def test_units_and_numbers_as_printed() -> None:
+    assert unit("N m") == "N·m"
+    assert unit("rad/s^2 or m/s^2") == "rad/s² or m/s²"
+    assert unit("N m or N") == "N·m or N"
+    assert number(-1.5e-12) == "−1.5·10⁻¹²"
+    assert number(float("nan")) == "not finite"
