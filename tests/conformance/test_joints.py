@@ -18,7 +18,7 @@ from robodyn_cli.spatial.inertia import RigidInertia
 from tests.numeric import assert_close, first_derivative, real, vee
 
 SAMPLES = range(5)
-STEP = 0.05
+STEP = 0.02
 
 registered = pytest.mark.parametrize("name", sorted(joint_types))
 sampled = pytest.mark.parametrize("seed", SAMPLES)

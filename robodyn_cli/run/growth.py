@@ -1,0 +1,81 @@
+"""Growth of the multipliers against their running median: the literal "multipliers go off to infinity"."""
+
+from __future__ import annotations
+
+import dataclasses
+import heapq
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+GRID = 1e-3  # s, the uniform grid on which the running median is taken
+LEVELS = (10.0, 100.0, 1000.0)
+
+
+class RunningMedian:
+    """Median of all values so far, in O(log n) a value (two heaps)."""
+
+    def __init__(self) -> None:
+        self._low: list[float] = []  # negated, so that the largest is on top
+        self._high: list[float] = []
+
+    def add(self, value: float) -> float:
+        """Take a value and return the median of all so far."""
+        low, high = self._low, self._high
+        if not low or value <= -low[0]:
+            heapq.heappush(low, -value)
+        else:
+            heapq.heappush(high, value)
+        if len(low) > len(high) + 1:
+            heapq.heappush(high, -heapq.heappop(low))
+        elif len(high) > len(low):
+            heapq.heappush(low, -heapq.heappop(high))
+        if len(low) > len(high):
+            return -low[0]
+        return 0.5 * (high[0] - low[0])
+
+
+@dataclasses.dataclass
+class GrowthMonitor:
+    """Follows the norm of the multipliers on the 1 ms grid and notes when it passes its thresholds.
+
+    times : for each level, the first grid time at which norm > level x running median.
+    limit_time : the first grid time at which norm > limit.
+    """
+
+    levels: tuple[float, ...]
+    limit: float | None = None
+    times: dict[float, float] = dataclasses.field(default_factory=dict)
+    limit_time: float | None = None
+    largest: float = 0.0
+    ratio: float = 0.0
+    median: RunningMedian = dataclasses.field(default_factory=RunningMedian)
+
+    def take(self, t: Array, norm: Array) -> None:
+        """Take a block of grid samples."""
+        pending = [level for level in self.levels if level not in self.times]
+        for time, value in zip(t.tolist(), norm.tolist()):
+            middle = self.median.add(value)
+            if pending and value > pending[0] * middle:
+                for level in [x for x in pending if value > x * middle]:
+                    self.times[level] = time
+                    pending.remove(level)
+            if self.limit is not None and self.limit_time is None and value > self.limit:
+                self.limit_time = time
+            if value > self.largest:
+                self.largest = value
+            if middle > 0.0 and value > self.ratio * middle:
+                self.ratio = value / middle
+
+
+def levels_with(growth: float) -> tuple[float, ...]:
+    """Return the levels that are reported, the scene's own among them, in increasing order."""
+    return tuple(sorted({*LEVELS, float(growth)}))
+
+
+def first_time(times: Iterable[float | None]) -> float | None:
+    """Return the earliest of the times that exist."""
+    found = [t for t in times if t is not None]
+    return min(found) if found else None
