@@ -20,6 +20,7 @@ class EventFunction:
     """A scalar whose sign change is an event.
 
     direction : +1 for rising, -1 for falling, 0 for both. terminal : whether the run ends there.
+    cautious : approach it in several short steps, because the right-hand side is ill-conditioned close to it.
     """
 
     name: str

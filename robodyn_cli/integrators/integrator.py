@@ -269,13 +269,17 @@ class Integrator:
         t0 = self.time
         low, high = t0, min(float(self.w[Real.EVENT_HIGH]), stop)
         first_low = float(self.w[Real.EVENT_LOW])
-
+        side = 0
         def value(time: float) -> float:
+            """Return the event function at ``time``; NaN where the motion cannot be followed that far."""
             self._restore(start)
             self.n[Whole.LAST_SAMPLE] = -1
             self.n[Whole.WATCH] = 0
-            if time > t0:
-                self._check(self._call(time))
+            try:
+                if time > t0:
+                    self._check(self._call(time))
+            except NumericalError:
+                return np.nan
             return float(self.event_values(time, self.y)[index])
 
         g_low, g_high = before, value(high)
@@ -283,32 +287,32 @@ class Integrator:
             g_first = value(first_low)
             if g_first * before > 0:
                 low, g_low = first_low, g_first
-        if g_high == 0.0:
-            low = high
-        elif not g_low * g_high < 0:
+        if g_high * before > 0:
             # dense output saw a crossing that the states do not confirm: step over it
-            value(high)
-            self._commit(start, high, index, np.sign(g_high), flush)
+            self._commit(start, high, index, float(np.sign(g_high)), flush)
             return None
         resolution = 4e-16 * max(abs(high), abs(t0))
-        for _ in range(100):
-            if high - low <= resolution:
+        for _ in range(200):
+            if high - low <= resolution or g_high == 0.0:
                 break
-            trial = high - g_high * (high - low) / (g_high - g_low) if g_high != g_low else 0.5 * (low + high)
+            trial = 0.5 * (low + high)
+            if np.isfinite(g_high) and g_high != g_low:
+                secant = high - g_high * (high - low) / (g_high - g_low)
+                trial = secant if low < secant < high else trial
             if not low < trial < high:
-                trial = 0.5 * (low + high)
-            g = value(trial)
-            if g == 0.0:
-                low = high = trial
-                g_high = g
                 break
-            if g * g_high < 0:
-                low, g_low, high, g_high = high, g_high, trial, g
+            g = value(trial)
+            if g * before > 0:
+                low, g_low = trial, g
+                g_high *= 0.5 if side < 0 else 1.0
+                side = -1
             else:
                 high, g_high = trial, g
-                g_low *= 0.5
-            if low > high:
-                low, high, g_low, g_high = high, low, g_high, g_low
+                g_low *= 0.5 if side > 0 else 1.0
+                side = 1
+        if not np.isfinite(g_high):
+            self._commit(start, low, index, float(np.sign(before)), flush)
+            return None
         after = -np.sign(before)
         self._commit(start, high, index, float(after), flush)
         return Event(self.system.events[index].name, index, high, self.state, high - low)

@@ -36,11 +36,23 @@ from robodyn_cli.run.simulate import (
     prepare,
     tighter,
 )
-from robodyn_cli.run.singularity import classify, loop_rows, passive_determinant, psi_at, rank_loss_event
+from robodyn_cli.run.singularity import (
+    NEAR_RANK_LOSS,
+    classify,
+    loop_rows,
+    passive_determinant,
+    psi_at,
+    rank_loss_ahead,
+    rank_loss_event,
+)
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 
 Array = NDArray[np.float64]
+
+
+# smallest singular value of the passive block, relative to the largest of Psi, that is still worth reporting
+NEAR_SINGULAR = 1e-3
 
 
 @dataclasses.dataclass
@@ -53,6 +65,7 @@ class Found:
     driven: bool = False
     growth: GrowthMonitor = dataclasses.field(default_factory=lambda: GrowthMonitor(()))
     end: float = 0.0
+    clean_until: float = 0.0
     norm_at_end: float = 0.0
 
 
@@ -110,10 +123,11 @@ class Deployment:
             found.growth.take(t, norm)
 
         def on_event(event: Event) -> bool:
+            if event.name == NEAR_RANK_LOSS:
+                found.clean_until = event.time
+                found.bifurcation = rank_loss_ahead(problem, self.system, self.method, event, options)
+                return found.bifurcation is None
             kind = classify(problem, event.state[: problem.model.nq], self.passive).kind
-            if kind == "bifurcation":
-                found.bifurcation = (event.time, event.state)
-                return False
             if kind == "dead_point":
                 found.dead_point = (event.time, event.state)
                 # a criterion on the multipliers may still fire beyond the dead point
@@ -206,14 +220,8 @@ def deploy(scene: Scene, progress: Progress = no_progress, watch: Stopwatch | No
         found = run.scan(run.options)
     stop, criterion = run.stop_time(found)
     bifurcated = found.bifurcation is not None and (stop is None or found.bifurcation[0] <= stop)
-    end = scene.simulate.duration
-    if bifurcated and found.bifurcation is not None:
-        end = found.bifurcation[0]
-    elif stop is not None:
-        end = stop
-    elif found.stopped is not None:
-        end = found.end
-    recorder, integrator = _record(run, found, end, progress, watch)
+    met = found.bifurcation[0] if bifurcated and found.bifurcation is not None else stop
+    recorder, integrator = _record(run, found, met, progress, watch)
     result = new_result(scene, "deploy", recorder, _events(run, found))
     describe_run(result, run.setup, recorder, integrator, run.method, run.reason)
     summary = result.summary
@@ -227,7 +235,7 @@ def deploy(scene: Scene, progress: Progress = no_progress, watch: Stopwatch | No
             grid = Grid.over(scene.simulate.duration, scene.simulate.samples)
             summary["error_estimate"] = estimate_error(
                 run.setup, dataclasses.replace(run.system, events=()), run.method, run.start, grid,
-                min(end, float(recorder.array("time")[-1])), run.options, recorder, integrator.counters,
+                float(recorder.array("time")[-1]), run.options, recorder, integrator.counters,
             )  # fmt: skip
     if stop is None:
         result.status = summary["status"] = "no_lock"
@@ -242,29 +250,55 @@ def deploy(scene: Scene, progress: Progress = no_progress, watch: Stopwatch | No
 
 
 def _record(
-    run: Deployment, found: Found, end: float, progress: Progress, watch: Stopwatch
+    run: Deployment, found: Found, stop: float | None, progress: Progress, watch: Stopwatch
 ) -> tuple[Recorder, Integrator]:
-    """Integrate to ``end`` on the scene's grid and observe; the last sample is the end itself."""
+    """Integrate to ``stop`` on the scene's grid and observe; the last sample is the stop itself.
+
+    The events are those of the scan, so that the steps are the same and a singular configuration is met in the
+    same way: by a step from afar, never by creeping up to it.
+    """
     scene = run.scene
+    duration = scene.simulate.duration
+    located = [x[0] for x in (found.dead_point, found.bifurcation) if x is not None and not found.driven]
+    at_event = stop is not None and stop in located
     with watch.stage("equations"):
         observer = Observer(run.problem, run.system, run.passive)
-        plain = dataclasses.replace(run.system, events=())
-        integrator = Integrator(plain, run.method)
+        integrator = Integrator(run.system, run.method)
     recorder = Recorder(observer)
-    grid = Grid.over(scene.simulate.duration, scene.simulate.samples)
+    grid = Grid.over(duration, scene.simulate.samples)
     integrator.reset(0.0, run.start, run.options)
+    end = duration if stop is None or at_event else stop
+    if found.stopped is not None:
+        end = min(end, found.end)
 
     def emit(t: Array, x: Array) -> None:
-        recorder.emit(t, x)
-        progress(float(t[-1]), end)
+        if found.driven:
+            # close to the dead point the rates of the passive joints grow without bound: nothing to report there
+            angle = observer.singular_ratio(t, x)
+            t, x = t[angle > NEAR_SINGULAR], x[angle > NEAR_SINGULAR]
+        if len(t):
+            recorder.emit(t, x)
+        progress(float(t[-1]) if len(t) else end, end)
+
+    if found.bifurcation is not None and stop == found.bifurcation[0]:
+        # the way from the threshold on was travelled by extrapolation; samples stop short of the pose
+        end = stop - 1e-2 * (stop - found.clean_until)
+        grid = dataclasses.replace(grid, count=int(end / grid.step) + 1)
+
+    def on_event(event: Event) -> bool:
+        return not (at_event and stop is not None and event.time >= stop - 1e-9 * max(1.0, stop))
 
     with watch.stage("integrate"):
         try:
-            integrator.run(min(end, found.end) if found.stopped else end, grid, emit)
+            integrator.run(end, grid, emit, on_event)
         except NumericalError:
             if found.stopped is None:
                 raise
-        keep_last_state(recorder, integrator)
+        if found.bifurcation is not None and stop == found.bifurcation[0]:
+            recorder.emit(np.array([stop]), found.bifurcation[1][None, :].copy(), project=False)
+            recorder.make_last_least_norm(stop)
+        elif not found.driven:
+            keep_last_state(recorder, integrator)
     return recorder, integrator
 
 

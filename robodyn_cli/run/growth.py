@@ -60,10 +60,10 @@ class GrowthMonitor:
             middle = self.median.add(value)
             if pending and value > pending[0] * middle:
                 for level in [x for x in pending if value > x * middle]:
-                    self.times[level] = time
+                    self.times[level] = round(time, 9)  # a grid time: shed the rounding of k x 1 ms
                     pending.remove(level)
             if self.limit is not None and self.limit_time is None and value > self.limit:
-                self.limit_time = time
+                self.limit_time = round(time, 9)
             if value > self.largest:
                 self.largest = value
             if middle > 0.0 and value > self.ratio * middle:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from robodyn_cli.algorithms.kinematics import Pose
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Expr, Scalar
+from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.index1 import residuals
 from robodyn_cli.formulations.system import GROUPS, System
 from robodyn_cli.kernels.samples import SampleKernel
@@ -107,10 +108,10 @@ class Observer:
             "t": t, "q": x[:, : s.nq], "v": x[:, s.nq : s.nq + s.nv], "z": x[:, s.nq + s.nv :], "p": self.parameters,
         }  # fmt: skip
 
-    def observe(self, t: Array, x: Array) -> dict[str, Array]:
+    def observe(self, t: Array, x: Array, project: bool = True) -> dict[str, Array]:
         """Return the datasets of a block of samples by path; ``x`` (T, nx) is projected first."""
         s, problem = self.system, self.problem
-        x = self.project(t, x)
+        x = self.project(t, x) if project else x
         found = self.kernel.evaluate(len(t), self._groups(t, x))
         kinetic, potential = found["energy"].T
         data: dict[str, Array] = {
@@ -152,6 +153,12 @@ class Observer:
                 data["singularity/determinant"] = np.linalg.det(block)
         return data
 
+    def singular_ratio(self, t: Array, x: Array) -> Array:
+        """Return the smallest singular value of the passive block over the largest of Psi (T,)."""
+        data = self._singular(self.kernel.evaluate(len(t), self._groups(t, self.project(t, x)))["psi"])
+        ratio: Array = data["singularity/passive"][:, -1] / data["singularity/psi"][:, 0]
+        return ratio
+
     def describe(self) -> dict[str, Column]:
         """Return units and names of the datasets whose columns belong to this scene."""
         model = self.problem.model
@@ -186,9 +193,9 @@ class Recorder:
         self.velocity_residual = 0.0
         self._start: float | None = None
 
-    def emit(self, t: Array, x: Array) -> None:
+    def emit(self, t: Array, x: Array, project: bool = True) -> None:
         """Observe and keep a block of states."""
-        data = self.observer.observe(t, x)
+        data = self.observer.observe(t, x, project)
         balance = data["energy/total"] - data.get("energy/work", 0.0)
         if self._start is None:
             self._start = float(balance[0])
@@ -204,6 +211,21 @@ class Recorder:
             )
         for path, block in data.items():
             self.blocks.setdefault(path, []).append(block)
+
+    def make_last_least_norm(self, time: float) -> None:
+        """Replace accelerations and multipliers of the last sample, where Psi has lost rank, by least-norm ones."""
+        problem = self.observer.problem
+        nv = problem.model.nv
+        q, qd = self.blocks["q"][-1][-1], self.blocks["qd"][-1][-1]
+        values = {"q": q.tolist(), "v": qd.tolist(), "t": [time], "p": []}
+        entries = [*problem.mass_matrix.ravel(), *(problem.applied - problem.bias), *problem.constraints.gamma]
+        numbers = np.array(evaluate(entries, values), dtype=float)
+        M, f, gamma = numbers[: nv * nv].reshape(nv, nv), numbers[nv * nv : nv * nv + nv], numbers[nv * nv + nv :]
+        psi = np.array(evaluate(list(problem.psi.ravel()), values), dtype=float).reshape(len(gamma), nv)
+        spread = np.linalg.solve(M, psi.T)
+        lam, *_ = np.linalg.lstsq(psi @ spread, -(gamma + spread.T @ f), rcond=1e-9)
+        self.blocks["constraints/multipliers"][-1][-1] = lam
+        self.blocks["qdd"][-1][-1] = np.linalg.solve(M, f) + spread @ lam
 
     @property
     def samples(self) -> int:

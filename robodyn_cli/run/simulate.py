@@ -181,7 +181,7 @@ def simulate(scene: Scene, progress: Progress = no_progress, watch: Stopwatch | 
         progress(float(t[-1]), scene.simulate.duration)
 
     def on_event(event: Event) -> bool:
-        stop_at_rank_loss(problem, event)
+        stop_at_rank_loss(problem, system, method, event, options)
         return True
 
     failure: RobodynError | None = None

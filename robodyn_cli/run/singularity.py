@@ -13,17 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.constraints import determinant
+from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import CapabilityError, SingularConfigurationError
-from robodyn_cli.expr.calculus import directional
+from robodyn_cli.errors import CapabilityError, NumericalError, SingularConfigurationError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.formulations.system import EventFunction
-from robodyn_cli.integrators.integrator import Event
+from robodyn_cli.formulations.system import EventFunction, System
+from robodyn_cli.integrators.integrator import Event, Integrator, Options
+from robodyn_cli.spatial.algebra import zeros
 
 Array = NDArray[np.float64]
 RANK = 1e-6  # ratio of singular values below which a located pose counts as having lost rank
-LARGEST = 8  # rows up to which the determinant of Psi Psi^T is followed along the motion
+NEAR = 0.02  # ratio from which on a loss of rank is looked for ahead
+NEAR_RANK_LOSS = "near_rank_loss"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,14 +63,73 @@ def passive_determinant(problem: Problem, passive: Sequence[int]) -> Scalar:
 
 
 def rank_loss_event(problem: Problem) -> tuple[EventFunction, ...]:
-    """Return the event of a minimum of det(Psi Psi^T) along the motion, where a loss of rank must lie."""
+    """Return the event of coming near a loss of rank: 1 / (tr A tr A^-1) of A = Psi Psi^T falls below ``NEAR^2``.
+
+    The quantity lies between the squared ratio of smallest to largest singular value and m times less.
+    """
     rows = loop_rows(problem)
-    if not rows or len(rows) > LARGEST:
+    if not rows:
         return ()
     psi = problem.psi[rows]
-    gram: Scalar = determinant(psi @ psi.T)
-    rate = directional([gram], problem.q, problem.v)[0]
-    return (EventFunction("rank", rate, direction=+1, terminal=False),)
+    A = psi @ psi.T
+    factor = LdlFactor.of(A)
+    trace: Scalar = 0.0
+    inverse_trace: Scalar = 0.0
+    for i in range(len(rows)):
+        unit = zeros(len(rows))
+        unit[i] = 1.0
+        trace = trace + A[i, i]
+        inverse_trace = inverse_trace + factor.solve(unit)[i]
+    closeness: Scalar = 1.0 / (trace * inverse_trace)
+    return (EventFunction(NEAR_RANK_LOSS, closeness - NEAR * NEAR, direction=-1, terminal=False),)
+
+
+def singular_ratio(problem: Problem, q: Array) -> float:
+    """Return smallest over largest singular value of the loops' Psi."""
+    sigma = np.linalg.svd(psi_at(problem, q), compute_uv=False)
+    return float(sigma[-1] / sigma[0])
+
+
+def rank_loss_ahead(
+    problem: Problem, system: System, method: str, event: Event, options: Options
+) -> tuple[float, Array] | None:
+    """Tell whether the motion from here on runs into a loss of rank, and where: time and state, else None.
+
+    Close to it the multipliers are ill-conditioned, so it is approached by steps that cover nine tenths of the
+    way to the root of the secant of the ratio of singular values (which falls linearly towards it), and the
+    small rest is extrapolated.
+    """
+    integrator = Integrator(dataclasses.replace(system, events=()), method)
+    nq = problem.model.nq
+    integrator.reset(event.time, event.state, options)
+    speed = float(np.abs(event.state[nq : nq + problem.model.nv]).max())
+    if speed == 0.0:
+        return None
+    low, state = event.time, event.state
+    ratio = singular_ratio(problem, state[:nq])
+    trial, rest, slow = low + 0.05 * ratio / speed, np.inf, 0
+    for _ in range(60):
+        integrator.reset(low, state, dataclasses.replace(options, max_step=(trial - low) / 4))
+        try:
+            integrator.advance(trial)
+        except NumericalError:
+            break
+        before, low, state = (low, ratio, state), trial, integrator.state
+        ratio = singular_ratio(problem, state[:nq])
+        slope = (ratio - before[1]) / (low - before[0])
+        if not slope < 0.0:
+            return None
+        root = low - ratio / slope
+        # on the way to a mere minimum the root recedes instead of closing in
+        slow = slow + 1 if root - low > 0.5 * rest else 0
+        if slow > 3:
+            return None
+        rest = root - low
+        if ratio < RANK:
+            end = state + rest / (low - before[0]) * (state - before[2])
+            return root, end
+        trial = low + 0.9 * rest
+    return None
 
 
 def psi_at(problem: Problem, q: Array, t: float = 0.0) -> Array:
@@ -90,20 +151,22 @@ def classify(problem: Problem, q: Array, passive: Sequence[int]) -> Singularity:
     return Singularity("regular", whole, block)
 
 
-def stop_at_rank_loss(problem: Problem, event: Event) -> None:
-    """Raise if the minimum that was met is a loss of rank; an ordinary minimum passes.
+def stop_at_rank_loss(problem: Problem, system: System, method: str, event: Event, options: Options) -> None:
+    """Raise if the motion runs into a loss of rank; coming near and leaving again passes.
 
     Raises
     ------
     SingularConfigurationError : Psi has lost rank.
     """
-    q = event.state[: problem.model.nq]
-    found = classify(problem, q, ())
-    if found.kind != "bifurcation":
+    ahead = rank_loss_ahead(problem, system, method, event, options)
+    if ahead is None:
         return
+    time, state = ahead
+    q = state[: problem.model.nq]
+    found = classify(problem, q, ())
     loops = ", ".join(loop.name for loop in problem.model.loops)
     raise SingularConfigurationError(
-        f"bifurcation at t = {event.time:.9g} s: the constraint Jacobian of loop {loops} loses rank, so the "
+        f"bifurcation at t = {time:.9g} s: the constraint Jacobian of loop {loops} loses rank, so the "
         "multipliers are not unique and the motion may branch; set simulate.singular: pass to go on",
-        time=event.time, kind="bifurcation", singular_values=found.psi.tolist(), q=q.tolist(),
+        time=time, kind="bifurcation", singular_values=found.psi.tolist(), q=q.tolist(),
     )  # fmt: skip
