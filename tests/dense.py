@@ -1,4 +1,4 @@
-"""Spatial algebra in dense 6x6 arithmetic, angular rows first (Featherstone 2008, chapter 2): an independent view."""
+"""Spatial algebra in dense 6x6 arithmetic, angular rows first (Featherstone 2008, chapter 2)."""
 
 from __future__ import annotations
 

@@ -44,7 +44,9 @@ def random_tree(
         if k and rng.uniform() < branching:
             parent = int(rng.integers(-1, k))
         m, c, I = random_inertia(rng)
-        placement = Transform(matrix(random_rotation(rng).tolist()), vector((rng.normal(size=3) * 0.4).tolist()))
+        placement = Transform(
+            matrix(random_rotation(rng).tolist()), vector((rng.normal(size=3) * 0.4).tolist())
+        )
         kind = kinds[int(rng.integers(len(kinds)))]
         bodies.append(
             Body(

@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.algorithms.kinematics import slice_q, transforms
+from robodyn_cli.algorithms.kinematics import slice_q, slice_v, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
-from robodyn_cli.algorithms.rnea import rnea
+from robodyn_cli.algorithms.rnea import Wrench, rnea
 from robodyn_cli.model.model import BASE, Body, Model
 from robodyn_cli.spatial.algebra import Matrix, Transform, Vector, cross, dot, zeros
 from robodyn_cli.spatial.inertia import ArticulatedInertia
+
+Acceleration = tuple[Vector, Vector]  # angular, and of the body's origin; body coordinates
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,6 +26,26 @@ class JointFactor:
     U: Any
     U_D: Any
     D_inverse: Matrix
+
+    def bear(self, y: Vector, wrench: Wrench) -> tuple[Vector, Wrench]:
+        """Return the acceleration that the joint alone would take, and the wrench that its parent feels.
+
+        share = D^-1 (y - S^T f);  f^a = f + U share   (Featherstone 2008, equations 7.24 and 7.44).
+        """
+        n, f = wrench
+        u = zeros(len(y))
+        for j in range(len(y)):
+            u[j] = y[j] - (dot(self.S[:3, j], n) + dot(self.S[3:, j], f))
+        share = self.D_inverse @ u
+        reaction = self.U @ share
+        return share, (n + reaction[:3], f + reaction[3:])
+
+    def follow(self, X: Transform, share: Vector, parent: Acceleration) -> tuple[Vector, Acceleration]:
+        """Return the joint's acceleration and the body's: share - U_D^T X a_p;  X a_p + S qdd."""
+        w_p, a_p = parent
+        w, a = X.E @ w_p, X.E @ (a_p + cross(w_p, X.r))
+        own = share - self.U_D.T @ np.concatenate([w, a])
+        return own, (w + self.S[:3] @ own, a + self.S[3:] @ own)
 
 
 def factor_joint(
@@ -80,29 +102,21 @@ class ArticulatedFactor:
     def solve(self, y: Sequence[Any]) -> Vector:
         """Return x with M x = y (nv,): torques collect down the tree, accelerations spread up it."""
         bodies = self.model.bodies
-        pull = [(zeros(3), zeros(3)) for _ in bodies]
+        pull: list[Wrench] = [(zeros(3), zeros(3)) for _ in bodies]
         share: list[Vector] = [zeros(0)] * len(bodies)
         for k in reversed(range(len(bodies))):
-            body, factor = bodies[k], self.joints[k]
-            n, f = pull[k]
-            u = zeros(body.joint.nv)
-            for j in range(body.joint.nv):
-                u[j] = y[body.v + j] - (dot(factor.S[:3, j], n) + dot(factor.S[3:, j], f))
-            share[k] = factor.D_inverse @ u
+            body = bodies[k]
+            share[k], felt = self.joints[k].bear(slice_v(body, y), pull[k])
             if body.parent != BASE:
-                reaction = factor.U @ share[k]
-                n_p, f_p = self.X[k].force_to_parent(n + reaction[:3], f + reaction[3:])
-                pull[body.parent] = (pull[body.parent][0] + n_p, pull[body.parent][1] + f_p)
+                n, f = self.X[k].force_to_parent(*felt)
+                n_p, f_p = pull[body.parent]
+                pull[body.parent] = (n_p + n, f_p + f)
         x = zeros(self.model.nv)
-        motion: dict[int, tuple[Vector, Vector]] = {BASE: (zeros(3), zeros(3))}
+        motion: dict[int, Acceleration] = {BASE: (zeros(3), zeros(3))}
         for k, body in enumerate(bodies):
-            factor, X = self.joints[k], self.X[k]
-            w_p, a_p = motion[body.parent]
-            w, a = X.E @ w_p, X.E @ (a_p + cross(w_p, X.r))
-            own = share[k] - factor.U_D.T @ np.concatenate([w, a])
+            own, motion[k] = self.joints[k].follow(self.X[k], share[k], motion[body.parent])
             for j in range(body.joint.nv):
                 x[body.v + j] = own[j]
-            motion[k] = (w + factor.S[:3] @ own, a + factor.S[3:] @ own)
         return x
 
 

@@ -43,9 +43,14 @@ class Pose:
         return Pose(self.R @ X.E.T, self.p + self.R @ X.r)
 
 
+def step_transform(body: Body, q: Vector) -> Transform:
+    """Return X from a body's parent to the body, at the joint's position ``q`` (nq,)."""
+    return body.joint.transform(q) @ body.X_tree
+
+
 def transforms(model: Model, q: Sequence[Any]) -> list[Transform]:
     """Return X from parent to body, for each body."""
-    return [b.joint.transform(slice_q(b, q)) @ b.X_tree for b in model.bodies]
+    return [step_transform(b, slice_q(b, q)) for b in model.bodies]
 
 
 def poses(model: Model, X: Sequence[Transform], root: int = BASE) -> dict[int, Pose]:

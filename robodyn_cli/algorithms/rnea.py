@@ -33,6 +33,14 @@ def joint_torque(body: Body, q: Vector, wrench: Wrench) -> Vector:
     return out
 
 
+def drive_torque(body: Body, q: Vector, qdd: Vector, wrench: Wrench) -> Vector:
+    """Return what the joint's actuator must give (nv,): its part of the wrench and its rotor's inertia."""
+    own = joint_torque(body, q, wrench)
+    for j in range(body.joint.nv):
+        own[j] = own[j] + body.armature * qdd[j]
+    return own
+
+
 def rnea(
     model: Model,
     q: Sequence[Any],
@@ -73,9 +81,9 @@ def collect_torques(
     tau = zeros(model.nv)
     for k in reversed(range(len(model.bodies))):
         body = model.bodies[k]
-        own = joint_torque(body, slice_q(body, q), wrench[k])
+        own = drive_torque(body, slice_q(body, q), slice_v(body, qdd), wrench[k])
         for j in range(body.joint.nv):
-            tau[body.v + j] = own[j] + body.armature * qdd[body.v + j]
+            tau[body.v + j] = own[j]
         if body.parent != BASE:
             n, f = X[k].force_to_parent(*wrench[k])
             n_p, f_p = wrench[body.parent]

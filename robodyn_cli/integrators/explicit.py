@@ -6,14 +6,13 @@ from collections.abc import Sequence
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.layout import Real, Whole
-from robodyn_cli.integrators.loop import Attempt, Stepper, Writer
+from robodyn_cli.integrators.loop import SLACK, Attempt, Stepper, Writer
 from robodyn_cli.integrators.tableaus import DOP853, DOP853_DENSE, DOPRI5, DOPRI5_DENSE, RK4, ExplicitTable
 from robodyn_cli.kernels.ir import Value
 from robodyn_cli.kernels.mathematics import rough_power
 
 SAFETY = 0.9
 MEMORY_GAIN = 0.32  # of the step controller that also looks at the previous error (Hairer and Wanner 1996, IV.2)
-
 
 class ExplicitRungeKutta(Stepper):
     """Explicit Runge-Kutta pair given by its tableau."""
@@ -53,7 +52,7 @@ class ExplicitRungeKutta(Stepper):
 
     def _judge(self, w: Writer, h: Value, x1: list[Value]) -> Attempt:
         f, s = w.f, w.system
-        n = s.nq + s.nv
+        n = s.size
         with f.strict():
             rtol, atol = w.get(Real.RTOL), w.get(Real.ATOL)
             sums: list[Value | None] = [None] * len(self.table.errors)
@@ -85,9 +84,9 @@ class ExplicitRungeKutta(Stepper):
         f = w.f
         if self.adaptive:
             w.put(Real.MEMORY_2, f.max(self.last_error, 1e-8))
-        due = f.compare_int("sle", f.load_int(w.whole(Whole.NEXT_SAMPLE)), f.load_int(w.whole(Whole.LAST_SAMPLE)))
+        wanted = f.compare_int("sle", f.load_int(w.whole(Whole.NEXT_SAMPLE)), f.load_int(w.whole(Whole.LAST_SAMPLE)))
         watched = f.compare_int("ne", f.load_int(w.whole(Whole.WATCH)), 0)
-        with f.when(due | watched):
+        with f.when(wanted | watched), f.when(w.due(t + h, 2.0 * SLACK) | watched):
             self._store_dense(w, t, h)
 
     def _store_dense(self, w: Writer, t: Value, h: Value) -> None:

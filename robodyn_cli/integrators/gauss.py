@@ -13,7 +13,7 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.gauss_dense import WIDTH, dense_table
 from robodyn_cli.integrators.gauss_tables import gauss_table
 from robodyn_cli.integrators.layout import Real, Whole
-from robodyn_cli.integrators.loop import Attempt, Stepper, Writer
+from robodyn_cli.integrators.loop import SLACK, Attempt, Stepper, Writer
 from robodyn_cli.kernels.ir import Int, Value, literal
 from robodyn_cli.kernels.mathematics import rough_power
 
@@ -37,14 +37,16 @@ class Gauss(Stepper):
 
     def dense_size(self, system: System) -> int:
         rates = system.nv + system.nz
-        return self.stages * rates + system.size + 2 * WIDTH * rates
+        return self.stages * rates + system.size + 2 * WIDTH * rates + rates
 
     def prepare(self, w: Writer) -> None:
         f, s = w.f, w.system
         self.table = gauss_table(self.stages)
         self.guess = [f.slot(self.stages) for _ in range(s.nv + s.nz)]
+        self.weight = [f.slot() for _ in range(s.nv + s.nz)]
         self.before = f.slot()
         self.round = f.int_slot()
+        self.primed = f.int_slot()
 
     def _polynomial(self, w: Writer, j: int) -> str:
         """Return the address of the monomial coefficients of rate j (accelerations, then z rates)."""
@@ -61,15 +63,16 @@ class Gauss(Stepper):
         nodes = f.constant(list(T.c))
         x0 = [f.load(a) for a in w.state]
         q0, v0, z0 = x0[: s.nq], x0[s.nq : s.nq + s.nv], x0[s.nq + s.nv :]
-        rtol, atol = w.get(Real.RTOL), w.get(Real.ATOL)
-        # what an error of a rate means for the state over this step, in units of the tolerance
-        weight = [h / f.muladd(f.abs(x), rtol, atol) for x in [*v0, *z0]]
+        self._weigh(w, h, x0, [f.load(self._size(w, j)) for j in range(n)])
         self._predict(w, h)
         wide_h, wide_h2 = f.splat(h, lanes), f.splat(h * h, lanes)
         times = f.muladd(wide_h, nodes, f.splat(t, lanes))
         drift = [f.muladd(wide_h * nodes, f.splat(v, lanes), f.splat(q, lanes)) for q, v in zip(q0, v0)]
         f.store(1e300, self.before)
-        f.store_int(0, self.round)
+        # the first step of a run knows no rates yet: one round shows them, then they take part in the weights
+        known = f.compare_int("sgt", f.load_int(w.whole(Whole.ACCEPTED)), 0)
+        f.store_int(f.select_int(known, 1, 0), self.primed)
+        f.store_int(f.select_int(known, 0, ITERATIONS), self.round)
         iterate, onward, enough = f.label("iterate"), f.label("onward"), f.label("solved")
         f.jump(iterate)
         f.place(iterate)
@@ -83,7 +86,7 @@ class Gauss(Stepper):
         with f.strict():
             square: Value | None = None
             for j in range(n):
-                d = (fresh[j] - old[j]) * f.splat(weight[j], lanes)
+                d = (fresh[j] - old[j]) * f.splat(f.load(self.weight[j]), lanes)
                 square = d * d if square is None else f.fma(d, d, square)
                 f.store(fresh[j], self.guess[j], 64)
             assert square is not None
@@ -91,9 +94,12 @@ class Gauss(Stepper):
             last = f.load(self.before)
             f.store(update, self.before)
             ratio = f.min(update / last, 1.0)
+            first = f.compare("ogt", last, 1e200)
             remembered = w.get(Real.MEMORY)
-            ratio = f.max(f.select(f.compare("ogt", last, 1e200), remembered, ratio), SMALLEST_RATIO)
-            w.put(Real.MEMORY, f.select(f.compare("ord", ratio, 0.0), ratio, f.constant(1.0)))
+            # where the first round is enough nothing is measured, and what is remembered must fade
+            measured = f.select(first, remembered * 0.5, ratio)
+            ratio = f.max(f.select(first, remembered, ratio), SMALLEST_RATIO)
+            w.put(Real.MEMORY, f.select(f.compare("ord", ratio, 0.0), measured, f.constant(1.0)))
             small = f.compare("olt", update * ratio, CONVERGED)
         f.branch(small, enough, onward)
         f.place(onward)
@@ -101,6 +107,15 @@ class Gauss(Stepper):
         unfinished = f.compare_int("slt", f.bump(self.round), ITERATIONS) & f.compare("ord", update, 0.0)
         f.branch(unfinished, iterate, capped)
         f.place(capped)
+        prime, stuck = f.label("prime"), f.label("stuck")
+        f.branch(f.compare_int("eq", f.load_int(self.primed), 0), prime, stuck)
+        f.place(prime)
+        f.store_int(1, self.primed)
+        f.store_int(0, self.round)
+        f.store(1e300, self.before)
+        self._weigh(w, h, x0, [f.sqrt(f.reduce("add", x * x) * (1.0 / lanes)) for x in fresh])
+        f.jump(iterate)
+        f.place(stuck)
         # an update that no longer shrinks is rounding when it is well below the tolerance
         f.branch(f.compare("olt", update, 0.1), enough, diverged)
         f.place(diverged)
@@ -109,7 +124,25 @@ class Gauss(Stepper):
         f.place(enough)
         final = [f.load(x, lanes, 64) for x in self.guess]
         self._advance(w, h, x0, final)
-        return self._judge(w, final, weight)
+        return self._judge(w, final, [f.load(x) for x in self.weight])
+
+    def _weigh(self, w: Writer, h: Value, x0: list[Value], sizes: list[Value]) -> None:
+        """Set what an error of each rate means for the state over this step, in units of the tolerance.
+
+        A velocity counts as at least what its rate makes of it in the step, so that one that passes zero is not
+        held to an absolute standard; a position sets the standard where the motion is slow.
+        """
+        f, s = w.f, w.system
+        rtol, atol = w.get(Real.RTOL), w.get(Real.ATOL)
+        with f.strict():
+            for j, size in enumerate(sizes):
+                speed, gained = f.abs(x0[s.nq + j]), h * size
+                largest = f.select(f.compare("ogt", speed, gained), speed, gained)
+                weight = h / f.muladd(largest, rtol, atol)
+                if j < s.nv:
+                    other = h * h / f.muladd(f.abs(x0[j]), rtol, atol)
+                    weight = f.select(f.compare("ogt", other, weight), other, weight)
+                f.store(weight, self.weight[j])
 
     def _combine(self, w: Writer, a: Value, matrix: np.ndarray, factor: Value, start: Value) -> Value:
         """Return start + factor (matrix a), lanes being stages; two sums to shorten the chain."""
@@ -159,14 +192,16 @@ class Gauss(Stepper):
         below = f.constant([float(x) for x in T.legendre[-2]])
         with f.strict():
             total: Value | None = None
-            for j in range(s.nv):
+            self.sizes = []
+            for j in range(s.nv + s.nz):
                 c = f.reduce("add", rates[j] * top)
                 d = f.reduce("add", rates[j] * below)
                 size = f.sqrt(f.reduce("add", rates[j] * rates[j]) * (1.0 / self.stages))
+                self.sizes.append(size)
                 e = f.muladd(d * d, SECOND, c * c) * weight[j] / (size + 1e-300)
                 total = e * e if total is None else f.muladd(e, e, total)
             assert total is not None
-            error = f.sqrt(total * (SCALE * SCALE / s.nv))
+            error = f.sqrt(total * (SCALE * SCALE / len(rates)))
             bounded = f.max(error, 1e-14)
             factor = rough_power(f, bounded, -1.0 / (2 * self.stages - 1)) * SAFETY
             ratio = w.get(Real.MEMORY)
@@ -177,12 +212,7 @@ class Gauss(Stepper):
     def save_dense(self, w: Writer, t: Value, h: Value) -> None:
         f, s, T = w.f, w.system, self.table
         # samples beyond the step's end are not this step's business
-        k = f.load_int(w.whole(Whole.NEXT_SAMPLE))
-        with f.strict():
-            time = w.get(Real.SAMPLE_START) + f.to_double(k) * w.get(Real.SAMPLE_STEP)
-        due = f.compare("ole", time, t + h * 1.0000001)
-        due = due & f.compare_int("sle", k, f.load_int(w.whole(Whole.LAST_SAMPLE)))
-        with f.when(due):
+        with f.when(w.due(t + h, 2.0 * SLACK)):
             self._refine(w, t, h)
         for j in range(s.nv + s.nz):
             a = f.load(self.guess[j], self.stages, 64)
@@ -196,6 +226,8 @@ class Gauss(Stepper):
             f.store(sums[0] + sums[1], self._polynomial(w, j))
         for k in range(s.size):
             f.store(f.load(w.new[k]), self._end(w, k))
+        for j, size in enumerate(self.sizes):
+            f.store(size, self._size(w, j))
 
     def dense(self, w: Writer, u: Value, h: Value) -> list[Value]:
         """q = q1 + h u v1 + h^2 u^2 sum d_k u^k / ((k+1)(k+2)), and so on, from the end of the step."""
@@ -233,6 +265,11 @@ class Gauss(Stepper):
         """Return the address of the correction of rate j: its integral's coefficients, then the double integral's."""
         s = w.system
         return w.f.offset("%dense", (s.nv + s.nz) * self.stages + s.size + 2 * WIDTH * j)
+
+    def _size(self, w: Writer, j: int) -> str:
+        """Return the address of the root mean square of rate j over the last step."""
+        s = w.system
+        return w.f.offset("%dense", (s.nv + s.nz) * (self.stages + 2 * WIDTH) + s.size + j)
 
     def _table(self, w: Writer, name: str, data: np.ndarray) -> str:
         """Keep a table in memory, columns one after the other, and return its address."""

@@ -26,6 +26,7 @@ from robodyn_cli.kernels.program import Program
 
 INLINE_LIMIT = 400  # operations; longer programs become functions
 LANES = 8
+SLACK = 2e-15  # a sample this close beyond the end of a step belongs to it
 
 
 class Writer:
@@ -56,6 +57,16 @@ class Writer:
 
     def count(self, place: int, by: int = 1) -> None:
         self.f.bump(self.whole(place), by)
+
+    def due(self, limit: Value, slack: float) -> Condition:
+        """Return whether the next sample lies before ``limit`` or, but for rounding, at it."""
+        f = self.f
+        k = f.load_int(self.whole(Whole.NEXT_SAMPLE))
+        start = self.get(Real.SAMPLE_START)
+        with f.strict():
+            time = start + f.to_double(k) * self.get(Real.SAMPLE_STEP)
+            bound = limit + (f.abs(limit) + f.abs(start)) * slack
+        return f.compare("ole", time, bound) & f.compare_int("sle", k, f.load_int(self.whole(Whole.LAST_SAMPLE)))
 
     # -- programs -------------------------------------------------------------------------------------
     def evaluate(self, program: Program, t: Value, x: list[Value], width: int) -> dict[str, list[Value]]:
@@ -146,7 +157,7 @@ def write_run(system: System, method: Stepper, fused: bool) -> str:
     t, end = w.get(Real.T), w.get(Real.T_END)
     with f.arithmetic(""):
         left = end - t
-        tiny = f.abs(end) * 1e-15
+        tiny = f.abs(end) * 4e-16
         more = f.label("more")
         f.branch(f.compare("ogt", left, tiny), more, leave)
     f.place(more)
@@ -171,11 +182,15 @@ def write_run(system: System, method: Stepper, fused: bool) -> str:
     f.branch(f.compare("olt", outcome.error, 1.0), accepted, rejected)
 
     f.place(rejected)
-    h = f.load(h_slot)
-    broken = f.compare("uno", outcome.error, 0.0)
-    shrink = f.select(broken, f.constant(0.1), f.min(f.max(f.load(factor_slot), 0.1), 0.9))
-    w.put(Real.H, h * shrink)
-    f.jump(retry)
+    if method.adaptive:
+        h = f.load(h_slot)
+        broken = f.compare("uno", outcome.error, 0.0)
+        shrink = f.select(broken, f.constant(0.1), f.min(f.max(f.load(factor_slot), 0.1), 0.9))
+        w.put(Real.H, h * shrink)
+        f.jump(retry)
+    else:
+        f.store_int(Status.NOT_FINITE, status)
+        f.jump(leave)
     f.place(retry)
     w.count(Whole.REJECTED)
     in_row = f.bump(w.whole(Whole.REJECTED_IN_ROW))
@@ -209,9 +224,14 @@ def write_run(system: System, method: Stepper, fused: bool) -> str:
     f.jump(loop)
 
     f.place(leave)
+    spread: Value | None = None
     for k in range(size):
-        f.store(f.load(w.state[k]), f.offset("%y", k))
-    f.ret(f.load_int(status))
+        x = f.load(w.state[k])
+        f.store(x, f.offset("%y", k))
+        with f.strict():
+            spread = x * 0.0 if spread is None else spread + x * 0.0
+    assert spread is not None
+    f.ret(f.select_int(f.compare("uno", spread, 0.0), int(Status.NOT_FINITE), f.load_int(status)))
     return module([f, *w.outlined.values()])
 
 
@@ -253,9 +273,7 @@ def _write_samples(w: Writer, method: Stepper, status: str, leave: str) -> None:
     with f.strict():
         time = w.get(Real.SAMPLE_START) + f.to_double(k) * w.get(Real.SAMPLE_STEP)
         limit = w.get(Real.T)
-        slack = f.abs(limit) * 1e-14
-        due = f.compare("ole", time, limit + slack) & f.compare_int("sle", k, f.load_int(w.whole(Whole.LAST_SAMPLE)))
-    f.branch(due, body, done)
+    f.branch(w.due(limit, SLACK), body, done)
     f.place(body)
     rows = f.load_int(w.whole(Whole.ROWS))
     f.store_int(1, w.whole(Whole.PENDING))
@@ -332,6 +350,7 @@ def _find_event(w: Writer, method: Stepper, t: Value, h: Value, status: str, lea
     f.jump(leave)
     f.place(none)
     for k, g in enumerate(lasts):
-        w.put(Real.SIZE + k, g)
+        # a function that ends the step at zero keeps its sign: whether it crosses shows in the next step
+        w.put(Real.SIZE + k, f.select(f.compare("oeq", g, 0.0), w.get(Real.SIZE + k), g))
     f.jump(quiet)
     f.place(quiet)

@@ -68,9 +68,21 @@ def mark_lock(axes: list[Axes], result: Result) -> None:
     )
 
 
+def loop_columns(result: Result, names: tuple[str, ...]) -> list[int]:
+    """Return the columns of the multipliers that belong to loops, not to joints moved by prescription."""
+    multipliers = lock(result).get("multipliers")
+    rows = multipliers.get("rows") if isinstance(multipliers, dict) else None
+    found = [column for column, name in enumerate(names) if name in rows] if isinstance(rows, list) else []
+    return found or list(range(len(names)))
+
+
 def growth_times(result: Result) -> list[tuple[float, float]]:
     """Return (factor, time) at which the multipliers passed multiples of their running median."""
     table = lock(result).get("growth_times")
+    if table is None:
+        # Without a lock the run still says which thresholds were passed.
+        criteria = result.summary.get("criteria")
+        table = criteria.get("growth_times") if isinstance(criteria, dict) else None
     if not isinstance(table, dict):
         return []
     return sorted(

@@ -63,7 +63,9 @@ def styled() -> Iterator[None]:
     """Draw in robodyn's style inside the context, whatever the user's own settings of matplotlib."""
     with matplotlib.rc_context():
         # To touch the backend would import pyplot and look for a display.
-        defaults = {name: item for name, item in matplotlib.rcParamsDefault.items() if name != "backend"}
+        defaults: dict[Any, Any] = {
+            name: item for name, item in matplotlib.rcParamsDefault.items() if name != "backend"
+        }
         matplotlib.rcParams.update(defaults)
         matplotlib.rcParams.update(_SETTINGS)
         yield

@@ -114,7 +114,7 @@ ATTRIBUTES: tuple[Attribute, ...] = (
     Attribute("robodyn_version", "text", "version of robodyn that wrote the file"),
     Attribute("command", "text", "command that was run: `inverse`, `simulate`, `deploy`, ..."),
     Attribute("title", "text", "title of the scene"),
-    Attribute("status", "text", "`ok`, `locked`, `no_lock` or `failed`"),
+    Attribute("status", "text", "`ok`, `locked`, `no_lock`, `overload` or `failed`"),
     Attribute("scene", "text", "the scene as it was run: includes and `--set` resolved"),
     Attribute("scene_sha256", "text", "SHA-256 of `scene`, hexadecimal"),
     Attribute("versions", "JSON", "versions of Python, the libraries in use and the operating system"),

@@ -79,7 +79,7 @@ def _result(file: Any, select: Callable[[str], bool] | None) -> Result:
         summary=json.loads(file.attrs.get("summary", "{}")),
         attributes=attributes,
     )
-    _collect(file, "", result, select)
+    _collect(file["/"], "", result, select)
     return result
 
 
@@ -100,8 +100,8 @@ def _attribute(name: str, value: Any) -> Any:
 def _collect(group: Any, prefix: str, result: Result, select: Callable[[str], bool] | None) -> None:
     import h5py
 
-    for name, item in group.items():
-        path = prefix + name
+    for name in _members(group):
+        item, path = group[name], prefix + name
         if isinstance(item, h5py.Group):
             if path != "events":
                 _collect(item, path + "/", result, select)
@@ -114,6 +114,18 @@ def _collect(group: Any, prefix: str, result: Result, select: Callable[[str], bo
                 str(attributes.get("long_name", "")),
                 tuple(str(label) for label in attributes.get("names", ())),
             )
+
+
+def _members(group: Any) -> list[str]:
+    """Return the names in a group in the order in which they were written, where the file knows it."""
+    import h5py
+
+    order = h5py.h5.INDEX_NAME
+    if group.id.get_create_plist().get_link_creation_order() & h5py.h5p.CRT_ORDER_INDEXED:
+        order = h5py.h5.INDEX_CRT_ORDER
+    names: list[bytes] = []
+    group.id.links.iterate(names.append, idx_type=order)
+    return [name.decode() for name in names]
 
 
 def _is_bare(dataset: Any) -> bool:

@@ -61,7 +61,8 @@ class Result:
 
     ``variables`` maps the HDF5 path without its leading slash (``"q"``, ``"torque_terms/gravity"``,
     ``"points/tip"``) to a Variable; ``summary`` is what goes into ``summary.json``; ``attributes`` are the
-    root attributes of the HDF5 file. ``status`` is ``"ok"``, ``"locked"``, ``"no_lock"`` or ``"failed"``.
+    root attributes of the HDF5 file. ``status`` is ``"ok"``, ``"locked"``, ``"no_lock"``,
+    ``"overload"`` or ``"failed"``.
     """
 
     command: str

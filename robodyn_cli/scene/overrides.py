@@ -34,8 +34,9 @@ def apply(root: Node, kind: Kind, override: str, directory: str, includer: Inclu
     directory : where relative paths in the value start.
     includer : loads the files that the path leads through.
     """
-    label = "--set " + (override if len(override) <= 100 else override[:97] + "...")
-    source = Source(" ".join(label.split()), directory, positions=False)
+    quoted = " ".join(override.split()) or "''"
+    label = "--set " + (quoted if len(quoted) <= 100 else quoted[:97] + "...")
+    source = Source(label, directory, positions=False)
     place = Scalar(source, 1, 1, "", None)
     key, sign, text = override.partition("=")
     steps = key.strip().split(".")

@@ -91,7 +91,8 @@ class Reader:
 
     def read(self, cls: type[T], node: Node, path: Path = ()) -> T:
         """Return an instance of the dataclass ``cls``."""
-        return self.section(Section(cls), node, path)
+        instance: T = self.section(Section(cls), node, path)
+        return instance
 
     def value(self, kind: Kind, node: Node, path: Path, unit: str = "") -> Any:
         """Return what ``node`` says, as ``kind`` wants it."""
@@ -108,7 +109,8 @@ class Reader:
     # -- scalars --------------------------------------------------------------------------------------
     def number(self, kind: Number, node: Node, path: Path, unit: str) -> float:
         value = self.plain_number(kind, node, path, unit, kind.angle)
-        return self.in_range(kind, value, node, path, unit)
+        self.check_range(kind, value, node, path, unit)
+        return value
 
     def plain_number(self, kind: Kind, node: Node, path: Path, unit: str, angle: bool) -> float:
         """Return a finite number, from a number or from text that is a constant formula."""
@@ -132,20 +134,20 @@ class Reader:
             )
         return value
 
-    def in_range(self, kind: Number | Integer, value: Any, node: Node, path: Path, unit: str) -> Any:
+    def check_range(self, kind: Number | Integer, value: float, node: Node, path: Path, unit: str) -> None:
         low, high = kind.minimum, kind.maximum
         strict = isinstance(kind, Number) and kind.exclusive
         if low is not None and (value < low or (strict and value == low)):
             raise self.wrong(kind, node, path, unit, "is too small")
         if high is not None and (value > high or (strict and value == high)):
             raise self.wrong(kind, node, path, unit, "is too large")
-        return value
 
     def integer(self, kind: Integer, node: Node, path: Path, unit: str) -> int:
         value = self.plain_number(kind, node, path, unit, False)
         if not value.is_integer():
             raise self.wrong(kind, node, path, unit, "is not a whole number")
-        return self.in_range(kind, int(value), node, path, unit)
+        self.check_range(kind, value, node, path, unit)
+        return int(value)
 
     def boolean(self, kind: Boolean, node: Node, path: Path, unit: str) -> bool:
         if not isinstance(node, Scalar) or not isinstance(node.value, bool):

@@ -239,7 +239,8 @@ class SimulateOptions:
     singular: str = key(
         Choice(("stop", "pass")),
         default="stop",
-        doc="What `simulate` does where the loops' constraints lose rank: stop (exit code 4) or pass through.",
+        doc="What `simulate` does where the loops' constraints lose rank: stop (exit code 4) or "
+        "pass through.",
     )
     error_estimate: bool = key(
         Boolean(), default=True, doc="Estimate the global error by a second, tighter integration."

@@ -239,12 +239,12 @@ class _Builder:
         return Scalar(self.source, place.line, place.column, text, value)
 
     def tagged(self, tag: str, kind: str, text: str, place: Scalar) -> Value:
-        types: dict[str, Any] = {
-            "str": str,
-            "int": int,
+        types: dict[str, tuple[type, ...]] = {
+            "str": (str,),
+            "int": (int,),
             "float": (int, float),
-            "bool": bool,
-            "null": type(None),
+            "bool": (bool,),
+            "null": (type(None),),
         }
         if kind not in types or kind == tag:
             raise self.bad_tag(tag, place)

@@ -8,6 +8,8 @@ does not. So with both free the spline is C4; each given value gives up one of t
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,6 +28,12 @@ _SQUARED_JERK = np.array([[36.0, 72.0, 120.0], [72.0, 192.0, 360.0], [120.0, 360
 _ENERGY = _COEFFICIENTS.T @ _SQUARED_JERK @ _COEFFICIENTS
 
 
+def hermite(h: Any, q0: Array, v0: Array, a0: Array, q1: Array, v1: Array, a1: Array) -> Array:
+    """Return the coefficients (6, ...) of the quintic in s = (t - t0) / h with these values and derivatives."""
+    ends = np.array([q0, h * v0, h * h * a0, q1, h * v1, h * h * a1])
+    return np.concatenate([ends[:2], 0.5 * ends[2:3], np.tensordot(_COEFFICIENTS, ends, 1)])
+
+
 class QuinticSpline:
     """Quintic spline of n functions through N points.
 
@@ -39,11 +47,8 @@ class QuinticSpline:
     def __init__(self, t: Array, q: Array, v: Array, a: Array) -> None:
         self.t = t
         x = _least_jerk(np.diff(t), q, np.stack([v, a], axis=1))
-        h = np.diff(t)[:, None]
-        ends = [q[:-1], h * x[:-1, 0], h * h * x[:-1, 1], q[1:], h * x[1:, 0], h * h * x[1:, 1]]
-        # coefficients (6, N - 1, n) in the local variable s in [0, 1]
-        top = np.einsum("ij,jkn->ikn", _COEFFICIENTS, np.stack(ends))
-        self.c = np.concatenate([np.stack([ends[0], ends[1], 0.5 * ends[2]]), top])
+        ends = q[:-1], x[:-1, 0], x[:-1, 1], q[1:], x[1:, 0], x[1:, 1]
+        self.c = hermite(np.diff(t)[:, None], *ends)  # (6, N - 1, n)
 
     def __call__(self, times: Array) -> tuple[Array, Array, Array]:
         """Return values and first and second derivatives (T, n) in column order."""

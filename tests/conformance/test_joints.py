@@ -16,11 +16,14 @@ from robodyn_cli.model.model import BASE, Body
 from robodyn_cli.spatial.algebra import Transform, vector
 from robodyn_cli.spatial.inertia import RigidInertia
 from tests.numeric import assert_close, first_derivative, real, vee
+from tests.wide_joints import wide_joints
 
 SAMPLES = range(5)
 STEP = 0.02
 
-registered = pytest.mark.parametrize("name", sorted(joint_types))
+# joints of the tests stand in for what no registered joint needs yet: several freedoms, nq != nv, S of q
+JOINTS = {**joint_types, **wide_joints}
+registered = pytest.mark.parametrize("name", sorted(JOINTS))
 sampled = pytest.mark.parametrize("seed", SAMPLES)
 
 
@@ -46,7 +49,7 @@ def body_velocity(joint: Joint, q: Any, v: Any) -> np.ndarray:
 
 @registered
 def test_sizes_and_names(name: str) -> None:
-    joint = joint_types[name]
+    joint = JOINTS[name]
     assert joint.type == name
     assert joint.nv <= joint.nq and joint.nv <= 6
     assert len(joint.units) == joint.nq
@@ -63,14 +66,14 @@ def test_sizes_and_names(name: str) -> None:
 
 @registered
 def test_neutral_position_is_the_identity(name: str) -> None:
-    joint = joint_types[name]
+    joint = JOINTS[name]
     assert_close(pose(joint, vector(joint.neutral())), np.eye(4)[:3], 1e-15)
 
 
 @registered
 @sampled
 def test_transform_is_a_rigid_motion(name: str, seed: int) -> None:
-    joint = joint_types[name]
+    joint = JOINTS[name]
     E = real(joint.transform(state(joint, seed)[0]).E)
     assert_close(E @ E.T, np.eye(3), 1e-15)
     assert np.linalg.det(E) > 0.0
@@ -80,7 +83,7 @@ def test_transform_is_a_rigid_motion(name: str, seed: int) -> None:
 @sampled
 def test_subspace_is_the_rate_of_the_transform(name: str, seed: int) -> None:
     """Check 1 and 2: S v is the velocity of the body frame, in body coordinates, angular rows first."""
-    joint = joint_types[name]
+    joint = JOINTS[name]
     q, v, _ = state(joint, seed)
     assert_close(real(joint.S(q)) @ real(v), body_velocity(joint, q, v), 1e-11, 1.0 + np.abs(real(v)).sum())
 
@@ -89,7 +92,7 @@ def test_subspace_is_the_rate_of_the_transform(name: str, seed: int) -> None:
 @sampled
 def test_rate_and_bias_are_those_of_the_subspace(name: str, seed: int) -> None:
     """Check 3: with v held constant, the components of the body's velocity change by the bias."""
-    joint = joint_types[name]
+    joint = JOINTS[name]
     q, v, _ = state(joint, seed)
     move = lambda t: joint.integrate(q, vector([t * x for x in v]))  # noqa: E731
     scale = 1.0 + float(np.abs(real(v)).sum()) ** 2
@@ -103,7 +106,7 @@ def test_rate_and_bias_are_those_of_the_subspace(name: str, seed: int) -> None:
 @sampled
 def test_velocity_map_is_the_rate_of_the_position(name: str, seed: int) -> None:
     """Check 4."""
-    joint = joint_types[name]
+    joint = JOINTS[name]
     q, v, _ = state(joint, seed)
     rate = first_derivative(lambda t: joint.integrate(q, vector([t * x for x in v])), STEP)
     assert_close(joint.velocity_map(q, v), rate, 1e-11, 1.0 + np.abs(real(v)).sum())
@@ -113,7 +116,7 @@ def test_velocity_map_is_the_rate_of_the_position(name: str, seed: int) -> None:
 @sampled
 def test_integrate_and_difference_undo_each_other(name: str, seed: int) -> None:
     """Check 5, and that steps along one velocity add up."""
-    joint = joint_types[name]
+    joint = JOINTS[name]
     q, v, _ = state(joint, seed)
     part = lambda t: vector([t * x for x in v])  # noqa: E731
     there = joint.integrate(q, v)
@@ -121,13 +124,15 @@ def test_integrate_and_difference_undo_each_other(name: str, seed: int) -> None:
     assert_close(pose(joint, joint.integrate(q, joint.difference(q, there))), pose(joint, there), 1e-14, 2.0)
     assert_close(joint.difference(there, q), part(-1.0), 1e-14, 2.0)
     assert_close(joint.integrate(q, part(0.0)), q, 1e-15)
-    assert_close(pose(joint, joint.integrate(joint.integrate(q, part(0.3)), part(0.7))), pose(joint, there), 1e-14, 2.0)
+    assert_close(
+        pose(joint, joint.integrate(joint.integrate(q, part(0.3)), part(0.7))), pose(joint, there), 1e-14, 2.0
+    )
 
 
 @registered
 @sampled
 def test_normalise_keeps_what_is_on_the_manifold(name: str, seed: int) -> None:
-    joint = joint_types[name]
+    joint = JOINTS[name]
     q, _, rng = state(joint, seed)
     assert_close(joint.normalise(q), q, 1e-15)
     disturbed = vector([float(x) for x in real(q) * (1.0 + 1e-6 * rng.normal())])
@@ -141,19 +146,21 @@ def test_normalise_keeps_what_is_on_the_manifold(name: str, seed: int) -> None:
 @sampled
 def test_power_of_the_torque_is_that_of_the_wrench(name: str, seed: int) -> None:
     """tau.v = n.w + f.v with the velocity taken from poses."""
-    joint = joint_types[name]
+    joint = JOINTS[name]
     q, v, rng = state(joint, seed)
     n, f = (vector(rng.normal(size=3).tolist()) for _ in range(2))
     body = Body("b", "j", joint, BASE, Transform.identity(), RigidInertia.zero(), 0, 0)
     tau = real(joint_torque(body, q, (n, f)))
     moved = body_velocity(joint, q, v)
-    assert_close(tau @ real(v), real(n) @ moved[:3] + real(f) @ moved[3:], 1e-11, 10.0 * (1.0 + np.abs(moved).max()))
+    assert_close(
+        tau @ real(v), real(n) @ moved[:3] + real(f) @ moved[3:], 1e-11, 10.0 * (1.0 + np.abs(moved).max())
+    )
 
 
 @registered
 @sampled
 def test_expressions_give_the_same_and_keep_structural_zeros(name: str, seed: int) -> None:
-    joint = joint_types[name]
+    joint = JOINTS[name]
     q, v, _ = state(joint, seed)
     graph = Graph()
     Q = vector(graph.symbols([f"q{k}" for k in range(joint.nq)], "q"))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,9 +11,12 @@ from hypothesis import given
 from robodyn_cli.algorithms.aba import ArticulatedFactor, aba, invert_symmetric
 from robodyn_cli.algorithms.crba import crba
 from robodyn_cli.algorithms.rnea import rnea
+from robodyn_cli.expr.calculus import directional
+from robodyn_cli.expr.graph import Expr
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.model.model import Model
-from robodyn_cli.spatial.algebra import matrix
+from robodyn_cli.spatial.algebra import matrix, vector
+from robodyn_cli.spatial.inertia import RigidInertia
 from tests.identities.trees import State, condition, flat, symbols, torque_scale, trees
 from tests.numeric import EPS, assert_close, examples, real
 from tests.random_models import random_tree
@@ -25,7 +30,9 @@ def test_forward_dynamics_inverts_inverse_dynamics(model: Model) -> None:
     M = real(crba(model, s.q))
     tolerance, scale = 100 * EPS * condition(M), torque_scale(model, s)
     size = np.linalg.norm(M, 2)
-    assert_close(aba(model, s.q, s.qd, tau, model.gravity), s.qdd, tolerance, scale / size + np.abs(s.qdd).max())
+    assert_close(
+        aba(model, s.q, s.qd, tau, model.gravity), s.qdd, tolerance, scale / size + np.abs(s.qdd).max()
+    )
     # and the other way round, on the scale of the torques
     qdd = aba(model, s.q, s.qd, s.tau, model.gravity)
     assert_close(rnea(model, s.q, s.qd, qdd, model.gravity), s.tau, tolerance, scale + np.abs(s.tau).max())
@@ -68,10 +75,10 @@ def test_mass_matrix_is_symmetric_and_positive_definite(model: Model) -> None:
 @examples(20)
 @given(trees(6))
 def test_rotors_add_to_the_diagonal_only(model: Model) -> None:
-    import dataclasses
-
     s = State.random(model)
-    bare = dataclasses.replace(model, bodies=tuple(dataclasses.replace(b, armature=0.0) for b in model.bodies))
+    bare = dataclasses.replace(
+        model, bodies=tuple(dataclasses.replace(b, armature=0.0) for b in model.bodies)
+    )
     rotors = np.zeros(model.nv)
     for body in model.bodies:
         rotors[body.v] = body.armature
@@ -98,6 +105,34 @@ def test_graph_gives_the_same_numbers(model: Model) -> None:
         assert_close(evaluate(flat(graph), s.inputs), flat(numbers), 1e-13, scale)
 
 
+@examples(10)
+@given(trees(5))
+def test_constants_may_be_symbols(model: Model) -> None:
+    """Mass properties, rotors and gravity as parameters: same torques, and linear in each of them."""
+    s = State.random(model)
+    values: list[float] = []
+
+    def symbol(x: float) -> Expr:
+        values.append(float(x))
+        return model.graph.symbol(f"p{len(values) - 1}", "p", len(values) - 1)
+
+    bodies = []
+    for b in model.bodies:
+        upper = {(i, j): symbol(b.inertia.I[i, j]) for i in range(3) for j in range(i, 3)}
+        I = matrix([[upper[min(i, j), max(i, j)] for j in range(3)] for i in range(3)])
+        inertia = RigidInertia(symbol(b.inertia.m), vector([symbol(x) for x in b.inertia.h]), I)
+        bodies.append(dataclasses.replace(b, inertia=inertia, armature=symbol(b.armature)))
+    properties = len(values)
+    gravity = vector([symbol(x) for x in model.gravity])
+    free = dataclasses.replace(model, bodies=tuple(bodies))
+    tau = rnea(free, s.q.tolist(), s.qd.tolist(), s.qdd.tolist(), gravity)
+    expected = rnea(model, s.q, s.qd, s.qdd, model.gravity)
+    assert_close(evaluate(flat(tau), {"p": values}), expected, 1e-13, torque_scale(model, s))
+    p = model.graph.symbols([f"p{k}" for k in range(properties)], "p")
+    regressor = directional(flat(tau), p, values[:properties])
+    assert_close(evaluate(regressor, {"p": values}), expected, 1e-13, torque_scale(model, s))
+
+
 def test_graph_takes_many_samples_at_once() -> None:
     model = random_tree(4, 5)
     q, qd, qdd, _ = symbols(model)
@@ -117,10 +152,6 @@ def test_small_symmetric_inverse(n: int) -> None:
 
 
 def test_a_joint_that_moves_nothing_is_an_error_on_numbers() -> None:
-    import dataclasses
-
-    from robodyn_cli.spatial.inertia import RigidInertia
-
     model = random_tree(2, 0, armature=False)
     empty = dataclasses.replace(model.bodies[1], inertia=RigidInertia.zero())
     model = dataclasses.replace(model, bodies=(model.bodies[0], empty))

@@ -40,7 +40,10 @@ def with_forces(model: Model, seed: int) -> Model:
         elements = [
             ("spring", Spring(stiffness=rng.uniform(1, 50), rest=rng.normal())),
             ("damper", Damper(damping=rng.uniform(0, 5))),
-            ("friction", Friction(viscous=rng.uniform(0, 2), coulomb=rng.uniform(0, 3), transition_speed=0.1)),
+            (
+                "friction",
+                Friction(viscous=rng.uniform(0, 2), coulomb=rng.uniform(0, 3), transition_speed=0.1),
+            ),
         ]
         chosen = tuple(JointForce(kind, e) for kind, e in elements if rng.uniform() < 0.7)
         bodies.append(dataclasses.replace(body, forces=chosen, gear_ratio=float(rng.uniform(1, 5))))
@@ -135,7 +138,9 @@ def test_energy_changes_by_the_power_of_torques_less_what_is_dissipated(model: M
     dissipated = -float(power(lost, s.qd))
     assert dissipated >= 0.0
     inertial = np.abs(real(rnea(model, s.q, s.qd, motion, model.gravity))) @ np.abs(s.qd)
-    scale = float(inertial + np.abs(real(crba(model, s.q)) @ real(motion)) @ np.abs(s.qd) + np.abs(s.tau @ s.qd))
+    scale = float(
+        inertial + np.abs(real(crba(model, s.q)) @ real(motion)) @ np.abs(s.qd) + np.abs(s.tau @ s.qd)
+    )
     assert_close(got, power(s.tau, s.qd) - dissipated, 1e-11, scale)
 
 

@@ -128,7 +128,9 @@ def test_point_jacobian_by_differences(model: Model, seed: int) -> None:
         assert_close(linear[:, b.v], slope[:, 3], 1e-12, 1.0 + np.abs(slope).max())
         W = slope[:, :3] @ where(s.q)[:, :3].T
         assert_close(angular[:, b.v], vee(W), 1e-12, 1.0)
-        assert (k in moving) == bool(np.any(real(linear[:, b.v]) != 0.0) or np.any(real(angular[:, b.v]) != 0.0))
+        assert (k in moving) == bool(
+            np.any(real(linear[:, b.v]) != 0.0) or np.any(real(angular[:, b.v]) != 0.0)
+        )
 
 
 @examples(10)
@@ -137,7 +139,7 @@ def test_point_jacobian_by_the_graph(model: Model, seed: int) -> None:
     s = State.random(model)
     body = seed % len(model.bodies)
     root = [BASE, *model.path_to(body)][seed % (len(model.path_to(body)) + 1)]
-    q, qd, _, _ = symbols(model)
+    q, *_ = symbols(model)
     pose = poses(model, transforms(model, q), root)
     point = pose[body].point(POINT)
     linear, angular = point_jacobian(model, q, pose, body, point, root)

@@ -1,7 +1,7 @@
 """A planar mechanism asks for planar data only: nothing unknown reaches its equations.
 
-Every mass property that the plane does not need is a symbol of the group "unknown"; the finished graphs must be
-free of them.
+Every mass property that the plane does not need is a symbol of the group "unknown"; the finished graphs must
+be free of them.
 """
 
 from __future__ import annotations
@@ -28,22 +28,25 @@ from tests.identities.trees import State, flat, symbols
 from tests.numeric import assert_close
 
 IN_PLANE = vector([1.5, -9.81, 0.0])
-NORMAL = {"xx": 0, "yy": 1, "zz": 2}
 
 
 def planar(n: int, seed: int, slides: bool = True, tree: bool = True) -> Model:
-    """Joints that turn about z or slide along x or y, in a plane z = const each; only m, c_x, c_y, I_zz are known."""
+    """Joints that turn about z or slide in the plane; only m, c_x, c_y and I_zz are known."""
     rng = np.random.default_rng(seed)
     graph = Graph()
     bodies: list[Body] = []
-    frames: list[Transform] = []  # from each body's own frame to its link frame, whose z is the plane's normal
+    frames: list[
+        Transform
+    ] = []  # from each body's own frame to its link frame, whose z is the plane's normal
     for k in range(n):
         unknown = lambda name, k=k: graph.symbol(f"{name} of link{k}", UNKNOWN_GROUP)  # noqa: E731
         parent = int(rng.integers(-1, k)) if tree and k and rng.uniform() < 0.3 else k - 1
         kind = "prismatic" if slides and rng.uniform() < 0.4 else "revolute"
         axis = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0)][int(rng.integers(3))]
         R = rotation_to_z(axis) if kind == "prismatic" else matrix(np.eye(3).tolist())
-        where = Transform(rotation_about(2, float(rng.normal())).T, vector([*rng.normal(size=2).tolist(), 0.1 * k]))
+        where = Transform(
+            rotation_about(2, float(rng.normal())).T, vector([*rng.normal(size=2).tolist(), 0.1 * k])
+        )
         base = frames[parent] if parent != BASE else Transform.identity()
         X_tree = Transform(R.T, zeros(3)) @ where @ base
         c = vector([*rng.normal(size=2).tolist(), unknown("com[2]")])
@@ -58,7 +61,17 @@ def planar(n: int, seed: int, slides: bool = True, tree: bool = True) -> Model:
         link = Transform(R, zeros(3))
         inertia = RigidInertia.from_com(float(rng.uniform(0.5, 3.0)), c, tensor).to_parent(link)
         bodies.append(
-            Body(f"link{k}", f"q{k}", joint_types[kind], parent, X_tree, inertia, k, k, float(rng.uniform(0, 0.1)))
+            Body(
+                f"link{k}",
+                f"q{k}",
+                joint_types[kind],
+                parent,
+                X_tree,
+                inertia,
+                k,
+                k,
+                float(rng.uniform(0, 0.1)),
+            )
         )
         frames.append(link)
     names = tuple(f"q{k}" for k in range(n))

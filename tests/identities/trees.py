@@ -19,7 +19,7 @@ KINDS = (("revolute", "prismatic"), ("revolute",), ("prismatic",))
 
 
 def trees(largest: int = 12) -> st.SearchStrategy[Model]:
-    """Trees of 1 to ``largest`` bodies: chains and bushes, with and without rotors, joints listed in any order."""
+    """Trees of 1 to ``largest`` bodies: chains and bushes, with or without rotors, joints in any order."""
 
     def build(n: int, seed: int, branching: float, kinds: tuple[str, ...], armature: bool) -> Model:
         model = random_tree(n, seed, branching=branching, kinds=kinds, armature=armature)

@@ -30,7 +30,22 @@ SAFE = {
     "acos": lambda x: ("mul", ("const", 0.75), ("cos", x)),
     "tan": lambda x: ("sin", x),
 }
-UNARY = ("neg", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt", "abs")
+UNARY = (
+    "neg",
+    "sin",
+    "cos",
+    "tan",
+    "asin",
+    "acos",
+    "atan",
+    "sinh",
+    "cosh",
+    "tanh",
+    "exp",
+    "log",
+    "sqrt",
+    "abs",
+)
 
 
 def leaves(constants: tuple[float, ...] = CONSTANTS) -> st.SearchStrategy[Any]:
@@ -109,7 +124,10 @@ def on_graph(formula: Any, symbols: list[Any]) -> Any:
         "abs": f.absolute,
         "min": f.minimum,
         "max": f.maximum,
-        **{k: getattr(f, k) for k in ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp")},
+        **{
+            k: getattr(f, k)
+            for k in ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp")
+        },
         **{k: getattr(f, k) for k in ("log", "sqrt", "sign", "atan2", "where")},
     }[op](*x)
 
@@ -132,9 +150,12 @@ def exact(formula: Any, x: list[Fraction]) -> Fraction:
     if op == "over":
         return exact(args[0], x) / Fraction(args[1])
     values = [exact(a, x) for a in args]
-    return {"add": lambda a, b: a + b, "sub": lambda a, b: a - b, "mul": lambda a, b: a * b, "neg": lambda a: -a}[
-        op
-    ](*values)
+    return {
+        "add": lambda a, b: a + b,
+        "sub": lambda a, b: a - b,
+        "mul": lambda a, b: a * b,
+        "neg": lambda a: -a,
+    }[op](*values)
 
 
 def exact_node(e: Any, x: list[Fraction]) -> Fraction:
@@ -223,7 +244,7 @@ def _kink(op: str, v: list[Any]) -> Any:
 
 
 def with_error(formula: Any, x: list[Any]) -> tuple[Any, Any]:
-    """Evaluate in 50 digits; beside it, a first-order bound of the error of any evaluation in double precision.
+    """Evaluate in 50 digits; beside it, a first-order bound of the error of double precision.
 
     Raises
     ------

@@ -30,7 +30,9 @@ def test_factors(n: int) -> None:
     for order in orders(n):
         f = LdlFactor.of(matrix(A.tolist()), order)
         L, D = real(f.L) + np.eye(n), np.diag(1.0 / real(f.inverse))
-        assert np.allclose(real(f.L), np.tril(real(f.L), -1), rtol=0, atol=0), "L is stored below the diagonal only"
+        assert np.allclose(real(f.L), np.tril(real(f.L), -1), rtol=0, atol=0), (
+            "L is stored below the diagonal only"
+        )
         p = order if order is not None else list(range(n))
         assert_close(L @ D @ L.T, A[np.ix_(p, p)], 1e-14)
 
@@ -55,7 +57,10 @@ def test_solutions(n: int) -> None:
 def test_expressions_give_the_same(n: int) -> None:
     A, b = definite(n, 2), np.random.default_rng(n).normal(size=n)
     graph = Graph()
-    entries = [[graph.symbol(f"a{min(i, j)}{max(i, j)}", "A", n * min(i, j) + max(i, j)) for j in range(n)] for i in range(n)]
+    entries = [
+        [graph.symbol(f"a{min(i, j)}{max(i, j)}", "A", n * min(i, j) + max(i, j)) for j in range(n)]
+        for i in range(n)
+    ]
     f = LdlFactor.of(matrix(entries), orders(n)[2])
     x = f.solve(graph.symbols([f"b{k}" for k in range(n)], "b"))
     got = evaluate(list(x), {"A": A.ravel().tolist(), "b": b.tolist()})

@@ -1,4 +1,4 @@
-"""Files that a scene names: robots, trajectories, tables; where they are looked for, and what may go wrong."""
+"""Files that a scene names: where they are looked for, what they give, and what may go wrong."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ links:
 points: {tip: {link: l1, at: end}}
 """
 SCENE = "schema: 1\ngravity: [0, 0, 0]\nrobot: parts/robot.yaml\n"
-TABLE = "trajectory: {type: table, file: data/motion.csv}\n"
+TABLE = "trajectory: {type: table, interpolation: linear, file: data/motion.csv}\n"
 CSV = "# recorded\nt, j1\n\n0, 1\n0.5, 1e-1\n 1.0 ,-2\n"
 
 
@@ -50,7 +50,7 @@ def test_paths_are_relative_to_the_file_that_names_them(
         scene_yaml=SCENE + "trajectory: paths/way.yaml\n",
         parts__robot_yaml="deeper/real.yaml",
         parts__deeper__real_yaml=ROBOT,
-        paths__way_yaml="{type: table, file: ../data/motion.csv}",
+        paths__way_yaml="{type: table, interpolation: linear, file: ../data/motion.csv}",
         data__motion_csv=CSV,
     )
     scene = load_scene(path)
@@ -197,7 +197,7 @@ def test_long_chains_are_refused(tmp_path: Path) -> None:
 
 def test_the_same_file_twice_is_no_cycle(tmp_path: Path) -> None:
     path = write(tmp_path, scene_yaml=SCENE, parts__robot_yaml=ROBOT)
-    text = path.read_text() + "trajectory: {type: table, file: m.csv}\n"
+    text = path.read_text() + "trajectory: {type: table, interpolation: linear, file: m.csv}\n"
     write(tmp_path, scene_yaml=text, m_csv=CSV)
     assert len(load_scene(path).sources) == 3
 

@@ -157,9 +157,9 @@ def test_trajectories() -> None:
     quintic = trajectory(QUINTIC.format(f"{AT0}, {AT1}"))
     assert isinstance(quintic, QuinticTrajectory)
     assert [p.t for p in quintic.points] == [0.0, 1.0] and quintic.points[0].qd == {}
-    table = trajectory(TABLE.format("[t, j2, j1]", "[[0, 1, 2], [1, 3, 4]]"))
+    table = trajectory(TABLE.format("[t, j2, j1]", "[[0, 1, 2], [1, 3, 4]], interpolation: linear"))
     assert isinstance(table, TableTrajectory)
-    assert table.columns == ("t", "j2", "j1") and table.interpolation == "quintic"
+    assert table.columns == ("t", "j2", "j1") and table.interpolation == "linear"
     assert table.rows == ((0.0, 1.0, 2.0), (1.0, 3.0, 4.0))
     cartesian = trajectory(
         "trajectory: {type: cartesian, point: tip, position: [1 + t, 2, k*t], duration: 1}"

@@ -44,7 +44,11 @@ def test_parallel_axes(seed: int) -> None:
     """The inertia about the origin is the sum over the points of the body."""
     rng = np.random.default_rng(seed)
     points, weights = rng.normal(size=(6, 3)), rng.uniform(0.1, 1, 6)
-    about = lambda o: sum(w * ((x - o) @ (x - o) * np.eye(3) - np.outer(x - o, x - o)) for w, x in zip(weights, points))  # noqa: E731
+
+    def about(o: np.ndarray) -> np.ndarray:
+        r = points - o
+        return sum(w * (x @ x * np.eye(3) - np.outer(x, x)) for w, x in zip(weights, r))
+
     m, c = weights.sum(), weights @ points / weights.sum()
     body = RigidInertia.from_com(float(m), vector(c.tolist()), matrix(about(c).tolist()))
     assert_close(body.I, about(np.zeros(3)), 1e-14)
@@ -122,7 +126,10 @@ def test_expressions_give_the_same() -> None:
     m, c, I = random_inertia(rng)
     graph = Graph()
     C = vector(graph.symbols(["x", "y", "z"], "c"))
-    J = [[graph.symbol(f"I{min(i, j)}{max(i, j)}", "I", 3 * min(i, j) + max(i, j)) for j in range(3)] for i in range(3)]
+    J = [
+        [graph.symbol(f"I{min(i, j)}{max(i, j)}", "I", 3 * min(i, j) + max(i, j)) for j in range(3)]
+        for i in range(3)
+    ]
     mass = graph.symbol("m", "m")
     X = random_transform(rng)
     inputs = {"c": c.tolist(), "I": I.ravel().tolist(), "m": [float(m)]}

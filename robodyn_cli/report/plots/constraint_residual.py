@@ -40,6 +40,8 @@ def draw(result: Result) -> Any:
     ax = sheet.ax
     data = np.column_stack(columns)
     low, high = positive_floor(data)
+    # Roundings that happen to cancel reach down without end.
+    low = max(low, high * 1e-6)
     handles = draw_magnitudes(ax, result.time, data, low)
     log_axis(ax, low, high)
     sheet.label_time()

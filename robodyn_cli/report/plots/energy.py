@@ -17,8 +17,8 @@ KINDS = ("kinetic", "potential", "total", "work")
 
 
 def applies(result: Result) -> bool:
-    """Tell whether there are energies."""
-    return "energy/total" in result
+    """Tell whether there are energies to follow; a deployment has its own drawings."""
+    return "energy/total" in result and result.command != "deploy"
 
 
 def draw(result: Result) -> Any:

@@ -16,7 +16,7 @@ from robodyn_cli.results.result import Result
 
 def applies(result: Result) -> bool:
     """Tell whether there is a total energy over more than one sample."""
-    return "energy/total" in result and len(result.time) > 1
+    return "energy/total" in result and len(result.time) > 1 and result.command != "deploy"
 
 
 def draw(result: Result) -> Any:
@@ -33,9 +33,9 @@ def draw(result: Result) -> Any:
         # A latch takes energy by an impulse, which is no error of the integration.
         before = time < locked * (1.0 - 1e-12)
         time, error = time[before], error[before]
-    scale = max(largest(np.abs(finite(result[f"energy/{kind}"]))) for kind in _present(result))
+    level, scale = _sizes(result)
     # One rounding unit of the largest energy: below it there is nothing to see, and zero has no logarithm.
-    floor = np.finfo(float).eps * scale if scale > 0.0 else 1e-16
+    floor = np.finfo(float).eps * level if level > 0.0 else 1e-16
     worst = where_largest(error)
     name = "|E(t) − E(0) − work|" if worked else "|E(t) − E(0)|"
     subtitle = (
@@ -43,8 +43,8 @@ def draw(result: Result) -> Any:
     )
     if scale > 0.0 and error[worst] > 0.0:
         share = number(float(error[worst]) / scale)
-        subtitle += f" at t = {number(float(time[worst]), 4)} s, {share} of the largest energy"
-    sheet = Sheet(result, subtitle + "; zeros at one rounding unit")
+        subtitle += f" at {number(float(time[worst]), 4)} s, {share} of the energy exchanged"
+    sheet = Sheet(result, subtitle)
     ax = sheet.ax
     draw_magnitudes(ax, time, error[:, None], floor)
     log_axis(ax, *positive_floor(error, floor=floor))
@@ -53,5 +53,11 @@ def draw(result: Result) -> Any:
     return sheet.figure
 
 
-def _present(result: Result) -> list[str]:
-    return [kind for kind in ("kinetic", "potential", "total") if f"energy/{kind}" in result]
+def _sizes(result: Result) -> tuple[float, float]:
+    """Return (largest energy, energy exchanged): a potential's level is arbitrary, its range is not."""
+    parts = {
+        k: finite(result[f"energy/{k}"]) for k in ("kinetic", "potential", "total") if f"energy/{k}" in result
+    }
+    level = max(largest(np.abs(part)) for part in parts.values())
+    spans = [largest(parts[k]) + largest(-parts[k]) for k in ("potential", "total") if k in parts]
+    return level, max([*spans, largest(parts.get("kinetic", np.zeros(1)))])

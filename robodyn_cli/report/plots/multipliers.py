@@ -10,7 +10,7 @@ from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.decimate import finite, where_largest
 from robodyn_cli.report.lines import column_names, draw_columns
-from robodyn_cli.report.marks import growth_times, lock_time, mark_lock
+from robodyn_cli.report.marks import growth_times, lock_time, loop_columns, mark_lock
 from robodyn_cli.report.ticks import labelled, log_axis, number, positive_floor, unit
 from robodyn_cli.results.result import Array, Result
 
@@ -24,9 +24,11 @@ def draw(result: Result) -> Any:
     """Return the figure: the whole run, and below it the time in which the multipliers grow."""
     variable = result.variables["constraints/multipliers"]
     data = np.abs(finite(variable.data))
-    norm = np.sqrt(np.sum(data**2, axis=1))
+    names = column_names(variable)
+    loops = loop_columns(result, tuple(names))
+    norm = np.sqrt(np.sum(data[:, loops] ** 2, axis=1))
     shown = data.shape[1] if data.shape[1] < style.FEW else 0
-    labels = ["norm", *(f"|{name}|" for name in column_names(variable)[:shown])]
+    labels = ["norm", *(f"|{name}|" for name in names[:shown])]
     growth = growth_times(result)
     top = where_largest(norm)
     subtitle = (

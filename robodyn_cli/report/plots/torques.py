@@ -17,11 +17,9 @@ from robodyn_cli.results.result import Result
 
 def applies(result: Result) -> bool:
     """Tell whether there are torques that someone asked for: given ones that are all zero are not drawn."""
-    return (
-        "tau" in result
-        and result["tau"].size > 0
-        and (result.command == "inverse" or bool(np.any(result["tau"] != 0.0)))
-    )
+    if "tau" not in result or not result["tau"].size or result.command == "deploy":
+        return False
+    return result.command == "inverse" or bool(np.any(result["tau"] != 0.0))
 
 
 def draw(result: Result) -> Any:

@@ -1,0 +1,135 @@
+"""Summaries in words, for the terminal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+
+def table(rows: list[list[str]]) -> str:
+    """Return rows as aligned columns; the first row is the head, the first column is text."""
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    lines = []
+    for row in rows:
+        cells = [row[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(row[1:], widths[1:]))]
+        lines.append("  " + "  ".join(cells).rstrip())
+    return "\n".join(lines)
+
+
+def number(x: Any, digits: int = 6) -> str:
+    """Return a number for reading."""
+    if x is None:
+        return "-"
+    return f"{x:.{digits}g}" if isinstance(x, (int, float)) else str(x)
+
+
+def _error_line(summary: Mapping[str, Any]) -> list[str]:
+    estimate = summary.get("error_estimate")
+    lines = []
+    if isinstance(estimate, Mapping) and estimate.get("state_max") is not None:
+        note = ""
+        if estimate.get("at_rounding"):
+            note = " (at rounding)"
+        elif estimate.get("meaningful_until") is not None:
+            note = f" (not meaningful after t = {estimate['meaningful_until']:.4g} s)"
+        if estimate.get("q_max") is not None:
+            lines.append(
+                f"  estimated error    q {estimate['q_max']:.1e}, qd {estimate['qd_max']:.1e} at the worst sample{note}"
+            )
+        else:
+            lines.append(f"  estimated error    {estimate['state_max']:.1e} at the worst sample{note}")
+    elif isinstance(estimate, Mapping) and estimate.get("reason"):
+        lines.append(f"  estimated error    none: {estimate['reason']}")
+    else:
+        lines.append("  estimated error    not asked for")
+    if summary.get("energy_drift") is not None:
+        balance = summary.get("energy_balance", "energy")
+        lines.append(f"  energy drift       {summary['energy_drift']:.1e} J ({balance})")
+    residual = summary.get("constraint_residual")
+    if isinstance(residual, Mapping):
+        lines.append(
+            f"  loop residual      {residual['position']:.1e} m, {residual['velocity']:.1e} m/s at the worst sample"
+        )
+    return lines
+
+
+def _cost_line(summary: Mapping[str, Any]) -> str:
+    counters = summary.get("counters", {})
+    times = summary.get("wall_time_s", {})
+    steps = f"{counters.get('steps', 0)} steps, {counters.get('evaluations', 0)} evaluations"
+    parts = ", ".join(f"{k} {1e3 * v:.3g}" for k, v in times.items() if k != "total" and v >= 5e-5)
+    return f"  cost               {steps}; ms: {parts}; in all {1e3 * times.get('total', 0.0):.4g}"
+
+
+def describe_simulate(summary: Mapping[str, Any]) -> str:
+    """Return the summary of a simulation."""
+    tolerances = ", ".join(f"{k} {v:.1g}" for k, v in summary.get("tolerances", {}).items())
+    lines = [
+        f"{summary['title']}",
+        f"  simulated          {number(summary['termination'].get('time'))} s, {summary['samples']} samples, "
+        f"{summary['integrator']} ({tolerances})",
+        *_error_line(summary),
+        _cost_line(summary),
+    ]
+    return "\n".join(lines)
+
+
+def describe_deploy(summary: Mapping[str, Any]) -> str:
+    """Return the summary of a deployment."""
+    lock = summary.get("lock")
+    criteria = summary.get("criteria", {})
+    lines = [f"{summary['title']}"]
+    if lock:
+        error = lock.get("time_error")
+        bound = f" +- {error:.1e}" if error is not None else ""
+        verb = "overload" if lock["kind"] == "overload" else "locked"
+        lines.append(f"  {verb:<18} t = {lock['time']:.9g}{bound} s  ({lock['kind'].replace('_', ' ')})")
+        lines.append(f"  why                {summary['termination']['reason']}")
+        angles = ", ".join(f"{n} {x:.5f} deg" for n, x in lock["angles_deg"].items())
+        lines.append(f"  configuration      {angles}")
+        m = lock["multipliers"]
+        lines.append(
+            f"  multipliers        {m['start']:.5g} N at the start, {m['at_lock']:.6g} N at the last sample"
+            + (", diverging" if m["diverge"] else ", finite")
+        )
+        latch = lock.get("latch")
+        if latch:
+            lines.append(
+                f"  latch              energy lost {latch['energy_lost']:.8g} J, angular impulse "
+                f"{latch['angular_impulse']:.6g} N m s"
+            )
+    else:
+        lines.append(f"  no lock            within {number(summary['termination'].get('time'))} s")
+    growth = criteria.get("growth_times", {})
+    fired = ", ".join(f"{k}x at {v:.3f} s" if v is not None else f"{k}x never" for k, v in growth.items())
+    lines.append(f"  criteria           dead point at {number(criteria.get('dead_point'), 9)} s; multipliers "
+                 f"over their running median {fired}")
+    lines += [*_error_line(summary), _cost_line(summary)]
+    return "\n".join(lines)
+
+
+def describe_inverse(summary: Mapping[str, Any]) -> str:
+    """Return the summary of an inverse run."""
+    lines = [f"{summary['title']}"]
+    joints: Mapping[str, Mapping[str, Any]] = summary.get("joints", {})
+    if joints:
+        rows = [["joint", "peak torque", "at t", "RMS torque", "peak speed", "peak power", "energy"]]
+        for name, row in joints.items():
+            rows.append(
+                [name, number(row.get("peak_torque")), number(row.get("peak_torque_time"), 4),
+                 number(row.get("rms_torque")), number(row.get("peak_speed"), 4), number(row.get("peak_power"), 4),
+                 number(row.get("energy"), 4)]
+            )  # fmt: skip
+        lines.append(table(rows))
+    for label, key, unit in (
+        ("path error", "ik_residual", "m"),
+        ("round trip error", "round_trip_residual", "relative, forward dynamics after inverse"),
+    ):
+        value = summary.get(key)
+        if isinstance(value, float) and math.isfinite(value):
+            lines.append(f"  {label:<18} {value:.1e} {unit}")
+    times = summary.get("wall_time_s", {})
+    parts = ", ".join(f"{k} {1e3 * v:.3g}" for k, v in times.items() if k != "total" and v >= 5e-5)
+    lines.append(f"  cost               ms: {parts}; in all {1e3 * times.get('total', 0.0):.4g}")
+    return "\n".join(lines)

@@ -1,0 +1,36 @@
+"""``robodyn plan``."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from robodyn_cli.cli.console import Console, guarded
+from robodyn_cli.cli.options import AsJson, Overrides, Quiet, SceneFile
+
+
+def command(
+    scene: SceneFile,
+    overrides: Overrides = None,
+    for_command: Annotated[
+        str | None, typer.Option("--for", metavar="COMMAND", help="Command to plan. [default: the scene's own]")
+    ] = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """What a scene needs and what is left out, with operation counts."""
+    console = Console(as_json, quiet)
+
+    def action() -> int:
+        import json
+
+        from robodyn_cli.run.plan import plan, render
+        from robodyn_cli.scene.load import load_scene
+
+        found = plan(load_scene(scene, list(overrides or ())), for_command)
+        console.data(json.dumps(found, indent=2, ensure_ascii=False))
+        console.say(render(found))
+        return 0
+
+    guarded(console, action)

@@ -1,0 +1,100 @@
+"""What ``inverse``, ``simulate`` and ``deploy`` have in common: scene in, directory of results out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from robodyn_cli.cli.console import Console
+from robodyn_cli.errors import RobodynError, SceneError
+
+# status of a finished run that is not a success -> exit code
+EXIT = {"ok": 0, "locked": 0, "no_lock": 1, "overload": 1}
+
+
+def default_directory(scene: Path, command: str) -> Path:
+    """Return outputs/<scene stem>/<command>."""
+    return Path("outputs") / scene.stem / command
+
+
+def run_scene(
+    command: str,
+    scene_path: Path,
+    out: Path | None,
+    overrides: Sequence[str] | None,
+    no_plots: bool,
+    strict: bool,
+    console: Console,
+    describe: Callable[[dict[str, Any]], str],
+) -> int:
+    """Run one scene, write its results, print its summary; return the exit code."""
+    from robodyn_cli.report.registry import plot_files
+    from robodyn_cli.results.output_dir import OutputDirectory
+    from robodyn_cli.run.commands import execute
+    from robodyn_cli.run.stopwatch import Stopwatch
+    from robodyn_cli.scene.load import load_scene
+
+    watch = Stopwatch()
+    with watch.stage("load"):
+        scene = load_scene(scene_path, list(overrides or ()))
+        warn(scene, strict, console)
+    with OutputDirectory(out or default_directory(scene_path, command), drawings=plot_files()) as directory:
+        failure: RobodynError | None = None
+        try:
+            result = execute(command, scene, console.progress, watch)
+        except RobodynError as error:
+            if getattr(error, "result", None) is None:
+                directory.write_summary(_failed(command, scene.title, error))
+                raise
+            failure = error
+            result = error.result  # type: ignore[attr-defined]
+        console.clear()
+        summary = {"status": result.status, "command": command, "title": result.title, **result.summary}
+        if failure is not None:
+            summary["error"] = {"kind": type(failure).__name__, "message": failure.message,
+                                "exit_code": failure.exit_code}
+        result.summary = summary
+        with watch.stage("write"):
+            from robodyn_cli.results.hdf5 import write
+
+            write(result, directory.result_path)
+        if not no_plots:
+            with watch.stage("plots"):
+                from robodyn_cli.report.registry import draw_all
+
+                directory.record(draw_all(result, directory.path))
+        summary["wall_time_s"] = watch.report()
+        directory.write_summary(summary)
+    text = (directory.path / "summary.json").read_text(encoding="utf-8")
+    if failure is not None:
+        console.say(f"results until then: {directory.path}")
+        console.fail(failure, failure.exit_code, failure.message, text.rstrip())
+    console.data(text.rstrip())
+    console.say(describe(summary))
+    console.say(f"results: {directory.path}  ({', '.join(directory.outputs)})")
+    return EXIT.get(result.status, 0)
+
+
+def warn(scene: Any, strict: bool, console: Console) -> None:
+    """Report what is physically wrong with the scene; an error with ``--strict``."""
+    from robodyn_cli.model.consistency import physical_warnings
+
+    warnings = physical_warnings(scene)
+    for text in warnings:
+        console.note(f"robodyn: warning: {text}")
+    if warnings and strict:
+        raise SceneError(f"{scene.path}: {warnings[0]} (an error because of --strict)", warnings=warnings)
+
+
+def _failed(command: str, title: str, error: RobodynError) -> dict[str, Any]:
+    from robodyn_cli.results.summary import jsonable
+
+    return {
+        "status": "failed",
+        "command": command,
+        "title": title,
+        "termination": {"reason": error.message},
+        "error": {"kind": type(error).__name__, "message": error.message, "exit_code": error.exit_code,
+                  "details": jsonable(error.details)},
+    }

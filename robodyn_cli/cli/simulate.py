@@ -1,0 +1,25 @@
+"""``robodyn simulate``."""
+
+from __future__ import annotations
+
+from robodyn_cli.cli.console import Console, guarded
+from robodyn_cli.cli.describe import describe_simulate
+from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, SceneFile, Strict
+from robodyn_cli.cli.runner import run_scene
+
+
+def command(
+    scene: SceneFile,
+    out: OutDir = None,
+    overrides: Overrides = None,
+    no_plots: NoPlots = False,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+    strict: Strict = False,
+) -> None:
+    """Motion that the torques give (forward dynamics)."""
+    console = Console(as_json, quiet)
+    guarded(
+        console,
+        lambda: run_scene("simulate", scene, out, overrides, no_plots, strict, console, describe_simulate),
+    )

@@ -1,0 +1,41 @@
+"""Physical consistency of a scene's bodies."""
+
+from __future__ import annotations
+
+from robodyn_cli.scene.types import Inertia, Link, Scene
+
+
+def physical_warnings(scene: Scene) -> list[str]:
+    """List bodies that cannot exist: inertia that is not positive semi-definite or violates the triangle inequality.
+
+    Only what is given is judged; a planar scene that gives ``zz`` alone is fine.
+    """
+    found = []
+    for link in scene.robot.links:
+        found += [f"{link.name}: {text}" for text in _problems(link)]
+    return found
+
+
+def _problems(link: Link) -> list[str]:
+    I = link.inertia
+    moments = {k: getattr(I, k) for k in ("xx", "yy", "zz")}
+    texts = [f"inertia.{k} = {v:g} kg m^2 is negative" for k, v in moments.items() if v is not None and v < 0.0]
+    if link.mass == 0.0 and any(v for v in moments.values() if v is not None):
+        texts.append("has inertia but no mass")
+    if texts or any(v is None for v in moments.values()) or I == Inertia():
+        return texts
+    import numpy as np
+
+    xy, xz, yz = ((getattr(I, k) or 0.0) for k in ("xy", "xz", "yz"))
+    tensor = np.array([[I.xx, xy, xz], [xy, I.yy, yz], [xz, yz, I.zz]], dtype=float)
+    principal = np.linalg.eigvalsh(tensor)
+    scale = float(np.abs(principal).max())
+    if principal[0] < -1e-12 * scale:
+        return [f"the inertia is not positive semi-definite: principal moment {principal[0]:.6g} kg m^2"]
+    deficit = float(principal[2] - principal[0] - principal[1])
+    if deficit > 1e-12 * scale:
+        return [
+            f"the principal moments {principal[0]:.6g}, {principal[1]:.6g}, {principal[2]:.6g} kg m^2 violate the "
+            f"triangle inequality by {deficit:.3g}"
+        ]
+    return []

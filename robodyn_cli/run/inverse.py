@@ -1,0 +1,166 @@
+"""Inverse dynamics: what torques does this motion need."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.equations.problem import GROUPS, Problem
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.expr.graph import Expr, Scalar
+from robodyn_cli.results.result import Result
+from robodyn_cli.run.dynamics import ForwardDynamics, InverseDynamics, joint_force_terms, open_problem
+from robodyn_cli.run.evaluation import SampleFunction
+from robodyn_cli.run.inverse_checks import Sampled, error_estimate, joint_figures
+from robodyn_cli.run.motion import Planned, plan_motion, with_led_point
+from robodyn_cli.run.observe import unit_text
+from robodyn_cli.run.places import add_places, place_outputs
+from robodyn_cli.run.stopwatch import Stopwatch
+from robodyn_cli.scene.types import Scene
+
+__all__ = ["ForwardDynamics", "InverseDynamics", "inverse"]
+
+Array = NDArray[np.float64]
+
+
+def inverse(scene: Scene, *, samples: int | None = None, watch: Stopwatch | None = None) -> Result:
+    """Compute the joint torques that the scene's trajectory needs.
+
+        tau = M qdd + C qd + G - tau_passive - tau_friction
+
+    ``tau`` (T, nv) is the actuators' torque [N m or N]; the terms are signed so that they sum to it.
+
+    Parameters
+    ----------
+    samples : number of uniform samples; default: the scene's ``inverse.samples``.
+    watch : where wall times by stage are added up.
+
+    Returns
+    -------
+    A Result with the contract's datasets (``docs/hdf5.md``); joints, residuals and errors in the summary.
+
+    Raises
+    ------
+    SceneError : no trajectory, or data that the equations need is not given. CapabilityError : loops.
+    GeometryError, SingularConfigurationError : from the inverse kinematics.
+    """
+    watch = watch or Stopwatch()
+    count = scene.inverse.samples if samples is None else samples
+    with watch.stage("equations"):
+        problem = open_problem(with_led_point(scene), "inverse dynamics")
+        _check_actuated(problem)
+    with watch.stage("solve"):
+        duration = scene.trajectory.duration if scene.trajectory is not None else 0.0
+        times = np.linspace(0.0, duration, count)
+        planned = plan_motion(problem, times)
+    with watch.stage("equations"):
+        terms = torque_terms(problem)
+        places = place_outputs(problem)
+        function = SampleFunction({**terms, **_energies(problem), **places}, GROUPS, count)
+    motion = planned.motion
+    with watch.stage("evaluate"):
+        arrays = function(q=motion.q, v=motion.qd, a=motion.qdd)
+        sampled = Sampled(times, motion, {name: arrays[name] for name in terms}, arrays)
+    result = Result("inverse", scene.title or "inverse", "ok", scene.text)
+    _fill(result, problem, sampled, planned)
+    add_places(result, {path: arrays[path] for path in places})
+    if planned.target is not None:
+        result.add(f"targets/{planned.point}", _asked(planned, arrays[f"points/{planned.point}"]))
+    with watch.stage("error_estimate"):
+        _summarise(result, problem, sampled, planned, function)
+    result.summary["wall_time_s"] = watch.report()
+    return result
+
+
+def torque_terms(problem: Problem) -> dict[str, list[Scalar]]:
+    """Return the parts of the actuator torque that the scene has, by name; their sum is the torque.
+
+    Inertia is always there; any other part that vanishes identically is left out.
+    """
+    terms: dict[str, list[Scalar]] = {name: list(term) for name, term in problem.rigid_terms().items()}
+    for name, term in joint_force_terms(problem).items():
+        terms[name] = [-x for x in term]
+    return {
+        name: term
+        for name, term in terms.items()
+        if name == "inertia" or any(isinstance(x, Expr) or x != 0.0 for x in term)
+    }
+
+
+def _check_actuated(problem: Problem) -> None:
+    """Refuse motion of joints that nothing drives: an open chain with passive joints cannot follow any path."""
+    actuated = problem.scene.actuated
+    passive = [n for n in problem.model.joint_names if actuated is not None and n not in actuated]
+    if passive:
+        raise CapabilityError(
+            f"inverse dynamics needs every joint of an open chain to be actuated, and 'actuated' lacks "
+            f"{passive[0]!r}; allowed: all of {', '.join(problem.model.joint_names)}"
+        )
+
+
+def _energies(problem: Problem) -> dict[str, list[Scalar]]:
+    """Return the energies, the bias C qd + G, and the power of what dissipates."""
+    lost: Any = 0.0
+    for body in problem.model.bodies:
+        q, v = problem.q[body.q], problem.v[body.v]
+        for force in body.forces:
+            if force.element.dissipative:
+                lost = lost + force.element.torque(q, v, body.gear_ratio, False) * v
+    return {
+        "kinetic": [problem.kinetic],
+        "potential": [problem.potential],
+        "dissipation": [lost],
+        "bias": list(problem.bias),
+    }
+
+
+def _fill(result: Result, problem: Problem, sampled: Sampled, planned: Planned) -> None:
+    """Add time, motion, torques and energies."""
+    model, motion = problem.model, sampled.motion
+    names = model.joint_names
+    torque = unit_text(model, "", {"rad": "N m", "m": "N"})
+    result.add("time", sampled.times)
+    result.add("q", motion.q, units=unit_text(model, ""), names=names)
+    result.add("qd", motion.qd, units=unit_text(model, "/s"), names=names)
+    result.add("qdd", motion.qdd, units=unit_text(model, "/s^2"), names=names)
+    result.add("tau", sampled.tau, units=torque, names=names)
+    for name, term in sampled.terms.items():
+        result.add(f"torque_terms/{name}", term, units=torque, names=names)
+    kinetic, potential = sampled.arrays["kinetic"][:, 0], sampled.arrays["potential"][:, 0]
+    result.add("energy/kinetic", kinetic)
+    result.add("energy/potential", potential)
+    result.add("energy/total", kinetic + potential)
+
+
+def _asked(planned: Planned, actual: Array) -> Array:
+    """Return the target in three coordinates; what it leaves free is taken from the point itself."""
+    assert planned.target is not None
+    out = actual.copy()
+    out[:, : planned.target.p.shape[1]] = planned.target.p
+    return out
+
+
+def _summarise(
+    result: Result, problem: Problem, sampled: Sampled, planned: Planned, function: SampleFunction
+) -> None:
+    summary = result.summary
+    summary["status"] = "ok"
+    summary["termination"] = {"reason": "end of the trajectory", "time": float(sampled.times[-1])}
+    summary["samples"] = len(sampled.times)
+    if planned.target is not None:
+        summary["inverse_kinematics"] = planned.method
+        gap = result[f"points/{planned.point}"] - result[f"targets/{planned.point}"]
+        summary["ik_residual"] = float(np.sqrt(np.einsum("ti,ti->t", gap, gap).max()))
+    errors = error_estimate(problem, sampled)
+    if "ik_residual" in summary:
+        errors = {"ik_residual": summary["ik_residual"], **errors}
+    summary["error_estimate"] = errors
+    summary["round_trip"] = errors["round_trip"]
+    summary["joints"] = joint_figures(problem.model, sampled)
+    summary["counters"] = {
+        "operations": function.operations,
+        "compiled": function.compiled,
+        **planned.counters,
+    }

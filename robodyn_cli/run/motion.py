@@ -1,0 +1,83 @@
+"""From a scene's trajectory to the motion of its joints."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import SceneError
+from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.scene.types import Point, Scene
+from robodyn_cli.solve.inverse_kinematics import PointTask, follow_point
+from robodyn_cli.solve.point_kinematics import PointFunction, PointKinematics
+from robodyn_cli.trajectories.motion import JointMotion, PointMotion, TaskSpace
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class Planned:
+    """The joints' motion at sample times, and where it comes from.
+
+    target : what was asked of ``point``, if the trajectory leads a point; method : ``analytic`` or ``newton``.
+    """
+
+    motion: JointMotion
+    point: str | None = None
+    target: PointMotion | None = None
+    method: str | None = None
+    counters: dict[str, int] = dataclasses.field(default_factory=dict)
+
+
+def with_led_point(scene: Scene) -> Scene:
+    """Return the scene with the point that the trajectory leads (such as ``link2.end``) among its named points."""
+    trajectory: Any = scene.trajectory
+    if not isinstance(trajectory, TaskSpace) or trajectory.point in scene.robot.points:
+        return scene
+    link, _, at = trajectory.point.partition(".")
+    if at in scene.robot.points:  # ``base.NAME``
+        led = scene.robot.points[at]
+    else:
+        led = Point(link=link, at=at)
+    points = {**scene.robot.points, trajectory.point: led}
+    return dataclasses.replace(scene, robot=dataclasses.replace(scene.robot, points=points))
+
+
+def plan_motion(problem: Problem, times: Array) -> Planned:
+    """Return the motion of the scene's joints at ``times`` (T,), columns in the model's order.
+
+    Raises
+    ------
+    SceneError : there is no trajectory, or its inverse kinematics lacks a choice. GeometryError and
+    SingularConfigurationError : from the inverse kinematics.
+    """
+    scene, model = problem.scene, problem.model
+    trajectory: Any = scene.trajectory
+    parameters = scene.parameters
+    if trajectory is None:
+        raise SceneError(
+            f"{scene.path}: key 'trajectory' is missing: inverse dynamics needs a motion; "
+            "kinds: joint, quintic, table, circle, cartesian",
+            key="trajectory",
+        )
+    if not isinstance(trajectory, TaskSpace):
+        return Planned(trajectory.motion(times, model.joint_names, parameters))
+    start = trajectory.ik.guess or scene.initial.q
+    task = PointTask(model, model.points[trajectory.point], trajectory, start, parameters)
+    found = follow_point(task, times, compile_point)
+    counters = {"ik_iterations": found.iterations, "ik_steps": found.steps} if found.iterations else {}
+    return Planned(found.motion, trajectory.point, task.target(times), found.method, counters)
+
+
+def compile_point(kinematics: PointKinematics) -> PointFunction:
+    """Return a point's kinematics as a compiled function, quick on single samples too."""
+    kernel = SampleKernel(kinematics.outputs(), ("q", "v"))
+
+    def function(q: Array, v: Array) -> tuple[Array, Array, Array]:
+        return kinematics.unpack(kernel.evaluate(len(q), {"q": q, "v": v}))
+
+    return function

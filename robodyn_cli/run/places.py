@@ -1,0 +1,74 @@
+"""Where points, frames and outlines of links are along a motion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.algorithms.kinematics import velocities
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.results.result import Result
+from robodyn_cli.run.observe import world_pose
+from robodyn_cli.spatial.algebra import cross
+
+Array = NDArray[np.float64]
+
+
+def place_outputs(problem: Problem) -> dict[str, list[Scalar]]:
+    """Return the expressions of all named points, frames and outlines in world coordinates, by result path.
+
+    For a frame: position (3), rotation (9, row by row) and twist (6: angular velocity, velocity of its origin).
+    """
+    model = problem.model
+    out: dict[str, list[Scalar]] = {}
+    for name, frame in model.points.items():
+        out[f"points/{name}"] = list(problem.world_point(frame))
+    for name, outline in model.outlines.items():
+        out[f"skeleton/{name}"] = [x for corner in outline for x in problem.world_point(corner)]
+    if model.frames:
+        moving = velocities(model, problem.X, problem.q, problem.v)
+    for name, frame in model.frames.items():
+        pose = world_pose(model, problem.pose, frame)
+        to_world = model.base.E.T @ problem.pose[frame.body].R
+        body = moving[frame.body]
+        out[f"frames/{name}/position"] = list(pose.p)
+        out[f"frames/{name}/rotation"] = list(pose.R.flat)
+        out[f"frames/{name}/twist"] = [*(to_world @ body.w), *(to_world @ (body.v + cross(body.w, frame.p)))]
+    return out
+
+
+def add_places(result: Result, arrays: Mapping[str, Array]) -> None:
+    """Add what ``place_outputs`` asked for, evaluated at T samples, to a result."""
+    for path, array in arrays.items():
+        if path.startswith("skeleton/"):
+            result.add(path, array.reshape(len(array), -1, 3))
+        elif path.endswith("/rotation"):
+            result.add(path.removesuffix("rotation") + "quaternion", quaternions(array.reshape(-1, 3, 3)))
+        else:
+            result.add(path, array)
+
+
+def quaternions(R: Array) -> Array:
+    """Return unit quaternions (T, 4), scalar first, of rotations (T, 3, 3), without jumps of sign along T.
+
+    The largest of the four components is taken from the diagonal, the others from it (Shepperd 1978).
+    """
+    diagonal = np.diagonal(R, axis1=1, axis2=2)
+    trace = diagonal.sum(axis=1)
+    squares = np.concatenate([trace[:, None], 2.0 * diagonal - trace[:, None]], axis=1) + 1.0  # 4 w^2, 4 x^2, ...
+    products = np.zeros((len(R), 4, 4))  # 4 times each product of two components
+    products[:, range(4), range(4)] = squares
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        products[:, 0, i + 1] = products[:, i + 1, 0] = R[:, k, j] - R[:, j, k]
+        products[:, j + 1, k + 1] = products[:, k + 1, j + 1] = R[:, k, j] + R[:, j, k]
+    rows = products[np.arange(len(R)), np.argmax(squares, axis=1)]
+    q = rows / np.linalg.norm(rows, axis=1)[:, None]
+    if q[0, 0] < 0.0:
+        q[0] = -q[0]
+    agree = np.einsum("ti,ti->t", q[1:], q[:-1])
+    q[1:] *= np.cumprod(np.where(agree < 0.0, -1.0, 1.0))[:, None]
+    return q

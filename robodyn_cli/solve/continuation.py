@@ -1,0 +1,179 @@
+"""Follow a path of targets with Newton's method, one branch, from sample to sample.
+
+Each step extrapolates the motion by the quintic through the last two states, corrects onto the target, and is
+halved where the extrapolation misses. A redundant chain's self-motion is integrated along with it: of
+
+    q_1 = q_0 + h/2 (q-dot_0 + q-dot_1) + h^2/12 (q-ddot_0 - q-ddot_1)        (local error h^5 q^(5) / 720)
+
+the part that leaves the point in place is added to the corrected positions.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.solve.newton import SINGULAR, PointSolver
+from robodyn_cli.solve.reach import Singular, Unreachable
+from robodyn_cli.trajectories.motion import JointMotion, PointMotion
+from robodyn_cli.trajectories.quintic_spline import hermite
+
+Array = NDArray[np.float64]
+Target = Callable[[Array], PointMotion]
+
+MISS = 0.1  # rad or m by which the extrapolation may miss: beyond it the branch could change unnoticed
+FIRST_MISS = 1e-5  # the same for the first step of a redundant chain, which has only one state to start from
+SELF_MOTION_ERROR = 1e-10  # rad or m a step
+HALVINGS = 18
+LISTED = 200  # samples looked at to find the worst target
+
+
+@dataclasses.dataclass(frozen=True)
+class State:
+    """Joint positions, rates and accelerations (n,) at one time."""
+
+    t: float
+    q: Array
+    qd: Array
+    qdd: Array
+
+
+class Follower:
+    """Continuation along one path."""
+
+    def __init__(self, solver: PointSolver, target: Target, times: Array) -> None:
+        self.solver = solver
+        self.target = target
+        self.times = times
+        self.steps = 0
+        self.h = np.inf  # step length that served last
+        self.at_samples = target(times)
+
+    def run(self, start: Array) -> JointMotion:
+        """Return the joint motion (T, n) from the solution nearest to ``start`` (n,).
+
+        Raises
+        ------
+        Unreachable, Singular : with times.
+        """
+        found = self.solver.solve(self.at_samples.p[0], start)
+        if not self.reached(found.residual):
+            # a start in a singular pose, such as an arm stretched out, may have no way to go: nudge it once
+            found = self.solver.solve(self.at_samples.p[0], start + 0.05 * np.cos(np.arange(len(start))))
+        if not self.reached(found.residual):
+            raise self.unreachable(0, found.q)
+        q = np.empty((len(self.times), len(start)), order="F")
+        q[0] = found.q
+        now = self.state(self.times[0], found.q, self.sample(0))
+        before: State | None = None
+        for k in range(1, len(self.times)):
+            before, now = self.advance(before, now, k)
+            q[k] = now.q
+        qd, qdd, measure = self.solver.rates(q, self.at_samples.pd, self.at_samples.pdd)
+        worst = int(np.argmin(measure))
+        if not measure[worst] > SINGULAR:
+            raise Singular(self.times[worst], float(measure[worst]))
+        return JointMotion(q, np.asfortranarray(qd), np.asfortranarray(qdd))
+
+    def reached(self, residual: float) -> bool:
+        """Tell whether a target counts as reached."""
+        return residual <= max(self.solver.tolerance, self.solver.floor)
+
+    def sample(self, k: int) -> tuple[Array, Array, Array]:
+        """Return p, pd, pdd (m,) of sample k."""
+        return self.at_samples.p[k], self.at_samples.pd[k], self.at_samples.pdd[k]
+
+    def between(self, t: float) -> tuple[Array, Array, Array]:
+        """Return p, pd, pdd (m,) at any time."""
+        target = self.target(np.array([t]))
+        return target.p[0], target.pd[0], target.pdd[0]
+
+    def state(self, t: float, q: Array, target: tuple[Array, Array, Array]) -> State:
+        """Return the state at positions q on the target."""
+        qd, qdd, measure = self.solver.rates(q[None], target[1][None], target[2][None])
+        if not measure[0] > SINGULAR:
+            raise Singular(t, float(measure[0]))
+        return State(t, q, qd[0], qdd[0])
+
+    def advance(self, before: State | None, now: State, k: int) -> tuple[State, State]:
+        """Go on to sample k, in smaller steps where needed; return the last two states."""
+        end = float(self.times[k])
+        whole = end - now.t
+        h = min(whole, 2.0 * self.h)
+        while True:
+            last = now.t + 1.5 * h > end
+            t = end if last else now.t + h
+            target = self.sample(k) if last else self.between(t)
+            reached = self.step(before, now, t, target)
+            if reached is not None:
+                before, now = now, reached
+                if last:
+                    self.h = h
+                    return before, now
+                h = min(2.0 * h, whole)
+            elif t - now.t < whole * 0.5**HALVINGS:
+                raise self.failure(now, t, target[0], k)
+            else:
+                h = 0.5 * (t - now.t)
+
+    def step(self, before: State | None, now: State, t: float, target: tuple[Array, Array, Array]) -> State | None:
+        """Return the state at time t, or None where the step is too long."""
+        self.steps += 1
+        h = t - now.t
+        guess, error = extrapolate(before, now, h)
+        found = self.solver.solve(target[0], guess)
+        if not self.reached(found.residual):
+            return None
+        miss = float(np.abs(found.q - guess).max())
+        if not self.solver.redundant:
+            return self.state(t, found.q, target) if miss <= MISS else None
+        if miss > (FIRST_MISS if error is None else MISS) or (error is not None and error > SELF_MOTION_ERROR):
+            return None
+        new = self.state(t, found.q, target)
+        integrated = now.q + 0.5 * h * (now.qd + new.qd) + h * h / 12.0 * (now.qdd - new.qdd)
+        drift = self.solver.self_motion(new.q, integrated - new.q)
+        return State(t, new.q + drift, new.qd, new.qdd)
+
+    def failure(self, now: State, t: float, p: Array, k: int) -> Exception:
+        """Return why the path cannot be followed from ``now`` to the target p (m,) at time t, before sample k."""
+        here = self.solver.solve(p, now.q)
+        if self.reached(here.residual):
+            return Singular(now.t, self.measure(now.q))
+        listed = self.unreachable(k, here.q)
+        if not self.reached(listed.distance):  # the usual case; else the path leaves the reach between samples
+            return listed
+        worst = max((here.residual, t), (listed.worst, listed.worst_time))
+        return Unreachable(t, here.residual, worst[1], worst[0], nearest=False)
+
+    def measure(self, q: Array) -> float:
+        """Return the smallest over the largest singular value of J at q (n,)."""
+        s = np.linalg.svd(self.solver.position(q)[1], compute_uv=False)
+        return float(s[self.solver.rank - 1] / s[0])
+
+    def unreachable(self, first: int, q: Array) -> Unreachable:
+        """Return how far the targets from sample ``first`` on stay out of reach, looking at some of them."""
+        listed = np.unique(np.linspace(first, len(self.times) - 1, LISTED).round().astype(int))
+        left = []
+        for k in listed:
+            found = self.solver.solve(self.at_samples.p[k], q)
+            q = found.q
+            left.append(found.residual)
+        worst = int(np.argmax(left))
+        return Unreachable(self.times[first], left[0], self.times[listed[worst]], left[worst], nearest=False)
+
+
+def extrapolate(before: State | None, now: State, h: float) -> tuple[Array, float | None]:
+    """Return the positions (n,) expected a time h on, and the error of the self-motion's step (None: unknown).
+
+    With two states: the quintic through both, whose fifth derivative gives the error h^5 q^(5) / 720.
+    """
+    if before is None or before.t == now.t or h > 4.0 * (now.t - before.t):
+        return now.q + h * (now.qd + 0.5 * h * now.qdd), None
+    span = now.t - before.t
+    c = hermite(span, before.q, before.qd, before.qdd, now.q, now.qd, now.qdd)
+    s = 1.0 + h / span
+    guess = c[0] + s * (c[1] + s * (c[2] + s * (c[3] + s * (c[4] + s * c[5]))))
+    return guess, float(np.abs(c[5]).max()) * (h / span) ** 5 / 6.0

@@ -1,0 +1,180 @@
+"""From the path of a point to the motion of the joints."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.errors import CapabilityError, GeometryError, SceneError, SingularConfigurationError
+from robodyn_cli.model.model import BASE, FixedFrame, Model
+from robodyn_cli.solve import planar_path
+from robodyn_cli.solve.continuation import Follower
+from robodyn_cli.solve.newton import PointSolver
+from robodyn_cli.solve.planar_2r import BRANCHES, ELBOW_DOWN, ELBOW_UP, Planar2R
+from robodyn_cli.solve.point_kinematics import PointFunction, PointKinematics
+from robodyn_cli.solve.reach import Singular, Unreachable
+from robodyn_cli.trajectories.base import Ik
+from robodyn_cli.trajectories.motion import JointMotion, PointMotion, TaskSpace
+
+Array = NDArray[np.float64]
+Compile = Callable[[PointKinematics], PointFunction]
+
+
+@dataclasses.dataclass(frozen=True)
+class PointTask:
+    """A point of a model and what is asked of it.
+
+    frame : the point. trajectory : its path and the options of the inverse kinematics. start : joint positions by
+    name near which the motion starts (``ik.guess``, or the scene's ``initial.q``). parameters : of the scene.
+    """
+
+    model: Model
+    frame: FixedFrame
+    trajectory: TaskSpace
+    start: Mapping[str, float]
+    parameters: Mapping[str, float]
+
+    @property
+    def ik(self) -> Ik:
+        options: Ik = self.trajectory.ik
+        return options
+
+    def target(self, times: Array) -> PointMotion:
+        """Return what is asked of the point at ``times`` (T,), world coordinates."""
+        return self.trajectory.target(times, self.parameters)
+
+    def start_positions(self) -> Array | None:
+        """Return the start as an array (n,), None where there is none."""
+        names = self.model.q_names
+        if not self.start:
+            return None
+        missing = [name for name in names if name not in self.start]
+        if missing:
+            raise SceneError(
+                f"the inverse kinematics of {self.trajectory.point!r} starts at initial.q, which lacks joint "
+                f"{missing[0]!r}; give all of {', '.join(names)}, there or in trajectory.ik.guess"
+            )
+        return np.array([self.start[name] for name in names])
+
+
+@dataclasses.dataclass(frozen=True)
+class Found:
+    """Joint motion that follows a path, with how it was found: ``analytic`` or ``newton``, and at what cost."""
+
+    motion: JointMotion
+    method: str
+    iterations: int = 0
+    steps: int = 0
+
+
+def follow_point(task: PointTask, times: Array, compile: Compile) -> Found:
+    """Return the joint motion (T, n) that keeps a point on its path.
+
+    Joints are continuous along the path, rates and accelerations exact (``J qd = pd``, ``J qdd = pdd - J-dot qd``;
+    for redundant chains see ``newton``). Joints that do not move the point stay where they start.
+
+    Parameters
+    ----------
+    times : (T,) from 0. compile : makes the function that Newton's method calls, where it is needed.
+
+    Raises
+    ------
+    SceneError : no branch and no start. CapabilityError : a method that does not fit the chain.
+    GeometryError : a target out of reach. SingularConfigurationError : a singular pose on the way.
+    """
+    point, ik, model = task.trajectory.point, task.ik, task.model
+    if task.frame.body == BASE:
+        raise SceneError(f"point {point!r} is fixed to the base and cannot follow a trajectory")
+    target = task.target(times[:1])
+    arm = Planar2R.recognise(model, task.frame)
+    if arm is not None and arm.in_plane(target) is None:
+        arm = None
+    _check_options(ik, arm, point)
+    start = task.start_positions()
+    try:
+        if arm is not None and ik.method != "newton":
+            branch = _branch(arm, ik, start, point)
+            motion = planar_path.follow(arm, task.target, times, branch, start, ik.tolerance)
+            return Found(motion, "analytic")
+        if start is None and arm is not None and ik.branch is not None:
+            start = planar_path.follow(
+                arm, task.target, times[:1], BRANCHES[ik.branch], None, ik.tolerance
+            ).q[0]
+        if start is None:
+            raise SceneError(
+                f"the inverse kinematics of point {point!r} needs joint positions to start from: give "
+                "trajectory.ik.guess (or initial.q)"
+            )
+        symbols = model.graph.symbols(model.q_names, "q"), model.graph.symbols(
+            [f"{name}'" for name in model.v_names], "v"
+        )
+        kinematics = PointKinematics.of(model, *symbols, task.frame, target.p.shape[1])
+        solver = PointSolver(compile(kinematics), model.nv, ik.tolerance, ik.max_iterations)
+        if solver.rank == 0:
+            raise SceneError(f"no joint moves point {point!r}, so it cannot follow a trajectory")
+        follower = Follower(solver, task.target, times)
+        motion = follower.run(start)
+        return Found(motion, "newton", solver.iterations, follower.steps)
+    except Unreachable as failure:
+        _report_unreachable(failure, point)
+    except Singular as failure:
+        raise SingularConfigurationError(
+            f"point {point!r} meets a singular configuration at t = {failure.time:.6g} s (measure "
+            f"{failure.measure:.1e}), where the joint rates that keep it on its path do not exist or are not "
+            "unique; change the path or the branch",
+            time=failure.time,
+            measure=failure.measure,
+        ) from None
+
+
+def _check_options(ik: Ik, arm: Planar2R | None, point: str) -> None:
+    """Refuse a method or a branch that does not go with the chain."""
+    if arm is None and ik.method == "analytic":
+        raise CapabilityError(
+            f"trajectory.ik.method: analytic fits only planar 2R arms (two revolute joints with parallel axes that "
+            f"carry point {point!r}); use newton or auto"
+        )
+    if arm is None and ik.branch is not None:
+        raise SceneError(
+            f"trajectory.ik.branch ({ik.branch}) has a meaning only for planar 2R arms (two revolute joints with "
+            f"parallel axes that carry point {point!r}); choose the branch by trajectory.ik.guess"
+        )
+
+
+def _branch(arm: Planar2R, ik: Ik, start: Array | None, point: str) -> float:
+    """Return the sign of the bend: from ``branch``, else from the start."""
+    if ik.branch is not None:
+        return BRANCHES[ik.branch]
+    if start is None:
+        raise SceneError(
+            f"point {point!r} can be reached in two ways: choose trajectory.ik.branch (elbow_up: theta2 < 0, or "
+            "elbow_down), or give trajectory.ik.guess"
+        )
+    bend = arm.bend(start)
+    if abs(np.sin(bend)) < 1e-9:
+        raise SceneError(
+            f"trajectory.ik.guess has the arm stretched out or folded, which chooses no branch for point {point!r}; "
+            "bend it, or choose trajectory.ik.branch (elbow_up, elbow_down)"
+        )
+    return ELBOW_UP if bend < 0.0 else ELBOW_DOWN
+
+
+def _report_unreachable(failure: Unreachable, point: str) -> NoReturn:
+    """Raise the error that says from when on, and how far, a target is out of reach."""
+    what = "the nearest point it reaches is" if failure.nearest else "the nearest point found is"
+    message = (
+        f"point {point!r} cannot reach its target at t = {failure.time:.6g} s: {what} {failure.distance:.4g} m away"
+    )
+    if failure.worst_time != failure.time:
+        message += f" (worst at t = {failure.worst_time:.6g} s: {failure.worst:.4g} m)"
+    raise GeometryError(
+        message,
+        time=failure.time,
+        distance=failure.distance,
+        worst_time=failure.worst_time,
+        worst_distance=failure.worst,
+    ) from None

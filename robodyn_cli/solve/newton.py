@@ -1,0 +1,130 @@
+"""Inverse kinematics of any open chain: damped Newton steps, and a path followed by continuation.
+
+A step solves J dq = e in the damped least-squares sense, dq = V S (S^2 + mu^2)^-1 U^T e with J = U S V^T
+(Wampler 1986, Nakamura and Hanafusa 1986): least norm where the chain is redundant, least error where the
+target has a component that the chain cannot follow.
+
+A redundant chain moves with the least-norm rates q-dot = J^+ p-dot at each instant; its acceleration is the exact
+derivative of that, q-ddot = J^+ (p-ddot - J-dot q-dot) + (1 - J^+ J) J-dot^T J^+T q-dot (Golub and Pereyra 1973),
+which satisfies J q-ddot = p-ddot - J-dot q-dot like every other. Radians and metres weigh alike in the norm.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.solve.point_kinematics import PointFunction
+
+Array = NDArray[np.float64]
+
+RANK = 1e-9
+SINGULAR = 1e-8  # smallest over largest singular value
+MOST_STEP = 1.0  # rad or m
+
+
+@dataclasses.dataclass(frozen=True)
+class Solution:
+    """Joint positions (n,), the distance left to the target [m], and the iterations that it took."""
+
+    q: Array
+    residual: float
+    iterations: int
+
+
+class PointSolver:
+    """Newton's method for one point of one chain.
+
+    Parameters
+    ----------
+    function : p, J and J-dot of the point (see ``PointFunction``); n : number of joints.
+    tolerance : distance to the target that is accepted [m]; max_iterations : a sample.
+    """
+
+    def __init__(self, function: PointFunction, n: int, tolerance: float, max_iterations: int) -> None:
+        self.function = function
+        self.n = n
+        self.tolerance = tolerance
+        self.max_iterations = max_iterations
+        self.iterations = 0
+        some = np.random.default_rng(1).uniform(-2.0, 2.0, size=(16, n))
+        p, J, _ = function(some, np.zeros_like(some))
+        values = np.linalg.svd(J, compute_uv=False)
+        self.rank = int((values > RANK * max(float(values.max()), 1e-300)).sum(axis=1).max())
+        moved = int(np.any(J != 0.0, axis=(0, 1)).sum())
+        self.redundant = moved > self.rank
+        # rounding of p, below which no tolerance can be met
+        self.floor = 16.0 * float(np.finfo(float).eps) * float(np.abs(p).max())
+
+    def position(self, q: Array) -> tuple[Array, Array]:
+        """Return p (m,) and J (m, n) at q (n,)."""
+        p, J, _ = self.function(q[None, :], np.zeros((1, self.n)))
+        return p[0], J[0]
+
+    def solve(self, target: Array, q: Array) -> Solution:
+        """Return the solution near q (n,) for a target (m,), or the nearest point if it is not reached."""
+        p, J = self.position(q)
+        e = target - p
+        r = _length(e)
+        mu, count = 0.0, 0
+        limit = max(self.tolerance, self.floor)
+        # one step at least, however near the start: it costs little and leaves nothing but rounding
+        while r > (limit if count else 0.0) and count < self.max_iterations:
+            count += 1
+            U, s, Vt = np.linalg.svd(J, full_matrices=False)
+            U, s, Vt = U[:, : self.rank], s[: self.rank], Vt[: self.rank]
+            g = U.T @ e
+            pull = s * g
+            if not _length(pull) > 1e-9 * s[0] * r:
+                break  # the nearest point: J^T e = 0
+            while True:
+                step = Vt.T @ (pull / (s * s + mu * mu) if mu or s[-1] > 1e-12 * s[0] else pull / s[0] ** 2)
+                largest = float(np.abs(step).max())
+                if largest > MOST_STEP:
+                    step *= MOST_STEP / largest
+                p, J_new = self.position(q + step)
+                e_new = target - p
+                r_new = _length(e_new)
+                if r_new < r:
+                    break
+                mu = max(10.0 * mu, 1e-4 * s[0])
+                if r <= limit or mu > 1e8 * s[0]:
+                    self.iterations += count
+                    return Solution(q, r, count)
+            q, e, r, J = q + step, e_new, r_new, J_new
+            mu = 0.1 * mu if mu > 1e-6 * s[0] else 0.0
+        self.iterations += count
+        return Solution(q, r, count)
+
+    def rates(self, q: Array, pd: Array, pdd: Array) -> tuple[Array, Array, Array]:
+        """Return qd (T, n), qdd (T, n) and the singularity measure (T,) at q (T, n) for pd, pdd (T, m)."""
+        _, J, _ = self.function(q, np.zeros_like(q))
+        U, s, Vt = np.linalg.svd(J, full_matrices=False)
+        U, s, Vt = U[:, :, : self.rank], s[:, : self.rank], Vt[:, : self.rank]
+        with np.errstate(divide="ignore", invalid="ignore"):  # the caller looks at the measure first
+            measure = s[:, -1] / s[:, 0]
+            V, Ut = np.swapaxes(Vt, 1, 2), np.swapaxes(U, 1, 2)
+            qd = _apply(V, _apply(Ut, pd) / s)
+            _, _, J_rate = self.function(q, qd)
+            qdd = _apply(V, _apply(Ut, pdd - _apply(J_rate, qd)) / s)
+            if self.redundant:
+                turn = _apply(np.swapaxes(J_rate, 1, 2), _apply(U, _apply(Vt, qd) / s))
+                qdd += turn - _apply(V, _apply(Vt, turn))
+        return qd, qdd, measure
+
+    def self_motion(self, q: Array, dq: Array) -> Array:
+        """Return the part of dq (n,) that leaves the point where it is."""
+        _, J = self.position(q)
+        Vt = np.linalg.svd(J, full_matrices=False)[2][: self.rank]
+        return dq - Vt.T @ (Vt @ dq)
+
+
+def _apply(A: Array, x: Array) -> Array:
+    """Return A x for a batch: (T, i, j), (T, j)."""
+    return np.matmul(A, x[:, :, None])[:, :, 0]
+
+
+def _length(x: Array) -> float:
+    return float(np.sqrt(x @ x))

@@ -1,0 +1,167 @@
+"""Inverse kinematics of a planar 2R arm in closed form, wherever and however it is mounted.
+
+In the plane across the two parallel axes, with phi the direction of the first link (joint 1 to joint 2, length
+l1) and psi that of the second (joint 2 to the point, length l2), both turning about the first axis:
+
+    x = l1 cos phi + l2 cos psi,    y = l1 sin phi + l2 sin psi
+
+The bend beta = psi - phi is the lecture's theta2 where the links lie along their D-H x axes; elbow_up is beta < 0.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.expr.graph import Expr
+from robodyn_cli.model.model import BASE, FixedFrame, Model
+from robodyn_cli.trajectories.motion import PointMotion
+
+Array = NDArray[np.float64]
+
+ELBOW_UP, ELBOW_DOWN = -1.0, 1.0
+BRANCHES = {"elbow_up": ELBOW_UP, "elbow_down": ELBOW_DOWN}
+PARALLEL = 1e-12
+
+
+@dataclasses.dataclass(frozen=True)
+class PlaneMotion:
+    """Motion of the point in the plane of the arm: x, y (T,) with rates, and its distance from the plane."""
+
+    x: Array
+    y: Array
+    xd: Array
+    yd: Array
+    xdd: Array
+    ydd: Array
+    off: Array
+
+
+@dataclasses.dataclass(frozen=True)
+class Planar2R:
+    """A planar 2R arm as found in a model.
+
+    origin : (3,) point of the first axis in the point's plane; ex, ey : (3,) axes of that plane, the frame in
+        which the first joint turns; all in world coordinates.
+    l1, l2 : lengths [m]. phi0 : phi = q1 + phi0. beta0, turn : beta = beta0 + turn q2 with turn = +-1.
+    first, second : places of the joints in q.
+    """
+
+    origin: Array
+    ex: Array
+    ey: Array
+    l1: float
+    l2: float
+    phi0: float
+    beta0: float
+    turn: float
+    first: int
+    second: int
+
+    @staticmethod
+    def recognise(model: Model, frame: FixedFrame) -> Planar2R | None:
+        """Return the arm if the model is one: two joints, revolute, with parallel axes, carrying the point."""
+        path = model.path_to(frame.body)
+        if model.nv != 2 or len(path) != 2 or frame.body == BASE:
+            return None
+        one, two = (model.bodies[k] for k in path)
+        if one.joint.type != "revolute" or two.joint.type != "revolute":
+            return None
+        mount = one.X_tree @ model.base
+        entries = [*mount.E.flat, *mount.r, *two.X_tree.E.flat, *two.X_tree.r, *frame.p]
+        if any(isinstance(x, Expr) for x in entries):
+            return None
+        E2, r2, p = (np.array(x, dtype=float) for x in (two.X_tree.E, two.X_tree.r, frame.p))
+        turn = math.copysign(1.0, E2[2, 2])
+        if math.hypot(E2[2, 0], E2[2, 1]) > PARALLEL:
+            return None
+        l1, l2 = math.hypot(r2[0], r2[1]), math.hypot(p[0], p[1])
+        if not (l1 > 0.0 and l2 > 0.0):
+            return None
+        E, r = np.array(mount.E, dtype=float), np.array(mount.r, dtype=float)
+        along = math.atan2(r2[1], r2[0])  # of link 1, in the frame of body 1
+        chi = math.atan2(E2[0, 1], E2[0, 0])  # of the x axis before joint 2, in the same frame
+        own = math.atan2(p[1], p[0])  # of the point, in the frame of body 2
+        height = r2[2] + turn * p[2]
+        return Planar2R(
+            origin=r + height * E[2],
+            ex=E[0],
+            ey=E[1],
+            l1=l1,
+            l2=l2,
+            phi0=along,
+            beta0=_principal(chi + turn * own - along),
+            turn=turn,
+            first=one.q,
+            second=two.q,
+        )
+
+    def in_plane(self, target: PointMotion) -> PlaneMotion | None:
+        """Return a target in the coordinates of the plane; None if x and y alone do not place a point in it."""
+        size = target.p.shape[1]
+        B = np.stack([self.ex, self.ey], axis=1)[:size]
+        if size == 2 and abs(np.linalg.det(B)) < 1e-6:
+            return None
+        inverse = B.T if size == 3 else np.linalg.inv(B)
+        lever = target.p - self.origin[:size]
+        (x, y), (xd, yd), (xdd, ydd) = (inverse @ a.T for a in (lever, target.pd, target.pdd))
+        off = np.zeros(len(x)) if size == 2 else np.abs(lever @ np.cross(self.ex, self.ey))
+        return PlaneMotion(x, y, xd, yd, xdd, ydd, off)
+
+    def shortfall(self, plane: PlaneMotion) -> Array:
+        """Return the distance (T,) from each target to the nearest point that the arm reaches [m]."""
+        r = np.hypot(plane.x, plane.y)
+        return np.hypot(plane.off, np.maximum(0.0, np.maximum(r - (self.l1 + self.l2), abs(self.l1 - self.l2) - r)))
+
+    def angles(self, plane: PlaneMotion, branch: float) -> tuple[Array, Array]:
+        """Return phi and beta (T,), principal values, of the branch with the sign ``branch`` of beta.
+
+        tan^2(beta / 2) = ((l1 + l2)^2 - r^2) / (r^2 - (l1 - l2)^2), which keeps its digits near the limits.
+        """
+        r = np.hypot(plane.x, plane.y)
+        outer, inner = self.l1 + self.l2, abs(self.l1 - self.l2)
+        near = np.sqrt(np.maximum(0.0, (outer - r) * (outer + r)))
+        far = np.sqrt(np.maximum(0.0, (r - inner) * (r + inner)))
+        beta = branch * 2.0 * np.arctan2(near, far)
+        phi = np.arctan2(plane.y, plane.x) - np.arctan2(self.l2 * np.sin(beta), self.l1 + self.l2 * np.cos(beta))
+        return phi, beta
+
+    def rates(self, plane: PlaneMotion, phi: Array, beta: Array) -> tuple[Array, Array, Array, Array]:
+        """Return phi-dot, beta-dot, phi-ddot, beta-ddot (T,); infinite where the arm is singular (sin beta = 0)."""
+        c1, s1 = np.cos(phi), np.sin(phi)
+        c2, s2 = np.cos(phi + beta), np.sin(phi + beta)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            w = 1.0 / np.sin(beta)
+            phi_d = (c2 * plane.xd + s2 * plane.yd) * w / self.l1
+            psi_d = -(c1 * plane.xd + s1 * plane.yd) * w / self.l2
+            # the accelerations less their centripetal parts obey the same equations
+            n1, n2 = self.l1 * phi_d**2, self.l2 * psi_d**2
+            ax, ay = plane.xdd + n1 * c1 + n2 * c2, plane.ydd + n1 * s1 + n2 * s2
+            phi_dd = (c2 * ax + s2 * ay) * w / self.l1
+            psi_dd = -(c1 * ax + s1 * ay) * w / self.l2
+        return phi_d, psi_d - phi_d, phi_dd, psi_dd - phi_dd
+
+    def joints(self, phi: Array, beta: Array) -> Array:
+        """Return q (T, 2) for continuous angles phi and beta."""
+        q = np.empty((len(phi), 2), order="F")
+        q[:, self.first] = phi - self.phi0
+        q[:, self.second] = self.turn * (beta - self.beta0)
+        return q
+
+    def joint_rates(self, phi_rate: Array, beta_rate: Array) -> Array:
+        """Return qd (T, 2) for rates of phi and beta, or accelerations for accelerations."""
+        qd = np.empty((len(phi_rate), 2), order="F")
+        qd[:, self.first], qd[:, self.second] = phi_rate, self.turn * beta_rate
+        return qd
+
+    def bend(self, q: Array) -> float:
+        """Return the principal value of beta at joint positions q (2,)."""
+        return _principal(self.beta0 + self.turn * float(q[self.second]))
+
+
+def _principal(angle: float) -> float:
+    """Return the angle in (-pi, pi]."""
+    return -((math.pi - angle) % (2.0 * math.pi) - math.pi)

@@ -1,0 +1,31 @@
+"""How following a target can fail; the caller adds names and turns these into errors for the user."""
+
+from __future__ import annotations
+
+
+class Unreachable(Exception):
+    """A target that is out of reach.
+
+    time, distance : the first such time [s] and how far the nearest reachable point is there [m].
+    worst_time, worst : the same where it is farthest. nearest : whether the distances are those of the nearest
+    reachable point, or only of the nearest one that was found.
+    """
+
+    def __init__(
+        self, time: float, distance: float, worst_time: float, worst: float, nearest: bool = True
+    ) -> None:
+        super().__init__("unreachable")
+        self.time, self.distance = float(time), distance
+        self.worst_time, self.worst = float(worst_time), worst
+        self.nearest = nearest
+
+
+class Singular(Exception):
+    """A configuration on the way in which the point cannot move in every direction asked for.
+
+    measure : the smallest singular value of the Jacobian over the largest, or |sin beta| of a 2R arm.
+    """
+
+    def __init__(self, time: float, measure: float) -> None:
+        super().__init__("singular")
+        self.time, self.measure = float(time), measure
