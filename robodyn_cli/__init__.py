@@ -12,7 +12,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+from robodyn_cli.version import __version__
+
 
 _HOME = {
     "load_scene": "robodyn_cli.scene.load",

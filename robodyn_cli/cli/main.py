@@ -6,8 +6,8 @@ import sys
 
 import typer
 
-from robodyn_cli import __version__
 from robodyn_cli.cli import deploy, inverse, plan, simulate
+from robodyn_cli.version import __version__
 
 app = typer.Typer(
     name="robodyn",

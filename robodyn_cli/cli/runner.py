@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -30,8 +31,10 @@ def run_scene(
 ) -> int:
     """Run one scene, write its results, print its summary; return the exit code."""
     from robodyn_cli.report.registry import plot_files
+    from robodyn_cli.results.hdf5 import write
     from robodyn_cli.results.output_dir import OutputDirectory
-    from robodyn_cli.run.commands import execute
+    from robodyn_cli.results.writer import ResultWriter
+    from robodyn_cli.run.commands import execute, streams
     from robodyn_cli.run.stopwatch import Stopwatch
     from robodyn_cli.scene.load import load_scene
 
@@ -39,10 +42,17 @@ def run_scene(
     with watch.stage("load"):
         scene = load_scene(scene_path, list(overrides or ()))
         warn(scene, strict, console)
-    with OutputDirectory(out or default_directory(scene_path, command), drawings=plot_files()) as directory:
+    target = out or default_directory(scene_path, command)
+    with OutputDirectory(target, drawings=plot_files()) as directory, contextlib.ExitStack() as stack:
         failure: RobodynError | None = None
+        writer = None
+        if streams(command, scene):
+            writer = stack.enter_context(
+                ResultWriter(directory.result_path, command=command, title=scene.title or command,
+                             scene_text=scene.text)
+            )  # fmt: skip
         try:
-            result = execute(command, scene, console.progress, watch)
+            result = execute(command, scene, console.progress, watch, writer)
         except RobodynError as error:
             if getattr(error, "result", None) is None:
                 directory.write_summary(_failed(command, scene.title, error))
@@ -56,9 +66,10 @@ def run_scene(
                                 "exit_code": failure.exit_code}
         result.summary = summary
         with watch.stage("write"):
-            from robodyn_cli.results.hdf5 import write
-
-            write(result, directory.result_path)
+            if writer is not None:
+                writer.finish(status=result.status, summary=summary, events=result.events)
+            else:
+                write(result, directory.result_path)
         if not no_plots:
             with watch.stage("plots"):
                 from robodyn_cli.report.registry import draw_all

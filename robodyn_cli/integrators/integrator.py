@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import ctypes
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.errors import NumericalError
+from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.system import GROUPS, System
+from robodyn_cli.integrators.events import Event, Found, crosses, first_roots
 from robodyn_cli.integrators.layout import Real, Status, Whole
-from robodyn_cli.integrators.loop import Stepper, write_run
+from robodyn_cli.integrators.loop import SLACK, Stepper, write_run
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.kernels.compiler import compile_module, machine
 from robodyn_cli.kernels.samples import SampleKernel
 
 Array = NDArray[np.float64]
+Snapshot = tuple[Array, NDArray[np.int64], Array, Array]
+SMALLEST_ATOL = 1e-300  # keeps weights finite where the tolerance is zero
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,7 +36,7 @@ class Grid:
 
     @staticmethod
     def over(duration: float, count: int) -> Grid:
-        return Grid(0.0, duration / (count - 1), count)
+        return Grid(0.0, duration / max(count - 1, 1), count)
 
     def times(self, first: int, last: int) -> Array:
         """Return sample times first .. last - 1."""
@@ -50,17 +55,6 @@ class Counters:
 
     def as_dict(self) -> dict[str, int]:
         return dataclasses.asdict(self)
-
-
-@dataclasses.dataclass(frozen=True)
-class Event:
-    """An event that happened: which function, when, and the state (q, v, z) there."""
-
-    name: str
-    index: int
-    time: float
-    state: Array
-    time_error: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,7 +89,11 @@ class Integrator:
         self._switching = (
             SampleKernel({"g": [e.value for e in system.events]}, GROUPS) if system.events else None
         )
-        self.p = np.ascontiguousarray(parameters, dtype=float) if len(parameters) else np.zeros(1)
+        programs = (system.dynamics, system.positions, system.velocities, system.switching)
+        needed = max(p.inputs.get("p", 0) for p in programs if p is not None)
+        if len(parameters) < needed:
+            raise ValueError(f"the system has {needed} parameters, got {len(parameters)}")
+        self.p = np.array(parameters, dtype=float) if len(parameters) else np.zeros(1)
         self._out = np.zeros(0)
         self.reset(0.0, np.zeros(system.size))
 
@@ -110,12 +108,13 @@ class Integrator:
             raise ValueError(f"the state has {self.system.size} components, got {self.y.shape}")
         self.memory = np.zeros(max(1, self.stepper.dense_size(self.system)))
         self.w[Real.T] = time
-        self.w[Real.RTOL], self.w[Real.ATOL] = options.rtol, options.atol
+        self.w[Real.RTOL], self.w[Real.ATOL] = options.rtol, max(options.atol, SMALLEST_ATOL)
         self.w[Real.H_MAX] = options.max_step
         self.w[Real.MEMORY] = self.w[Real.MEMORY_2] = 1.0
         self.n[Whole.MAX_STEPS] = options.max_steps
         self.n[Whole.LAST_SAMPLE] = -1
         self.events_seen = 0
+        self._armed = False
 
     @property
     def time(self) -> float:
@@ -136,7 +135,8 @@ class Integrator:
     def set_state(self, state: Any) -> None:
         """Replace the state in the middle of a run (a jump); the time stays."""
         self.y[:] = state
-        self._watch()
+        self.w[Real.SIZE :] = 0.0
+        self._watch({})
 
     # -- running --------------------------------------------------------------------------------------
     def _call(self, end: float) -> Status:
@@ -165,15 +165,19 @@ class Integrator:
         }  # fmt: skip
         return self._switching.evaluate(1, groups)["g"][0]
 
-    def _watch(self, after: int | None = None, sign: float = 0.0) -> None:
-        """Arm the event functions at the current state; the one that just fired keeps its new sign."""
+    def _watch(self, signs: Mapping[int, float]) -> None:
+        """Arm the event functions at the current state; those that just fired (``signs``) have their new sign."""
         if self._switching is None:
             return
-        g = self.event_values(self.time, self.y)
-        if after is not None:
-            g[after] = sign * max(abs(g[after]), 1e-300)
-        self.w[Real.SIZE :] = g
+        for k, (g, event) in enumerate(zip(self.event_values(self.time, self.y), self.system.events)):
+            place = Real.SIZE + k
+            if k in signs:
+                self.w[place] = signs[k] * max(abs(g), 1e-300)
+            elif g != 0.0 and not crosses(event, self.w[place], g):
+                # a function at zero keeps the side it came from, and one that has crossed is found in the next step
+                self.w[place] = g
         self.n[Whole.WATCH] = 1
+        self._armed = True
 
     def advance(self, end: float) -> None:
         """Integrate to ``end`` without samples or events.
@@ -182,10 +186,10 @@ class Integrator:
         ------
         NumericalError : the step size underflows, the state stops being finite, or there are too many steps.
         """
-        watch, self.n[Whole.WATCH] = self.n[Whole.WATCH], 0
+        self.n[Whole.WATCH], self.n[Whole.LAST_SAMPLE], self._armed = 0, -1, False
+        self.w[Real.SIZE :] = 0.0
         for stop in [b for b in self.system.breakpoints if self.time < b < end] + [end]:
             self._check(self._call(stop))
-        self.n[Whole.WATCH] = watch
 
     def run(
         self,
@@ -209,13 +213,15 @@ class Integrator:
         self._out = np.zeros(capacity * s.size)
         rows = self._out.reshape(s.size, capacity)
         self.n[Whole.CAPACITY], self.n[Whole.ROWS] = capacity, 0
-        first = max(0, int(np.ceil((self.time - grid.start) / grid.step * (1 - 1e-14) - 1e-9)))
+        first = _first_sample(grid, self.time)
         self.n[Whole.NEXT_SAMPLE], self.n[Whole.LAST_SAMPLE] = first, grid.count - 1
         self.w[Real.SAMPLE_START], self.w[Real.SAMPLE_STEP] = grid.start, grid.step
-        if first < grid.count and abs(grid.start + first * grid.step - self.time) <= 1e-14 * max(1.0, abs(self.time)):
+        if first < grid.count and grid.start + first * grid.step <= self.time + _slack(grid, self.time):
             emit(np.array([self.time]), self.y[None, :].copy())
             self.n[Whole.NEXT_SAMPLE] += 1
-        self._watch()
+        self.n[Whole.WATCH] = self._switching is not None
+        if not self._armed:
+            self._watch({})
 
         def flush() -> None:
             count = int(self.n[Whole.ROWS])
@@ -224,54 +230,64 @@ class Integrator:
                 emit(grid.times(last - count, last), rows[:, :count].T.copy())
                 self.n[Whole.ROWS] = 0
 
-        stops = [b for b in s.breakpoints if self.time < b < end] + [end]
-        going = True
-        for stop in stops:
-            while going:
+        for stop in [*(b for b in s.breakpoints if self.time < b < end), end]:
+            while True:
                 status = self._call(stop)
                 flush()
                 if status is Status.DONE:
                     break
                 if status is Status.EVENT:
-                    event = self._locate(stop, flush)
-                    if event is not None:
-                        going = self._handle(event, on_event)
+                    if not self._handle(self._locate(stop, flush), on_event):
+                        return
                 elif status is not Status.FULL:
                     self._check(status)
-            if not going:
-                break
+        self._handle(self._at_end(), on_event)
 
-    def _handle(self, event: Event, on_event: Callable[[Event], bool] | None) -> bool:
-        self.events_seen += 1
-        onward = not self.system.events[event.index].terminal
-        if on_event is not None:
-            onward = on_event(event)
+    def _handle(self, events: Sequence[Event], on_event: Callable[[Event], bool] | None) -> bool:
+        """Report events at the same time, each with the state that the ones before it have left."""
+        onward = True
+        for event in events:
+            self.events_seen += 1
+            if on_event is not None:
+                going = on_event(dataclasses.replace(event, state=self.state))
+            else:
+                going = not self.system.events[event.index].terminal
+            onward = onward and going
         return onward
 
-    def _snapshot(self) -> tuple[Array, Array, Array, Array]:
+    def _at_end(self) -> tuple[Event, ...]:
+        """Return the events whose functions have come to zero exactly at the end of the run."""
+        if self._switching is None:
+            return ()
+        found = []
+        for k, (g, event) in enumerate(zip(self.event_values(self.time, self.y), self.system.events)):
+            sign = -float(np.sign(self.w[Real.SIZE + k]))
+            if g == 0.0 and crosses(event, -sign, sign):
+                self.w[Real.SIZE + k] = sign * 1e-300
+                found.append(Event(event.name, k, self.time, self.state, 0.0))
+        return tuple(found)
+
+    def _snapshot(self) -> Snapshot:
         return self.w.copy(), self.n.copy(), self.y.copy(), self.memory.copy()
 
-    def _restore(self, saved: tuple[Array, Array, Array, Array], keep_counters: bool = True) -> None:
-        counted = self.n[[Whole.ACCEPTED, Whole.REJECTED, Whole.EVALUATIONS, Whole.PROJECTIONS]].copy()
+    def _restore(self, saved: Snapshot) -> None:
+        """Go back to a snapshot; the counters run on."""
+        counters = [Whole.ACCEPTED, Whole.REJECTED, Whole.EVALUATIONS, Whole.PROJECTIONS]
+        counted = self.n[counters]
         self.w[:], self.n[:], self.y[:], self.memory[:] = saved
-        if keep_counters:
-            self.n[[Whole.ACCEPTED, Whole.REJECTED, Whole.EVALUATIONS, Whole.PROJECTIONS]] = counted
+        self.n[counters] = counted
 
-    def _locate(self, stop: float, flush: Callable[[], None]) -> Event | None:
-        """Find the event in the step ahead by steps that end at the trial time, and go there.
-
-        Each trial has the full order of the method, so the root is as accurate as the states themselves
-        (bracketed by regula falsi in the Illinois variant, to a few units in the last place of the time).
-        """
-        index = int(self.n[Whole.EVENT])
+    def _locate(self, stop: float, flush: Callable[[], None]) -> tuple[Event, ...]:
+        """Find the first event in the step ahead, and others at the same time, and go there."""
+        events = self.system.events
         start = self._snapshot()
-        before = float(self.w[Real.SIZE + index])
         t0 = self.time
-        low, high = t0, min(float(self.w[Real.EVENT_HIGH]), stop)
-        first_low = float(self.w[Real.EVENT_LOW])
-        side = 0
-        def value(time: float) -> float:
-            """Return the event function at ``time``; NaN where the motion cannot be followed that far."""
+        armed = self.w[Real.SIZE : Real.SIZE + len(events)].copy()
+        high = min(float(self.w[Real.EVENT_HIGH]), stop)
+        low = min(max(float(self.w[Real.EVENT_LOW]), t0), high)
+
+        @lru_cache(maxsize=None)
+        def values(time: float) -> Array:
             self._restore(start)
             self.n[Whole.LAST_SAMPLE] = -1
             self.n[Whole.WATCH] = 0
@@ -279,55 +295,32 @@ class Integrator:
                 if time > t0:
                     self._check(self._call(time))
             except NumericalError:
-                return np.nan
-            return float(self.event_values(time, self.y)[index])
+                return np.full(len(events), np.nan)
+            return self.event_values(self.time, self.y)
 
-        g_low, g_high = before, value(high)
-        if first_low > t0:
-            g_first = value(first_low)
-            if g_first * before > 0:
-                low, g_low = first_low, g_first
-        if g_high * before > 0:
-            # dense output saw a crossing that the states do not confirm: step over it
-            self._commit(start, high, index, float(np.sign(g_high)), flush)
-            return None
-        resolution = 4e-16 * max(abs(high), abs(t0))
-        for _ in range(200):
-            if high - low <= resolution or g_high == 0.0:
-                break
-            trial = 0.5 * (low + high)
-            if np.isfinite(g_high) and g_high != g_low:
-                secant = high - g_high * (high - low) / (g_high - g_low)
-                trial = secant if low < secant < high else trial
-            if not low < trial < high:
-                break
-            g = value(trial)
-            if g * before > 0:
-                low, g_low = trial, g
-                g_high *= 0.5 if side < 0 else 1.0
-                side = -1
-            else:
-                high, g_high = trial, g
-                g_low *= 0.5 if side > 0 else 1.0
-                side = 1
-        if not np.isfinite(g_high):
-            self._commit(start, low, index, float(np.sign(before)), flush)
-            return None
-        after = -np.sign(before)
-        self._commit(start, high, index, float(after), flush)
-        return Event(self.system.events[index].name, index, high, self.state, high - low)
+        found = first_roots(events, values, armed, int(self.n[Whole.EVENT]), (t0, low, high))
+        if not found.roots and found.time <= t0:
+            # the step cannot be taken: let it fail where it does
+            self._restore(start)
+            self.n[Whole.WATCH] = 0
+            self._check(self._call(high))
+            found = Found(high)
+        self._commit(start, found, flush)
+        return tuple(
+            Event(events[r.index].name, r.index, self.time, self.state, r.high - r.low) for r in found.roots
+        )
 
-    def _commit(self, start: Any, time: float, index: int, sign: float, flush: Callable[[], None]) -> None:
-        """Take the step to ``time`` for good, samples included, and arm the events beyond it."""
+    def _commit(self, start: Snapshot, found: Found, flush: Callable[[], None]) -> None:
+        """Take the step to where the events are for good, samples included, and arm their functions beyond."""
         self._restore(start)
         self.n[Whole.WATCH] = 0
         while True:
-            status = self._call(time)
+            status = self._call(found.time)
             flush()
             if status is not Status.FULL:
                 break
         self._check(status)
-        self._watch(index, sign)
+        self._watch({r.index: r.sign for r in found.roots})
 
     def _check(self, status: Status) -> None:
         if status in (Status.DONE, Status.FULL):
@@ -336,9 +329,33 @@ class Integrator:
         facts = {"time": self.time, "status": status.name.lower()}
         if status is Status.MAX_STEPS:
             raise NumericalError(f"more than {self.options.max_steps} steps, stopped {where}", **facts)
-        if not np.all(np.isfinite(self.y)):
-            raise NumericalError(f"the state is no longer finite {where}", **facts)
+        if status is Status.NOT_FINITE:
+            raise NumericalError(f"the state stops being finite {where}", **facts)
+        if not np.all(np.isfinite(self._rates())):
+            raise NumericalError(f"the equations of motion give no finite accelerations {where}", **facts)
         raise NumericalError(f"the step size became too small {where} (step {self.w[Real.H]:.3g} s)", **facts)
+
+    def _rates(self) -> Array:
+        """Return accelerations and z rates at the current state (slowly, without a compiler)."""
+        s, y = self.system, self.y[:, None]
+        groups = {"t": [np.array([self.time])], "q": y[: s.nq], "v": y[s.nq : s.nq + s.nv], "z": y[s.nq + s.nv :],
+                  "p": self.p[:, None]}  # fmt: skip
+        with np.errstate(all="ignore"):
+            return np.array([np.broadcast_to(x, 1)[0] for x in evaluate([*s.acceleration, *s.z_rate], groups)])
+
+
+def _slack(grid: Grid, time: float) -> float:
+    return SLACK * (abs(grid.start) + abs(time))
+
+
+def _first_sample(grid: Grid, time: float) -> int:
+    """Return the first sample that does not lie before ``time``, but for rounding."""
+    if grid.step <= 0.0:
+        return 0 if grid.start >= time - _slack(grid, time) else grid.count
+    k = max(0, int((time - grid.start) / grid.step) - 1)
+    while grid.start + k * grid.step < time - _slack(grid, time):
+        k += 1
+    return k
 
 
 def integrate(

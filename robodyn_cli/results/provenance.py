@@ -8,12 +8,12 @@ import os
 import platform
 import sys
 
+from robodyn_cli.version import __version__
+
 
 def robodyn_version() -> str:
     """Return the version of robodyn."""
-    import robodyn_cli
-
-    return str(getattr(robodyn_cli, "__version__", "unknown"))
+    return __version__
 
 
 def versions() -> dict[str, str]:

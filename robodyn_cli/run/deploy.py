@@ -19,6 +19,7 @@ from robodyn_cli.formulations.system import GROUPS, EventFunction, System
 from robodyn_cli.integrators.integrator import Event, Grid, Integrator, Options
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.results.result import Result
+from robodyn_cli.results.writer import ResultWriter
 from robodyn_cli.run.growth import GRID, GrowthMonitor, levels_with
 from robodyn_cli.run.latch import close_latch
 from robodyn_cli.run.observe import Observer, Recorder
@@ -29,6 +30,7 @@ from robodyn_cli.run.simulate import (
     estimate_error,
     fail,
     keep_last_state,
+    kept_every,
     method_for,
     new_result,
     options_for,
@@ -203,8 +205,14 @@ class Deployment:
         return min(candidates) if candidates else (None, "either")
 
 
-def deploy(scene: Scene, progress: Progress = no_progress, watch: Stopwatch | None = None) -> Result:
+def deploy(
+    scene: Scene, progress: Progress = no_progress, watch: Stopwatch | None = None, writer: ResultWriter | None = None
+) -> Result:
     """Simulate a mechanism until it locks.
+
+    Parameters
+    ----------
+    writer : as for ``simulate``.
 
     Returns
     -------
@@ -221,7 +229,7 @@ def deploy(scene: Scene, progress: Progress = no_progress, watch: Stopwatch | No
     stop, criterion = run.stop_time(found)
     bifurcated = found.bifurcation is not None and (stop is None or found.bifurcation[0] <= stop)
     met = found.bifurcation[0] if bifurcated and found.bifurcation is not None else stop
-    recorder, integrator = _record(run, found, met, progress, watch)
+    recorder, integrator = _record(run, found, met, progress, watch, writer)
     result = new_result(scene, "deploy", recorder, _events(run, found))
     describe_run(result, run.setup, recorder, integrator, run.method, run.reason)
     summary = result.summary
@@ -250,7 +258,8 @@ def deploy(scene: Scene, progress: Progress = no_progress, watch: Stopwatch | No
 
 
 def _record(
-    run: Deployment, found: Found, stop: float | None, progress: Progress, watch: Stopwatch
+    run: Deployment, found: Found, stop: float | None, progress: Progress, watch: Stopwatch,
+    writer: ResultWriter | None,
 ) -> tuple[Recorder, Integrator]:
     """Integrate to ``stop`` on the scene's grid and observe; the last sample is the stop itself.
 
@@ -264,7 +273,7 @@ def _record(
     with watch.stage("equations"):
         observer = Observer(run.problem, run.system, run.passive)
         integrator = Integrator(run.system, run.method)
-    recorder = Recorder(observer)
+    recorder = Recorder(observer, writer, kept_every(scene, writer))
     grid = Grid.over(duration, scene.simulate.samples)
     integrator.reset(0.0, run.start, run.options)
     end = duration if stop is None or at_event else stop
@@ -295,7 +304,7 @@ def _record(
             if found.stopped is None:
                 raise
         if found.bifurcation is not None and stop == found.bifurcation[0]:
-            recorder.emit(np.array([stop]), found.bifurcation[1][None, :].copy(), project=False)
+            recorder.emit(np.array([stop]), found.bifurcation[1][None, :].copy(), project=False, extra=True)
             recorder.make_last_least_norm(stop)
         elif not found.driven:
             keep_last_state(recorder, integrator)

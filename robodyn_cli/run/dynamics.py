@@ -31,17 +31,19 @@ def open_problem(source: sc.Scene | Model | Problem, what: str) -> Problem:
     problem = source if isinstance(source, Problem) else Problem(source)
     if problem.model.loops:
         raise CapabilityError(
-            f"{what} of closed loops (here {problem.model.loops[0].name!r}) is not implemented yet: its torques "
-            "share the load among the actuated joints; allowed: robots without loops"
+            f"{what} of closed loops (here {problem.model.loops[0].name!r}) is not implemented yet: the "
+            "actuated joints share the load in more than one way; allowed: robots without loops"
         )
     if problem.scene.prescribed:
         name = next(iter(problem.scene.prescribed))
-        raise CapabilityError(f"{what} takes all motion from its input, so 'prescribed' ({name!r}) has no place there")
+        raise CapabilityError(
+            f"{what} takes all motion from its input, so 'prescribed' ({name!r}) has no place there"
+        )
     return problem
 
 
 def joint_force_terms(problem: Problem) -> dict[str, Vector]:
-    """Return the torques that springs, dampers and friction exert on the joints, with the exact sign of the rate."""
+    """Return the torques of springs, dampers and friction on the joints, with the exact sign of the rate."""
     return problem.joint_forces(smooth=False)
 
 
@@ -74,8 +76,8 @@ class InverseDynamics:
 class ForwardDynamics:
     """Joint accelerations that torques cause, qdd = M^-1 (tau + tau_passive + tau_friction - C qd - G).
 
-    Calling it takes q (T, nq), qd and tau (T, nv) and returns qdd (T, nv); arrays as for ``InverseDynamics``, whose
-    inverse it is: friction has the exact sign of the rate, and is 0 at rest.
+    Calling it takes q (T, nq), qd and tau (T, nv) and returns qdd (T, nv); arrays as for
+    ``InverseDynamics``, whose inverse it is: friction has the exact sign of the rate, and is 0 at rest.
     """
 
     def __init__(self, source: sc.Scene | Model | Problem) -> None:
@@ -87,7 +89,9 @@ class ForwardDynamics:
         for term in joint_force_terms(problem).values():
             f = f + term
         self.joints = model.v_names
-        self.kernel = SampleKernel({"a": list(problem.free_accelerations(f - problem.bias))}, ("q", "v", "tau"))
+        self.kernel = SampleKernel(
+            {"a": list(problem.free_accelerations(f - problem.bias))}, ("q", "v", "tau")
+        )
 
     @property
     def operations(self) -> int:

@@ -1,4 +1,4 @@
-"""Evaluate expressions at many samples: interpreted where that takes less time than compiling, else compiled."""
+"""Evaluate expressions at many samples: interpreted where that takes less time than compiling."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from robodyn_cli.kernels.program import unknown_data
 Array = NDArray[np.float64]
 Outputs = Mapping[str, Sequence[Scalar]]
 
-# measured: a numpy operation costs about 1.3 us and 2 ns a sample, compiling 35 ms (half of it the import) and 80 us
-# an operation; a compiled operation is too cheap to count
+# measured: a numpy operation costs about 1.3 us and 2 ns a sample, compiling 35 ms (half of it the import)
+# and 80 us an operation; a compiled operation is too cheap to count
 _CALL, _ENTRY = 1.3e-6, 2e-9
 _COMPILER, _OPERATION = 35e-3, 80e-6
 BLOCK = 2048  # samples interpreted at a time, so that the intermediate results stay in the cache

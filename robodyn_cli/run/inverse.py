@@ -17,6 +17,7 @@ from robodyn_cli.run.inverse_checks import Sampled, error_estimate, joint_figure
 from robodyn_cli.run.motion import Planned, plan_motion, with_led_point
 from robodyn_cli.run.observe import unit_text
 from robodyn_cli.run.places import add_places, place_outputs
+from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 
@@ -25,7 +26,13 @@ __all__ = ["ForwardDynamics", "InverseDynamics", "inverse"]
 Array = NDArray[np.float64]
 
 
-def inverse(scene: Scene, *, samples: int | None = None, watch: Stopwatch | None = None) -> Result:
+def inverse(
+    scene: Scene,
+    *,
+    samples: int | None = None,
+    progress: Progress = no_progress,
+    watch: Stopwatch | None = None,
+) -> Result:
     """Compute the joint torques that the scene's trajectory needs.
 
         tau = M qdd + C qd + G - tau_passive - tau_friction
@@ -35,7 +42,7 @@ def inverse(scene: Scene, *, samples: int | None = None, watch: Stopwatch | None
     Parameters
     ----------
     samples : number of uniform samples; default: the scene's ``inverse.samples``.
-    watch : where wall times by stage are added up.
+    progress : told when the work is done; watch : adds up wall times by stage.
 
     Returns
     -------
@@ -70,6 +77,7 @@ def inverse(scene: Scene, *, samples: int | None = None, watch: Stopwatch | None
         result.add(f"targets/{planned.point}", _asked(planned, arrays[f"points/{planned.point}"]))
     with watch.stage("error_estimate"):
         _summarise(result, problem, sampled, planned, function)
+    progress(float(times[-1]), float(times[-1]))
     result.summary["wall_time_s"] = watch.report()
     return result
 
@@ -90,7 +98,7 @@ def torque_terms(problem: Problem) -> dict[str, list[Scalar]]:
 
 
 def _check_actuated(problem: Problem) -> None:
-    """Refuse motion of joints that nothing drives: an open chain with passive joints cannot follow any path."""
+    """Refuse motion of joints that nothing drives: passive joints of an open chain follow no given path."""
     actuated = problem.scene.actuated
     passive = [n for n in problem.model.joint_names if actuated is not None and n not in actuated]
     if passive:

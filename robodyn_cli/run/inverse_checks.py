@@ -53,7 +53,8 @@ class Sampled:
 def joint_figures(model: Model, sampled: Sampled) -> dict[str, dict[str, Any]]:
     """Return what sizes the actuators, by joint.
 
-    peak_torque : largest magnitude among the samples, and its time. rms_torque : root of the time average of tau^2.
+    peak_torque : largest magnitude among the samples, and its time. rms_torque : root of the time average of
+    tau^2.
     energy : integral of the positive mechanical power, what the actuator delivers if it cannot take back any;
     energy_net : integral of the power. Integrals are of degree 5 between samples (see ``quadrature``).
     """
@@ -82,12 +83,14 @@ def joint_figures(model: Model, sampled: Sampled) -> dict[str, dict[str, Any]]:
 def error_estimate(problem: Problem, sampled: Sampled) -> dict[str, Any]:
     """Return the errors of an inverse run.
 
-    round_trip : accelerations from forward dynamics under the computed torques, less those asked for, over the
-        largest acceleration among those asked for and those that the bias alone would cause; None where the mass
-        matrix is singular.
-    energy_balance : work of actuators and losses, less the change of kinetic and potential energy [J]; it is as
-        large as the errors of rates, torques and quadrature together. energy_balance_relative : over the largest
-        energy turned over.
+    round_trip : accelerations from forward dynamics under the computed torques, less those asked for, over
+    the
+        largest acceleration among those asked for and those that the bias alone would cause; None where the
+        mass matrix is singular.
+    energy_balance : work of actuators and losses, less the change of kinetic and potential energy [J]; it is
+    as
+        large as the errors of rates, torques and quadrature together. energy_balance_relative : over the
+        largest energy turned over.
     energy_quadrature : difference of the energies (net) to those from every second sample [J].
     """
     power = np.column_stack([sampled.power, sampled.arrays["dissipation"]])

@@ -23,7 +23,8 @@ Array = NDArray[np.float64]
 class Planned:
     """The joints' motion at sample times, and where it comes from.
 
-    target : what was asked of ``point``, if the trajectory leads a point; method : ``analytic`` or ``newton``.
+    target : what was asked of ``point``, if the trajectory leads a point; method : ``analytic`` or
+    ``newton``.
     """
 
     motion: JointMotion
@@ -34,15 +35,13 @@ class Planned:
 
 
 def with_led_point(scene: Scene) -> Scene:
-    """Return the scene with the point that the trajectory leads (such as ``link2.end``) among its named points."""
+    """Return the scene with the point that the trajectory leads (as ``link2.end``) among its named points."""
     trajectory: Any = scene.trajectory
     if not isinstance(trajectory, TaskSpace) or trajectory.point in scene.robot.points:
         return scene
     link, _, at = trajectory.point.partition(".")
-    if at in scene.robot.points:  # ``base.NAME``
-        led = scene.robot.points[at]
-    else:
-        led = Point(link=link, at=at)
+    # ``base.NAME`` is a named point too
+    led = scene.robot.points[at] if at in scene.robot.points else Point(link=link, at=at)
     points = {**scene.robot.points, trajectory.point: led}
     return dataclasses.replace(scene, robot=dataclasses.replace(scene.robot, points=points))
 
@@ -67,7 +66,8 @@ def plan_motion(problem: Problem, times: Array) -> Planned:
     if not isinstance(trajectory, TaskSpace):
         return Planned(trajectory.motion(times, model.joint_names, parameters))
     start = trajectory.ik.guess or scene.initial.q
-    task = PointTask(model, model.points[trajectory.point], trajectory, start, parameters)
+    where = f"{scene.path}: " if scene.path else ""
+    task = PointTask(model, model.points[trajectory.point], trajectory, start, parameters, where)
     found = follow_point(task, times, compile_point)
     counters = {"ik_iterations": found.iterations, "ik_steps": found.steps} if found.iterations else {}
     return Planned(found.motion, trajectory.point, task.target(times), found.method, counters)

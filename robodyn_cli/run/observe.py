@@ -17,6 +17,7 @@ from robodyn_cli.formulations.system import GROUPS, System
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.results.result import Result
+from robodyn_cli.results.writer import ResultWriter
 
 Array = NDArray[np.float64]
 XYZ = ("x", "y", "z")
@@ -182,19 +183,27 @@ class Observer:
 
 
 class Recorder:
-    """Collects blocks of observations into a Result; keeps the extremes that the summary reports."""
+    """Collects blocks of observations into a Result; keeps the extremes that the summary reports.
 
-    def __init__(self, observer: Observer) -> None:
+    With a ``writer`` everything goes to the file block by block, and only every ``every``-th sample stays in
+    memory, for plots and for the error estimate: a run of 10^7 samples never stands in memory whole.
+    """
+
+    def __init__(self, observer: Observer, writer: ResultWriter | None = None, every: int = 1) -> None:
         self.observer = observer
+        self.writer = writer
+        self.every = every
+        self.seen = 0
         self.blocks: dict[str, list[Array]] = {}
         self.drift = 0.0
         self.energy_scale = 0.0
         self.position_residual = 0.0
         self.velocity_residual = 0.0
         self._start: float | None = None
+        self._last = -np.inf
 
-    def emit(self, t: Array, x: Array, project: bool = True) -> None:
-        """Observe and keep a block of states."""
+    def emit(self, t: Array, x: Array, project: bool = True, extra: bool = False) -> None:
+        """Observe and keep a block of states; ``extra`` marks one off the uniform grid, which is always kept."""
         data = self.observer.observe(t, x, project)
         balance = data["energy/total"] - data.get("energy/work", 0.0)
         if self._start is None:
@@ -209,8 +218,25 @@ class Recorder:
             self.velocity_residual = max(
                 self.velocity_residual, float(np.abs(data["constraints/velocity_residual"]).max(initial=0.0))
             )
+        if self.writer is not None:
+            for path, block in data.items():
+                self._stream(path, block)
+            first = 0 if extra else -self.seen % self.every
+            data = {path: block[first :: self.every].copy() for path, block in data.items()}
+        self.seen += len(t)
+        self._last = float(t[-1])
         for path, block in data.items():
             self.blocks.setdefault(path, []).append(block)
+
+    def _stream(self, path: str, block: Array) -> None:
+        assert self.writer is not None
+        column = self.observer.describe().get(path)
+        if column is None:
+            self.writer.append(path, block)
+        else:
+            self.writer.append(
+                path, block, units=column.units, long_name=column.long_name, dims=column.dims, names=column.names
+            )
 
     def make_last_least_norm(self, time: float) -> None:
         """Replace accelerations and multipliers of the last sample, where Psi has lost rank, by least-norm ones."""
@@ -229,7 +255,13 @@ class Recorder:
 
     @property
     def samples(self) -> int:
-        return sum(len(b) for b in self.blocks.get("time", []))
+        """Number of samples recorded."""
+        return self.seen
+
+    @property
+    def last_time(self) -> float:
+        """Time of the last sample recorded, -infinity before the first."""
+        return self._last
 
     def array(self, path: str) -> Array:
         """Return what was collected under ``path``."""

@@ -20,7 +20,8 @@ Array = NDArray[np.float64]
 def place_outputs(problem: Problem) -> dict[str, list[Scalar]]:
     """Return the expressions of all named points, frames and outlines in world coordinates, by result path.
 
-    For a frame: position (3), rotation (9, row by row) and twist (6: angular velocity, velocity of its origin).
+    For a frame: position (3), rotation (9, row by row) and twist (6: angular velocity, velocity of its
+    origin).
     """
     model = problem.model
     out: dict[str, list[Scalar]] = {}
@@ -58,7 +59,9 @@ def quaternions(R: Array) -> Array:
     """
     diagonal = np.diagonal(R, axis1=1, axis2=2)
     trace = diagonal.sum(axis=1)
-    squares = np.concatenate([trace[:, None], 2.0 * diagonal - trace[:, None]], axis=1) + 1.0  # 4 w^2, 4 x^2, ...
+    squares = (
+        np.concatenate([trace[:, None], 2.0 * diagonal - trace[:, None]], axis=1) + 1.0
+    )  # 4 w^2, 4 x^2, ...
     products = np.zeros((len(R), 4, 4))  # 4 times each product of two components
     products[:, range(4), range(4)] = squares
     for i in range(3):

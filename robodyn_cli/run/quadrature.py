@@ -1,12 +1,13 @@
 """Integrals of sampled functions, and of their positive part.
 
 Over each interval the polynomial of degree 5 through the six nearest samples is integrated exactly (error
-h^7 y^(6) an interval); where the samples change sign, the positive part is taken of that polynomial, cut at its
-root. With fewer than six samples the degree is that of all of them.
+h^7 y^(6) an interval); where the samples change sign, the positive part is taken of that polynomial, cut at
+its root. With fewer than six samples the degree is that of all of them.
 """
 
 from __future__ import annotations
 
+import itertools
 from functools import lru_cache
 
 import numpy as np
@@ -47,7 +48,7 @@ def _stencil(samples: int, k: int) -> tuple[int, int]:
 
 @lru_cache(maxsize=64)
 def _weights(points: int, place: int) -> Array:
-    """Return the weights (points,) of the integral over [place, place + 1] of the polynomial through 0, 1, ..."""
+    """Return the weights (points,) of the integral over [place, place + 1] of the interpolant at 0, 1, ..."""
     powers = np.arange(points)
     nodes = np.arange(points, dtype=float)[None, :] - place
     moments = 1.0 / (powers + 1.0)
@@ -71,14 +72,16 @@ def _increments(y: Array, h: float) -> Array:
 
 
 def _positive_piece(y: Array, place: int) -> float:
-    """Return the integral over [place, place + 1] of the positive part of the polynomial through y at 0, 1, ..."""
+    """Return the integral over [place, place + 1] of the interpolant of y at 0, 1, ... where positive."""
     x = np.arange(len(y), dtype=float) - place
     p = np.polynomial.Polynomial(np.linalg.solve(np.vander(x, increasing=True), y))
-    inside = [r.real for r in p.roots() if abs(r.imag) < 1e-9 and 0.0 < r.real < 1.0] if np.any(p.coef[1:]) else []
+    inside = (
+        [r.real for r in p.roots() if abs(r.imag) < 1e-9 and 0.0 < r.real < 1.0] if np.any(p.coef[1:]) else []
+    )
     cuts = [0.0, *sorted(inside), 1.0]
     primitive = p.integ()
     total = 0.0
-    for a, b in zip(cuts, cuts[1:]):
+    for a, b in itertools.pairwise(cuts):
         if p(0.5 * (a + b)) > 0.0:
             total += primitive(b) - primitive(a)
     return float(total)

@@ -14,6 +14,7 @@ from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.formulations.system import EventFunction, System
 from robodyn_cli.integrators.integrator import Counters, Event, Grid, Integrator, Options
 from robodyn_cli.results.result import Result
+from robodyn_cli.results.writer import ResultWriter
 from robodyn_cli.run.observe import Observer, Recorder
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.singularity import rank_loss_event, stop_at_rank_loss
@@ -25,6 +26,7 @@ Array = NDArray[np.float64]
 # the second run of the error estimate: this much tighter, but not below what double precision can resolve
 TIGHTER = 50.0
 TIGHTEST_RTOL = 3e-14
+KEPT_IN_MEMORY = 100_000  # samples, when the whole goes to a file
 
 
 @dataclasses.dataclass
@@ -112,6 +114,7 @@ def estimate_error(
     largest over all samples, for q and qd apart. Nothing else about the two runs is shared but the method.
     """
     second, how = tighter(options, end / max(counters.steps, 1))
+    grid = Grid(grid.start, grid.step * recorder.every, (grid.count - 1) // recorder.every + 1)
     report: dict[str, Any] = {"method": f"difference from a second integration with {how}"}
     try:
         states, more = integrate_states(system, method, start, grid, end, second)
@@ -147,8 +150,15 @@ def rounding_floor(q: Array, qd: Array, steps: int) -> float:
     return 1.1e-16 * size * max(1.0, steps) ** 0.5
 
 
-def simulate(scene: Scene, progress: Progress = no_progress, watch: Stopwatch | None = None) -> Result:
+def simulate(
+    scene: Scene, progress: Progress = no_progress, watch: Stopwatch | None = None, writer: ResultWriter | None = None
+) -> Result:
     """Integrate the scene over its duration.
+
+    Parameters
+    ----------
+    writer : takes the datasets block by block while the run goes on; the Result then holds a selection of the
+        samples, and the caller finishes the file.
 
     Returns
     -------
@@ -173,7 +183,7 @@ def simulate(scene: Scene, progress: Progress = no_progress, watch: Stopwatch | 
     integrator = Integrator(system, method)
     start = np.concatenate([setup.assembled.q, setup.assembled.v, np.zeros(system.nz)])
     integrator.reset(0.0, start, options)
-    recorder = Recorder(observer)
+    recorder = Recorder(observer, writer, kept_every(scene, writer))
     found: list[dict[str, Any]] = []
 
     def emit(t: Array, x: Array) -> None:
@@ -218,12 +228,17 @@ def passive_coordinates(problem: Problem) -> list[int] | None:
     return [b.v + j for b in sorted(model.bodies, key=lambda b: b.v) if b.joint_name not in driven for j in range(b.joint.nv)]
 
 
+def kept_every(scene: Scene, writer: ResultWriter | None) -> int:
+    """Return which samples stay in memory beside the file: every n-th."""
+    return 1 if writer is None else -(-scene.simulate.samples // KEPT_IN_MEMORY)
+
+
 def keep_last_state(recorder: Recorder, integrator: Integrator) -> None:
     """Record the last state that a failed run reached, if it lies beyond the last sample."""
     if not np.all(np.isfinite(integrator.y)):
         return
-    if not recorder.samples or integrator.time > recorder.blocks["time"][-1][-1]:
-        recorder.emit(np.array([integrator.time]), integrator.y[None, :].copy())
+    if integrator.time > recorder.last_time:
+        recorder.emit(np.array([integrator.time]), integrator.y[None, :].copy(), extra=True)
 
 
 def new_result(scene: Scene, command: str, recorder: Recorder, events: list[dict[str, Any]]) -> Result:

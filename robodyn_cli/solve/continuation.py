@@ -119,7 +119,9 @@ class Follower:
             else:
                 h = 0.5 * (t - now.t)
 
-    def step(self, before: State | None, now: State, t: float, target: tuple[Array, Array, Array]) -> State | None:
+    def step(
+        self, before: State | None, now: State, t: float, target: tuple[Array, Array, Array]
+    ) -> State | None:
         """Return the state at time t, or None where the step is too long."""
         self.steps += 1
         h = t - now.t
@@ -130,7 +132,9 @@ class Follower:
         miss = float(np.abs(found.q - guess).max())
         if not self.solver.redundant:
             return self.state(t, found.q, target) if miss <= MISS else None
-        if miss > (FIRST_MISS if error is None else MISS) or (error is not None and error > SELF_MOTION_ERROR):
+        if miss > (FIRST_MISS if error is None else MISS) or (
+            error is not None and error > SELF_MOTION_ERROR
+        ):
             return None
         new = self.state(t, found.q, target)
         integrated = now.q + 0.5 * h * (now.qd + new.qd) + h * h / 12.0 * (now.qdd - new.qdd)
@@ -138,12 +142,14 @@ class Follower:
         return State(t, new.q + drift, new.qd, new.qdd)
 
     def failure(self, now: State, t: float, p: Array, k: int) -> Exception:
-        """Return why the path cannot be followed from ``now`` to the target p (m,) at time t, before sample k."""
+        """Return why there is no way from ``now`` to the target p (m,) at time t, not after sample k."""
         here = self.solver.solve(p, now.q)
         if self.reached(here.residual):
             return Singular(now.t, self.measure(now.q))
         listed = self.unreachable(k, here.q)
-        if not self.reached(listed.distance):  # the usual case; else the path leaves the reach between samples
+        if not self.reached(
+            listed.distance
+        ):  # the usual case; else the path leaves the reach between samples
             return listed
         worst = max((here.residual, t), (listed.worst, listed.worst_time))
         return Unreachable(t, here.residual, worst[1], worst[0], nearest=False)
@@ -166,7 +172,8 @@ class Follower:
 
 
 def extrapolate(before: State | None, now: State, h: float) -> tuple[Array, float | None]:
-    """Return the positions (n,) expected a time h on, and the error of the self-motion's step (None: unknown).
+    """Return the positions (n,) expected a time h on, and the error of the self-motion's step (None:
+    unknown).
 
     With two states: the quintic through both, whose fifth derivative gives the error h^5 q^(5) / 720.
     """

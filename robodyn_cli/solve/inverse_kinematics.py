@@ -28,8 +28,9 @@ Compile = Callable[[PointKinematics], PointFunction]
 class PointTask:
     """A point of a model and what is asked of it.
 
-    frame : the point. trajectory : its path and the options of the inverse kinematics. start : joint positions by
-    name near which the motion starts (``ik.guess``, or the scene's ``initial.q``). parameters : of the scene.
+    frame : the point. trajectory : its path and the options of the inverse kinematics. start : joint positions
+    by name near which the motion starts (``ik.guess``, or the scene's ``initial.q``). parameters : those of the
+    scene. where : put in front of errors about the scene.
     """
 
     model: Model
@@ -37,6 +38,7 @@ class PointTask:
     trajectory: TaskSpace
     start: Mapping[str, float]
     parameters: Mapping[str, float]
+    where: str = ""
 
     @property
     def ik(self) -> Ik:
@@ -55,15 +57,15 @@ class PointTask:
         missing = [name for name in names if name not in self.start]
         if missing:
             raise SceneError(
-                f"the inverse kinematics of {self.trajectory.point!r} starts at initial.q, which lacks joint "
-                f"{missing[0]!r}; give all of {', '.join(names)}, there or in trajectory.ik.guess"
+                f"{self.where}the inverse kinematics of {self.trajectory.point!r} starts at initial.q, which lacks "
+                f"joint {missing[0]!r}; give all of {', '.join(names)}, there or in trajectory.ik.guess"
             )
         return np.array([self.start[name] for name in names])
 
 
 @dataclasses.dataclass(frozen=True)
 class Found:
-    """Joint motion that follows a path, with how it was found: ``analytic`` or ``newton``, and at what cost."""
+    """Joint motion that follows a path, how it was found (``analytic`` or ``newton``), and at what cost."""
 
     motion: JointMotion
     method: str
@@ -74,8 +76,8 @@ class Found:
 def follow_point(task: PointTask, times: Array, compile: Compile) -> Found:
     """Return the joint motion (T, n) that keeps a point on its path.
 
-    Joints are continuous along the path, rates and accelerations exact (``J qd = pd``, ``J qdd = pdd - J-dot qd``;
-    for redundant chains see ``newton``). Joints that do not move the point stay where they start.
+    Joints are continuous along the path, rates and accelerations exact (``J qd = pd``, ``J qdd = pdd - J-dot
+    qd``; for redundant chains see ``newton``). Joints that do not move the point stay where they start.
 
     Parameters
     ----------
@@ -88,16 +90,16 @@ def follow_point(task: PointTask, times: Array, compile: Compile) -> Found:
     """
     point, ik, model = task.trajectory.point, task.ik, task.model
     if task.frame.body == BASE:
-        raise SceneError(f"point {point!r} is fixed to the base and cannot follow a trajectory")
+        raise SceneError(f"{task.where}point {point!r} is fixed to the base and cannot follow a trajectory")
     target = task.target(times[:1])
     arm = Planar2R.recognise(model, task.frame)
     if arm is not None and arm.in_plane(target) is None:
         arm = None
-    _check_options(ik, arm, point)
+    _check_options(ik, arm, point, task.where)
     start = task.start_positions()
     try:
         if arm is not None and ik.method != "newton":
-            branch = _branch(arm, ik, start, point)
+            branch = _branch(arm, ik, start, point, task.where)
             motion = planar_path.follow(arm, task.target, times, branch, start, ik.tolerance)
             return Found(motion, "analytic")
         if start is None and arm is not None and ik.branch is not None:
@@ -106,16 +108,17 @@ def follow_point(task: PointTask, times: Array, compile: Compile) -> Found:
             ).q[0]
         if start is None:
             raise SceneError(
-                f"the inverse kinematics of point {point!r} needs joint positions to start from: give "
+                f"{task.where}the inverse kinematics of {point!r} needs joint positions to start from: give "
                 "trajectory.ik.guess (or initial.q)"
             )
-        symbols = model.graph.symbols(model.q_names, "q"), model.graph.symbols(
-            [f"{name}'" for name in model.v_names], "v"
+        symbols = (
+            model.graph.symbols(model.q_names, "q"),
+            model.graph.symbols([f"{name}'" for name in model.v_names], "v"),
         )
         kinematics = PointKinematics.of(model, *symbols, task.frame, target.p.shape[1])
         solver = PointSolver(compile(kinematics), model.nv, ik.tolerance, ik.max_iterations)
         if solver.rank == 0:
-            raise SceneError(f"no joint moves point {point!r}, so it cannot follow a trajectory")
+            raise SceneError(f"{task.where}no joint moves point {point!r}, so it cannot follow a trajectory")
         follower = Follower(solver, task.target, times)
         motion = follower.run(start)
         return Found(motion, "newton", solver.iterations, follower.steps)
@@ -131,34 +134,34 @@ def follow_point(task: PointTask, times: Array, compile: Compile) -> Found:
         ) from None
 
 
-def _check_options(ik: Ik, arm: Planar2R | None, point: str) -> None:
+def _check_options(ik: Ik, arm: Planar2R | None, point: str, where: str) -> None:
     """Refuse a method or a branch that does not go with the chain."""
     if arm is None and ik.method == "analytic":
         raise CapabilityError(
-            f"trajectory.ik.method: analytic fits only planar 2R arms (two revolute joints with parallel axes that "
-            f"carry point {point!r}); use newton or auto"
+            f"{where}trajectory.ik.method: analytic fits only planar 2R arms (two revolute joints with parallel "
+            f"axes that carry point {point!r}); allowed here: auto, newton"
         )
     if arm is None and ik.branch is not None:
         raise SceneError(
-            f"trajectory.ik.branch ({ik.branch}) has a meaning only for planar 2R arms (two revolute joints with "
-            f"parallel axes that carry point {point!r}); choose the branch by trajectory.ik.guess"
+            f"{where}trajectory.ik.branch ({ik.branch}) has a meaning only for planar 2R arms (two "
+            f"revolute joints with parallel axes that carry point {point!r}); choose the branch by trajectory.ik.guess"
         )
 
 
-def _branch(arm: Planar2R, ik: Ik, start: Array | None, point: str) -> float:
+def _branch(arm: Planar2R, ik: Ik, start: Array | None, point: str, where: str) -> float:
     """Return the sign of the bend: from ``branch``, else from the start."""
     if ik.branch is not None:
         return BRANCHES[ik.branch]
     if start is None:
         raise SceneError(
-            f"point {point!r} can be reached in two ways: choose trajectory.ik.branch (elbow_up: theta2 < 0, or "
-            "elbow_down), or give trajectory.ik.guess"
+            f"{where}point {point!r} can be reached in two ways: choose trajectory.ik.branch (elbow_up, "
+            "which is theta2 < 0, or elbow_down), or give trajectory.ik.guess"
         )
     bend = arm.bend(start)
     if abs(np.sin(bend)) < 1e-9:
         raise SceneError(
-            f"trajectory.ik.guess has the arm stretched out or folded, which chooses no branch for point {point!r}; "
-            "bend it, or choose trajectory.ik.branch (elbow_up, elbow_down)"
+            f"{where}trajectory.ik.guess (or initial.q) has the arm stretched out or folded, which "
+            f"chooses no branch for point {point!r}; bend it, or choose trajectory.ik.branch (elbow_up, elbow_down)"
         )
     return ELBOW_UP if bend < 0.0 else ELBOW_DOWN
 
@@ -166,9 +169,8 @@ def _branch(arm: Planar2R, ik: Ik, start: Array | None, point: str) -> float:
 def _report_unreachable(failure: Unreachable, point: str) -> NoReturn:
     """Raise the error that says from when on, and how far, a target is out of reach."""
     what = "the nearest point it reaches is" if failure.nearest else "the nearest point found is"
-    message = (
-        f"point {point!r} cannot reach its target at t = {failure.time:.6g} s: {what} {failure.distance:.4g} m away"
-    )
+    message = f"point {point!r} cannot reach its target at t = {failure.time:.6g} s: {what}"
+    message += f" {failure.distance:.4g} m away"
     if failure.worst_time != failure.time:
         message += f" (worst at t = {failure.worst_time:.6g} s: {failure.worst:.4g} m)"
     raise GeometryError(

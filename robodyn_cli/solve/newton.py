@@ -4,9 +4,10 @@ A step solves J dq = e in the damped least-squares sense, dq = V S (S^2 + mu^2)^
 (Wampler 1986, Nakamura and Hanafusa 1986): least norm where the chain is redundant, least error where the
 target has a component that the chain cannot follow.
 
-A redundant chain moves with the least-norm rates q-dot = J^+ p-dot at each instant; its acceleration is the exact
-derivative of that, q-ddot = J^+ (p-ddot - J-dot q-dot) + (1 - J^+ J) J-dot^T J^+T q-dot (Golub and Pereyra 1973),
-which satisfies J q-ddot = p-ddot - J-dot q-dot like every other. Radians and metres weigh alike in the norm.
+A redundant chain moves with the least-norm rates q-dot = J^+ p-dot at each instant; its acceleration is the
+exact derivative of that, q-ddot = J^+ (p-ddot - J-dot q-dot) + (1 - J^+ J) J-dot^T J^+T q-dot (Golub and
+Pereyra 1973), which satisfies J q-ddot = p-ddot - J-dot q-dot like every other. Radians and metres weigh
+alike in the norm.
 """
 
 from __future__ import annotations

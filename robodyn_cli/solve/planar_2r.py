@@ -1,11 +1,12 @@
 """Inverse kinematics of a planar 2R arm in closed form, wherever and however it is mounted.
 
-In the plane across the two parallel axes, with phi the direction of the first link (joint 1 to joint 2, length
-l1) and psi that of the second (joint 2 to the point, length l2), both turning about the first axis:
+In the plane across the two parallel axes, with phi the direction of the first link (joint 1 to joint 2,
+length l1) and psi that of the second (joint 2 to the point, length l2), both turning about the first axis:
 
     x = l1 cos phi + l2 cos psi,    y = l1 sin phi + l2 sin psi
 
-The bend beta = psi - phi is the lecture's theta2 where the links lie along their D-H x axes; elbow_up is beta < 0.
+The bend beta = psi - phi is the lecture's theta2 where the links lie along their D-H x axes; elbow_up is
+beta < 0.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ class Planar2R:
 
     @staticmethod
     def recognise(model: Model, frame: FixedFrame) -> Planar2R | None:
-        """Return the arm if the model is one: two joints, revolute, with parallel axes, carrying the point."""
+        """Return the arm if the model is one: two revolute joints with parallel axes, carrying the point."""
         path = model.path_to(frame.body)
         if model.nv != 2 or len(path) != 2 or frame.body == BASE:
             return None
@@ -100,7 +101,7 @@ class Planar2R:
         )
 
     def in_plane(self, target: PointMotion) -> PlaneMotion | None:
-        """Return a target in the coordinates of the plane; None if x and y alone do not place a point in it."""
+        """Return a target in coordinates of the plane; None if x and y alone do not place a point in it."""
         size = target.p.shape[1]
         B = np.stack([self.ex, self.ey], axis=1)[:size]
         if size == 2 and abs(np.linalg.det(B)) < 1e-6:
@@ -114,7 +115,9 @@ class Planar2R:
     def shortfall(self, plane: PlaneMotion) -> Array:
         """Return the distance (T,) from each target to the nearest point that the arm reaches [m]."""
         r = np.hypot(plane.x, plane.y)
-        return np.hypot(plane.off, np.maximum(0.0, np.maximum(r - (self.l1 + self.l2), abs(self.l1 - self.l2) - r)))
+        return np.hypot(
+            plane.off, np.maximum(0.0, np.maximum(r - (self.l1 + self.l2), abs(self.l1 - self.l2) - r))
+        )
 
     def angles(self, plane: PlaneMotion, branch: float) -> tuple[Array, Array]:
         """Return phi and beta (T,), principal values, of the branch with the sign ``branch`` of beta.
@@ -126,11 +129,13 @@ class Planar2R:
         near = np.sqrt(np.maximum(0.0, (outer - r) * (outer + r)))
         far = np.sqrt(np.maximum(0.0, (r - inner) * (r + inner)))
         beta = branch * 2.0 * np.arctan2(near, far)
-        phi = np.arctan2(plane.y, plane.x) - np.arctan2(self.l2 * np.sin(beta), self.l1 + self.l2 * np.cos(beta))
+        phi = np.arctan2(plane.y, plane.x) - np.arctan2(
+            self.l2 * np.sin(beta), self.l1 + self.l2 * np.cos(beta)
+        )
         return phi, beta
 
     def rates(self, plane: PlaneMotion, phi: Array, beta: Array) -> tuple[Array, Array, Array, Array]:
-        """Return phi-dot, beta-dot, phi-ddot, beta-ddot (T,); infinite where the arm is singular (sin beta = 0)."""
+        """Return phi-dot, beta-dot, phi-ddot, beta-ddot (T,); infinite in singular poses (sin beta = 0)."""
         c1, s1 = np.cos(phi), np.sin(phi)
         c2, s2 = np.cos(phi + beta), np.sin(phi + beta)
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -30,8 +30,9 @@ def follow(
 ) -> JointMotion:
     """Return the joint motion (T, 2) that keeps the arm's point on its target, on one branch.
 
-    Joints are continuous, rates and accelerations exact. An interval between samples counts as resolved when the
-    rates at its ends explain the step of the joints and lead to no singularity within it; others are divided.
+    Joints are continuous, rates and accelerations exact. An interval between samples counts as resolved when
+    the rates at its ends explain the step of the joints and lead to no singularity within it; others are
+    divided.
 
     Parameters
     ----------

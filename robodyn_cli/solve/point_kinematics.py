@@ -64,7 +64,7 @@ class PointKinematics:
         return arrays["p"], arrays["J"].reshape(shape), arrays["J_rate"].reshape(shape)
 
     def interpreted(self) -> PointFunction:
-        """Return the function that evaluates the expressions without compiling them; slow for single samples."""
+        """Return the function that evaluates the expressions without compiling; slow on single samples."""
         names = self.outputs()
 
         def function(q: Array, v: Array) -> tuple[Array, Array, Array]:

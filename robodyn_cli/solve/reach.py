@@ -7,8 +7,8 @@ class Unreachable(Exception):
     """A target that is out of reach.
 
     time, distance : the first such time [s] and how far the nearest reachable point is there [m].
-    worst_time, worst : the same where it is farthest. nearest : whether the distances are those of the nearest
-    reachable point, or only of the nearest one that was found.
+    worst_time, worst : the same where it is farthest. nearest : whether the distances are those of the
+    nearest reachable point, or only of the nearest one that was found.
     """
 
     def __init__(

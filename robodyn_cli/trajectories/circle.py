@@ -15,10 +15,10 @@ from robodyn_cli.trajectories.motion import Array, PointMotion
 
 @dataclasses.dataclass(frozen=True)
 class CircleTrajectory:
-    """``p = center + radius (u cos phi + v sin phi)`` in world coordinates, phi from ``start`` at constant rate.
+    """``p = center + radius (u cos phi + v sin phi)`` in world coordinates, phi at constant rate.
 
     u is the world's x axis projected into the plane of the circle (the y axis where ``normal`` lies along x),
-    and v = normal x u, so that u = x, v = y for the normal z. With a centre (x, y) the world's z is left free.
+    and v = normal x u, so that u = x, v = y for the normal z. With a centre (x, y) the height z is left free.
     """
 
     type: str = key(Choice(("circle",)), doc="Kind of trajectory.")

@@ -1,7 +1,7 @@
 """What a trajectory yields: joint motion, or the motion asked of a point.
 
-A trajectory is one of two kinds, told apart by the method that it has: ``motion`` in joint space, ``target`` in
-task space (``solve`` finds the joints then). Each has a ``duration``, times run from 0 to it.
+A trajectory is one of two kinds, told apart by the method that it has: ``motion`` in joint space, ``target``
+in task space (``solve`` finds the joints then). Each has a ``duration``, times run from 0 to it.
 """
 
 from __future__ import annotations

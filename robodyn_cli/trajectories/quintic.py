@@ -37,8 +37,8 @@ class QuinticTrajectory:
     """Quintic polynomials through way points; the duration is that of the last point.
 
     Rates and accelerations at the first and the last point are zero unless they are given. At an inner point
-    they are kept where given and otherwise chosen so that the jerk is least, which makes the motion four times
-    continuously differentiable there.
+    they are kept where given and otherwise chosen so that the jerk is least, which makes the motion four
+    times continuously differentiable there.
     """
 
     type: str = key(Choice(("quintic",)), doc="Kind of trajectory.")

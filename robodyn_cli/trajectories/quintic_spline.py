@@ -29,7 +29,7 @@ _ENERGY = _COEFFICIENTS.T @ _SQUARED_JERK @ _COEFFICIENTS
 
 
 def hermite(h: Any, q0: Array, v0: Array, a0: Array, q1: Array, v1: Array, a1: Array) -> Array:
-    """Return the coefficients (6, ...) of the quintic in s = (t - t0) / h with these values and derivatives."""
+    """Return the coefficients (6, ...) in s = (t - t0) / h of the quintic with these end values."""
     ends = np.array([q0, h * v0, h * h * a0, q1, h * v1, h * h * a1])
     return np.concatenate([ends[:2], 0.5 * ends[2:3], np.tensordot(_COEFFICIENTS, ends, 1)])
 
@@ -65,8 +65,8 @@ class QuinticSpline:
 def _least_jerk(h: Array, q: Array, given: Array) -> Array:
     """Return derivatives (N, 2, n) at the points: those given, the free ones where the squared jerk is least.
 
-    The minimum is a symmetric positive definite system, block tridiagonal in the pairs (v_i, a_i); it is solved
-    by block elimination, which needs no pivoting.
+    The minimum is a symmetric positive definite system, block tridiagonal in the pairs (v_i, a_i); it is
+    solved by block elimination, which needs no pivoting.
     """
     N, n = q.shape
     free = np.isnan(given[:, :, 0])
@@ -75,7 +75,8 @@ def _least_jerk(h: Array, q: Array, given: Array) -> Array:
         return x
     diagonal, upper, right = np.zeros((N, 2, 2)), np.zeros((N, 2, 2)), np.zeros((N, 2, n))
     for i, step in enumerate(h):
-        # the integral over a segment in terms of (q, v, a) at its ends: lengths scale as (1, h, h^2), jerk^2 as h^-5
+        # the integral over a segment in terms of (q, v, a) at its ends: lengths scale as (1, h, h^2), jerk^2
+        # as h^-5
         scale = np.array([1.0, step, step**2, 1.0, step, step**2])
         K = _ENERGY * np.outer(scale, scale) / step**5
         known = K @ np.concatenate([q[i, None], x[i], q[i + 1, None], x[i + 1]])

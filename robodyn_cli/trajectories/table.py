@@ -18,9 +18,9 @@ DEGREES = {"linear": 1, "cubic": 3, "quintic": 5}
 class TableTrajectory:
     """Positions of all joints at increasing times, in rad or m; the duration is the last time.
 
-    Between the rows runs the spline of degree k (5, 3 or 1) with not-a-knot ends, which reproduces polynomials
-    up to degree k; it needs k + 1 rows. Linear: rates jump at the rows, and accelerations are 0 between them.
-    The loader replaces ``file`` by the ``columns`` and ``rows`` that it contains.
+    Between the rows runs the spline of degree k (5, 3 or 1) with not-a-knot ends, which reproduces
+    polynomials up to degree k; it needs k + 1 rows. Linear: rates jump at the rows, and accelerations are 0
+    between them. The loader replaces ``file`` by the ``columns`` and ``rows`` that it contains.
     """
 
     type: str = key(Choice(("table",)), doc="Kind of trajectory.")
@@ -76,6 +76,10 @@ class TableTrajectory:
         columns = [self.columns.index(name) for name in joints]
         degree = DEGREES[self.interpolation]
         spline = make_interp_spline(data[:, 0], data[:, columns], k=degree)
-        found = [spline, spline.derivative(1), spline.derivative(2) if degree > 1 else lambda t: 0.0 * spline(t)]
+        found = [
+            spline,
+            spline.derivative(1),
+            spline.derivative(2) if degree > 1 else lambda t: 0.0 * spline(t),
+        ]
         q, qd, qdd = (column_order(list(np.asarray(f(times)).T), len(times)) for f in found)
         return JointMotion(q, qd, qdd)

@@ -1,0 +1,197 @@
+"""Facts of a scene that decide what its equations need, and how to say them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.algorithms.kinematics import poses, transforms
+from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
+from robodyn_cli.model.build import build_model
+from robodyn_cli.model.model import PARAMETER_GROUP, UNKNOWN_GROUP, Body, Model
+from robodyn_cli.scene import types as sc
+
+Array = NDArray[np.float64]
+PARALLEL = 1e-12
+SHOWN = 6  # names in a list before it is cut short
+TENSOR = ("xx", "yy", "zz", "xy", "xz", "yz")
+
+
+def listed(names: Iterable[str]) -> str:
+    """Return names as a phrase; long lists are cut short."""
+    names = list(dict.fromkeys(names))
+    if len(names) > SHOWN:
+        return f"{', '.join(names[:SHOWN - 1])} and {len(names) - SHOWN + 1} more"
+    if len(names) < 2:
+        return "".join(names)
+    return f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def plural(count: int, word: str) -> str:
+    """Return ``2 joints``, ``1 joint``, ``no joint``."""
+    return f"{count or 'no'} {word}{'s' if count > 1 else ''}"
+
+
+def direction(d: Array) -> str:
+    """Return a direction as the name of a coordinate axis, or by its components."""
+    for k, name in enumerate("xyz"):
+        if abs(abs(d[k]) - 1.0) < 1e-9:
+            return name if d[k] > 0 else f"-{name}"
+    return f"({d[0]:.3g}, {d[1]:.3g}, {d[2]:.3g})"
+
+
+@dataclasses.dataclass(frozen=True)
+class Facts:
+    """What the geometry of a model says; everything in base coordinates."""
+
+    model: Model
+
+    @cached_property
+    def axes(self) -> list[Array]:
+        """Directions of the joint axes in a pose where nothing is aligned by chance."""
+        q = [0.37 + 0.61 * k for k in range(self.model.nq)]
+        pose = poses(self.model, transforms(self.model, q))
+        return [np.array(pose[k].R[:, 2], dtype=float) for k in range(len(self.model.bodies))]
+
+    def _of(self, kind: str) -> list[int]:
+        return [k for k, b in enumerate(self.model.bodies) if b.joint.type == kind]
+
+    @cached_property
+    def normal(self) -> Array | None:
+        """Normal of the plane in which all bodies move, None where there is no such plane."""
+        turning = self._of("revolute")
+        if not turning or len(turning) + len(self._of("prismatic")) < len(self.model.bodies):
+            return None
+        n = self.axes[turning[0]]
+        parallel = all(np.linalg.norm(np.cross(n, self.axes[k])) < PARALLEL for k in turning)
+        across = all(abs(float(n @ self.axes[k])) < PARALLEL for k in self._of("prismatic"))
+        return n if parallel and across else None
+
+    @property
+    def planar(self) -> bool:
+        return self.normal is not None
+
+    @property
+    def gravity(self) -> Array:
+        return np.array(self.model.gravity, dtype=float)
+
+    def plane_reason(self) -> str:
+        """Say why the motion is planar."""
+        assert self.normal is not None
+        joints = len(self._of("revolute"))
+        axis = direction(self.normal).lstrip("-")
+        if len(self.model.bodies) == 1:
+            text = f"the only joint turns about {axis} of the base: its body moves in one plane"
+        elif self._of("prismatic"):
+            text = f"all turning axes are parallel to {axis} of the base and all sliding ones across it"
+        else:
+            text = f"all {joints} joint axes are parallel to {axis} of the base: every body moves in one plane"
+        g = self.gravity
+        if not g.any():
+            return text
+        across = float(g @ self.normal)
+        if abs(across) < PARALLEL * float(np.linalg.norm(g)):
+            return text + ", and gravity lies in it"
+        if np.linalg.norm(g - across * self.normal) < PARALLEL * float(np.linalg.norm(g)):
+            return text + "; gravity along the axes loads the bearings, not the joints"
+        return text + f"; of gravity, {abs(across):.3g} m/s^2 along the axes loads the bearings, not the joints"
+
+    def spatial_reason(self) -> str:
+        """Say which joint takes the motion out of the plane."""
+        for k, b in enumerate(self.model.bodies):
+            if b.parent < 0 or b.joint.type not in ("revolute", "prismatic"):
+                continue
+            cosine = float(np.array(b.X_tree.E, dtype=float)[2, 2])
+            same = b.joint.type == self.model.bodies[b.parent].joint.type
+            tilted = abs(cosine) < 1.0 - PARALLEL if same else abs(cosine) > PARALLEL
+            if tilted:
+                angle = float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+                other = self.model.bodies[b.parent].joint_name
+                return f"the axis of {b.joint_name} is at {angle:.4g} deg to that of {other}: bodies leave any plane"
+        return "the joint axes do not leave a common plane of motion"
+
+    def exact_entries(self) -> tuple[int, int]:
+        """Return how many entries of the rotations between bodies are exactly 0 or +-1, and how many there are."""
+        entries = [float(x) for b in self.model.bodies for x in b.X_tree.E.flat]
+        return sum(x in (0.0, 1.0, -1.0) for x in entries), len(entries)
+
+    def zero_levers(self) -> tuple[int, int]:
+        """Return how many components of the lever arms between joints are zero, and how many there are."""
+        components = [float(x) for b in self.model.bodies for x in b.X_tree.r]
+        return sum(x == 0.0 for x in components), len(components)
+
+    def gravity_text(self) -> str:
+        """Say where gravity points."""
+        g = self.gravity
+        size = float(np.linalg.norm(g))
+        return f"gravity of {size:.4g} m/s^2 points along {direction(g / size)} of the base"
+
+
+def joints_with(model: Model, has: Callable[[Body], bool]) -> list[str]:
+    """Return the names of the joints whose body satisfies ``has``."""
+    return [b.joint_name for b in model.bodies if has(b)]
+
+
+def force_joints(model: Model, has: Callable[[Any], bool]) -> list[str]:
+    """Return the names of the joints that have such a force element."""
+    return joints_with(model, lambda b: any(has(f.element) for f in b.forces))
+
+
+@dataclasses.dataclass(frozen=True)
+class Data:
+    """What the equations make of the data: names such as ``inertia.xx of link2``.
+
+    missing : needed and not given. spare : neither. idle : given, without effect on the outputs.
+    """
+
+    missing: tuple[str, ...]
+    spare: tuple[str, ...]
+    idle: tuple[str, ...]
+
+
+def data_use(scene: sc.Scene, model: Model, outputs: Sequence[Scalar], idle: Sequence[str]) -> Data:
+    """Compare the data that bodies have with what the outputs depend on."""
+    unknown = [e.value[0] for e in model.graph.nodes if e.op == "sym" and e.value[1] == UNKNOWN_GROUP]
+    needed = {e.value[0] for e in free_symbols(outputs) if e.value[1] == UNKNOWN_GROUP}
+    return Data(
+        tuple(n for n in unknown if n in needed), tuple(n for n in unknown if n not in needed), tuple(idle)
+    )
+
+
+def given_constants(scene: sc.Scene) -> dict[str, str]:
+    """Return the paths of the links' data that are given and not zero, and what to call them."""
+    found: dict[str, str] = {}
+    for link in scene.robot.links:
+        path = f"links.{link.name}"
+        if link.mass:
+            found[f"{path}.mass"] = f"mass of {link.name}"
+        for k, x in enumerate(link.com or ()):
+            if x:
+                found[f"{path}.com.{k}"] = f"com[{k}] of {link.name}"
+        for key in TENSOR:
+            if getattr(link.inertia, key):
+                found[f"{path}.inertia.{key}"] = f"inertia.{key} of {link.name}"
+    return found
+
+
+def idle_constants(scene: sc.Scene, outputs: Callable[[Model], Sequence[Scalar]]) -> list[str]:
+    """Return given data without effect: made symbols, they do not occur in the finished graph."""
+    names = given_constants(scene)
+    model = build_model(scene, list(names))
+    used = {e.value[0] for e in free_symbols(outputs(model)) if e.value[1] == PARAMETER_GROUP}
+    return [text for path, text in names.items() if path not in used]
+
+
+def depends_on_time(outputs: Sequence[Scalar]) -> bool:
+    """Tell whether time itself is an input."""
+    return any(e.value[1] == "t" for e in free_symbols(outputs))
+
+
+def is_zero(entries: Iterable[Scalar]) -> bool:
+    """Tell whether all entries are identically zero."""
+    return not any(isinstance(x, Expr) or x != 0.0 for x in entries)

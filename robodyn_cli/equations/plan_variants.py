@@ -1,0 +1,282 @@
+"""Variants of a scene's equations: one part taken out, or made as general as code for any scene has it.
+
+The plan counts operations by building such variants: nothing in it is estimated. What is made general becomes a
+symbol, so it cannot be folded.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import Any
+
+from robodyn_cli.algorithms.rnea import rnea
+from robodyn_cli.equations.problem import Constraints, Problem
+from robodyn_cli.expr.graph import Expr, Graph
+from robodyn_cli.forces.damper import Damper
+from robodyn_cli.forces.friction import CoulombPair, Friction
+from robodyn_cli.forces.spring import Spring
+from robodyn_cli.loops.base import Row
+from robodyn_cli.loops.revolute import RevoluteLoop
+from robodyn_cli.model.model import BASE, PARAMETER_GROUP, Body, FixedFrame, JointForce, Loop, Model
+from robodyn_cli.scene import types as sc
+from robodyn_cli.spatial.algebra import Matrix, Transform, Vector, identity, matrix, vector, zeros
+from robodyn_cli.spatial.inertia import RigidInertia
+
+
+class Symbols:
+    """Parameters without a value, each a new one."""
+
+    def __init__(self, graph: Graph) -> None:
+        self.graph = graph
+
+    def one(self) -> Any:
+        number = len(self.graph.nodes)
+        return self.graph.symbol(f"general {number}", PARAMETER_GROUP, number)
+
+    def vector(self) -> Vector:
+        return vector([self.one() for _ in range(3)])
+
+    def matrix(self) -> Matrix:
+        return matrix([list(self.vector()) for _ in range(3)])
+
+    def symmetric(self) -> Matrix:
+        xx, yy, zz, xy, xz, yz = (self.one() for _ in range(6))
+        return matrix([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+@dataclasses.dataclass(frozen=True)
+class Variant:
+    """What decides the equations, ready to be changed.
+
+    velocity_terms, accelerations : whether rigid bodies feel qd and qdd. drives : a symbol as torque on each
+    joint without one. driven_joint : whether the first joint's motion is prescribed, as a symbol. rows : names of
+    the constraint rows to keep, keep_rows : the same by index (all by default).
+    """
+
+    scene: sc.Scene
+    model: Model
+    velocity_terms: bool = True
+    accelerations: bool = True
+    drives: bool = False
+    driven_joint: bool = False
+    rows: tuple[str, ...] | None = None
+    keep_rows: tuple[int, ...] | None = None
+
+    def with_scene(self, **changes: Any) -> Variant:
+        return dataclasses.replace(self, scene=dataclasses.replace(self.scene, **changes))
+
+    def with_model(self, **changes: Any) -> Variant:
+        return dataclasses.replace(self, model=dataclasses.replace(self.model, **changes))
+
+    def with_bodies(self, change: Callable[[Body], Body]) -> Variant:
+        return self.with_model(bodies=tuple(change(b) for b in self.model.bodies))
+
+    def problem(self) -> Problem:
+        """Return the equations of this variant."""
+        return VariantProblem(self)
+
+
+class VariantProblem(Problem):
+    """The equations with a variant's changes; for the scene as it is, exactly those of ``Problem``."""
+
+    def __init__(self, variant: Variant) -> None:
+        super().__init__(variant.scene, model=variant.model, keep_rows=variant.keep_rows)
+        self.variant = variant
+
+    def _rates(self) -> Sequence[Any]:
+        return self.v if self.variant.velocity_terms else zeros(self.model.nv)
+
+    @cached_property
+    def bias(self) -> Vector:
+        return rnea(self.model, self.q, self._rates(), zeros(self.model.nv), self.gravity, self.X)
+
+    @cached_property
+    def inverse_dynamics(self) -> Vector:
+        a = self.a if self.variant.accelerations else zeros(self.model.nv)
+        return rnea(self.model, self.q, self._rates(), a, self.gravity, self.X)
+
+    @cached_property
+    def actuator_torques(self) -> Vector:
+        tau = super().actuator_torques
+        symbols = Symbols(self.graph)
+        if self.variant.drives:
+            for k in range(self.model.nv):
+                if not isinstance(tau[k], Expr) and tau[k] == 0.0:
+                    tau[k] = symbols.one()
+        return tau
+
+    @cached_property
+    def constraints(self) -> Constraints:
+        found = super().constraints
+        if self.variant.rows is not None:
+            found = found.only([i for i, r in enumerate(found.rows) if r.name in self.variant.rows])
+        if self.variant.driven_joint:
+            body = self.model.bodies[0]
+            psi = zeros(self.model.nv)
+            psi[body.v] = 1.0
+            x, rate, second = Symbols(self.graph).vector()
+            row = Row("prescribed", self.q[body.q] - x, psi, -second, -rate)
+            last = len(found.rows)
+            found = Constraints((*found.rows, row), found.dropped, (*found.prescribed, last))
+        return found
+
+
+# -- one part made general -----------------------------------------------------------------------------------
+
+
+def general_directions(v: Variant) -> Variant:
+    """Joint axes in any direction: nine symbols a rotation between bodies."""
+    s = Symbols(v.model.graph)
+    return v.with_bodies(lambda b: dataclasses.replace(b, X_tree=Transform(s.matrix(), b.X_tree.r)))
+
+
+def general_levers(v: Variant) -> Variant:
+    """Joints anywhere on their bodies: three symbols a lever arm."""
+    s = Symbols(v.model.graph)
+    return v.with_bodies(lambda b: dataclasses.replace(b, X_tree=Transform(b.X_tree.E, s.vector())))
+
+
+def general_inertia(v: Variant) -> Variant:
+    """Ten symbols a body."""
+    s = Symbols(v.model.graph)
+    return v.with_bodies(
+        lambda b: dataclasses.replace(b, inertia=RigidInertia(s.one(), s.vector(), s.symmetric()))
+    )
+
+
+def general_gravity(v: Variant) -> Variant:
+    """Gravity in any direction."""
+    return v.with_model(gravity=Symbols(v.model.graph).vector())
+
+
+def general_rotors(v: Variant) -> Variant:
+    """A rotor's inertia on each joint."""
+    s = Symbols(v.model.graph)
+    return v.with_bodies(lambda b: dataclasses.replace(b, armature=s.one()))
+
+
+def _with_force(v: Variant, kind: str, element: Callable[[Symbols], Any]) -> Variant:
+    s = Symbols(v.model.graph)
+    return v.with_bodies(
+        lambda b: dataclasses.replace(b, forces=(*b.forces, JointForce(kind, element(s))))
+    )
+
+
+def general_viscous(v: Variant) -> Variant:
+    """Viscous friction in each joint."""
+    return _with_force(v, "friction", lambda s: Friction(viscous=s.one()))
+
+
+def general_coulomb(v: Variant) -> Variant:
+    """Coulomb friction in each joint, its level different for each direction."""
+    return _with_force(
+        v, "friction", lambda s: Friction(coulomb=CoulombPair(s.one(), s.one()), transition_speed=s.one())
+    )
+
+
+def general_springs(v: Variant) -> Variant:
+    """A spring in each joint."""
+    return _with_force(v, "spring", lambda s: Spring(stiffness=s.one(), rest=s.one()))
+
+
+def general_dampers(v: Variant) -> Variant:
+    """A damper in each joint."""
+    return _with_force(v, "damper", lambda s: Damper(damping=s.one()))
+
+
+def general_loops(v: Variant) -> Variant:
+    """Loop closures at any place and in any direction of both bodies."""
+    s = Symbols(v.model.graph)
+    frame = lambda f: FixedFrame(f.body, s.vector(), s.matrix())  # noqa: E731
+    loops = tuple(
+        dataclasses.replace(loop, first=frame(loop.first), second=frame(loop.second)) for loop in v.model.loops
+    )
+    return v.with_model(loops=loops)
+
+
+def general(v: Variant) -> Variant:
+    """Every constant a symbol: what code does that is written for any scene with these joints and this tree."""
+    bare = v.with_bodies(lambda b: dataclasses.replace(b, forces=()))
+    for change in (
+        general_directions, general_levers, general_inertia, general_gravity, general_rotors, general_viscous,
+        general_coulomb, general_springs, general_dampers, general_loops,
+    ):  # fmt: skip
+        bare = change(bare)
+    return dataclasses.replace(bare, drives=True, keep_rows=None)
+
+
+def one_pin(v: Variant, planar: bool) -> Variant:
+    """A pin between the last body and the base: what the smallest loop would bring."""
+    s = Symbols(v.model.graph)
+    place = lambda: vector([s.one(), s.one(), 0.0 if planar else s.one()])  # noqa: E731
+    first = FixedFrame(len(v.model.bodies) - 1, place(), identity())
+    second = FixedFrame(BASE, place(), identity())
+    element = RevoluteLoop(name="pin", type="revolute", between=("", ""))
+    return v.with_model(loops=(Loop("pin", element, first, second),))
+
+
+# -- one part taken out --------------------------------------------------------------------------------------
+
+
+def without_velocity_terms(v: Variant) -> Variant:
+    """No centrifugal and Coriolis forces."""
+    return dataclasses.replace(v, velocity_terms=False)
+
+
+def without_accelerations(v: Variant) -> Variant:
+    """No inertia forces of the accelerations (inverse dynamics)."""
+    return dataclasses.replace(v, accelerations=False)
+
+
+def without_gravity(v: Variant) -> Variant:
+    return v.with_model(gravity=zeros(3))
+
+
+def without_rotors(v: Variant) -> Variant:
+    return v.with_bodies(lambda b: dataclasses.replace(b, armature=0.0))
+
+
+def parallel_axes(v: Variant) -> Variant:
+    """All joint axes parallel, lever arms as they are."""
+    return v.with_bodies(lambda b: dataclasses.replace(b, X_tree=Transform(identity(), b.X_tree.r)))
+
+
+def planar_inertia(v: Variant) -> Variant:
+    """Of each body only what acts in a plane: m, the centre of mass in it, the moment about its normal."""
+
+    def flat(b: Body) -> Body:
+        I = zeros(3, 3)
+        I[2, 2] = b.inertia.I[2, 2]
+        h = vector([b.inertia.h[0], b.inertia.h[1], 0.0])
+        return dataclasses.replace(b, inertia=RigidInertia(b.inertia.m, h, I))
+
+    return v.with_bodies(flat)
+
+
+def without_force(v: Variant, change: Callable[[Any], Any]) -> Variant:
+    """Change the elements in the joints; those for which ``change`` returns None go."""
+
+    def keep(b: Body) -> Body:
+        changed = [(f.kind, change(f.element)) for f in b.forces]
+        return dataclasses.replace(b, forces=tuple(JointForce(k, e) for k, e in changed if e is not None))
+
+    return v.with_bodies(keep)
+
+
+def without_loops(v: Variant, name: str | None = None) -> Variant:
+    """Without one loop, or without any."""
+    kept = tuple(loop for loop in v.model.loops if name is not None and loop.name != name)
+    return dataclasses.replace(v.with_model(loops=kept), keep_rows=None)
+
+
+def serial_chain(v: Variant) -> Variant:
+    """The open chain of the same bodies and joints, each carried by the one before, at its link's end."""
+    bodies = []
+    for k, b in enumerate(v.model.bodies):
+        if k and b.parent != k - 1:
+            end = v.model.links[v.model.bodies[k - 1].name]
+            b = dataclasses.replace(b, parent=k - 1, X_tree=Transform.from_pose(end.R, end.p))
+        bodies.append(b)
+    return without_loops(v.with_model(bodies=tuple(bodies)))

@@ -1,0 +1,137 @@
+"""Events: from a step that passes one to the state at it.
+
+The compiled loop looks at dense output only to see that some function changes sign in a step. Here the motion is
+integrated to trial times by steps that end there, which have the full order of the method, so that an event is as
+accurate as the states themselves.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.formulations.system import EventFunction
+
+Array = NDArray[np.float64]
+Values = Callable[[float], Array]
+
+TRIALS = 200
+BISECT_EVERY = 4  # trial in so many halves the bracket, whatever the secant says
+
+
+@dataclasses.dataclass(frozen=True)
+class Event:
+    """An event that happened: which function, when, and the state (q, v, z) there."""
+
+    name: str
+    index: int
+    time: float
+    state: Array
+    time_error: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Root:
+    """A sign change of function ``index`` in (low, high]; ``sign`` is the one beyond it."""
+
+    index: int
+    low: float
+    high: float
+    sign: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Found:
+    """Where to go, and the functions that change sign there (none: go there and look on)."""
+
+    time: float
+    roots: tuple[Root, ...] = ()
+
+
+def crosses(event: EventFunction, before: float, after: float) -> bool:
+    """Tell whether a change from ``before`` to ``after`` counts; zero belongs to neither side."""
+    rising = before < 0.0 < after
+    falling = before > 0.0 > after
+    return rising and event.direction >= 0 or falling and event.direction <= 0
+
+
+def first_roots(
+    events: Sequence[EventFunction], values: Values, armed: Array, seen: int, times: tuple[float, float, float]
+) -> Found:
+    """Find the first sign change in a step, and all that coincide with it.
+
+    Parameters
+    ----------
+    values : the event functions at a time; NaN where the motion cannot be followed that far.
+    armed : values before the step; where a function starts from zero, zero, or any value of the side it came from.
+    seen : the function that dense output saw change sign.
+    times : start of the step, and the bracket in which dense output saw the change.
+    """
+    start, low, high = times
+    before = armed
+    for a, b in ((start, low), (low, high)):
+        if b <= a:
+            continue
+        after = values(b)
+        lost = bool(np.isnan(after[seen]))
+        roots = []
+        for k, event in enumerate(events):
+            if crosses(event, before[k], after[k]) or (lost and k == seen and before[k] != 0.0):
+                root = _root(k, values, a, float(before[k]), b, float(after[k]))
+                if root is None:
+                    # no motion beyond the last time that still has the old sign
+                    return Found(_last_followed(k, values, a, float(before[k]), b))
+                roots.append(root)
+        if roots:
+            bound = min(r.high for r in roots) + 2.0 * _resolution(start, high)
+            together = tuple(r for r in roots if r.high <= bound)
+            return Found(max(r.high for r in together), together)
+        before = np.where(after == 0.0, before, after)
+    return Found(high)
+
+
+def _resolution(a: float, b: float) -> float:
+    return 4e-16 * max(abs(a), abs(b))
+
+
+def _root(index: int, values: Values, a: float, g_a: float, b: float, g_b: float) -> Root | None:
+    """Bracket the sign change between a and b by regula falsi in the Illinois variant; None where there is none."""
+    sign, side, exact = float(np.sign(g_a)), 0, False
+    if values(a)[index] * sign <= 0.0:
+        return Root(index, a, a, -sign)  # it stood at zero all along
+    resolution = _resolution(a, b)
+    for trial in range(TRIALS):
+        if b - a <= resolution or exact:
+            break
+        middle = 0.5 * (a + b)
+        if trial % BISECT_EVERY < BISECT_EVERY - 1 and np.isfinite(g_b) and g_b != g_a:
+            secant = b - g_b * (b - a) / (g_b - g_a)
+            # never so close to an end that nothing is learned
+            middle = min(max(secant, a + 0.5 * resolution), b - 0.5 * resolution)
+        if not a < middle < b:
+            break
+        g = float(values(middle)[index])
+        if g * sign > 0.0:
+            a, g_a = middle, g
+            g_b *= 0.5 if side < 0 else 1.0
+            side = -1
+        else:
+            b, g_b, exact = middle, g, g == 0.0
+            g_a *= 0.5 if side > 0 else 1.0
+            side = 1
+    return Root(index, a, b, -sign) if np.isfinite(g_b) else None
+
+
+def _last_followed(index: int, values: Values, a: float, g_a: float, b: float) -> float:
+    """Return the latest time up to which the function keeps its sign and the motion can be followed."""
+    while True:
+        middle = 0.5 * (a + b)
+        if b - a <= _resolution(a, b) or not a < middle < b:
+            return a
+        if values(middle)[index] * g_a > 0.0:
+            a = middle
+        else:
+            b = middle
