@@ -43,6 +43,27 @@ class Cylindrical(Joint):
         return Transform(rotation_about(2, q[0]).T, vector([0.0, 0.0, q[1]]))
 
 
+class Polar(Joint):
+    """Turn about z, then slide along the new x: turning moves the origin, so the subspace has lever arms."""
+
+    type = "polar"
+    nq = nv = 2
+    units = ("rad", "m")
+
+    def transform(self, q: Vector) -> Transform:
+        R = rotation_about(2, q[0])
+        return Transform(R.T, R @ vector([q[1], 0.0, 0.0]))
+
+    def S(self, q: Vector) -> Any:
+        return matrix([[0.0, 0.0, 1.0, 0.0, q[1], 0.0], [0.0, 0.0, 0.0, 1.0, 0.0, 0.0]]).T
+
+    def S_rate(self, q: Vector, qd: Vector) -> Any:
+        return matrix([[0.0, 0.0, 0.0, 0.0, qd[1], 0.0], [0.0] * 6]).T
+
+    def bias(self, q: Vector, qd: Vector) -> Vector:
+        return self.S_rate(q, qd) @ qd
+
+
 class Spherical(Joint):
     """Turn freely: a unit quaternion (w, x, y, z), with the body's angular velocity as v."""
 
@@ -99,5 +120,6 @@ def product(p: Vector, q: Vector) -> Vector:
 wide_joints: dict[str, Joint] = {
     "universal": Universal(),
     "cylindrical": Cylindrical(),
+    "polar": Polar(),
     "spherical": Spherical(),
 }

@@ -11,6 +11,7 @@ import numpy as np
 from robodyn_cli.algorithms.kinematics import slice_q, slice_v, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import Wrench, rnea
+from robodyn_cli.expr.graph import is_number
 from robodyn_cli.model.model import BASE, Body, Model
 from robodyn_cli.spatial.algebra import Matrix, Transform, Vector, cross, dot, zeros
 from robodyn_cli.spatial.inertia import ArticulatedInertia
@@ -67,7 +68,27 @@ def factor_joint(
     felt = inertia
     for j in range(nv):
         felt = felt.downdate(U[:, j], U_D[:, j])
+    if is_number(body.armature) and body.armature == 0.0:
+        felt = _released(felt, S)
     return JointFactor(S, U, U_D, D_inverse), felt
+
+
+def _released(felt: ArticulatedInertia, S: Any) -> ArticulatedInertia:
+    """Return I^a with the rows and columns zero that are zero but for rounding: I^a S = 0 without a rotor.
+
+    They are known where a joint moves along or about coordinate axes, and spare arithmetic down the tree.
+    """
+    A, H, M = felt.A.copy(), felt.H.copy(), felt.M.copy()
+    for j in range(S.shape[1]):
+        moved = [i for i in range(6) if not is_number(S[i, j]) or S[i, j] != 0.0]
+        if len(moved) != 1:
+            continue
+        i = moved[0]
+        if i < 3:
+            A[i, :] = A[:, i] = H[i, :] = 0.0
+        else:
+            M[i - 3, :] = M[:, i - 3] = H[:, i - 3] = 0.0
+    return ArticulatedInertia(A, H, M)
 
 
 def invert_symmetric(D: Matrix) -> Matrix:

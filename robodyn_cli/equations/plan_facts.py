@@ -103,17 +103,19 @@ class Facts:
 
     def spatial_reason(self) -> str:
         """Say which joint takes the motion out of the plane."""
+        turning = self._of("revolute")
+        if not turning:
+            return "no joint turns, the sliding axes span space"
+        first = turning[0]
         for k, b in enumerate(self.model.bodies):
-            if b.parent < 0 or b.joint.type not in ("revolute", "prismatic"):
-                continue
-            cosine = float(np.array(b.X_tree.E, dtype=float)[2, 2])
-            same = b.joint.type == self.model.bodies[b.parent].joint.type
-            tilted = abs(cosine) < 1.0 - PARALLEL if same else abs(cosine) > PARALLEL
-            if tilted:
-                angle = float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
-                other = self.model.bodies[b.parent].joint_name
-                return f"the axis of {b.joint_name} is at {angle:.4g} deg to that of {other}: bodies leave any plane"
-        return "the joint axes do not leave a common plane of motion"
+            cosine = abs(float(self.axes[first] @ self.axes[k]))
+            if cosine < 1.0 - PARALLEL if b.joint.type == "revolute" else cosine > PARALLEL:
+                break
+        name = b.joint_name
+        if b.parent < 0:
+            return f"the axis of {name} lies across that of {self.model.bodies[first].joint_name}"
+        angle = np.degrees(np.arccos(np.clip(float(b.X_tree.E[2, 2]), -1.0, 1.0)))
+        return f"the axis of {name} is at {angle:.4g} deg to that of {self.model.bodies[b.parent].joint_name}"
 
     def exact_entries(self) -> tuple[int, int]:
         """Return how many entries of the rotations between bodies are exactly 0 or +-1, and how many there are."""
@@ -142,25 +144,11 @@ def force_joints(model: Model, has: Callable[[Any], bool]) -> list[str]:
     return joints_with(model, lambda b: any(has(f.element) for f in b.forces))
 
 
-@dataclasses.dataclass(frozen=True)
-class Data:
-    """What the equations make of the data: names such as ``inertia.xx of link2``.
-
-    missing : needed and not given. spare : neither. idle : given, without effect on the outputs.
-    """
-
-    missing: tuple[str, ...]
-    spare: tuple[str, ...]
-    idle: tuple[str, ...]
-
-
-def data_use(scene: sc.Scene, model: Model, outputs: Sequence[Scalar], idle: Sequence[str]) -> Data:
-    """Compare the data that bodies have with what the outputs depend on."""
+def unknown_data(model: Model, outputs: Sequence[Scalar]) -> tuple[list[str], list[str]]:
+    """Return what the scene does not say of its bodies: names that the outputs need, and those they do not."""
     unknown = [e.value[0] for e in model.graph.nodes if e.op == "sym" and e.value[1] == UNKNOWN_GROUP]
     needed = {e.value[0] for e in free_symbols(outputs) if e.value[1] == UNKNOWN_GROUP}
-    return Data(
-        tuple(n for n in unknown if n in needed), tuple(n for n in unknown if n not in needed), tuple(idle)
-    )
+    return [n for n in unknown if n in needed], [n for n in unknown if n not in needed]
 
 
 def given_constants(scene: sc.Scene) -> dict[str, str]:

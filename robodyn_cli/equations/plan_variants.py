@@ -138,6 +138,17 @@ def general_levers(v: Variant) -> Variant:
     return v.with_bodies(lambda b: dataclasses.replace(b, X_tree=Transform(b.X_tree.E, s.vector())))
 
 
+def planar_levers(v: Variant) -> Variant:
+    """Joints anywhere in the plane of motion; places along the axes as they are."""
+    s = Symbols(v.model.graph)
+
+    def move(b: Body) -> Body:
+        E, r = b.X_tree.E, b.X_tree.r
+        return dataclasses.replace(b, X_tree=Transform(E, vector([s.one(), s.one(), r[2]])))
+
+    return v.with_bodies(move)
+
+
 def general_inertia(v: Variant) -> Variant:
     """Ten symbols a body."""
     s = Symbols(v.model.graph)
@@ -241,6 +252,11 @@ def without_rotors(v: Variant) -> Variant:
 def parallel_axes(v: Variant) -> Variant:
     """All joint axes parallel, lever arms as they are."""
     return v.with_bodies(lambda b: dataclasses.replace(b, X_tree=Transform(identity(), b.X_tree.r)))
+
+
+def without_levers(v: Variant) -> Variant:
+    """All joint axes through one point."""
+    return v.with_bodies(lambda b: dataclasses.replace(b, X_tree=Transform(b.X_tree.E, zeros(3))))
 
 
 def planar_inertia(v: Variant) -> Variant:

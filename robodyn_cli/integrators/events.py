@@ -1,8 +1,8 @@
 """Events: from a step that passes one to the state at it.
 
-The compiled loop looks at dense output only to see that some function changes sign in a step. Here the motion is
-integrated to trial times by steps that end there, which have the full order of the method, so that an event is as
-accurate as the states themselves.
+The compiled loop looks at dense output only to see that some function changes sign in a step. Here the motion
+is integrated to trial times by steps that end there, which have the full order of the method, so that an event
+is as accurate as the states themselves.
 """
 
 from __future__ import annotations
@@ -55,18 +55,22 @@ def crosses(event: EventFunction, before: float, after: float) -> bool:
     """Tell whether a change from ``before`` to ``after`` counts; zero belongs to neither side."""
     rising = before < 0.0 < after
     falling = before > 0.0 > after
-    return rising and event.direction >= 0 or falling and event.direction <= 0
+    return (rising and event.direction >= 0) or (falling and event.direction <= 0)
 
 
 def first_roots(
-    events: Sequence[EventFunction], values: Values, armed: Array, seen: int, times: tuple[float, float, float]
+    events: Sequence[EventFunction],
+    values: Values,
+    armed: Array,
+    seen: int,
+    times: tuple[float, float, float],
 ) -> Found:
     """Find the first sign change in a step, and all that coincide with it.
 
     Parameters
     ----------
     values : the event functions at a time; NaN where the motion cannot be followed that far.
-    armed : values before the step; where a function starts from zero, zero, or any value of the side it came from.
+    armed : values before the step; at zero, any value of the side that the function came from.
     seen : the function that dense output saw change sign.
     times : start of the step, and the bracket in which dense output saw the change.
     """
@@ -98,7 +102,7 @@ def _resolution(a: float, b: float) -> float:
 
 
 def _root(index: int, values: Values, a: float, g_a: float, b: float, g_b: float) -> Root | None:
-    """Bracket the sign change between a and b by regula falsi in the Illinois variant; None where there is none."""
+    """Bracket the sign change between a and b by regula falsi (Illinois variant); None where there is none."""
     sign, side, exact = float(np.sign(g_a)), 0, False
     if values(a)[index] * sign <= 0.0:
         return Root(index, a, a, -sign)  # it stood at zero all along

@@ -278,14 +278,27 @@ class Gauss(Stepper):
         f.globals.append(f"@{name} = private unnamed_addr constant [{data.size} x double] [{flat}], align 64")
         return f"@{name}"
 
-    def _apply(self, w: Writer, table: str, block: Int | int, a: Value, start: Value) -> Value:
-        """Return start + (8 x 8 block of a table) a."""
+    def _products(
+        self, w: Writer, sources: list[str], tables: list[list[tuple[str, Int]]]
+    ) -> list[Value]:
+        """Return, for each result, the sum over sources of (8 x 8 block of its table) times source.
+
+        ``tables[r][k]`` is the address and block of the table that result r applies to source k, or result r has
+        fewer sources. Columns in a loop: this code runs once a step, and unrolled it would be half of all code.
+        """
         f, m = w.f, self.stages
-        total = start
-        for i in range(m):
-            place = block * (m * m) + i * m
-            total = f.muladd(f.broadcast(a, i), f.load(f.offset(table, place), m, 64), total)
-        return total
+        totals = [f.slot(m) for _ in tables]
+        for slot in totals:
+            f.store(f.constant(0.0, m), slot, 64)
+        with f.count(m) as i:
+            scalars = [f.splat(f.load(f.offset(source, i)), m) for source in sources]
+            for slot, row in zip(totals, tables):
+                total = f.load(slot, m, 64)
+                for (table, block), scalar in zip(row, scalars):
+                    column = f.load(f.offset(table, block * (m * m) + i * m), m, 64)
+                    total = f.muladd(scalar, column, total)
+                f.store(total, slot, 64)
+        return [f.load(slot, m, 64) for slot in totals]
 
     def _refine(self, w: Writer, t: Value, h: Value) -> None:
         """Correct the collocation polynomial by its residual: between the stages, at them, between them again."""
@@ -296,13 +309,15 @@ class Gauss(Stepper):
         def columns(*blocks: np.ndarray) -> np.ndarray:
             return np.concatenate([b.T.ravel() for b in blocks])
 
-        eye, none = np.eye(m), np.zeros((m, m))
+        def pairs(table: np.ndarray) -> np.ndarray:
+            return columns(*(table[a, b] for a in (0, 1) for b in (0, 1)))
+
         nodes = self._table(w, "dense.nodes", np.concatenate([T.c, D.extra]))
-        value = self._table(w, "dense.value", columns(eye, D.value))
+        value = self._table(w, "dense.value", columns(np.eye(m), D.value))
         once = self._table(w, "dense.once", columns(T.A, D.once))
         twice = self._table(w, "dense.twice", columns(T.A2, D.twice))
-        inner_once = self._table(w, "dense.inner1", columns(*(D.inner_once[a, b] for a in (0, 1) for b in (0, 1))))
-        inner_twice = self._table(w, "dense.inner2", columns(*(D.inner_twice[a, b] for a in (0, 1) for b in (0, 1))))
+        inner_once = self._table(w, "dense.inner1", pairs(D.inner_once))
+        inner_twice = self._table(w, "dense.inner2", pairs(D.inner_twice))
         residual = [[f.slot(m) for _ in range(rates)] for _ in range(2)]
         for group in residual:
             for slot in group:
@@ -312,39 +327,43 @@ class Gauss(Stepper):
         with f.count(3) as round_:
             group = (round_ + 1) & 1  # 1, 0, 1
             c = f.load(f.offset(nodes, group * m), m, 64)
-            zero = f.constant(0.0, m)
-            a = [f.load(g, m, 64) for g in self.guess]
-            d0, d1 = ([f.load(r, m, 64) for r in residual[k]] for k in (0, 1))
-            q, v, z = [], [], []
+            inner = group * 2
+            q, v, z, known = [], [], [], []
             for j in range(rates):
-                rate = self._apply(w, once, group, a[j], zero)
-                rate = self._apply(w, inner_once, group * 2, d0[j], rate)
-                rate = self._apply(w, inner_once, group * 2 + 1, d1[j], rate)
-                (v if j < s.nv else z).append(f.muladd(wide_h, rate, x0[s.nq + j]))
+                sources = [self.guess[j], residual[0][j], residual[1][j]]
+                tables = [
+                    [(value, group)],
+                    [(once, group), (inner_once, inner), (inner_once, inner + 1)],
+                    [(twice, group), (inner_twice, inner), (inner_twice, inner + 1)],
+                ]
+                found = self._products(w, sources, tables[: 3 if j < s.nv else 2])
+                known.append(found[0])
+                (v if j < s.nv else z).append(f.muladd(wide_h, found[1], x0[s.nq + j]))
                 if j < s.nv:
-                    path = self._apply(w, twice, group, a[j], zero)
-                    path = self._apply(w, inner_twice, group * 2, d0[j], path)
-                    path = self._apply(w, inner_twice, group * 2 + 1, d1[j], path)
-                    q.append(f.muladd(wide_h2, path, f.muladd(wide_h * c, x0[s.nq + j], x0[j])))
+                    q.append(f.muladd(wide_h2, found[2], f.muladd(wide_h * c, x0[s.nq + j], x0[j])))
             acceleration, z_rate = w.dynamics(f.muladd(wide_h, c, f.splat(t, m)), [*q, *v, *z], m)
             w.count(Whole.EVALUATIONS)
             inside = f.compare_int("eq", group, 0)
             for j, fresh in enumerate([*acceleration, *z_rate]):
-                d = f.splat(fresh, m) - self._apply(w, value, group, a[j], zero)
-                f.store(f.select(inside, d, d0[j]), residual[0][j], 64)
-                f.store(f.select(inside, d1[j], d), residual[1][j], 64)
+                d = f.splat(fresh, m) - known[j]
+                for k, slot in enumerate((residual[0][j], residual[1][j])):
+                    kept = f.load(slot, m, 64)
+                    f.store(f.select(inside, kept if k else d, d if k else kept), slot, 64)
+        rows = WIDTH // m
+        once_rows = self._table(w, "dense.rows1", self._row_blocks(D.once_coefficients))
+        twice_rows = self._table(w, "dense.rows2", self._row_blocks(D.twice_coefficients))
+        zero = f.emit_int("add i64 0, 0")
         for j in range(rates):
-            d0_, d1_ = f.load(residual[0][j], m, 64), f.load(residual[1][j], m, 64)
-            for part, table in enumerate((D.once_coefficients, D.twice_coefficients)):
-                if part and j >= s.nv:
-                    continue
-                for row in range(0, WIDTH, m):
-                    total = f.constant(0.0, m)
-                    for d, group_table in ((d0_, table[0]), (d1_, table[1])):
-                        for i in range(m):
-                            column = f.constant([float(x) for x in group_table[row : row + m, i]])
-                            total = f.muladd(f.broadcast(d, i), column, total)
-                    f.store(total, f.offset(self._correction(w, j), part * WIDTH + row))
+            names = [once_rows, twice_rows] if j < s.nv else [once_rows]
+            tables = [[(name, zero + k), (name, zero + (rows + k))] for name in names for k in range(rows)]
+            for k, total in enumerate(self._products(w, [residual[0][j], residual[1][j]], tables)):
+                f.store(total, f.offset(self._correction(w, j), k * m))
+
+    def _row_blocks(self, coefficients: np.ndarray) -> np.ndarray:
+        """Return the tables (group, 24, 8) as 8 x 8 blocks, each stored by columns."""
+        m = self.stages
+        blocks = [group[row : row + m].T.ravel() for group in coefficients for row in range(0, WIDTH, m)]
+        return np.concatenate(blocks)
 
     def _horner(self, w: Writer, coefficients: list[Value], u: Value) -> Value:
         f = w.f

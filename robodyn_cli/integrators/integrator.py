@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.system import GROUPS, System
-from robodyn_cli.integrators.events import Event, Found, crosses, first_roots
+from robodyn_cli.integrators.events import Event as Event
+from robodyn_cli.integrators.events import Found, crosses, first_roots
 from robodyn_cli.integrators.layout import Real, Status, Whole
 from robodyn_cli.integrators.loop import SLACK, Stepper, write_run
 from robodyn_cli.integrators.registry import methods
@@ -198,6 +199,7 @@ class Integrator:
         emit: Callable[[Array, Array], None],
         on_event: Callable[[Event], bool] | None = None,
         block: int = 65536,
+        watch: bool = True,
     ) -> None:
         """Integrate to ``end``, handing on samples in blocks.
 
@@ -207,6 +209,7 @@ class Integrator:
         emit : takes times (m,) and states (m, nx), in order, each sample once.
         on_event : called at each event with the state there (the integrator's own state is at the event);
             returns whether to go on. It may call ``set_state``.
+        watch : whether to look for events at all.
         """
         s = self.system
         capacity = max(1, min(block, grid.count))
@@ -219,8 +222,9 @@ class Integrator:
         if first < grid.count and grid.start + first * grid.step <= self.time + _slack(grid, self.time):
             emit(np.array([self.time]), self.y[None, :].copy())
             self.n[Whole.NEXT_SAMPLE] += 1
-        self.n[Whole.WATCH] = self._switching is not None
-        if not self._armed:
+        watch = watch and self._switching is not None
+        self.n[Whole.WATCH] = watch
+        if watch and not self._armed:
             self._watch({})
 
         def flush() -> None:
@@ -241,7 +245,8 @@ class Integrator:
                         return
                 elif status is not Status.FULL:
                     self._check(status)
-        self._handle(self._at_end(), on_event)
+        if watch:
+            self._handle(self._at_end(), on_event)
 
     def _handle(self, events: Sequence[Event], on_event: Callable[[Event], bool] | None) -> bool:
         """Report events at the same time, each with the state that the ones before it have left."""

@@ -242,7 +242,7 @@ def deploy(
         with watch.stage("error_estimate"):
             grid = Grid.over(scene.simulate.duration, scene.simulate.samples)
             summary["error_estimate"] = estimate_error(
-                run.setup, dataclasses.replace(run.system, events=()), run.method, run.start, grid,
+                run.setup, run.system, run.method, run.start, grid,
                 float(recorder.array("time")[-1]), run.options, recorder, integrator.counters,
             )  # fmt: skip
     if stop is None:

@@ -96,11 +96,11 @@ def tighter(options: Options, mean_step: float) -> tuple[Options, str]:
 def integrate_states(
     system: System, method: str, start: Array, grid: Grid, end: float, options: Options
 ) -> tuple[Array, Counters]:
-    """Integrate without observing; returns states (T, nx) at the grid up to ``end`` and the counters."""
+    """Integrate without observing and without events; returns states (T, nx) at the grid up to ``end`` and the counters."""
     integrator = Integrator(system, method)
     integrator.reset(grid.start, start, options)
     rows: list[Array] = []
-    integrator.run(end, grid, lambda t, x: rows.append(x), lambda event: True)
+    integrator.run(end, grid, lambda t, x: rows.append(x), watch=False)
     return np.concatenate(rows), integrator.counters
 
 

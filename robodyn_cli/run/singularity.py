@@ -99,7 +99,7 @@ def rank_loss_ahead(
     way to the root of the secant of the ratio of singular values (which falls linearly towards it), and the
     small rest is extrapolated.
     """
-    integrator = Integrator(dataclasses.replace(system, events=()), method)
+    integrator = Integrator(system, method)
     nq = problem.model.nq
     integrator.reset(event.time, event.state, options)
     speed = float(np.abs(event.state[nq : nq + problem.model.nv]).max())

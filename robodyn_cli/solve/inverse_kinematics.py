@@ -28,9 +28,9 @@ Compile = Callable[[PointKinematics], PointFunction]
 class PointTask:
     """A point of a model and what is asked of it.
 
-    frame : the point. trajectory : its path and the options of the inverse kinematics. start : joint positions
-    by name near which the motion starts (``ik.guess``, or the scene's ``initial.q``). parameters : those of the
-    scene. where : put in front of errors about the scene.
+    frame : the point. trajectory : its path and the options of the inverse kinematics.
+    start : joint positions by name near which the motion starts (``ik.guess``, or the scene's ``initial.q``).
+    parameters : those of the scene. where : put in front of errors about the scene.
     """
 
     model: Model
@@ -57,8 +57,8 @@ class PointTask:
         missing = [name for name in names if name not in self.start]
         if missing:
             raise SceneError(
-                f"{self.where}the inverse kinematics of {self.trajectory.point!r} starts at initial.q, which lacks "
-                f"joint {missing[0]!r}; give all of {', '.join(names)}, there or in trajectory.ik.guess"
+                f"{self.where}the inverse kinematics of {self.trajectory.point!r} starts at initial.q, which "
+                f"lacks joint {missing[0]!r}; give all of {', '.join(names)}, there or in trajectory.ik.guess"
             )
         return np.array([self.start[name] for name in names])
 
@@ -138,13 +138,13 @@ def _check_options(ik: Ik, arm: Planar2R | None, point: str, where: str) -> None
     """Refuse a method or a branch that does not go with the chain."""
     if arm is None and ik.method == "analytic":
         raise CapabilityError(
-            f"{where}trajectory.ik.method: analytic fits only planar 2R arms (two revolute joints with parallel "
-            f"axes that carry point {point!r}); allowed here: auto, newton"
+            f"{where}trajectory.ik.method: analytic fits only planar 2R arms (two revolute joints with "
+            f"parallel axes that carry point {point!r}); allowed here: auto, newton"
         )
     if arm is None and ik.branch is not None:
         raise SceneError(
-            f"{where}trajectory.ik.branch ({ik.branch}) has a meaning only for planar 2R arms (two "
-            f"revolute joints with parallel axes that carry point {point!r}); choose the branch by trajectory.ik.guess"
+            f"{where}trajectory.ik.branch ({ik.branch}) has a meaning only for planar 2R arms (two revolute "
+            f"joints with parallel axes that carry point {point!r}); use trajectory.ik.guess instead"
         )
 
 
@@ -160,8 +160,8 @@ def _branch(arm: Planar2R, ik: Ik, start: Array | None, point: str, where: str) 
     bend = arm.bend(start)
     if abs(np.sin(bend)) < 1e-9:
         raise SceneError(
-            f"{where}trajectory.ik.guess (or initial.q) has the arm stretched out or folded, which "
-            f"chooses no branch for point {point!r}; bend it, or choose trajectory.ik.branch (elbow_up, elbow_down)"
+            f"{where}trajectory.ik.guess (or initial.q) has the arm stretched out or folded, so it chooses "
+            f"no branch for {point!r}; bend it, or choose trajectory.ik.branch (elbow_up, elbow_down)"
         )
     return ELBOW_UP if bend < 0.0 else ELBOW_DOWN
 

@@ -1,7 +1,7 @@
 """The algorithms on joints with several freedoms.
 
-A universal or cylindrical joint is two joints of one freedom with a massless body between them, in the same
-coordinates: every quantity must agree. A spherical joint has nq != nv: the identities must hold.
+A universal, cylindrical or polar joint is two joints of one freedom with a massless body between them, in
+the same coordinates: every quantity must agree. A spherical joint has nq != nv: the identities must hold.
 """
 
 from __future__ import annotations
@@ -63,9 +63,10 @@ def split(model: Model) -> Model:
         X_tree = body.X_tree @ correction[body.parent]
         second = Transform.identity()
         parts: list[tuple[str, Transform]] = [(body.joint.type, X_tree)]
-        if body.joint.type == "universal":
+        if body.joint.type in ("universal", "polar"):
             second = Transform(TURN_X.T, zeros(3))
-            parts = [("revolute", X_tree), ("revolute", second)]
+            kind = "revolute" if body.joint.type == "universal" else "prismatic"
+            parts = [("revolute", X_tree), (kind, second)]
         elif body.joint.type == "cylindrical":
             parts = [("revolute", X_tree), ("prismatic", Transform.identity())]
         parent = at[body.parent]
@@ -91,7 +92,7 @@ def wide_state(model: Model, seed: int) -> tuple[Any, ...]:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_two_freedoms_are_two_joints(seed: int) -> None:
-    model = wide(seed, ("universal", "cylindrical"))
+    model = wide(seed, ("universal", "cylindrical", "polar"))
     narrow = split(model)
     assert len(narrow.bodies) == model.nv > N
     q, qd, qdd, tau = wide_state(model, seed)
@@ -111,7 +112,7 @@ def test_two_freedoms_are_two_joints(seed: int) -> None:
     )
 
 
-@pytest.mark.parametrize("kinds", [("spherical",), ("universal", "cylindrical", "spherical")])
+@pytest.mark.parametrize("kinds", [("spherical",), ("universal", "polar", "spherical")])
 @pytest.mark.parametrize("seed", range(4))
 def test_identities(seed: int, kinds: tuple[str, ...]) -> None:
     model = wide(seed, kinds)
@@ -129,7 +130,7 @@ def test_identities(seed: int, kinds: tuple[str, ...]) -> None:
     )
 
 
-@pytest.mark.parametrize("kinds", [("spherical",), ("universal", "cylindrical", "spherical")])
+@pytest.mark.parametrize("kinds", [("spherical",), ("universal", "polar", "spherical")])
 @pytest.mark.parametrize("seed", range(4))
 def test_rates_by_the_graph(seed: int, kinds: tuple[str, ...]) -> None:
     """With q-dot = velocity_map(q, v): of M, of the energy, and of poses."""

@@ -1,0 +1,275 @@
+"""The terms of the general problem, one by one: kept or left out, why, and what that is worth in operations.
+
+A kept term is counted by what leaving it out would save, a term left out by what it would add in general form.
+Terms share work (a sine serves them all), so the counts do not add up to the total.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+from robodyn_cli.equations import plan_variants as variants
+from robodyn_cli.equations.plan_facts import (
+    Facts,
+    force_joints,
+    is_zero,
+    joints_with,
+    listed,
+    plural,
+)
+from robodyn_cli.equations.plan_variants import Variant
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.model.model import Model
+
+Entry = dict[str, Any]
+
+
+@dataclasses.dataclass
+class Ledger:
+    """Kept and left out, as they are found.
+
+    scene : the variant that is the scene itself. count : operations of a variant's main program.
+    counted : whether single terms are counted (variants of large models take too long to build).
+    """
+
+    scene: Variant
+    facts: Facts
+    count: Callable[[Variant], int]
+    total: int
+    counted: bool = True
+    kept: list[Entry] = dataclasses.field(default_factory=list)
+    left_out: list[Entry] = dataclasses.field(default_factory=list)
+
+    @property
+    def model(self) -> Model:
+        return self.scene.model
+
+    def operations(self, variant: Variant) -> int | None:
+        """Return a variant's operations, None where they cannot be counted."""
+        if not self.counted:
+            return None
+        try:
+            return self.count(variant)
+        except ZeroDivisionError:  # general places contradict each other: a structurally singular system
+            return None
+
+    def keep(
+        self, term: str, reason: str, without: Variant | None = None, operations: int | None = None
+    ) -> None:
+        """Enter a kept term; ``without`` is the scene less that term."""
+        if without is not None:
+            less = self.operations(without)
+            operations = None if less is None else self.total - less
+        share = None if operations is None or not self.total else round(operations / self.total, 4)
+        self.kept.append({"term": term, "reason": reason, "operations": operations, "share": share})
+
+    def leave(self, term: str, reason: str, general: Variant | None = None, saved: int | None = None) -> None:
+        """Enter a term left out; ``general`` is the scene with that term in general form."""
+        if general is not None:
+            more = self.operations(general)
+            saved = None if more is None else more - self.total
+        self.left_out.append({"term": term, "reason": reason, "operations_saved": saved})
+
+    def choose(
+        self,
+        present: bool,
+        term: str,
+        why: str,
+        why_not: str,
+        without: Callable[[Variant], Variant],
+        general: Callable[[Variant], Variant],
+    ) -> None:
+        """Enter a term as kept or left out."""
+        if present:
+            self.keep(term, why, without(self.scene))
+        else:
+            self.leave(term, why_not, general(self.scene))
+
+
+def rigid_body_terms(ledger: Ledger, problem: Problem) -> None:
+    """Enter velocity terms, gravity and rotors."""
+    scene, model, facts = ledger.scene, ledger.model, ledger.facts
+    parts = problem.rigid_terms()
+    if not is_zero(parts["coriolis"]):
+        ledger.keep(
+            "centrifugal and Coriolis forces",
+            "the mass matrix depends on the pose",
+            variants.without_velocity_terms(scene),
+        )
+    else:
+        spatial = variants.general_directions(variants.general_inertia(scene))
+        more, less = ledger.operations(spatial), ledger.operations(variants.without_velocity_terms(spatial))
+        ledger.leave(
+            "centrifugal and Coriolis forces",
+            "they vanish identically: "
+            + ("one joint alone has none" if model.nv == 1 else "the mass matrix is the same in every pose"),
+            saved=None if more is None or less is None else more - less,
+        )
+    g = facts.gravity
+    if not g.any():
+        ledger.leave("gravity", "gravity is zero", variants.general_gravity(scene))
+    elif is_zero(parts["gravity"]):
+        ledger.leave(
+            "gravity",
+            "gravity loads no joint: it is parallel to the joint axes"
+            if facts.planar
+            else "gravity loads no joint in any pose",
+            variants.general_gravity(scene),
+        )
+    else:
+        ledger.keep("gravity", facts.gravity_text(), variants.without_gravity(scene))
+        zero = [name for name, x in zip("xyz", g) if x == 0.0]
+        if zero:
+            ledger.leave(
+                "gravity in other directions",
+                f"{listed(zero)} of gravity {'is' if len(zero) == 1 else 'are'} zero in the base's axes",
+                variants.general_gravity(scene),
+            )
+    rotors = joints_with(model, lambda b: b.armature != 0.0)
+    ledger.choose(
+        bool(rotors),
+        "rotor inertia",
+        f"the rotors of {listed(rotors)} are reflected by the square of the gear ratio, constant on the diagonal",
+        "no rotor has inertia",
+        variants.without_rotors,
+        variants.general_rotors,
+    )
+    geared = joints_with(model, lambda b: b.gear_ratio != 1.0)
+    if geared:
+        ledger.keep(
+            "gears", f"ratios of {listed(geared)} are folded into inertia and friction beforehand", operations=0
+        )
+    else:
+        ledger.leave("gears", "every motor turns with its joint", saved=0)
+
+
+def geometry_terms(ledger: Ledger, idle: list[str], spare: list[str]) -> None:
+    """Enter what the directions of the axes, the lever arms and the bodies' inertia decide."""
+    scene, facts = ledger.scene, ledger.facts
+    loops = bool(ledger.model.loops)
+    if facts.planar:
+        ledger.leave("motion out of the plane", facts.plane_reason(), variants.general_directions(scene))
+    else:
+        ledger.keep("motion out of the plane", facts.spatial_reason(), variants.parallel_axes(scene))
+        exact, entries = facts.exact_entries()
+        if exact:
+            ledger.leave(
+                "oblique directions of joints",
+                f"{exact} of the {entries} entries of the rotations between bodies are exactly 0 or +-1",
+                variants.general_directions(scene),
+            )
+    zero, components = facts.zero_levers()
+    # in a plane, general places of the joints stay in it: a loop could not close otherwise
+    levers = variants.planar_levers(scene) if facts.planar else variants.general_levers(scene)
+    if zero:
+        ledger.leave(
+            "lever arms along all axes",
+            f"{zero} of the {components} components of the joints' places on their bodies are zero",
+            levers,
+        )
+    if zero < components:
+        ledger.keep(
+            "lever arms between joints", "joints lie away from each other",
+            None if loops else variants.without_levers(scene),
+        )  # fmt: skip
+    reasons = []
+    if idle:
+        reasons.append(f"given, but without effect here: {listed(idle)}")
+    if spare:
+        reasons.append(f"not given and not needed: {listed(spare)}")
+    if facts.planar:
+        reasons.insert(0, "in the plane a body has its mass, a centre of mass in it and one moment")
+        ledger.leave("full inertia of bodies", "; ".join(reasons), variants.general_inertia(scene))
+    else:
+        ledger.keep(
+            "full inertia of bodies", "bodies turn about more than one axis", variants.planar_inertia(scene)
+        )
+        reasons.insert(0, "components that are zero or have no effect")
+        ledger.leave("other components of inertia", "; ".join(reasons), variants.general_inertia(scene))
+
+
+def force_terms(ledger: Ledger) -> None:
+    """Enter friction, springs and dampers."""
+    model = ledger.model
+
+    def enter(
+        term: str, has: Callable[[Any], bool], change: Callable[[Any], Any],
+        general: Callable[[Variant], Variant], nothing: str,
+    ) -> None:  # fmt: skip
+        names = force_joints(model, has)
+        ledger.choose(
+            bool(names), term, f"in {plural(len(names), 'joint')}: {listed(names)}", nothing,
+            lambda v: variants.without_force(v, change), general,
+        )  # fmt: skip
+
+    friction = lambda e: e.term == "friction"  # noqa: E731
+    enter(
+        "viscous friction", lambda e: friction(e) and e.viscous != 0.0,
+        lambda e: dataclasses.replace(e, viscous=0.0) if friction(e) else e,
+        variants.general_viscous, "no joint has any",
+    )  # fmt: skip
+    enter(
+        "Coulomb friction", lambda e: friction(e) and e.levels() != (0.0, 0.0),
+        lambda e: dataclasses.replace(e, coulomb=0.0) if friction(e) else e,
+        variants.general_coulomb, "no joint has any",
+    )  # fmt: skip
+    spring = lambda e: e.term == "passive" and not e.dissipative  # noqa: E731
+    damper = lambda e: e.term == "passive" and e.dissipative  # noqa: E731
+    enter("joint springs", spring, lambda e: None if spring(e) else e, variants.general_springs, "no joint has one")
+    enter("joint dampers", damper, lambda e: None if damper(e) else e, variants.general_dampers, "no joint has one")
+
+
+def drive_terms(ledger: Ledger, on_time: bool) -> None:
+    """Enter actuator torques, prescribed motion and time itself (forward dynamics)."""
+    scene = ledger.scene.scene
+    driven = [name for name, torque in (scene.torques or {}).items()]
+    ledger.choose(
+        bool(driven), "actuator torques", f"given for {listed(driven)}", "no joint has one",
+        lambda v: v.with_scene(torques={}), lambda v: dataclasses.replace(v, drives=True),
+    )  # fmt: skip
+    prescribed = list(scene.prescribed or {})
+    ledger.choose(
+        bool(prescribed), "prescribed motion",
+        f"{listed(prescribed)} {'follows' if len(prescribed) == 1 else 'follow'} given motion, by a row each",
+        "no joint's motion is prescribed",
+        lambda v: v.with_scene(prescribed={}), lambda v: dataclasses.replace(v, driven_joint=True),
+    )  # fmt: skip
+    if on_time:
+        ledger.keep("time as an input", "a torque or a prescribed motion depends on t", operations=0)
+    else:
+        ledger.leave("time as an input", "nothing depends on t explicitly", saved=0)
+
+
+def loop_terms(ledger: Ledger, problem: Problem) -> None:
+    """Enter loop closures and the rows that vanish."""
+    scene, model = ledger.scene, ledger.model
+    if not model.loops:
+        ledger.leave(
+            "closed loops and their multipliers",
+            "the joints form an open chain or tree; counted: what a single pin from "
+            f"{model.bodies[-1].name} to the base would add",
+            variants.one_pin(scene, ledger.facts.planar),
+        )
+        return
+    constraints = problem.constraints
+    alone = len(model.loops) == 1
+    for loop in model.loops:
+        names = [n for n in constraints.names if n.rsplit(".", 1)[0] == loop.name]
+        ledger.keep(
+            f"loop {loop.name} and its multipliers",
+            f"{plural(len(names), 'row')} of equation (36): {listed(names)}",
+            variants.without_loops(scene, None if alone else loop.name),
+        )
+        dropped = [n for n in constraints.dropped if n.rsplit(".", 1)[0] == loop.name]
+        if dropped:
+            space = variants.general_loops(variants.general_directions(scene))
+            kept = dataclasses.replace(space, rows=constraints.names)
+            more, less = ledger.operations(space), ledger.operations(kept)
+            ledger.leave(
+                f"loop {loop.name}: {plural(len(dropped), 'row')} {listed(dropped)}",
+                "both sides stay in one plane, so these rows vanish identically; counted: what they would add "
+                "in space",
+                saved=None if more is None or less is None else more - less,
+            )
