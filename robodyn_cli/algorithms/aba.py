@@ -13,7 +13,7 @@ from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import Wrench, rnea
 from robodyn_cli.expr.graph import is_number
 from robodyn_cli.model.model import BASE, Body, Model
-from robodyn_cli.spatial.algebra import Matrix, Transform, Vector, cross, dot, zeros
+from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, cross, dot, zeros
 from robodyn_cli.spatial.inertia import ArticulatedInertia
 
 Acceleration = tuple[Vector, Vector]  # angular, and of the body's origin; body coordinates
@@ -109,7 +109,7 @@ def invert_symmetric(D: Matrix) -> Matrix:
 class ArticulatedFactor:
     """M(q) factored along the tree; solves M x = y for any number of right-hand sides in O(N) each."""
 
-    def __init__(self, model: Model, q: Sequence[Any], X: Sequence[Transform] | None = None) -> None:
+    def __init__(self, model: Model, q: Values, X: Sequence[Transform] | None = None) -> None:
         self.model = model
         self.X = transforms(model, q) if X is None else X
         inertia = [ArticulatedInertia.from_rigid(b.inertia) for b in model.bodies]
@@ -120,7 +120,7 @@ class ArticulatedFactor:
             if body.parent != BASE:
                 inertia[body.parent] = inertia[body.parent] + felt.to_parent(self.X[k])
 
-    def solve(self, y: Sequence[Any]) -> Vector:
+    def solve(self, y: Values) -> Vector:
         """Return x with M x = y (nv,): torques collect down the tree, accelerations spread up it."""
         bodies = self.model.bodies
         pull: list[Wrench] = [(zeros(3), zeros(3)) for _ in bodies]
@@ -142,7 +142,7 @@ class ArticulatedFactor:
 
 
 def aba(
-    model: Model, q: Sequence[Any], qd: Sequence[Any], tau: Sequence[Any], gravity: Vector | None = None
+    model: Model, q: Values, qd: Values, tau: Values, gravity: Vector | None = None
 ) -> Vector:
     """Return the joint accelerations for given torques: M^-1 (tau - h).
 

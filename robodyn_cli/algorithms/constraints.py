@@ -11,15 +11,15 @@ from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.loops.base import LoopFrame, Row
 from robodyn_cli.model.model import BASE, FixedFrame, Loop, Model
-from robodyn_cli.spatial.algebra import Matrix, Transform, Vector, zeros
+from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, zeros
 
 
 def loop_rows(
     model: Model,
     loop: Loop,
     X: Sequence[Transform],
-    q: Sequence[Any],
-    qd: Sequence[Any],
+    q: Values,
+    qd: Values,
     gravity: Vector | None = None,
 ) -> list[Row]:
     """Return the rows of one loop closure.
@@ -45,7 +45,7 @@ def loop_rows(
 
 
 def _frame(
-    model: Model, q: Sequence[Any], pose: dict[int, Pose], motion: dict[int, Motion], frame: FixedFrame, root: int
+    model: Model, q: Values, pose: dict[int, Pose], motion: dict[int, Motion], frame: FixedFrame, root: int
 ) -> LoopFrame:
     here, moving = pose[frame.body], motion[frame.body]
     p = here.point(frame.p)
@@ -74,7 +74,7 @@ class Multipliers:
     lam: Vector
 
 
-def solve_with_multipliers(factor: LdlFactor, f: Sequence[Any], psi: Matrix, gamma: Sequence[Any]) -> Multipliers:
+def solve_with_multipliers(factor: LdlFactor, f: Values, psi: Matrix, gamma: Values) -> Multipliers:
     """Solve M qdd = f + Psi^T lambda with Psi qdd + gamma = 0 (equation 36 of the lecture).
 
     With M = L D L^T, b = L^-1 f and Y = L^-1 Psi^T:
@@ -106,7 +106,7 @@ def solve_with_multipliers(factor: LdlFactor, f: Sequence[Any], psi: Matrix, gam
     return Multipliers(factor.backward(loaded), lam)
 
 
-def correction(psi: Matrix, residual: Sequence[Any]) -> Vector:
+def correction(psi: Matrix, residual: Values) -> Vector:
     """Return the smallest x with Psi x = residual: Psi^T (Psi Psi^T + mu E)^-1 residual.
 
     mu is 1e-12 of the mean diagonal, far below any regular pose, and bounds the correction where Psi loses rank.

@@ -8,7 +8,7 @@ from typing import Any
 
 from robodyn_cli.algorithms.kinematics import Velocity, slice_q, slice_v, transforms, velocities
 from robodyn_cli.model.model import BASE, Body, Model
-from robodyn_cli.spatial.algebra import Matrix, Transform, Vector, cross, dot, skew, zeros
+from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, cross, dot, skew, zeros
 from robodyn_cli.spatial.inertia import RigidInertia, momentum
 
 
@@ -76,7 +76,7 @@ def subspace_rate(body: Body, q: Vector, qd: Vector, S: Matrix, velocity: Veloci
 
 
 def coriolis(
-    model: Model, q: Sequence[Any], qd: Sequence[Any], X: Sequence[Transform] | None = None
+    model: Model, q: Values, qd: Values, X: Sequence[Transform] | None = None
 ) -> Matrix:
     """Return the Coriolis matrix C (nv, nv); C qd are the velocity terms of the joint torques [N m or N].
 

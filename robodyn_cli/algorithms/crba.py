@@ -7,11 +7,11 @@ from typing import Any
 
 from robodyn_cli.algorithms.kinematics import slice_q, transforms
 from robodyn_cli.model.model import BASE, Model
-from robodyn_cli.spatial.algebra import Matrix, Transform, cross, dot, zeros
+from robodyn_cli.spatial.algebra import Matrix, Transform, Values, cross, dot, zeros
 from robodyn_cli.spatial.inertia import RigidInertia
 
 
-def crba(model: Model, q: Sequence[Any], X: Sequence[Transform] | None = None) -> Matrix:
+def crba(model: Model, q: Values, X: Sequence[Transform] | None = None) -> Matrix:
     """Return the joint-space mass matrix M (nv, nv), rotors included.
 
     Source: Featherstone (2008), table 6.2. Symmetric: both halves hold the same expressions.

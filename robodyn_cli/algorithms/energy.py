@@ -7,7 +7,7 @@ from typing import Any
 
 from robodyn_cli.algorithms.kinematics import Velocity, slice_q, slice_v, step_velocity, transforms
 from robodyn_cli.model.model import BASE, Body, Model
-from robodyn_cli.spatial.algebra import Transform, Vector, cross, dot
+from robodyn_cli.spatial.algebra import Transform, Values, Vector, cross, dot
 from robodyn_cli.spatial.inertia import RigidInertia
 
 
@@ -23,7 +23,7 @@ def rotor_kinetic_energy(body: Body, qd: Vector) -> Any:
 
 
 def kinetic_energy(
-    model: Model, q: Sequence[Any], qd: Sequence[Any], X: Sequence[Transform] | None = None
+    model: Model, q: Values, qd: Values, X: Sequence[Transform] | None = None
 ) -> Any:
     """Return the kinetic energy of bodies and rotors, qd^T M qd / 2 [J], in O(N).
 
@@ -43,7 +43,7 @@ def kinetic_energy(
 
 
 def gravity_energy(
-    model: Model, q: Sequence[Any], gravity: Vector | None, X: Sequence[Transform] | None = None
+    model: Model, q: Values, gravity: Vector | None, X: Sequence[Transform] | None = None
 ) -> Any:
     """Return the potential energy of gravity, -sum m g.c [J], zero with all mass at the base's origin.
 
@@ -71,7 +71,7 @@ def gravity_energy(
     return total
 
 
-def spring_energy(model: Model, q: Sequence[Any]) -> Any:
+def spring_energy(model: Model, q: Values) -> Any:
     """Return the potential energy of the elements in the joints (springs) [J]; ``q`` (nq,)."""
     total: Any = 0.0
     for body in model.bodies:
@@ -81,12 +81,12 @@ def spring_energy(model: Model, q: Sequence[Any]) -> Any:
 
 
 def potential_energy(
-    model: Model, q: Sequence[Any], gravity: Vector | None, X: Sequence[Transform] | None = None
+    model: Model, q: Values, gravity: Vector | None, X: Sequence[Transform] | None = None
 ) -> Any:
     """Return the potential energy of gravity and of joint springs [J]; parameters as ``gravity_energy``."""
     return gravity_energy(model, q, gravity, X) + spring_energy(model, q)
 
 
-def power(tau: Sequence[Any], qd: Sequence[Any]) -> Any:
+def power(tau: Values, qd: Values) -> Any:
     """Return the power tau.qd [W] of joint torques ``tau`` (nv,) [N m or N] at joint rates ``qd`` (nv,)."""
     return dot(tau, qd)

@@ -10,15 +10,25 @@ from collections.abc import Sequence
 from typing import Any
 
 from robodyn_cli.model.model import BASE, Body, FixedFrame, Model
-from robodyn_cli.spatial.algebra import Matrix, Transform, Vector, cross, identity, skew, vector, zeros
+from robodyn_cli.spatial.algebra import (
+    Matrix,
+    Transform,
+    Values,
+    Vector,
+    cross,
+    identity,
+    skew,
+    vector,
+    zeros,
+)
 
 
-def slice_q(body: Body, q: Sequence[Any]) -> Vector:
+def slice_q(body: Body, q: Values) -> Vector:
     """Return the position coordinates of a body's joint."""
     return vector(q[body.q : body.q + body.joint.nq])
 
 
-def slice_v(body: Body, v: Sequence[Any]) -> Vector:
+def slice_v(body: Body, v: Values) -> Vector:
     """Return the velocity coordinates of a body's joint."""
     return vector(v[body.v : body.v + body.joint.nv])
 
@@ -48,7 +58,7 @@ def step_transform(body: Body, q: Vector) -> Transform:
     return body.joint.transform(q) @ body.X_tree
 
 
-def transforms(model: Model, q: Sequence[Any]) -> list[Transform]:
+def transforms(model: Model, q: Values) -> list[Transform]:
     """Return X from parent to body, for each body."""
     return [step_transform(b, slice_q(b, q)) for b in model.bodies]
 
@@ -63,7 +73,7 @@ def poses(model: Model, X: Sequence[Transform], root: int = BASE) -> dict[int, P
 
 
 def point_jacobian(
-    model: Model, q: Sequence[Any], pose: dict[int, Pose], body: int, p: Vector, root: int = BASE
+    model: Model, q: Values, pose: dict[int, Pose], body: int, p: Vector, root: int = BASE
 ) -> tuple[Matrix, Matrix]:
     """Return the Jacobians (3, nv) of the velocity of point p and of the body's angular velocity.
 
@@ -104,7 +114,7 @@ def step_velocity(body: Body, X: Transform, q: Vector, qd: Vector, parent: Veloc
 
 
 def velocities(
-    model: Model, X: Sequence[Transform], q: Sequence[Any], qd: Sequence[Any]
+    model: Model, X: Sequence[Transform], q: Values, qd: Values
 ) -> dict[int, Velocity]:
     """Return the velocity of each body, the base included."""
     found = {BASE: Velocity.at_rest()}
@@ -170,9 +180,9 @@ def step_motion(body: Body, X: Transform, q: Vector, qd: Vector, qdd: Vector, pa
 def motions(
     model: Model,
     X: Sequence[Transform],
-    q: Sequence[Any],
-    qd: Sequence[Any],
-    qdd: Sequence[Any],
+    q: Values,
+    qd: Values,
+    qdd: Values,
     gravity: Vector | None = None,
 ) -> dict[int, Motion]:
     """Return the motion of each body, the base included."""

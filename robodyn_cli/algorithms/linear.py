@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
-from robodyn_cli.spatial.algebra import Matrix, Vector, zeros
+from robodyn_cli.spatial.algebra import Matrix, Values, Vector, zeros
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,7 +45,7 @@ class LdlFactor:
                 L[i, j] = entry * inverse[j]
         return LdlFactor(L, tuple(inverse), order)
 
-    def forward(self, b: Sequence[Any]) -> Vector:
+    def forward(self, b: Values) -> Vector:
         """Return L^-1 P b."""
         n = len(self.inverse)
         x = zeros(n)
@@ -56,7 +56,7 @@ class LdlFactor:
             x[i] = entry
         return x
 
-    def backward(self, y: Sequence[Any]) -> Vector:
+    def backward(self, y: Values) -> Vector:
         """Return P^T L^-T y."""
         n = len(self.inverse)
         x = zeros(n)
@@ -70,6 +70,6 @@ class LdlFactor:
             out[self.order[i]] = x[i]
         return out
 
-    def solve(self, b: Sequence[Any]) -> Vector:
+    def solve(self, b: Values) -> Vector:
         """Return A^-1 b."""
         return self.backward([x * d for x, d in zip(self.forward(b), self.inverse)])

@@ -7,7 +7,7 @@ from typing import Any
 
 from robodyn_cli.algorithms.kinematics import Motion, slice_q, slice_v, step_motion, transforms
 from robodyn_cli.model.model import BASE, Body, Model
-from robodyn_cli.spatial.algebra import Transform, Vector, cross, dot, zeros
+from robodyn_cli.spatial.algebra import Transform, Values, Vector, cross, dot, zeros
 
 Wrench = tuple[Vector, Vector]
 
@@ -43,9 +43,9 @@ def drive_torque(body: Body, q: Vector, qdd: Vector, wrench: Wrench) -> Vector:
 
 def rnea(
     model: Model,
-    q: Sequence[Any],
-    qd: Sequence[Any],
-    qdd: Sequence[Any],
+    q: Values,
+    qd: Values,
+    qdd: Values,
     gravity: Vector | None = None,
     X: Sequence[Transform] | None = None,
 ) -> Vector:
@@ -74,7 +74,7 @@ def rnea(
 
 
 def collect_torques(
-    model: Model, q: Sequence[Any], qdd: Sequence[Any], X: Sequence[Transform], wrench: list[Wrench]
+    model: Model, q: Values, qdd: Values, X: Sequence[Transform], wrench: list[Wrench]
 ) -> Vector:
     """Carry the bodies' wrenches down to the base and return the joint torques (nv,)."""
     wrench = list(wrench)

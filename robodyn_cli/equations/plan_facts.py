@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from robodyn_cli.algorithms.kinematics import poses, transforms
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
 from robodyn_cli.model.build import build_model
-from robodyn_cli.model.model import PARAMETER_GROUP, UNKNOWN_GROUP, Body, Model
+from robodyn_cli.model.model import BASE, PARAMETER_GROUP, UNKNOWN_GROUP, Body, Model
 from robodyn_cli.scene import types as sc
 
 Array = NDArray[np.float64]
@@ -52,11 +52,23 @@ class Facts:
     model: Model
 
     @cached_property
-    def axes(self) -> list[Array]:
-        """Directions of the joint axes in a pose where nothing is aligned by chance."""
+    def frames(self) -> list[Array]:
+        """Axes of the bodies (columns) in a pose where nothing is aligned by chance."""
         q = [0.37 + 0.61 * k for k in range(self.model.nq)]
         pose = poses(self.model, transforms(self.model, q))
-        return [np.array(pose[k].R[:, 2], dtype=float) for k in range(len(self.model.bodies))]
+        return [np.array(pose[k].R, dtype=float) for k in range(len(self.model.bodies))]
+
+    @cached_property
+    def axes(self) -> list[Array]:
+        """Directions of the joint axes in that pose."""
+        return [R[:, 2] for R in self.frames]
+
+    def normal_in(self, body: int) -> Array:
+        """Return the plane's normal in the axes of a body (or the base); zero where there is no plane."""
+        if self.normal is None:
+            return np.zeros(3)
+        n = self.normal if body == BASE else self.frames[body].T @ self.normal
+        return np.round(n, 12)
 
     def _of(self, kind: str) -> list[int]:
         return [k for k, b in enumerate(self.model.bodies) if b.joint.type == kind]

@@ -21,7 +21,7 @@ from robodyn_cli.equations.plan_facts import (
 )
 from robodyn_cli.equations.plan_variants import Variant
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.model.model import Model
+from robodyn_cli.model.model import BASE, Model
 
 Entry = dict[str, Any]
 
@@ -148,7 +148,6 @@ def rigid_body_terms(ledger: Ledger, problem: Problem) -> None:
 def geometry_terms(ledger: Ledger, idle: list[str], spare: list[str]) -> None:
     """Enter what the directions of the axes, the lever arms and the bodies' inertia decide."""
     scene, facts = ledger.scene, ledger.facts
-    loops = bool(ledger.model.loops)
     if facts.planar:
         ledger.leave("motion out of the plane", facts.plane_reason(), variants.general_directions(scene))
     else:
@@ -161,19 +160,18 @@ def geometry_terms(ledger: Ledger, idle: list[str], spare: list[str]) -> None:
                 variants.general_directions(scene),
             )
     zero, components = facts.zero_levers()
-    # in a plane, general places of the joints stay in it: a loop could not close otherwise
-    levers = variants.planar_levers(scene) if facts.planar else variants.general_levers(scene)
     if zero:
+        # in a plane, general places of the joints stay in it: a loop could not close otherwise
+        normals = [facts.normal_in(b.parent) for b in ledger.model.bodies]
         ledger.leave(
             "lever arms along all axes",
             f"{zero} of the {components} components of the joints' places on their bodies are zero",
-            levers,
+            variants.planar_levers(scene, normals) if facts.planar else variants.general_levers(scene),
         )
-    if zero < components:
+    if zero < components and not ledger.model.loops:
         ledger.keep(
-            "lever arms between joints", "joints lie away from each other",
-            None if loops else variants.without_levers(scene),
-        )  # fmt: skip
+            "lever arms between joints", "joint axes do not all meet in one point", variants.without_levers(scene)
+        )
     reasons = []
     if idle:
         reasons.append(f"given, but without effect here: {listed(idle)}")
@@ -250,7 +248,7 @@ def loop_terms(ledger: Ledger, problem: Problem) -> None:
             "closed loops and their multipliers",
             "the joints form an open chain or tree; counted: what a single pin from "
             f"{model.bodies[-1].name} to the base would add",
-            variants.one_pin(scene, ledger.facts.planar),
+            variants.one_pin(scene, ledger.facts.normal_in(len(model.bodies) - 1), ledger.facts.normal_in(BASE)),
         )
         return
     constraints = problem.constraints

@@ -138,15 +138,19 @@ def general_levers(v: Variant) -> Variant:
     return v.with_bodies(lambda b: dataclasses.replace(b, X_tree=Transform(b.X_tree.E, s.vector())))
 
 
-def planar_levers(v: Variant) -> Variant:
-    """Joints anywhere in the plane of motion; places along the axes as they are."""
+def planar_levers(v: Variant, normals: Sequence[Any]) -> Variant:
+    """Joints anywhere in the plane of motion; ``normals`` are its normals in the axes of each body's parent."""
     s = Symbols(v.model.graph)
+    bodies = []
+    for b, normal in zip(v.model.bodies, normals):
+        r = _in_plane(s, normal, b.X_tree.r)
+        bodies.append(dataclasses.replace(b, X_tree=Transform(b.X_tree.E, r)))
+    return v.with_model(bodies=tuple(bodies))
 
-    def move(b: Body) -> Body:
-        E, r = b.X_tree.E, b.X_tree.r
-        return dataclasses.replace(b, X_tree=Transform(E, vector([s.one(), s.one(), r[2]])))
 
-    return v.with_bodies(move)
+def _in_plane(s: Symbols, normal: Sequence[float], p: Vector) -> Vector:
+    """Return p with symbols for the components along coordinate axes that lie in the plane."""
+    return vector([s.one() if abs(n) < 1e-9 else x for n, x in zip(normal, p)])
 
 
 def general_inertia(v: Variant) -> Variant:
@@ -218,13 +222,19 @@ def general(v: Variant) -> Variant:
     return dataclasses.replace(bare, drives=True, keep_rows=None)
 
 
-def one_pin(v: Variant, planar: bool) -> Variant:
-    """A pin between the last body and the base: what the smallest loop would bring."""
+def one_pin(v: Variant, here: Sequence[float], there: Sequence[float]) -> Variant:
+    """A pin between the last body and the base: what the smallest loop would bring.
+
+    Parameters
+    ----------
+    here, there : normal of the plane of motion in the axes of the body and of the base; zero where there is none.
+    """
     s = Symbols(v.model.graph)
-    place = lambda: vector([s.one(), s.one(), 0.0 if planar else s.one()])  # noqa: E731
-    first = FixedFrame(len(v.model.bodies) - 1, place(), identity())
-    second = FixedFrame(BASE, place(), identity())
-    element = RevoluteLoop(name="pin", type="revolute", between=("", ""))
+    first = FixedFrame(len(v.model.bodies) - 1, _in_plane(s, here, zeros(3)), identity())
+    second = FixedFrame(BASE, _in_plane(s, there, zeros(3)), identity())
+    axis = (float(here[0]), float(here[1]), float(here[2])) if any(here) else (0.0, 0.0, 1.0)
+    other = (float(there[0]), float(there[1]), float(there[2])) if any(there) else (0.0, 0.0, 1.0)
+    element = RevoluteLoop(name="pin", type="revolute", between=("", ""), axis=axis, axis2=other)
     return v.with_model(loops=(Loop("pin", element, first, second),))
 
 

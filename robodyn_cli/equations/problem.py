@@ -27,7 +27,7 @@ from robodyn_cli.loops.base import Row
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.scene import types as sc
-from robodyn_cli.spatial.algebra import Matrix, Transform, Vector, zeros
+from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, zeros
 
 GROUPS = ("t", "q", "v", "a", "p")
 
@@ -262,7 +262,7 @@ class Problem:
             return solve_with_multipliers(factor, f, self.psi, self.constraints.gamma)
         return Multipliers(self.free_accelerations(f), zeros(0))
 
-    def free_accelerations(self, f: Sequence[Any]) -> Vector:
+    def free_accelerations(self, f: Values) -> Vector:
         """Return M^-1 f for the open tree: articulated bodies, or factored mass matrix where that is shorter."""
         articulated = ArticulatedFactor(self.model, self.q, self.X).solve(f)
         if self.model.nv > 12:  # the dense factorisation grows with the cube

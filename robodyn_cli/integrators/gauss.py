@@ -319,16 +319,18 @@ class Gauss(Stepper):
         inner_once = self._table(w, "dense.inner1", pairs(D.inner_once))
         inner_twice = self._table(w, "dense.inner2", pairs(D.inner_twice))
         residual = [[f.slot(m) for _ in range(rates)] for _ in range(2)]
-        for group in residual:
-            for slot in group:
-                f.store(f.constant(0.0, m), slot, 64)
+        for slot in (*residual[0], *residual[1]):
+            f.store(f.constant(0.0, m), slot, 64)
         x0 = [f.splat(f.load(a), m) for a in w.state]
         wide_h, wide_h2 = f.splat(h, m), f.splat(h * h, m)
         with f.count(3) as round_:
             group = (round_ + 1) & 1  # 1, 0, 1
             c = f.load(f.offset(nodes, group * m), m, 64)
             inner = group * 2
-            q, v, z, known = [], [], [], []
+            q: list[Value] = []
+            v: list[Value] = []
+            z: list[Value] = []
+            known: list[Value] = []
             for j in range(rates):
                 sources = [self.guess[j], residual[0][j], residual[1][j]]
                 tables = [

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import dataclasses
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.integrators.gauss_tables import gauss_table
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 WIDTH = 24  # coefficients of one correction, padded to whole vectors
 
 

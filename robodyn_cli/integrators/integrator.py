@@ -22,7 +22,7 @@ from robodyn_cli.integrators.registry import methods
 from robodyn_cli.kernels.compiler import compile_module, machine
 from robodyn_cli.kernels.samples import SampleKernel
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 Snapshot = tuple[Array, NDArray[np.int64], Array, Array]
 SMALLEST_ATOL = 1e-300  # keeps weights finite where the tolerance is zero
 
@@ -136,7 +136,7 @@ class Integrator:
     def set_state(self, state: Any) -> None:
         """Replace the state in the middle of a run (a jump); the time stays."""
         self.y[:] = state
-        self.w[Real.SIZE :] = 0.0
+        self._forget()
         self._watch({})
 
     # -- running --------------------------------------------------------------------------------------
@@ -180,6 +180,11 @@ class Integrator:
         self.n[Whole.WATCH] = 1
         self._armed = True
 
+    def _forget(self) -> None:
+        """Let the event functions start anew, from whichever side they are on."""
+        self.w[Real.SIZE :] = 0.0
+        self._armed = False
+
     def advance(self, end: float) -> None:
         """Integrate to ``end`` without samples or events.
 
@@ -187,8 +192,8 @@ class Integrator:
         ------
         NumericalError : the step size underflows, the state stops being finite, or there are too many steps.
         """
-        self.n[Whole.WATCH], self.n[Whole.LAST_SAMPLE], self._armed = 0, -1, False
-        self.w[Real.SIZE :] = 0.0
+        self.n[Whole.WATCH], self.n[Whole.LAST_SAMPLE] = 0, -1
+        self._forget()
         for stop in [b for b in self.system.breakpoints if self.time < b < end] + [end]:
             self._check(self._call(stop))
 
@@ -224,7 +229,9 @@ class Integrator:
             self.n[Whole.NEXT_SAMPLE] += 1
         watch = watch and self._switching is not None
         self.n[Whole.WATCH] = watch
-        if watch and not self._armed:
+        if not watch:
+            self._forget()
+        elif not self._armed:
             self._watch({})
 
         def flush() -> None:

@@ -140,27 +140,16 @@ class Condition:
         """Return whether any lane holds."""
         if self.width == 1:
             return self
-        return self.mask() != 0
+        return self.f.compare_int("ne", self.mask(), 0)
 
-    def mask(self) -> Mask:
+    def mask(self) -> Int:
         """Return the lanes as the low bits of an integer, lane 0 lowest."""
         if self.width == 1:
-            return Mask(self.f, self.f.name(f"zext i1 {self.ref} to i64"))
+            return Int(self.f, self.f.name(f"zext i1 {self.ref} to i64"))
         bits = self.f.name(f"bitcast <{self.width} x i1> {self.ref} to i{self.width}")
         if self.width == 64:
-            return Mask(self.f, bits)
-        return Mask(self.f, self.f.name(f"zext i{self.width} {bits} to i64"))
-
-
-class Mask(Int):
-    """Lanes as bits."""
-
-    def __ne__(self, other: object) -> Condition:  # type: ignore[override]
-        assert isinstance(other, int)
-        return self.f.compare_int("ne", self, other)
-
-    def __hash__(self) -> int:
-        return hash(self.ref)
+            return Int(self.f, bits)
+        return Int(self.f, self.f.name(f"zext i{self.width} {bits} to i64"))
 
 
 class Function:

@@ -94,13 +94,20 @@ def _joint_placement(robot: sc.Robot, joint: sc.Joint, values: _Values) -> tuple
     The body frame has the joint's axis as z. For revolute and prismatic joints with D-H parameters it is the
     frame right after the joint's own motion.
     """
-    get = lambda key, value: values.get(f"joints.{joint.name}.{key}", value)  # noqa: E731
     X = Transform.identity()
     if joint.origin is not None:
         X = Transform.from_pose(rotation_rpy(joint.origin.rpy), vector(joint.origin.xyz))
     one = Transform.identity()
-    slide = lambda z: Transform(identity(), vector([0.0, 0.0, z]))  # noqa: E731
-    turn = lambda angle: Transform(rotation_about(2, angle).T, zeros(3))  # noqa: E731
+
+    def get(key: str, value: float) -> Any:
+        return values.get(f"joints.{joint.name}.{key}", value)
+
+    def slide(z: Any) -> Transform:
+        return Transform(identity(), vector([0.0, 0.0, z]))
+
+    def turn(angle: Any) -> Transform:
+        return Transform(rotation_about(2, angle).T, zeros(3))
+
     offset = get("offset", joint.offset)
     if not has_dh(joint):
         if joint.axis is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.writer import ResultWriter
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 XYZ = ("x", "y", "z")
 
 
@@ -84,7 +85,7 @@ class Observer:
 
     @staticmethod
     def _places(model: Model) -> list[tuple[str, tuple[FixedFrame, ...]]]:
-        places = [(f"points/{name}", (frame,)) for name, frame in model.points.items()]
+        places: list[tuple[str, tuple[FixedFrame, ...]]] = [(f"points/{name}", (frame,)) for name, frame in model.points.items()]
         places += [(f"skeleton/{name}", frames) for name, frames in model.outlines.items()]
         return places
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from robodyn_cli.formulations.system import EventFunction, System
 from robodyn_cli.integrators.integrator import Event, Integrator, Options
 from robodyn_cli.spatial.algebra import zeros
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 RANK = 1e-6  # ratio of singular values below which a located pose counts as having lost rank
 NEAR = 0.02  # ratio from which on a loss of rank is looked for ahead
 NEAR_RANK_LOSS = "near_rank_loss"

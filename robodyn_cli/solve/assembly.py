@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import Model
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 ATTEMPTS = 24  # random starts for coordinates without an initial value
 RANK_TOLERANCE = 1e-9
 

@@ -20,6 +20,7 @@ from robodyn_cli.expr.functions import cos, sin
 
 Vector = NDArray[Any]  # dtype object, shape (3,)
 Matrix = NDArray[Any]  # dtype object, shape (3, 3)
+Values = Sequence[Any] | NDArray[Any]  # numbers or expressions in order
 
 
 def vector(xs: Iterable[Any]) -> Vector:

@@ -1,0 +1,114 @@
+"""What a scene needs and what is left out, from the graphs that its command compiles.
+
+    operations          of the program that the command's inner loop runs: torques (inverse), accelerations
+    operations_general  of the same program with every constant of the scene a symbol
+
+An operation is an addition, a multiplication, a division or a call of a function.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from robodyn_cli.equations.plan_facts import (
+    Facts,
+    depends_on_time,
+    idle_constants,
+    plural,
+    unknown_data,
+)
+from robodyn_cli.equations.plan_terms import (
+    Ledger,
+    drive_terms,
+    force_terms,
+    geometry_terms,
+    loop_terms,
+    rigid_body_terms,
+)
+from robodyn_cli.equations.plan_variants import Variant, general
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.expr.graph import Scalar, count_operations
+from robodyn_cli.formulations.index1 import index1
+from robodyn_cli.model.build import build_model
+from robodyn_cli.model.model import Model
+from robodyn_cli.run.plan_forward import Forward
+from robodyn_cli.run.plan_inverse import Inverse
+from robodyn_cli.run.plan_text import render
+from robodyn_cli.scene import types as sc
+
+__all__ = ["plan", "render"]
+
+COMMANDS = ("inverse", "simulate", "deploy")
+# variants of a model are built term by term while that stays below a second or two: operations of all variants
+LARGEST = 300_000
+VARIANTS = 25
+
+
+def command_of(scene: sc.Scene) -> str:
+    """Return the command that a scene is made for."""
+    if scene.command is not None:
+        return scene.command
+    return "inverse" if scene.trajectory is not None else "simulate"
+
+
+def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
+    """Return what the command keeps and leaves out of the general problem, ready for JSON.
+
+    Parameters
+    ----------
+    command : ``inverse``, ``simulate`` or ``deploy``; default: the scene's own.
+
+    Returns
+    -------
+    ``operations``, ``operations_general``; ``kept`` (term, reason, operations: what leaving it out would save);
+    ``left_out`` (term, reason, operations_saved); ``kernels``; ``choices`` of the engine with their reasons;
+    ``equation_36`` for mechanisms with loops; ``missing`` data, without which the command stops. Counts are None
+    where single terms of a large model are not counted.
+
+    Raises
+    ------
+    CapabilityError : the command cannot do this scene. GeometryError : its loops cannot close.
+    """
+    command = command or command_of(scene)
+    if command not in COMMANDS:
+        raise CapabilityError(f"{command!r} has no plan; allowed: {', '.join(COMMANDS)}")
+    subject: Inverse | Forward = Inverse(scene) if command == "inverse" else Forward(scene, command)
+    problem = subject.problem
+    outputs = subject.outputs(problem)
+    missing, spare = unknown_data(problem.model, outputs)
+    total = count_operations(outputs)
+    kernels = [] if missing else subject.kernels()
+    scene = problem.scene
+    variant = Variant(scene, build_model(scene), keep_rows=subject.kept_rows)
+    count = lambda v: count_operations(subject.outputs(v.problem()))  # noqa: E731
+    everything = count(general(variant))
+    counted = everything * VARIANTS <= LARGEST
+    ledger = Ledger(variant, Facts(variant.model), count, total, counted)
+    idle = idle_constants(scene, lambda model: subject.outputs(Problem(scene, model=model))) if counted else []
+    subject.stages(ledger)
+    rigid_body_terms(ledger, problem)
+    geometry_terms(ledger, idle, spare)
+    force_terms(ledger)
+    subject.more_terms(ledger)
+    loop_terms(ledger, problem)
+    found = {
+        "command": command,
+        "title": scene.title,
+        "mechanism": describe(problem),
+        "operations": total,
+        "operations_general": everything,
+        "ratio": round(everything / total, 3) if total else None,
+        "kept": ledger.kept,
+        "left_out": ledger.left_out,
+        "kernels": kernels,
+        "choices": subject.choices(),
+        "missing": missing,
+        "not_given_and_not_needed": spare,
+        "given_without_effect": idle,
+        "terms_counted": counted,
+    }
+    if problem.model.loops:
+        found["equation_36"] = subject.equation_36(ledger)
+    return found
