@@ -73,3 +73,44 @@ class LdlFactor:
     def solve(self, b: Values) -> Vector:
         """Return A^-1 b."""
         return self.backward([x * d for x, d in zip(self.forward(b), self.inverse)])
+
+
+@dataclasses.dataclass(frozen=True)
+class LuFactor:
+    """A = L U without pivoting, L with unit diagonal; zeros of A that stay zero cost nothing.
+
+    entries : L below and U on and above the diagonal, the diagonal of U inverted.
+    """
+
+    entries: Matrix
+
+    @staticmethod
+    def of(A: Matrix) -> LuFactor:
+        """Factor A by Crout's scheme, row by row."""
+        n = A.shape[0]
+        F = zeros(n, n)
+        for i in range(n):
+            for j in range(n):
+                entry = A[i, j]
+                for k in range(min(i, j)):
+                    entry = entry - F[i, k] * F[k, j]
+                if j < i:
+                    entry = entry * F[j, j]
+                F[i, j] = 1.0 / entry if i == j else entry
+        return LuFactor(F)
+
+    def solve(self, b: Values) -> Vector:
+        """Return A^-1 b."""
+        n = self.entries.shape[0]
+        x = zeros(n)
+        for i in range(n):
+            entry = b[i]
+            for k in range(i):
+                entry = entry - self.entries[i, k] * x[k]
+            x[i] = entry
+        for i in reversed(range(n)):
+            entry = x[i]
+            for k in range(i + 1, n):
+                entry = entry - self.entries[i, k] * x[k]
+            x[i] = entry * self.entries[i, i]
+        return x

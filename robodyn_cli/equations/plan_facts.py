@@ -32,6 +32,25 @@ def listed(names: Iterable[str]) -> str:
     return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
+def listed_data(names: Iterable[str]) -> str:
+    """Return names such as ``inertia.xx of link2`` as a phrase, links with the same data together."""
+    of_link: dict[str, list[str]] = {}
+    for name in names:
+        what, _, link = name.partition(" of ")
+        of_link.setdefault(link, []).append(what)
+    same: dict[tuple[str, ...], list[str]] = {}
+    for link, whats in of_link.items():
+        same.setdefault(tuple(whats), []).append(link)
+    return "; ".join(f"{', '.join(short_data(whats))} of {listed(links)}" for whats, links in same.items())
+
+
+def short_data(whats: Sequence[str]) -> list[str]:
+    """Return ``inertia.xx, yy`` for ``inertia.xx``, ``inertia.yy``."""
+    tensor = [w.partition(".")[2] for w in whats if w.startswith("inertia.")]
+    found = [w for w in whats if not w.startswith("inertia.")]
+    return [*found, f"inertia.{tensor[0]}", *tensor[1:]] if tensor else found
+
+
 def plural(count: int, word: str) -> str:
     """Return ``2 joints``, ``1 joint``, ``no joint``."""
     return f"{count or 'no'} {word}{'s' if count > 1 else ''}"
@@ -102,7 +121,8 @@ class Facts:
         elif self._of("prismatic"):
             text = f"all turning axes are parallel to {axis} of the base and all sliding ones across it"
         else:
-            text = f"all {joints} joint axes are parallel to {axis} of the base: every body moves in one plane"
+            all_axes = "both joint axes" if joints == 2 else f"all {joints} joint axes"
+            text = f"{all_axes} are parallel to {axis} of the base: every body moves in one plane"
         g = self.gravity
         if not g.any():
             return text

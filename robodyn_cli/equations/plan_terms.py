@@ -17,10 +17,12 @@ from robodyn_cli.equations.plan_facts import (
     is_zero,
     joints_with,
     listed,
+    listed_data,
     plural,
 )
 from robodyn_cli.equations.plan_variants import Variant
 from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.graph import count_operations
 from robodyn_cli.model.model import BASE, Model
 
 Entry = dict[str, Any]
@@ -174,9 +176,9 @@ def geometry_terms(ledger: Ledger, idle: list[str], spare: list[str]) -> None:
         )
     reasons = []
     if idle:
-        reasons.append(f"given, but without effect here: {listed(idle)}")
+        reasons.append(f"given, but without effect here: {listed_data(idle)}")
     if spare:
-        reasons.append(f"not given and not needed: {listed(spare)}")
+        reasons.append(f"not given and not needed: {listed_data(spare)}")
     if facts.planar:
         reasons.insert(0, "in the plane a body has its mass, a centre of mass in it and one moment")
         ledger.leave("full inertia of bodies", "; ".join(reasons), variants.general_inertia(scene))
@@ -186,6 +188,22 @@ def geometry_terms(ledger: Ledger, idle: list[str], spare: list[str]) -> None:
         )
         reasons.insert(0, "components that are zero or have no effect")
         ledger.leave("other components of inertia", "; ".join(reasons), variants.general_inertia(scene))
+
+
+def fixed_links(ledger: Ledger, problem: Problem) -> None:
+    """Enter the links on fixed joints, which are merged into their parents."""
+    if all(joint.type != "fixed" for joint in ledger.scene.scene.robot.joints):
+        return
+    apart = variants.unmerged(ledger.scene)
+    other = apart.problem()
+    places = {other.model.body_of(name).v for name in apart.still}
+    bias = [x for k, x in enumerate(other.bias) if k not in places]
+    ledger.leave(
+        "links on fixed joints",
+        f"{listed(apart.still)} do not move: their links are merged into what carries them; counted: in the "
+        "forces h(q, qd)",
+        saved=count_operations(bias) - count_operations(list(problem.bias)),
+    )
 
 
 def force_terms(ledger: Ledger) -> None:
@@ -240,9 +258,16 @@ def drive_terms(ledger: Ledger, on_time: bool) -> None:
         ledger.leave("time as an input", "nothing depends on t explicitly", saved=0)
 
 
-def loop_terms(ledger: Ledger, problem: Problem) -> None:
+def loop_terms(ledger: Ledger, problem: Problem, forward: bool) -> None:
     """Enter loop closures and the rows that vanish."""
     scene, model = ledger.scene, ledger.model
+    if not model.loops and not forward:
+        ledger.leave(
+            "closed loops and their multipliers",
+            "the joints form an open chain or tree: every torque follows from the motion alone",
+            saved=0,
+        )
+        return
     if not model.loops:
         ledger.leave(
             "closed loops and their multipliers",

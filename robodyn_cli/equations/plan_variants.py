@@ -19,6 +19,7 @@ from robodyn_cli.forces.friction import CoulombPair, Friction
 from robodyn_cli.forces.spring import Spring
 from robodyn_cli.loops.base import Row
 from robodyn_cli.loops.revolute import RevoluteLoop
+from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import BASE, PARAMETER_GROUP, Body, FixedFrame, JointForce, Loop, Model
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Matrix, Transform, Vector, identity, matrix, vector, zeros
@@ -52,7 +53,7 @@ class Variant:
 
     velocity_terms, accelerations : whether rigid bodies feel qd and qdd. drives : a symbol as torque on each
     joint without one. driven_joint : whether the first joint's motion is prescribed, as a symbol. rows : names of
-    the constraint rows to keep, keep_rows : the same by index (all by default).
+    the constraint rows to keep (all by default). still : joints that are kept at zero.
     """
 
     scene: sc.Scene
@@ -62,7 +63,7 @@ class Variant:
     drives: bool = False
     driven_joint: bool = False
     rows: tuple[str, ...] | None = None
-    keep_rows: tuple[int, ...] | None = None
+    still: tuple[str, ...] = ()
 
     def with_scene(self, **changes: Any) -> Variant:
         return dataclasses.replace(self, scene=dataclasses.replace(self.scene, **changes))
@@ -82,8 +83,12 @@ class VariantProblem(Problem):
     """The equations with a variant's changes; for the scene as it is, exactly those of ``Problem``."""
 
     def __init__(self, variant: Variant) -> None:
-        super().__init__(variant.scene, model=variant.model, keep_rows=variant.keep_rows)
+        super().__init__(variant.scene, model=variant.model)
         self.variant = variant
+        for name in variant.still:
+            body = self.model.body_of(name)
+            nothing: Any = 0.0
+            self.q[body.q] = self.v[body.v] = self.a[body.v] = nothing
 
     def _rates(self) -> Sequence[Any]:
         return self.v if self.variant.velocity_terms else zeros(self.model.nv)
@@ -219,7 +224,7 @@ def general(v: Variant) -> Variant:
         general_coulomb, general_springs, general_dampers, general_loops,
     ):  # fmt: skip
         bare = change(bare)
-    return dataclasses.replace(bare, drives=True, keep_rows=None)
+    return dataclasses.replace(bare, drives=True, rows=None)
 
 
 def one_pin(v: Variant, here: Sequence[float], there: Sequence[float]) -> Variant:
@@ -294,7 +299,19 @@ def without_force(v: Variant, change: Callable[[Any], Any]) -> Variant:
 def without_loops(v: Variant, name: str | None = None) -> Variant:
     """Without one loop, or without any."""
     kept = tuple(loop for loop in v.model.loops if name is not None and loop.name != name)
-    return dataclasses.replace(v.with_model(loops=kept), keep_rows=None)
+    return v.with_model(loops=kept)
+
+
+def unmerged(v: Variant) -> Variant:
+    """Links on fixed joints as bodies of their own: their joints turn, but are kept still."""
+    joints, still = [], []
+    for joint in v.scene.robot.joints:
+        if joint.type == "fixed":
+            still.append(joint.name)
+            joint = dataclasses.replace(joint, type="revolute", offset=joint.theta or 0.0, theta=None)
+        joints.append(joint)
+    scene = dataclasses.replace(v.scene, robot=dataclasses.replace(v.scene.robot, joints=tuple(joints)))
+    return Variant(scene, build_model(scene), still=tuple(still))
 
 
 def serial_chain(v: Variant) -> Variant:

@@ -6,6 +6,7 @@ import ctypes
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,9 @@ from robodyn_cli.kernels.samples import SampleKernel
 Array = NDArray[Any]
 Snapshot = tuple[Array, NDArray[np.int64], Array, Array]
 SMALLEST_ATOL = 1e-300  # keeps weights finite where the tolerance is zero
+# the compiled loop runs for about this long [s] at a time; the number of steps adapts itself
+SLICE_TIME = 0.02
+FIRST_SLICE = 256
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,6 +81,8 @@ class Integrator:
     system : what to integrate.
     method : name in the registry.
     parameters : values of the symbolic parameters p.
+
+    ``tick``, where set, is told the time every few milliseconds of a run.
     """
 
     def __init__(self, system: System, method: str = "gauss", parameters: Any = ()) -> None:
@@ -96,6 +102,8 @@ class Integrator:
             raise ValueError(f"the system has {needed} parameters, got {len(parameters)}")
         self.p = np.array(parameters, dtype=float) if len(parameters) else np.zeros(1)
         self._out = np.zeros(0)
+        self._slice = FIRST_SLICE
+        self.tick: Callable[[float], None] | None = None
         self.reset(0.0, np.zeros(system.size))
 
     # -- state ----------------------------------------------------------------------------------------
@@ -112,7 +120,6 @@ class Integrator:
         self.w[Real.RTOL], self.w[Real.ATOL] = options.rtol, max(options.atol, SMALLEST_ATOL)
         self.w[Real.H_MAX] = options.max_step
         self.w[Real.MEMORY] = self.w[Real.MEMORY_2] = 1.0
-        self.n[Whole.MAX_STEPS] = options.max_steps
         self.n[Whole.LAST_SAMPLE] = -1
         self.events_seen = 0
         self._armed = False
@@ -149,11 +156,26 @@ class Integrator:
             # look good where derivatives happen to vanish
             self.w[Real.H] = min(1e-3 * (end - self.w[Real.T]), self.options.max_step)
             self.w[Real.H_OLD] = self.w[Real.H]
-        status = self._run(
-            self.w.ctypes.data, self.n.ctypes.data, self.y.ctypes.data, self.p.ctypes.data,
-            self.memory.ctypes.data, self._out.ctypes.data,
-        )  # fmt: skip
-        return Status(status)
+        while True:
+            # back here every few milliseconds: interrupts are heard, and progress is told
+            taken = int(self.n[Whole.ACCEPTED] + self.n[Whole.REJECTED])
+            self.n[Whole.MAX_STEPS] = min(self.options.max_steps, taken + self._slice)
+            start = perf_counter()
+            status = Status(
+                self._run(
+                    self.w.ctypes.data, self.n.ctypes.data, self.y.ctypes.data, self.p.ctypes.data,
+                    self.memory.ctypes.data, self._out.ctypes.data,
+                )
+            )  # fmt: skip
+            if status is not Status.MAX_STEPS or self.n[Whole.MAX_STEPS] >= self.options.max_steps:
+                return status
+            spent = perf_counter() - start
+            if spent < SLICE_TIME:
+                self._slice *= 2
+            elif spent > 4 * SLICE_TIME:
+                self._slice = max(1, self._slice // 2)
+            if self.tick is not None:
+                self.tick(self.time)
 
     def event_values(self, time: float, state: Array) -> Array:
         """Return the event functions at a state."""

@@ -69,10 +69,13 @@ class Writer:
         return f.compare("ole", time, bound) & f.compare_int("sle", k, f.load_int(self.whole(Whole.LAST_SAMPLE)))
 
     # -- programs -------------------------------------------------------------------------------------
-    def evaluate(self, program: Program, t: Value, x: list[Value], width: int) -> dict[str, list[Value]]:
-        """Emit a program of the system at time t and state x = (q, v, z)."""
+    def evaluate(
+        self, program: Program, t: Value, x: list[Value], width: int, **more: list[Value]
+    ) -> dict[str, list[Value]]:
+        """Emit a program of the system at time t and state x = (q, v, z), with ``more`` input groups."""
         f, s = self.f, self.system
         inputs = {
+            **more,
             "t": [t],
             "q": x[: s.nq],
             "v": x[s.nq : s.nq + s.nv],

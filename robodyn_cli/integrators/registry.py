@@ -5,10 +5,12 @@ from __future__ import annotations
 from robodyn_cli.integrators.explicit import ClassicalRungeKutta, Dop853, Dopri5
 from robodyn_cli.integrators.gauss import Gauss
 from robodyn_cli.integrators.loop import Stepper
+from robodyn_cli.integrators.rosenbrock import Rodas5P
 
 methods: dict[str, type[Stepper]] = {
     "gauss": Gauss,
     "dop853": Dop853,
     "dopri5": Dopri5,
     "rk4": ClassicalRungeKutta,
+    "rodas5p": Rodas5P,
 }

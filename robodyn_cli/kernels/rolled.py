@@ -3,131 +3,55 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.algorithms.kinematics import Motion
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.expr.graph import Expr, free_symbols
 from robodyn_cli.kernels.compiler import compile_module, machine
 from robodyn_cli.kernels.ir import module
-from robodyn_cli.kernels.program import unknown_data
-from robodyn_cli.kernels.rolled_loops import Header, Layout, Row, rolled_function, write_sample_kernel
-from robodyn_cli.kernels.rolled_steps import Recursion, constants_of, make_recursion, structure_of
-from robodyn_cli.model.model import BASE, PARAMETER_GROUP, Model
+from robodyn_cli.kernels.rolled_loops import rolled_function, write_sample_kernel
+from robodyn_cli.kernels.rolled_tables import RolledPlan
+from robodyn_cli.model.model import Model
 
 Array = NDArray[np.float64]
-ALIGNMENT = 64
+
+CROSSOVER = 20  # joints
+# A block of samples visits every column of its arrays, each on a page of its own. With more columns than the
+# processor translates pages for, samples are first copied to arrays of CHUNK rows, several columns a page.
+MANY_COLUMNS = 1400
+CHUNK = 64
 
 
-def depth_first(model: Model) -> list[int]:
-    """Return the bodies so that as many as possible follow their parent."""
-    children: dict[int, list[int]] = {}
-    for k, body in enumerate(model.bodies):
-        children.setdefault(body.parent, []).append(k)
-    order: list[int] = []
-    stack = children.get(BASE, [])[::-1]
-    while stack:
-        k = stack.pop()
-        order.append(k)
-        stack.extend(reversed(children.get(k, [])))
-    return order
-
-
-class RolledPlan:
-    """A model as tables, and the recursion that its kinds of joint take.
-
-    serial : every body hangs on the one before.
-    tables : see ``rolled_loops``; the only thing that knows the model's numbers.
-    """
-
-    def __init__(self, model: Model, recipe: str) -> None:
-        if not model.bodies:
-            raise CapabilityError("rolled kernels need at least one moving body")
-        order = depth_first(model)
-        bodies = [model.bodies[k] for k in order]
-        kinds = list(dict.fromkeys(b.joint for b in bodies))
-        constants = [constants_of(b) for b in bodies]
-        kind_of = [kinds.index(b.joint) for b in bodies]
-        structures = tuple(
-            structure_of([c for c, kind in zip(constants, kind_of) if kind == j]) for j in range(len(kinds))
-        )
-        at_rest = Motion.at_rest(model.gravity)
-        if any(isinstance(x, Expr) for x in at_rest.a):
-            raise CapabilityError("rolled kernels need gravity as numbers")
-        present = tuple(bool(x != 0.0) for x in at_rest.a)
-        self.recursion: Recursion = make_recursion(recipe, tuple(kinds), structures, present)
-        before = [BASE, *order[:-1]]
-        late = [b.parent for b, previous in zip(bodies, before) if b.parent != previous]
-        # the base owns the first branch slot, used or not
-        slot = {parent: k for k, parent in enumerate(dict.fromkeys([BASE, *late]))}
-        self.serial = not late
-        self.slots = 0 if self.serial else len(slot)
-        words = np.zeros(Header.SIZE + len(bodies) * Row.SIZE)
-        whole = words.view(np.int64)
-        whole[Header.BODIES], whole[Header.SLOTS] = len(bodies), self.slots
-        words[Header.BASE_MOTION : Header.BASE_MOTION + 9] = [*at_rest.w, *at_rest.wd, *at_rest.a]
-        for k, (index, body) in enumerate(zip(order, bodies)):
-            start = int(Header.SIZE) + k * int(Row.SIZE)
-            whole[start : start + int(Row.CONSTANTS)] = [
-                kind_of[k],
-                -1 if body.parent == before[k] else slot[body.parent],
-                slot.get(index, -1),
-                body.q,
-                body.v,
-            ]
-            needed = self.recursion.constants_used(kind_of[k])
-            words[start + int(Row.CONSTANTS) : start + int(Row.SIZE)] = _numbers(constants[k], needed)
-        self.tables: Array = words
-        self.nq, self.nv = model.nq, model.nv
-        self.bodies = len(bodies)
-
-    @property
-    def digest(self) -> str:
-        """Key of the compiled code: kinds of joint, structure they share, serial or tree; no numbers."""
-        return f"{'serial' if self.serial else 'tree'} {self.recursion.digest}"
-
-    def scratch(self, width: int) -> Array:
-        """Return aligned scratch memory for ``width`` lanes."""
-        size = Layout(self.recursion).vectors(self.bodies, self.slots) * width
-        memory = np.zeros(size + ALIGNMENT // 8)
-        skip = (-memory.ctypes.data // 8) % (ALIGNMENT // 8)
-        return memory[skip : skip + size]
-
-
-def _numbers(row: Sequence[object], needed: set[int]) -> list[float]:
-    """Return constants as numbers; NaN for one that nothing depends on and that is not known."""
-    symbols = [s for k in needed for s in free_symbols([row[k]])]  # type: ignore[list-item]
-    unknown = [s.value[0] for s in symbols if s.value[1] != PARAMETER_GROUP]
-    if unknown:
-        raise unknown_data(unknown)
-    if symbols:
-        names = ", ".join(sorted({s.value[0] for s in symbols}))
-        raise CapabilityError(f"rolled kernels take no symbolic parameters (here {names})")
-    return [float("nan") if isinstance(x, Expr) else float(x) for x in row]  # type: ignore[arg-type]
+def prefer_rolled(model: Model) -> bool:
+    """Tell whether rolled kernels suit a model better than unrolled ones."""
+    if model.nv < CROSSOVER or model.loops:
+        return False
+    try:
+        RolledPlan(model, "forward")
+    except CapabilityError:
+        return False  # something is symbolic: only the whole graph can tell whether it matters
+    return True
 
 
 class RolledKernel:
-    """A compiled recursion over the bodies of a model, for many samples at a time.
+    """A compiled recursion over the bodies of a model's open tree, for many samples at a time.
 
-    The machine code depends on the kinds of joint and on serial or tree only, so one cached object serves all
-    models of that sort. Springs, dampers and friction in the joints are not included.
+    The machine code depends on the kinds of joint, the zeros that all bodies share and on serial or tree only,
+    so that one cached object serves all models of that sort, whatever their numbers and their number of bodies.
+    Springs, dampers and friction in the joints are left to the caller.
 
     Raises
     ------
-    CapabilityError : symbolic parameters.
-    SceneError : the motion depends on a mass or inertia that the scene does not give.
+    CapabilityError : a constant that the motion depends on is not a number.
     """
 
     recipe = ""
 
     def __init__(self, model: Model) -> None:
-        self.plan = RolledPlan(model, self.recipe)
+        self.plan = plan = RolledPlan(model, self.recipe)
         host = machine()
         self.lanes = host.lanes
-        plan = self.plan
         compiled = compile_module(
             f"rolled samples {self.lanes} {plan.digest}",
             lambda: write_sample_kernel(plan.recursion, plan.serial, host.lanes, host.fused),
@@ -136,34 +60,42 @@ class RolledKernel:
         self._scratch: list[Array] = []
 
     def evaluate(self, q: Array, v: Array, x: Array) -> Array:
-        """Return the result (T, nv); arrays (T, n) in column order are read in place, others copied once."""
-        samples = np.shape(q)[0]
-        padded = max(samples, self.lanes)
-        columns = [
-            self._columns(a, n, samples, padded)
-            for a, n in ((q, self.plan.nq), (v, self.plan.nv), (x, self.plan.nv))
-        ]
-        out = np.empty((padded, self.plan.nv), order="F")
-        if samples:
-            # calls from several threads each need their own scratch memory; list operations are atomic
-            scratch = self._scratch.pop() if self._scratch else self.plan.scratch(self.lanes)
-            arrays = [self.plan.tables, *columns, out, scratch]
-            self._call(*(a.ctypes.data for a in arrays), padded)
-            self._scratch.append(scratch)
-        return out[:samples]
+        """Return the result (T, nv); arrays (T, n) in column order are read in place, others are copied."""
+        plan = self.plan
+        samples = len(q)
+        arrays = [np.asarray(a, dtype=np.float64) for a in (q, v, x)]
+        for array, n in zip(arrays, (plan.nq, plan.nv, plan.nv)):
+            if array.shape != (samples, n):
+                raise ValueError(f"an array of shape {(samples, n)} is needed, not {array.shape}")
+        if plan.nq + 3 * plan.nv < MANY_COLUMNS or samples <= CHUNK:
+            return self._block(*arrays)
+        out = np.empty((samples, plan.nv), order="F")
+        for start in range(0, samples, CHUNK):
+            part = slice(start, start + CHUNK)
+            out[part] = self._block(*(a[part] for a in arrays))
+        return out
 
-    @staticmethod
-    def _columns(array: Array, n: int, samples: int, padded: int) -> Array:
-        array = np.asarray(array, dtype=np.float64)
-        if array.shape != (samples, n):
-            raise ValueError(f"an array of shape {(samples, n)} is needed, not {array.shape}")
+    def _block(self, *arrays: Array) -> Array:
+        samples = len(arrays[0])
+        padded = max(samples, self.lanes)
+        out = np.empty((padded, self.plan.nv), order="F")
+        if not samples:
+            return out[:0]
         if padded != samples:
-            array = np.concatenate([array, np.repeat(array[-1:], padded - samples, axis=0)])
-        return np.asfortranarray(array)
+            arrays = tuple(np.concatenate([a, np.repeat(a[-1:], padded - samples, axis=0)]) for a in arrays)
+        columns = [np.asfortranarray(a) for a in arrays]
+        # calls from several threads need scratch memory of their own; a list's pop and append are atomic
+        try:
+            scratch = self._scratch.pop()
+        except IndexError:
+            scratch = self.plan.scratch(self.lanes)
+        self._call(*(a.ctypes.data for a in (self.plan.tables, *columns, out, scratch)), padded)
+        self._scratch.append(scratch)
+        return out[:samples]
 
 
 class RolledInverseDynamics(RolledKernel):
-    """tau = M qdd + C qd + G at many samples, as ``rnea`` of the open tree."""
+    """tau = M qdd + C qd + G at many samples, as ``rnea``; of a model with loops, of its open tree."""
 
     recipe = "inverse"
 
@@ -184,7 +116,7 @@ class RolledForwardDynamics(RolledKernel):
 
     def __init__(self, model: Model) -> None:
         if model.loops:
-            raise CapabilityError("rolled forward dynamics is for open trees; the model has closed loops")
+            raise CapabilityError("rolled forward dynamics takes open trees; the model has closed loops")
         super().__init__(model)
 
     def __call__(self, q: Array, qd: Array, tau: Array) -> Array:
@@ -193,12 +125,16 @@ class RolledForwardDynamics(RolledKernel):
 
 
 class RolledState:
-    """A recursion at one state, without lanes: what a stepping loop calls.
+    """A recursion at one state, without lanes: the right-hand side that a stepping loop calls.
 
-    ``address`` is that of ``rhs(tables, q, v, x, out, scratch)``; the arrays' entries lie side by side.
+    ``address`` is that of ``rhs(tables, q, v, x, out, scratch)``, all pointers; x is tau and out qdd, or the
+    other way round with ``recipe`` "inverse". A loop that wants the function in its own module, or several
+    states in the lanes, writes ``rolled_function`` instead.
     """
 
     def __init__(self, model: Model, recipe: str = "forward") -> None:
+        if model.loops and recipe == "forward":
+            raise CapabilityError("rolled forward dynamics takes open trees; the model has closed loops")
         self.plan = plan = RolledPlan(model, recipe)
         host = machine()
         compiled = compile_module(
@@ -212,9 +148,8 @@ class RolledState:
         self._scratch = plan.scratch(1)
 
     def __call__(self, q: Array, v: Array, x: Array) -> Array:
-        """Return tau from qdd, or qdd from tau (nv,)."""
+        """Return qdd from tau, or tau from qdd (nv,)."""
         out = np.empty(self.plan.nv)
         arrays = [np.ascontiguousarray(a, dtype=np.float64) for a in (q, v, x)]
-        pointers = [a.ctypes.data for a in (self.plan.tables, *arrays, out, self._scratch)]
-        self._call(*pointers)
+        self._call(*(a.ctypes.data for a in (self.plan.tables, *arrays, out, self._scratch)))
         return out

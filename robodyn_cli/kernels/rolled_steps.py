@@ -17,7 +17,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
-from typing import Any
+from typing import Any, Union
 
 import numpy as np
 
@@ -35,11 +35,12 @@ from robodyn_cli.spatial.inertia import ArticulatedInertia, RigidInertia
 DOWN = {"motion": 9, "deviation": 6}
 UP = {"wrench": 6, "inertia": 21}
 UPPER = [(i, j) for i in range(3) for j in range(i, 3)]
-BODY_CONSTANTS = 23  # of a body: E 9, r 3, m, h 3, I 6, armature
+ROTATION = 9  # the first constants of a body are those of E
+BODY_CONSTANTS = 23  # E 9, r 3, m, h 3, I 6, armature
 GROUPS = ("p", "q", "v", "x", "kept", *DOWN, *UP)
 
 Present = Mapping[str, tuple[bool, ...]]  # per quantity, which entries can be other than zero
-Structure = tuple[Any, ...]  # per constant of a body: 0.0 or 1.0 where all bodies have that, else None
+Structure = tuple[Union[float, None], ...]  # per constant of a body: its value where it is structure
 
 
 def constants_of(body: Body) -> list[Scalar]:
@@ -235,13 +236,16 @@ RECIPES: dict[str, tuple[Callable[[_Stage], None], tuple[str, ...]]] = {
 
 
 def structure_of(rows: Sequence[Sequence[Scalar]]) -> Structure:
-    """Return which constants are exactly 0 or 1 in all bodies of a kind, and need no arithmetic."""
-    found: list[Any] = []
-    for column in zip(*rows):
-        first = column[0]
-        same = not isinstance(first, Expr) and first in (0.0, 1.0)
-        same = same and all(not isinstance(x, Expr) and x == first for x in column)
-        found.append(float(first) if same else None)  # type: ignore[arg-type]
+    """Return which constants all bodies of a kind share as structure, so that they need no arithmetic.
+
+    Zeros (a planar chain, joints without rotors), and ones in rotations. Any other number stays in the table,
+    equal or not: the code is to serve all models of one structure.
+    """
+    found: list[float | None] = []
+    for k, column in enumerate(zip(*rows)):
+        values = {None if isinstance(x, Expr) else float(x) for x in column}
+        value = values.pop() if len(values) == 1 else None
+        found.append(value if value == 0.0 or (value == 1.0 and k < ROTATION) else None)
     return tuple(found)
 
 

@@ -22,6 +22,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.results.writer import ResultWriter
 from robodyn_cli.run.growth import GRID, GrowthMonitor, levels_with
 from robodyn_cli.run.latch import close_latch
+from robodyn_cli.run.method import choose
 from robodyn_cli.run.observe import Observer, Recorder
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.simulate import (
@@ -31,7 +32,6 @@ from robodyn_cli.run.simulate import (
     fail,
     keep_last_state,
     kept_every,
-    method_for,
     new_result,
     options_for,
     passive_coordinates,
@@ -93,12 +93,14 @@ class Deployment:
                 events = (*events, EventFunction("dead_point", self.determinant, terminal=False))
             self.system: System = index1(self.problem, scene.simulate.stabilisation, events)
             self.options: Options = options_for(scene)
-            self.method, self.reason = method_for(scene)
             self.start = np.concatenate(
                 [self.setup.assembled.q, self.setup.assembled.v, np.zeros(self.system.nz)]
             )
+        with watch.stage("method"):
+            self.choice = choose(scene, self.problem, self.system, self.start, self.options)
+            self.method = self.choice.method
 
-    def scan(self, options: Options, multipliers: bool = True) -> Found:
+    def scan(self, options: Options, multipliers: bool = True, progress: Progress = no_progress) -> Found:
         """Integrate until everything that can stop the deployment has fired, or to the end of the duration.
 
         The motion is followed on the uniform 1 ms grid, free of the criterion, so that the report can say when
@@ -110,6 +112,7 @@ class Deployment:
         integrator = Integrator(self.system, self.method)
         integrator.reset(0.0, self.start, options)
         duration = scene.simulate.duration
+        integrator.tick = lambda time: progress(time, duration)
         grid = Grid(0.0, GRID, int(duration / GRID * (1 + 1e-12)) + 1)
 
         def emit(t: Array, x: Array) -> None:
@@ -225,13 +228,13 @@ def deploy(
     watch = watch or Stopwatch()
     run = Deployment(scene, watch)
     with watch.stage("scan"):
-        found = run.scan(run.options)
+        found = run.scan(run.options, progress=progress)
     stop, criterion = run.stop_time(found)
     bifurcated = found.bifurcation is not None and (stop is None or found.bifurcation[0] <= stop)
     met = found.bifurcation[0] if bifurcated and found.bifurcation is not None else stop
     recorder, integrator = _record(run, found, met, progress, watch, writer)
     result = new_result(scene, "deploy", recorder, _events(run, found))
-    describe_run(result, run.setup, recorder, integrator, run.method, run.reason)
+    describe_run(result, run.setup, recorder, integrator, run.choice)
     summary = result.summary
     summary["criteria"] = _criteria(run, found)
     if bifurcated and found.bifurcation is not None:
@@ -279,6 +282,7 @@ def _record(
     end = duration if stop is None or at_event else stop
     if found.stopped is not None:
         end = min(end, found.end)
+    integrator.tick = lambda time: progress(time, end)
 
     def emit(t: Array, x: Array) -> None:
         if found.driven:

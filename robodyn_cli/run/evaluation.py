@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.expr.calculus import substitute
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations, free_symbols, reachable
 from robodyn_cli.expr.rebuild import apply
 from robodyn_cli.kernels.program import unknown_data
+from robodyn_cli.model.model import UNKNOWN_GROUP
 
 Array = NDArray[np.float64]
 Outputs = Mapping[str, Sequence[Scalar]]
@@ -71,6 +73,19 @@ class SampleFunction:
                 for k in range(len(entries)):
                     out[name][part, k] = next(values)
         return out
+
+
+def without_idle_unknowns(outputs: Sequence[Scalar], needed: Sequence[Scalar]) -> list[Scalar]:
+    """Return outputs with the unknown data that ``needed`` does without set to zero.
+
+    For quantities that can depend on such data by an additive constant only, or by terms that cancel: a potential
+    energy, where ``needed`` are the torques that are its gradient.
+    """
+    used = {s.index for s in free_symbols(needed)}
+    idle = {
+        s.index: 0.0 for s in free_symbols(outputs) if s.value[1] == UNKNOWN_GROUP and s.index not in used
+    }
+    return substitute(list(outputs), dict(idle)) if idle else list(outputs)
 
 
 class Interpreter:

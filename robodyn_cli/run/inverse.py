@@ -12,7 +12,7 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.dynamics import ForwardDynamics, InverseDynamics, joint_force_terms, open_problem
-from robodyn_cli.run.evaluation import SampleFunction
+from robodyn_cli.run.evaluation import SampleFunction, without_idle_unknowns
 from robodyn_cli.run.inverse_checks import Sampled, error_estimate, joint_figures
 from robodyn_cli.run.motion import Planned, plan_motion, with_led_point
 from robodyn_cli.run.observe import unit_text
@@ -65,7 +65,7 @@ def inverse(
     with watch.stage("equations"):
         terms = torque_terms(problem)
         places = place_outputs(problem)
-        function = SampleFunction({**terms, **_energies(problem), **places}, GROUPS, count)
+        function = SampleFunction({**terms, **_energies(problem, terms), **places}, GROUPS, count)
     motion = planned.motion
     with watch.stage("evaluate"):
         arrays = function(q=motion.q, v=motion.qd, a=motion.qdd)
@@ -108,20 +108,25 @@ def _check_actuated(problem: Problem) -> None:
         )
 
 
-def _energies(problem: Problem) -> dict[str, list[Scalar]]:
-    """Return the energies, the bias C qd + G, and the power of what dissipates."""
+def _energies(problem: Problem, terms: dict[str, list[Scalar]]) -> dict[str, list[Scalar]]:
+    """Return the energies, the bias C qd + G, and the power of what dissipates.
+
+    Data that no torque needs can only shift the level at which the potential energy is zero.
+    """
     lost: Any = 0.0
     for body in problem.model.bodies:
         q, v = problem.q[body.q], problem.v[body.v]
         for force in body.forces:
             if force.element.dissipative:
                 lost = lost + force.element.torque(q, v, body.gear_ratio, False) * v
-    return {
+    found = {
         "kinetic": [problem.kinetic],
         "potential": [problem.potential],
         "dissipation": [lost],
         "bias": list(problem.bias),
     }
+    needed = [x for term in terms.values() for x in term]
+    return {name: without_idle_unknowns(entries, needed) for name, entries in found.items()}
 
 
 def _fill(result: Result, problem: Problem, sampled: Sampled, planned: Planned) -> None:

@@ -8,19 +8,12 @@ An operation is an addition, a multiplication, a division or a call of a functio
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from typing import Any
 
-from robodyn_cli.equations.plan_facts import (
-    Facts,
-    depends_on_time,
-    idle_constants,
-    plural,
-    unknown_data,
-)
+from robodyn_cli.equations.plan_facts import Facts, idle_constants, plural, unknown_data
 from robodyn_cli.equations.plan_terms import (
     Ledger,
-    drive_terms,
+    fixed_links,
     force_terms,
     geometry_terms,
     loop_terms,
@@ -29,10 +22,8 @@ from robodyn_cli.equations.plan_terms import (
 from robodyn_cli.equations.plan_variants import Variant, general
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.expr.graph import Scalar, count_operations
-from robodyn_cli.formulations.index1 import index1
+from robodyn_cli.expr.graph import count_operations
 from robodyn_cli.model.build import build_model
-from robodyn_cli.model.model import Model
 from robodyn_cli.run.plan_forward import Forward
 from robodyn_cli.run.plan_inverse import Inverse
 from robodyn_cli.run.plan_text import render
@@ -81,7 +72,7 @@ def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
     total = count_operations(outputs)
     kernels = [] if missing else subject.kernels()
     scene = problem.scene
-    variant = Variant(scene, build_model(scene), keep_rows=subject.kept_rows)
+    variant = Variant(scene, build_model(scene), rows=subject.kept_rows)
     count = lambda v: count_operations(subject.outputs(v.problem()))  # noqa: E731
     everything = count(general(variant))
     counted = everything * VARIANTS <= LARGEST
@@ -90,9 +81,10 @@ def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
     subject.stages(ledger)
     rigid_body_terms(ledger, problem)
     geometry_terms(ledger, idle, spare)
+    fixed_links(ledger, problem)
+    loop_terms(ledger, problem, forward=command != "inverse")
     force_terms(ledger)
     subject.more_terms(ledger)
-    loop_terms(ledger, problem)
     found = {
         "command": command,
         "title": scene.title,
@@ -112,3 +104,20 @@ def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
     if problem.model.loops:
         found["equation_36"] = subject.equation_36(ledger)
     return found
+
+
+def describe(problem: Problem) -> str:
+    """Return the mechanism in a few words."""
+    model = problem.model
+    parts = [plural(len(model.bodies), "moving body").replace("bodys", "bodies"), plural(model.nv, "joint")]
+    if model.loops:
+        parts.append(plural(len(model.loops), "loop"))
+        parts.append(f"{plural(len(problem.constraints.rows), 'constraint row')} of "
+                     f"{len(problem.constraints.rows) + len(problem.constraints.dropped)}")
+    else:
+        branching = len({b.parent for b in model.bodies}) < len(model.bodies)
+        parts.append("an open tree" if branching else "an open chain")
+    fixed = sum(j.type == "fixed" for j in problem.scene.robot.joints)
+    if fixed:
+        parts.append(f"{plural(fixed, 'fixed link')} merged into the parent")
+    return ", ".join(parts)

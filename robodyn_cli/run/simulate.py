@@ -15,6 +15,8 @@ from robodyn_cli.formulations.system import EventFunction, System
 from robodyn_cli.integrators.integrator import Counters, Event, Grid, Integrator, Options
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.writer import ResultWriter
+from robodyn_cli.run.mass_matrix import refuse_singular
+from robodyn_cli.run.method import Choice, Run
 from robodyn_cli.run.observe import Observer, Recorder
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.singularity import rank_loss_event, stop_at_rank_loss
@@ -62,18 +64,11 @@ def prepare(scene: Scene, watch: Stopwatch | None = None) -> Setup:
     with watch.stage("assemble"):
         hold = [*scene.initial.hold, *(n for n in scene.prescribed or {} if n not in scene.initial.hold)]
         assembled = assemble(problem, given, dict(scene.initial.qd or {}), hold)
+        refuse_singular(problem.model, assembled.q)
     if assembled.redundant:
         with watch.stage("equations"):
             problem = Problem(scene, keep_rows=assembled.independent, model=problem.model)
     return Setup(problem, assembled, watch)
-
-
-def method_for(scene: Scene) -> tuple[str, str]:
-    """Return the method and the reason for it."""
-    asked = scene.simulate.integrator
-    if asked != "auto":
-        return asked, "asked for in simulate.integrator"
-    return "gauss", "collocation of order 16: the fastest at every accuracy where the motion is not stiff"
 
 
 def options_for(scene: Scene) -> Options:
@@ -177,12 +172,11 @@ def simulate(
             events = rank_loss_event(problem)
         system = index1(problem, scene.simulate.stabilisation, events)
         observer = Observer(problem, system, passive_coordinates(problem))
-    method, reason = method_for(scene)
     grid = Grid.over(scene.simulate.duration, scene.simulate.samples)
     options = options_for(scene)
-    integrator = Integrator(system, method)
     start = np.concatenate([setup.assembled.q, setup.assembled.v, np.zeros(system.nz)])
-    integrator.reset(0.0, start, options)
+    with watch.stage("method"):
+        run = Run(scene, problem, system, start, options, lambda time: progress(time, scene.simulate.duration))
     recorder = Recorder(observer, writer, kept_every(scene, writer))
     found: list[dict[str, Any]] = []
 
@@ -191,25 +185,29 @@ def simulate(
         progress(float(t[-1]), scene.simulate.duration)
 
     def on_event(event: Event) -> bool:
-        stop_at_rank_loss(problem, system, method, event, options)
+        stop_at_rank_loss(problem, system, run.choice.method, event, options)
         return True
 
     failure: RobodynError | None = None
     with watch.stage("integrate"):
         try:
-            integrator.run(scene.simulate.duration, grid, emit, on_event)
+            run.run(scene.simulate.duration, grid, emit, on_event)
         except RobodynError as error:
             failure = error
-            keep_last_state(recorder, integrator)
+            keep_last_state(recorder, run.integrator)
+    integrator = run.integrator
     result = new_result(scene, "simulate", recorder, found)
-    describe_run(result, setup, recorder, integrator, method, reason)
+    describe_run(result, setup, recorder, integrator, run.choice)
+    result.summary["counters"] = run.counters.as_dict()
+    if run.switches:
+        result.summary["switches"] = run.switches
     if failure is not None:
         raise fail(result, failure, watch)
     result.summary["termination"] = {"reason": "duration", "time": integrator.time}
     if scene.simulate.error_estimate:
         with watch.stage("error_estimate"):
             result.summary["error_estimate"] = estimate_error(
-                setup, system, method, start, grid, integrator.time, options, recorder, integrator.counters
+                setup, system, integrator.stepper.name, start, grid, integrator.time, options, recorder, run.counters
             )
     result.summary["wall_time_s"] = watch.report()
     return result
@@ -249,14 +247,14 @@ def new_result(scene: Scene, command: str, recorder: Recorder, events: list[dict
 
 
 def describe_run(
-    result: Result, setup: Setup, recorder: Recorder, integrator: Integrator, method: str, reason: str
+    result: Result, setup: Setup, recorder: Recorder, integrator: Integrator, choice: Choice
 ) -> None:
     """Fill in what every simulation reports: integrator, counters, energy drift, residuals."""
     summary = result.summary
     summary["status"] = "ok"
     summary["termination"] = {}
-    summary["integrator"] = method
-    summary["integrator_reason"] = reason
+    summary["integrator"] = choice.method
+    summary["integrator_reason"] = choice.reason
     summary["tolerances"] = {"rtol": integrator.options.rtol, "atol": integrator.options.atol}
     if integrator.options.step is not None:
         summary["tolerances"] = {"step": integrator.options.step}

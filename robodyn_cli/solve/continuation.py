@@ -33,12 +33,22 @@ LISTED = 200  # samples looked at to find the worst target
 
 @dataclasses.dataclass(frozen=True)
 class State:
-    """Joint positions, rates and accelerations (n,) at one time."""
+    """Joint positions, rates and accelerations (n,) at one time; U (m, r) and V^T (r, n) of the Jacobian."""
 
     t: float
     q: Array
     qd: Array
     qdd: Array
+    U: Array
+    Vt: Array
+
+    def on_branch_of(self, other: State) -> bool:
+        """Tell whether the Jacobian keeps its orientation; it turns where a singular value passes zero.
+
+        Singular values are never negative, so on the way through zero U or V^T changes sign instead. That is
+        how the branches of a chain without redundancy meet.
+        """
+        return bool(np.linalg.det(self.U.T @ other.U) * np.linalg.det(self.Vt @ other.Vt.T) > 0.0)
 
 
 class Follower:
@@ -72,11 +82,8 @@ class Follower:
         for k in range(1, len(self.times)):
             before, now = self.advance(before, now, k)
             q[k] = now.q
-        qd, qdd, measure = self.solver.rates(q, self.at_samples.pd, self.at_samples.pdd)
-        worst = int(np.argmin(measure))
-        if not measure[worst] > SINGULAR:
-            raise Singular(self.times[worst], float(measure[worst]))
-        return JointMotion(q, np.asfortranarray(qd), np.asfortranarray(qdd))
+        rates = self.solver.rates(q, self.at_samples.pd, self.at_samples.pdd)
+        return JointMotion(q, np.asfortranarray(rates.qd), np.asfortranarray(rates.qdd))
 
     def reached(self, residual: float) -> bool:
         """Tell whether a target counts as reached."""
@@ -93,10 +100,10 @@ class Follower:
 
     def state(self, t: float, q: Array, target: tuple[Array, Array, Array]) -> State:
         """Return the state at positions q on the target."""
-        qd, qdd, measure = self.solver.rates(q[None], target[1][None], target[2][None])
-        if not measure[0] > SINGULAR:
-            raise Singular(t, float(measure[0]))
-        return State(t, q, qd[0], qdd[0])
+        rates = self.solver.rates(q[None], target[1][None], target[2][None])
+        if not rates.measure[0] > SINGULAR:
+            raise Singular(t, float(rates.measure[0]))
+        return State(t, q, rates.qd[0], rates.qdd[0], rates.U[0], rates.Vt[0])
 
     def advance(self, before: State | None, now: State, k: int) -> tuple[State, State]:
         """Go on to sample k, in smaller steps where needed; return the last two states."""
@@ -131,7 +138,10 @@ class Follower:
             return None
         miss = float(np.abs(found.q - guess).max())
         if not self.solver.redundant:
-            return self.state(t, found.q, target) if miss <= MISS else None
+            if miss > MISS:
+                return None
+            new = self.state(t, found.q, target)
+            return new if new.on_branch_of(now) else None
         if miss > (FIRST_MISS if error is None else MISS) or (
             error is not None and error > SELF_MOTION_ERROR
         ):
@@ -139,20 +149,19 @@ class Follower:
         new = self.state(t, found.q, target)
         integrated = now.q + 0.5 * h * (now.qd + new.qd) + h * h / 12.0 * (now.qdd - new.qdd)
         drift = self.solver.self_motion(new.q, integrated - new.q)
-        return State(t, new.q + drift, new.qd, new.qdd)
+        return dataclasses.replace(new, q=new.q + drift)
 
     def failure(self, now: State, t: float, p: Array, k: int) -> Exception:
         """Return why there is no way from ``now`` to the target p (m,) at time t, not after sample k."""
         here = self.solver.solve(p, now.q)
+        # rates grow beyond bounds just before the limit of the reach, so look a few samples ahead as well
+        for ahead in range(k, min(k + 3, len(self.times))):
+            there = self.solver.solve(self.at_samples.p[ahead], here.q)
+            if not self.reached(there.residual):
+                return self.unreachable(ahead, here.q)
         if self.reached(here.residual):
             return Singular(now.t, self.measure(now.q))
-        listed = self.unreachable(k, here.q)
-        if not self.reached(
-            listed.distance
-        ):  # the usual case; else the path leaves the reach between samples
-            return listed
-        worst = max((here.residual, t), (listed.worst, listed.worst_time))
-        return Unreachable(t, here.residual, worst[1], worst[0], nearest=False)
+        return Unreachable(t, here.residual, t, here.residual, nearest=False)
 
     def measure(self, q: Array) -> float:
         """Return the smallest over the largest singular value of J at q (n,)."""

@@ -35,6 +35,20 @@ class Solution:
     iterations: int
 
 
+@dataclasses.dataclass(frozen=True)
+class Rates:
+    """Joint rates and accelerations (T, n), and J = U S V^T as far as its rank r: U (T, m, r), V^T (T, r, n).
+
+    measure : smallest over largest singular value (T,).
+    """
+
+    qd: Array
+    qdd: Array
+    measure: Array
+    U: Array
+    Vt: Array
+
+
 class PointSolver:
     """Newton's method for one point of one chain.
 
@@ -99,13 +113,12 @@ class PointSolver:
         self.iterations += count
         return Solution(q, r, count)
 
-    def rates(self, q: Array, pd: Array, pdd: Array) -> tuple[Array, Array, Array]:
-        """Return qd (T, n), qdd (T, n) and the singularity measure (T,) at q (T, n) for pd, pdd (T, m)."""
+    def rates(self, q: Array, pd: Array, pdd: Array) -> Rates:
+        """Return rates and accelerations at q (T, n) for pd, pdd (T, m)."""
         _, J, _ = self.function(q, np.zeros_like(q))
         U, s, Vt = np.linalg.svd(J, full_matrices=False)
         U, s, Vt = U[:, :, : self.rank], s[:, : self.rank], Vt[:, : self.rank]
         with np.errstate(divide="ignore", invalid="ignore"):  # the caller looks at the measure first
-            measure = s[:, -1] / s[:, 0]
             V, Ut = np.swapaxes(Vt, 1, 2), np.swapaxes(U, 1, 2)
             qd = _apply(V, _apply(Ut, pd) / s)
             _, _, J_rate = self.function(q, qd)
@@ -113,7 +126,7 @@ class PointSolver:
             if self.redundant:
                 turn = _apply(np.swapaxes(J_rate, 1, 2), _apply(U, _apply(Vt, qd) / s))
                 qdd += turn - _apply(V, _apply(Vt, turn))
-        return qd, qdd, measure
+            return Rates(qd, qdd, s[:, -1] / s[:, 0], U, Vt)
 
     def self_motion(self, q: Array, dq: Array) -> Array:
         """Return the part of dq (n,) that leaves the point where it is."""

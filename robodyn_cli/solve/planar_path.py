@@ -47,7 +47,7 @@ def follow(
     for _ in range(LEVELS):
         plane = arm.in_plane(target(grid))
         assert plane is not None
-        _check_reach(arm, plane, grid, tolerance)
+        _check_reach(arm, plane, grid, places, tolerance)
         phi, beta = arm.angles(plane, branch)
         _check_regular(beta, grid)
         phi_d, beta_d, phi_dd, beta_dd = arm.rates(plane, phi, beta)
@@ -93,13 +93,18 @@ def _divide(
     return finer, places + 3 * np.searchsorted(intervals, places)
 
 
-def _check_reach(arm: Planar2R, plane: PlaneMotion, grid: Array, tolerance: float) -> None:
+def _check_reach(
+    arm: Planar2R, plane: PlaneMotion, grid: Array, places: NDArray[np.intp], tolerance: float
+) -> None:
+    """Raise if a target is out of reach, with the first such sample (or time between samples)."""
     short = arm.shortfall(plane)
     limit = max(tolerance, 4.0 * np.finfo(float).eps * (arm.l1 + arm.l2))
     bad = np.flatnonzero(~(short <= limit))
     if bad.size:
         worst = int(np.argmax(short))
-        raise Unreachable(grid[bad[0]], float(short[bad[0]]), grid[worst], float(short[worst]))
+        at_samples = np.intersect1d(bad, places)
+        first = int(at_samples[0] if at_samples.size else bad[0])
+        raise Unreachable(grid[first], float(short[first]), grid[worst], float(short[worst]))
 
 
 def _check_regular(beta: Array, grid: Array) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import subprocess
 import sys
@@ -139,7 +140,10 @@ def test_parallelogram_starts_closed_and_its_rods_are_uniform() -> None:
 def test_the_three_arms_are_one() -> None:
     plane, tilted, weightless = (load(f"arm_{name}") for name in ("in_plane", "tilted", "weightless"))
     assert plane.robot == weightless.robot
-    assert plane.robot.joints == tilted.robot.joints and plane.robot.links == tilted.robot.links
+    shoulder, elbow = tilted.robot.joints
+    assert plane.robot.joints == (shoulder, dataclasses.replace(elbow, origin=None))
+    assert elbow.origin is not None and elbow.origin.rpy == (math.radians(30), 0.0, 0.0)
+    assert plane.robot.links == tilted.robot.links
     assert plane.trajectory == tilted.trajectory == weightless.trajectory
     assert plane.gravity == tilted.gravity == (0.0, -9.81, 0.0)
     assert weightless.gravity == (0.0, 0.0, 0.0)

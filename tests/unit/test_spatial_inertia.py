@@ -155,6 +155,12 @@ def test_expressions_give_the_same() -> None:
         (1.0, (1.0, 1.0, 2.5), [("triangle", 0.5)]),
         (1.0, (-0.1, 2.0, 2.0), [("positive", 0.1), ("triangle", 0.1)]),
         (0.0, (1.0, 1.0, 1.0), [("without mass", 1.0)]),
+        (0.0, (0.4, 0.4, 0.4), [("without mass", 0.4)]),
+        # on the scale of the body, small or large
+        (1.0, (1e-13, 1e-13, 2.5e-13), [("triangle", 5e-14)]),
+        (1.0, (-1e-14, 1e-13, 1e-13), [("positive", 1e-14), ("triangle", 1e-14)]),
+        (1.0, (1e6, 2e6, 3e6), []),
+        (1.0, (0.0, 2e6, 2e6), []),
     ],
 )
 def test_consistency(m: float, moments: tuple[float, ...], problems: list[tuple[str, float]]) -> None:

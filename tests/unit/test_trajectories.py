@@ -103,7 +103,7 @@ def test_one_quintic_segment_is_the_minimum_jerk_motion() -> None:
     assert t.duration == 2.0
     s = TIMES / 2.0
     found = t.motion(TIMES, ("j",), {})
-    assert_close(found.q[:, 0], 1.0 + 2.0 * (10 * s**3 - 15 * s**4 + 6 * s**5), 1e-15)
+    assert_close(found.q[:, 0], 1.0 + 2.0 * (10 * s**3 - 15 * s**4 + 6 * s**5), 1e-14)
     assert_close(found.qd[:, 0], (30 * s**2 - 60 * s**3 + 30 * s**4), 1e-14)
     assert_close(found.qdd[:, 0], 0.5 * (60 * s - 180 * s**2 + 120 * s**3), 1e-14)
 

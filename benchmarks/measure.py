@@ -1,0 +1,103 @@
+"""What the benchmarks share: alternating timings, the machine's description, tables and JSON."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import statistics
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def single_thread() -> None:
+    """Keep numerical libraries to one thread; call before they are imported."""
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ[name] = "1"
+
+
+def alternate(
+    actions: Mapping[str, Callable[[], Any]], repeats: int, least: float = 0.02
+) -> dict[str, list[float]]:
+    """Time actions in turn, again and again, so that a busy machine slows all of them alike.
+
+    Parameters
+    ----------
+    repeats : how many times each is timed.
+    least : seconds one timing should take; a quick action is called several times in it.
+
+    Returns
+    -------
+    Seconds a call, a list an action.
+    """
+    calls = {}
+    for name, action in actions.items():
+        action()  # memory touched, code loaded
+        start = time.perf_counter()
+        action()
+        calls[name] = max(1, round(least / max(time.perf_counter() - start, 1e-7)))
+    found: dict[str, list[float]] = {name: [] for name in actions}
+    for _ in range(repeats):
+        for name, action in actions.items():
+            start = time.perf_counter()
+            for _ in range(calls[name]):
+                action()
+            found[name].append((time.perf_counter() - start) / calls[name])
+    return found
+
+
+def median(values: Sequence[float]) -> float:
+    return statistics.median(values)
+
+
+def median_ratio(slow: Sequence[float], fast: Sequence[float]) -> float:
+    """Return the median of the ratios of timings taken next to each other."""
+    return statistics.median(a / b for a, b in zip(slow, fast))
+
+
+def machine() -> dict[str, Any]:
+    """Describe the machine and the versions in use."""
+    from robodyn_cli.results.provenance import cpu_name, robodyn_version
+
+    found: dict[str, Any] = {
+        "cpu": cpu_name(),
+        "cores": os.cpu_count(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        "robodyn": robodyn_version(),
+    }
+    if hasattr(os, "getloadavg"):
+        found["load"] = round(os.getloadavg()[0], 2)
+    for name in ("numpy", "scipy", "llvmlite", "h5py", "typer", "matplotlib", "pinocchio", "mujoco", "heyoka"):
+        module = sys.modules.get(name)
+        if module is not None:
+            found[name] = str(getattr(module, "__version__", "unknown"))
+    return found
+
+
+def table(rows: Sequence[Sequence[str]], left: int = 1) -> str:
+    """Return rows as a Markdown table, the first row its head, the first ``left`` columns text."""
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+
+    def line(row: Sequence[str]) -> str:
+        cells = [c.ljust(w) if k < left else c.rjust(w) for k, (c, w) in enumerate(zip(row, widths))]
+        return "| " + " | ".join(cells) + " |"
+
+    rule = "|" + "|".join("-" * (w + 2) if k < left else "-" * (w + 1) + ":" for k, w in enumerate(widths)) + "|"
+    return "\n".join([line(rows[0]), rule, *map(line, rows[1:])])
+
+
+def write_json(path: str | None, rows: Sequence[Mapping[str, Any]], **more: Any) -> None:
+    """Write the rows and the machine's description, where a file was asked for."""
+    if path:
+        text = json.dumps({"machine": machine(), "rows": list(rows), **more}, indent=2)
+        Path(path).write_text(text + "\n", encoding="utf-8")
+
+
+def print_machine(done: Mapping[str, Any] | None = None) -> None:
+    print(", ".join(f"{k} {v}" for k, v in (done or machine()).items()))

@@ -1,0 +1,154 @@
+"""Linearly implicit methods for stiff motion: no iteration, one factored matrix a step, exact Jacobian."""
+
+from __future__ import annotations
+
+from robodyn_cli.formulations.system import System
+from robodyn_cli.integrators.layout import Real, Whole
+from robodyn_cli.integrators.loop import Attempt, Stepper, Writer
+from robodyn_cli.integrators.rosenbrock_tables import RODAS5P, RosenbrockTable
+from robodyn_cli.kernels.ir import Value
+from robodyn_cli.kernels.mathematics import rough_power
+
+SAFETY = 0.9
+TINY = 1e-300
+
+
+class Rosenbrock(Stepper):
+    """Rosenbrock method given by its table; dense output from the states and accelerations at both ends."""
+
+    table: RosenbrockTable
+
+    def dense_size(self, system: System) -> int:
+        return 2 * (system.size + system.nv + system.nz)
+
+    def attempt(self, w: Writer, t: Value, h: Value, failed: str) -> Attempt:
+        f, s, T = w.f, w.system, self.table
+        n, stages = s.nv + s.nz, len(T.m)
+        x0 = [f.load(a) for a in w.state]
+        g = (1.0 / T.gamma) / h
+        found = w.evaluate(s.linearisation, t, x0, 1, g=[g])
+        w.count(Whole.EVALUATIONS, stages + 1)
+        self.lu = found["lu"]
+        self.zero = [isinstance(e, float) and e == 0.0 for e in s.linearisation.outputs["lu"]]
+        fq, ft = found["fq"], found["ft"]
+        fq_zero = [isinstance(e, float) and e == 0.0 for e in s.linearisation.outputs["fq"]]
+        ft_zero = [isinstance(e, float) and e == 0.0 for e in s.linearisation.outputs["ft"]]
+        per_h = 1.0 / h
+        per_g = T.gamma * h
+        U: list[list[Value]] = []
+        self.rate0: list[Value] = []
+        for i in range(stages):
+            x = [self._sum(w, T.a[i], U, c, x0[c]) for c in range(s.size)]
+            rate = w.rate(f.muladd(h, float(T.alpha[i]), t), x)
+            if i == 0:
+                self.rate0 = rate
+            r = [f.muladd(per_h, self._sum(w, T.C[i], U, c, None), rate[c]) if i else rate[c] for c in range(s.size)]
+            r_q, r_x = r[: s.nq], r[s.nq :]
+            right = []
+            for row in range(n):
+                total = r_x[row]
+                if not ft_zero[row] and T.gamma_sums[i] != 0.0:
+                    total = f.muladd(h * float(T.gamma_sums[i]), ft[row], total)
+                for k in range(s.nq):
+                    if not fq_zero[row * s.nq + k]:
+                        total = f.muladd(fq[row * s.nq + k] * per_g, r_q[k], total)
+                right.append(total)
+            k_x = self._solve(w, right, n)
+            k_q = [(r_q[k] + k_x[k]) * per_g for k in range(s.nq)]
+            U.append([*k_q, *k_x])
+        x1 = [self._sum(w, T.m, U, c, x0[c]) for c in range(s.size)]
+        for k in range(s.size):
+            f.store(x1[k], w.new[k])
+        self.x0 = x0
+        return self._judge(w, x0, x1, [self._sum(w, T.e, U, c, None) for c in range(s.size)])
+
+    def _sum(self, w: Writer, weights: tuple[float, ...], U: list[list[Value]], c: int, start: Value | None) -> Value:
+        f = w.f
+        total = start
+        for weight, u in zip(weights, U):
+            if weight != 0.0:
+                total = u[c] * weight if total is None else f.muladd(u[c], weight, total)
+        return f.constant(0.0) if total is None else total
+
+    def _solve(self, w: Writer, b: list[Value], n: int) -> list[Value]:
+        """Return B^-1 b from the factors (diagonal inverted), skipping what is zero by structure."""
+        f = w.f
+        x = list(b)
+        for i in range(n):
+            for k in range(i):
+                if not self.zero[i * n + k]:
+                    x[i] = f.muladd(-self.lu[i * n + k], x[k], x[i])
+        for i in reversed(range(n)):
+            for k in range(i + 1, n):
+                if not self.zero[i * n + k]:
+                    x[i] = f.muladd(-self.lu[i * n + k], x[k], x[i])
+            x[i] = x[i] * self.lu[i * n + i]
+        return x
+
+    def _judge(self, w: Writer, x0: list[Value], x1: list[Value], e: list[Value]) -> Attempt:
+        f, s = w.f, w.system
+        n = s.nq + s.nv
+        with f.strict():
+            rtol, atol = w.get(Real.RTOL), w.get(Real.ATOL)
+            total: Value | None = None
+            for c in range(n):
+                scale = f.max(f.muladd(f.max(f.abs(x0[c]), f.abs(x1[c])), rtol, atol), TINY)
+                d = e[c] / scale
+                total = d * d if total is None else f.muladd(d, d, total)
+            assert total is not None
+            error = total * (1.0 / n)
+            bounded = f.max(error, 1e-20)
+            factor = rough_power(f, bounded, -0.5 / self.table.order) * SAFETY
+            after_reject = f.compare_int("sgt", f.load_int(w.whole(Whole.REJECTED_IN_ROW)), 0)
+            factor = f.min(f.max(factor, 0.2), f.select(after_reject, f.constant(1.0), f.constant(6.0)))
+        return Attempt(error, factor)
+
+    def save_dense(self, w: Writer, t: Value, h: Value) -> None:
+        f, s = w.f, w.system
+        due = f.compare_int("sle", f.load_int(w.whole(Whole.NEXT_SAMPLE)), f.load_int(w.whole(Whole.LAST_SAMPLE)))
+        watched = f.compare_int("ne", f.load_int(w.whole(Whole.WATCH)), 0)
+        with f.when(due | watched):
+            x1 = [f.load(a) for a in w.new]
+            rate1 = w.rate(t + h, x1)
+            w.count(Whole.EVALUATIONS)
+            kept = [*self.x0, *x1, *self.rate0[s.nq :], *rate1[s.nq :]]
+            for k, value in enumerate(kept):
+                f.store(value, f.offset("%dense", k))
+
+    def dense(self, w: Writer, u: Value, h: Value) -> list[Value]:
+        """Hermite polynomials: of degree 5 for q (from q, v, a), of degree 3 for v and z."""
+        f, s = w.f, w.system
+        n = s.nv + s.nz
+        x = u + 1.0
+
+        def get(k: int) -> Value:
+            return f.splat(f.load(f.offset("%dense", k)), u.width)
+
+        out: list[Value] = []
+        for j in range(s.nq):
+            q0, q1 = get(j), get(s.size + j)
+            v0, v1 = get(s.nq + j) * h, get(s.size + s.nq + j) * h
+            a0, a1 = get(2 * s.size + j) * (h * h), get(2 * s.size + n + j) * (h * h)
+            # Taylor's polynomial at the start, and what it misses at the end in x^3, x^4, x^5
+            d = q1 - (q0 + v0 + 0.5 * a0)
+            e = v1 - (v0 + a0)
+            c = a1 - a0
+            c3 = 10.0 * d - 4.0 * e + 0.5 * c
+            c4 = 7.0 * e - 15.0 * d - c
+            c5 = 6.0 * d - 3.0 * e + 0.5 * c
+            tail = f.muladd(f.muladd(c5, x, c4), x, c3)
+            out.append(f.muladd(f.muladd(f.muladd(tail, x, 0.5 * a0), x, v0), x, q0))
+        for j in range(n):
+            y0, y1 = get(s.nq + j), get(s.size + s.nq + j)
+            r0, r1 = get(2 * s.size + j) * h, get(2 * s.size + n + j) * h
+            out.append(y0 + (y1 - y0) * x * x * (3.0 - 2.0 * x) - x * u * (-u * r0 - x * r1))
+        return out
+
+
+class Rodas5P(Rosenbrock):
+    """Steinebach's Rodas5P: order 5, L-stable, for stiff springs and dampers."""
+
+    name = "rodas5p"
+    order = 5
+    dense_order = 3
+    table = RODAS5P

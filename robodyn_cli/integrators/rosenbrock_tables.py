@@ -1,0 +1,138 @@
+"""Coefficients of Rosenbrock methods in transformed form; each table checks its order on import."""
+
+# fmt: off
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+Row = tuple[float, ...]
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class RosenbrockTable:
+    """(E / (gamma h) - J) u_i = f(t + alpha_i h, y + sum a_ij u_j) + sum C_ij u_j / h + gamma_i h df/dt,
+    y1 = y + sum m_i u_i, error = sum e_i u_i (Hairer and Wanner 1996, equations IV.7.25 and 7.26).
+    """
+
+    order: int
+    gamma: float
+    a: tuple[Row, ...]
+    C: tuple[Row, ...]
+    m: Row
+    e: Row
+
+    def __post_init__(self) -> None:
+        self._check()
+
+    def _lower(self, rows: tuple[Row, ...]) -> Array:
+        s = len(self.m)
+        out = np.zeros((s, s))
+        for i, row in enumerate(rows):
+            out[i, : len(row)] = row
+        return out
+
+    @cached_property
+    def Gamma(self) -> Array:
+        """Matrix of the untransformed method, gamma on the diagonal."""
+        s = len(self.m)
+        return np.linalg.inv(np.eye(s) / self.gamma - self._lower(self.C))
+
+    @cached_property
+    def alpha(self) -> Array:
+        """Nodes of the stages."""
+        return np.asarray((self._lower(self.a) @ self.Gamma).sum(axis=1))
+
+    @cached_property
+    def gamma_sums(self) -> Array:
+        """Weights of df/dt."""
+        return np.asarray(self.Gamma.sum(axis=1))
+
+    def _check(self) -> None:
+        """Check the order conditions of all rooted trees up to the order (Hairer and Wanner 1996, IV.7)."""
+        A = self._lower(self.a) @ self.Gamma
+        B = A + self.Gamma
+        b = np.array(self.m) @ self.Gamma
+
+        def phi(tree: tuple[object, ...]) -> Array:
+            if not tree:
+                return np.ones(len(b))
+            if len(tree) == 1:
+                return np.asarray(B @ phi(tree[0]))  # type: ignore[arg-type]
+            product = np.ones(len(b))
+            for child in tree:
+                product = product * (A @ phi(child))  # type: ignore[arg-type]
+            return product
+
+        for n in range(1, self.order + 1):
+            for tree in rooted_trees(n):
+                if abs(float(b @ phi(tree)) - 1.0 / density(tree)) > 1e-11:
+                    raise ArithmeticError(f"a condition of order {n} fails")
+
+
+def rooted_trees(n: int) -> list[tuple[object, ...]]:
+    """Return the rooted trees with n nodes, a tree being the sorted tuple of its branches."""
+    if n == 1:
+        return [()]
+    found: set[tuple[object, ...]] = set()
+
+    def fill(left: int, largest: int, chosen: tuple[object, ...]) -> None:
+        if left == 0:
+            found.add(tuple(sorted(chosen, key=repr)))
+        for k in range(min(left, largest), 0, -1):
+            for tree in rooted_trees(k):
+                fill(left - k, k, (*chosen, tree))
+
+    fill(n - 1, n - 1, ())
+    return sorted(found, key=repr)
+
+
+def nodes(tree: tuple[object, ...]) -> int:
+    """Return the number of nodes."""
+    return 1 + sum(nodes(t) for t in tree)  # type: ignore[arg-type]
+
+
+def density(tree: tuple[object, ...]) -> int:
+    """Return the tree's density: the product of the sizes of all its subtrees."""
+    total = nodes(tree)
+    for branch in tree:
+        total *= density(branch)  # type: ignore[arg-type]
+    return total
+
+
+_LAST = (-7.502846399306121, 2.561846144803919, -11.627539656261098, -0.18268767659942256, 0.030198172008377946)
+
+# Rodas5P of Steinebach (2023): order 5, L-stable, stiffly accurate
+RODAS5P = RosenbrockTable(
+    order=5,
+    gamma=0.21193756319429014,
+    a=(
+        (),
+        (3.0,),
+        (2.849394379747939, 0.45842242204463923),
+        (-6.954028509809101, 2.489845061869568, -10.358996098473584),
+        (2.8029986275628964, 0.5072464736228206, -0.3988312541770524, -0.04721187230404641),
+        _LAST,
+        (*_LAST, 1.0),
+        (*_LAST, 1.0, 1.0),
+    ),
+    C=(
+        (),
+        (-14.155112264123755,),
+        (-17.97296035885952, -2.859693295451294),
+        (147.12150275711716, -1.41221402718213, 71.68940251302358),
+        (165.43517024871676, -0.4592823456491126, 42.90938336958603, -5.961986721573306),
+        (24.854864614690072, -3.0009227002832186, 47.4931110020768, 5.5814197821558125, -0.6610691825249471),
+        (30.91273214028599, -3.1208243349937974, 77.79954646070892, 34.28646028294783, -19.097331116725623,
+         -28.087943162872662),
+        (37.80277123390563, -3.2571969029072276, 112.26918849496327, 66.9347231244047, -40.06618937091002,
+         -54.66780262877968, -9.48861652309627),
+    ),
+    m=(*_LAST, 1.0, 1.0, 1.0),
+    e=(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0),
+)
+

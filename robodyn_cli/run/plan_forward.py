@@ -1,0 +1,254 @@
+"""The plan of ``simulate`` and ``deploy``: the accelerations, and what stepping needs beside them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+from robodyn_cli.algorithms.aba import ArticulatedFactor
+from robodyn_cli.algorithms.linear import LdlFactor
+from robodyn_cli.equations.plan_facts import depends_on_time, listed, plural
+from robodyn_cli.equations.plan_terms import Ledger, drive_terms
+from robodyn_cli.equations.plan_variants import Symbols, Variant, serial_chain, without_loops
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.graph import Expr, Scalar, count_operations
+from robodyn_cli.formulations.index1 import index1, residuals
+from robodyn_cli.formulations.system import GROUPS, EventFunction, System
+from robodyn_cli.integrators.loop import INLINE_LIMIT
+from robodyn_cli.kernels.program import make_program
+from robodyn_cli.run.deploy import Deployment
+from robodyn_cli.run.observe import Observer
+from robodyn_cli.run.plan_kernels import sampled, stepped
+from robodyn_cli.run.simulate import method_for, prepare
+from robodyn_cli.run.singularity import loop_rows, rank_loss_event
+from robodyn_cli.run.stopwatch import Stopwatch
+from robodyn_cli.scene import types as sc
+
+PROJECTION = "projection"
+DENSE_LIMIT = 12  # joints up to which ``Problem.free_accelerations`` tries the factored mass matrix
+
+
+class Forward:
+    """The programs of a simulation of one scene."""
+
+    def __init__(self, scene: sc.Scene, command: str) -> None:
+        self.command = command
+        self.method, self.method_reason = method_for(scene)
+        self.redundant: tuple[str, ...] = ()
+        self.kept_rows: tuple[str, ...] | None = None
+        if command == "deploy":
+            run = Deployment(scene, Stopwatch())
+            self.problem, self.system = run.problem, run.system
+            self._note_redundant(run.setup.assembled.redundant)
+        elif scene.loops:
+            setup = prepare(scene)
+            self.problem = setup.problem
+            self._note_redundant(setup.assembled.redundant)
+            events = rank_loss_event(self.problem) if scene.simulate.singular == "stop" else ()
+            self.system = index1(self.problem, scene.simulate.stabilisation, events)
+        else:
+            self.problem = Problem(scene)
+            self.system = index1(self.problem, scene.simulate.stabilisation)
+        self.stabilisation = scene.simulate.stabilisation
+
+    def _note_redundant(self, names: Sequence[str]) -> None:
+        self.redundant = tuple(names)
+        if names:
+            self.kept_rows = self.problem.constraints.names
+
+    # -- operations -----------------------------------------------------------------------------------
+    def outputs(self, problem: Problem, work: bool = True) -> list[Scalar]:
+        """Return the right-hand side that is integrated: accelerations and the work's rate."""
+        wanted = problem.scene.simulate.stabilisation
+        # projection is a program of its own; the accelerations are the same without it
+        system = index1(problem, "none" if wanted == PROJECTION else wanted, work=work)
+        return [*system.acceleration, *system.z_rate]
+
+    def _observed(self) -> dict[str, Sequence[Scalar]]:
+        """Return what is evaluated at the samples, as ``Observer`` compiles it."""
+        problem = self.problem
+        tau = list(problem.actuator_torques)
+        for i in problem.constraints.prescribed:
+            for k, x in enumerate(problem.constraints.rows[i].psi):
+                if isinstance(x, Expr) or x != 0.0:
+                    tau[k] = tau[k] + x * problem.forward.lam[i]
+        outputs: dict[str, Sequence[Scalar]] = {
+            "qdd": list(problem.forward.qdd), "tau": tau, "energy": [problem.kinetic, problem.potential],
+        }  # fmt: skip
+        if problem.constraints.rows:
+            found = residuals(problem)
+            outputs.update(
+                lam=list(problem.forward.lam), eta=found["position"], eta_rate=found["velocity"],
+                psi=list(problem.psi.ravel()),
+            )  # fmt: skip
+        places = Observer._places(problem.model)
+        outputs["places"] = [x for _, frames in places for f in frames for x in problem.world_point(f)]
+        return outputs
+
+    # -- kernels --------------------------------------------------------------------------------------
+    def kernels(self) -> list[dict[str, Any]]:
+        """Describe the compiled programs."""
+        s = self.system
+        found = [stepped("accelerations", s.dynamics, "stages" if self.method == "gauss" else "state")]
+        if s.positions is not None and s.velocities is not None:
+            found.append(stepped("projection of positions", s.positions, "state"))
+            found.append(stepped("projection of velocities", s.velocities, "state"))
+        if s.switching is not None:
+            found.append(stepped("events", s.switching, "times of a step"))
+        found.append(sampled("observation", make_program(self._observed(), GROUPS)))
+        if self.command == "deploy":
+            lam = [self.problem.forward.lam[i] for i in loop_rows(self.problem)]
+            found.append(sampled("multipliers on the 1 ms grid", make_program({"lam": lam}, GROUPS)))
+        return found
+
+    # -- terms ----------------------------------------------------------------------------------------
+    def stages(self, ledger: Ledger) -> None:
+        """Enter the solution for the accelerations."""
+        problem = self.problem
+        given: list[Scalar] = [*(problem.applied - problem.bias), *self.system.z_rate[:0]]
+        given += [x for row in problem.psi for x in row] if problem.constraints.rows else []
+        given += problem.constraints.gamma
+        ledger.keep(
+            "mass matrix and the solution for the accelerations",
+            "accelerations are what is integrated",
+            operations=ledger.total - count_operations(given),
+        )
+
+    def more_terms(self, ledger: Ledger) -> None:
+        """Enter drives, stabilisation, the work integral, events and what is evaluated at the samples."""
+        problem, scene = self.problem, self.problem.scene
+        drive_terms(ledger, depends_on_time(self.outputs(problem)))
+        self._stabilisation(ledger)
+        if self.redundant:
+            ledger.leave(
+                "redundant rows",
+                f"{listed(self.redundant)} follow from the other rows in every pose",
+                dataclasses.replace(ledger.scene, rows=None),
+            )
+        without = count_operations(self.outputs(problem, work=False))
+        if self.system.nz:
+            ledger.keep(
+                "work integral", "what the energy is balanced against: something drives or brakes",
+                operations=ledger.total - without,
+            )  # fmt: skip
+        else:
+            driven = dataclasses.replace(ledger.scene, drives=True).problem()
+            more, less = (count_operations(self.outputs(driven, work=w)) for w in (True, False))
+            ledger.leave("work integral", "nothing drives or brakes: energy itself is conserved", saved=more - less)
+        self._events(ledger)
+        observed = count_operations([x for entries in self._observed().values() for x in entries])
+        ledger.keep(
+            "energies, points and multipliers at the samples",
+            "in the result; evaluated at the samples only, not in the stepping loop",
+            operations=observed - count_operations(list(problem.forward.qdd)),
+        )
+        again = "a second, tighter integration by the same code"
+        if scene.simulate.error_estimate:
+            ledger.keep("error estimate", again, operations=0)
+        else:
+            ledger.leave("error estimate", "simulate.error_estimate is false", saved=0)
+
+    def _stabilisation(self, ledger: Ledger) -> None:
+        scene = ledger.scene.scene
+        if not self.problem.constraints.rows:
+            ledger.leave("stabilisation of constraints", "there are none, so nothing can drift", saved=0)
+            return
+        s = self.system
+        if s.positions is not None and s.velocities is not None:
+            ledger.keep(
+                "projection of positions and velocities",
+                "keeps the loops closed to rounding; in programs of its own, once a step",
+                operations=s.positions.operations + s.velocities.operations,
+            )
+        else:
+            projected = index1(self.problem, PROJECTION)
+            both = [p for p in (projected.positions, projected.velocities) if p is not None]
+            why = "Baumgarte's terms are asked for" if self.stabilisation != "none" else "asked for in the scene"
+            ledger.leave(
+                "projection of positions and velocities", f"simulate.stabilisation: {why}",
+                saved=sum(p.operations for p in both),
+            )  # fmt: skip
+        symbols = Symbols(ledger.model.graph)
+        if isinstance(self.stabilisation, sc.Baumgarte):
+            ledger.keep(
+                "Baumgarte's terms", "asked for in simulate.stabilisation",
+                ledger.scene.with_scene(simulate=dataclasses.replace(scene.simulate, stabilisation="none")),
+            )  # fmt: skip
+        else:
+            gains = sc.Baumgarte(alpha=symbols.one(), beta=symbols.one())
+            ledger.leave(
+                "Baumgarte's terms",
+                "projection leaves no drift to damp" if self.stabilisation == PROJECTION else "not asked for",
+                ledger.scene.with_scene(simulate=dataclasses.replace(scene.simulate, stabilisation=gains)),
+            )
+
+    def _events(self, ledger: Ledger) -> None:
+        names = {"dead_point": "dead point", "rank": "loss of rank"}
+        for event in self.system.events:
+            ledger.keep(
+                f"event: {names.get(event.name, event.name.replace('_', ' '))}",
+                "watched along the motion, in a program of its own",
+                operations=count_operations([event.value]),
+            )
+        if not self.system.events:
+            ledger.leave(
+                "events",
+                "an open chain has no singular poses to stop at"
+                if not ledger.model.loops
+                else "nothing is asked to be watched",
+                saved=0,
+            )
+
+    # -- choices --------------------------------------------------------------------------------------
+    def choices(self) -> list[dict[str, Any]]:
+        """Describe what the engine chose, and the alternatives."""
+        problem, model = self.problem, self.problem.model
+        found: list[dict[str, Any]] = []
+        f = problem.applied - problem.bias
+        articulated = count_operations(list(ArticulatedFactor(model, problem.q, problem.X).solve(f)))
+        if problem.constraints.rows:
+            found.append({
+                "choice": "accelerations", "taken": "factored mass matrix",
+                "reason": "the multipliers need the factor of M",
+            })  # fmt: skip
+        elif model.nv > DENSE_LIMIT:
+            found.append({
+                "choice": "accelerations", "taken": "articulated bodies",
+                "reason": f"{model.nv} joints: the factored mass matrix grows with their cube",
+                "operations": {"articulated bodies": articulated},
+            })  # fmt: skip
+        else:
+            dense = count_operations(
+                list(LdlFactor.of(problem.mass_matrix, problem.elimination_order).solve(f))
+            )
+            taken = "factored mass matrix" if dense <= articulated else "articulated bodies"
+            found.append({
+                "choice": "accelerations", "taken": taken, "reason": "fewer operations",
+                "operations": {"factored mass matrix": dense, "articulated bodies": articulated},
+            })  # fmt: skip
+        found.append({"choice": "integrator", "taken": self.method, "reason": self.method_reason})
+        size = count_operations([*self.system.acceleration, *self.system.z_rate])
+        inline = size <= INLINE_LIMIT
+        found.append({
+            "choice": "right-hand side in the stepping loop", "taken": "inlined" if inline else "function",
+            "reason": f"{size} operations, {'not more' if inline else 'more'} than {INLINE_LIMIT}",
+        })  # fmt: skip
+        return found
+
+    def equation_36(self, ledger: Ledger) -> dict[str, Any]:
+        """Return what the loops cost: the open tree, the open chain of as many joints, loops, projection."""
+        tree = ledger.operations(without_loops(ledger.scene))
+        chain = ledger.operations(serial_chain(ledger.scene))
+        s = self.system
+        return {
+            "operations": ledger.total,
+            "rows": list(self.problem.constraints.names),
+            "open_tree": tree,
+            "loop_terms": None if tree is None else ledger.total - tree,
+            "open_chain_of_as_many_joints": chain,
+            "ratio": round(ledger.total / chain, 3) if chain else None,
+            "projection_of_positions": s.positions.operations if s.positions else 0,
+            "projection_of_velocities": s.velocities.operations if s.velocities else 0,
+            "events": s.switching.operations if s.switching else 0,
+        }

@@ -1,0 +1,49 @@
+"""Compiled programs as the plan lists them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from robodyn_cli.integrators.loop import INLINE_LIMIT, LANES
+from robodyn_cli.kernels.compiler import machine
+from robodyn_cli.kernels.program import Program
+
+
+def _entry(name: str, program: Program, lanes: int, lanes_hold: str) -> dict[str, Any]:
+    return {
+        "name": name,
+        "operations": program.operations,
+        "inputs": dict(program.inputs),
+        "outputs": {k: len(v) for k, v in program.outputs.items()},
+        "engine": "compiled",
+        "shape": "unrolled",
+        "lanes": lanes,
+        "lanes_hold": lanes_hold,
+        "digest": program.digest[:12],
+    }
+
+
+def sampled(name: str, program: Program, compiled: bool = True) -> dict[str, Any]:
+    """Describe a program that runs over samples, as many at a time as this processor has lanes."""
+    entry = _entry(name, program, machine().lanes, "samples")
+    if not compiled:
+        entry.update(engine="interpreted", lanes=1, lanes_hold="blocks of samples")
+    return entry
+
+
+def stepped(name: str, program: Program, lanes_hold: str) -> dict[str, Any]:
+    """Describe a program of the integrator's loop: ``stages`` or ``samples`` of a step fill the lanes, or not."""
+    entry = _entry(name, program, 1 if lanes_hold == "state" else LANES, lanes_hold)
+    entry["placed"] = "inlined" if program.operations <= INLINE_LIMIT else "function"
+    return entry
+
+
+def how(entry: dict[str, Any]) -> str:
+    """Say how a program runs."""
+    if entry["engine"] == "interpreted":
+        return "interpreted, on blocks of samples"
+    text = f"{entry['shape']}, "
+    text += "one state at a time" if entry["lanes"] == 1 else f"{entry['lanes']} {entry['lanes_hold']} at a time"
+    if "placed" in entry:
+        text += f", {'inlined' if entry['placed'] == 'inlined' else 'a function'} in the stepping loop"
+    return text
