@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import sys
@@ -12,7 +13,7 @@ from typing import NoReturn
 
 import typer
 
-from robodyn_cli.errors import RobodynError
+from robodyn_cli.errors import OutputError, RobodynError
 
 INTERNAL = 70
 INTERRUPTED = 130
@@ -26,27 +27,40 @@ class Console:
         self.quiet = quiet
         self._shown = 0.0
         self._width = 0
+        self._on_terminal = sys.stderr is not None and sys.stderr.isatty()
 
     def say(self, text: str) -> None:
         """Print results for people."""
         if not self.quiet and not self.as_json:
-            typer.echo(text)
+            self._print(text)
 
     def note(self, text: str) -> None:
         """Print a message that is not a result."""
         if not self.quiet:
             self.clear()
-            typer.echo(text, err=True)
+            self._print(text, err=True)
 
     def data(self, text: str) -> None:
         """Print JSON, where it was asked for."""
         if self.as_json:
-            typer.echo(text)
+            self._print(text)
+
+    @staticmethod
+    def _print(text: str, err: bool = False) -> None:
+        """Print to a standard stream; a reader that went away (``robodyn ... | head``) is no error of ours."""
+        try:
+            typer.echo(text, err=err)
+        except BrokenPipeError:
+            # whatever still waits in the buffer goes nowhere, now and when Python ends
+            os.dup2(os.open(os.devnull, os.O_WRONLY), (sys.stderr if err else sys.stdout).fileno())
+        except OSError as error:
+            if not err:
+                raise OutputError(f"cannot write to standard output: {error.strerror}") from error
 
     def progress(self, done: float, total: float) -> None:
         """Show how far a long run has come, when standard error is a terminal."""
         now = time.monotonic()
-        if self.quiet or now - self._shown < 0.1 or not sys.stderr.isatty():
+        if self.quiet or now - self._shown < 0.1 or not self._on_terminal:
             return
         self._shown = now
         part = min(1.0, done / total) if total else 1.0
@@ -70,8 +84,9 @@ class Console:
             details = getattr(error, "details", {})
             payload = {"status": "failed", "error": {"kind": type(error).__name__, "message": message,
                                                      "exit_code": code, **_plain(details)}}
-            typer.echo(summary if summary is not None else json.dumps(payload, ensure_ascii=False, indent=2))
-        typer.echo(f"robodyn: error: {message}", err=True)
+            with contextlib.suppress(OutputError):  # that is what is being reported
+                self._print(summary if summary is not None else json.dumps(payload, ensure_ascii=False, indent=2))
+        self._print(f"robodyn: error: {message}", err=True)
         raise typer.Exit(code)
 
 
@@ -96,8 +111,6 @@ def guarded(console: Console, action: Callable[[], int]) -> NoReturn:
         console.fail(error, error.exit_code, error.message)
     except KeyboardInterrupt as error:
         console.fail(error, INTERRUPTED, "interrupted")
-    except BrokenPipeError:
-        raise
     except MemoryError as error:
         console.fail(error, INTERNAL, "out of memory: ask for fewer samples")
     except Exception as error:

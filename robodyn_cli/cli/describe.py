@@ -103,8 +103,9 @@ def describe_deploy(summary: Mapping[str, Any]) -> str:
         lines.append(f"  no lock            within {number(summary['termination'].get('time'))} s")
     growth = criteria.get("growth_times", {})
     fired = ", ".join(f"{k}x at {v:.3f} s" if v is not None else f"{k}x never" for k, v in growth.items())
-    lines.append(f"  criteria           dead point at {number(criteria.get('dead_point'), 9)} s; multipliers "
-                 f"over their running median {fired}")
+    dead = criteria.get("dead_point")
+    where = f"dead point at {dead:.9g} s" if dead is not None else "no dead point"
+    lines.append(f"  criteria           {where}; multipliers over their running median {fired}")
     lines += [*_error_line(summary), _cost_line(summary)]
     return "\n".join(lines)
 
@@ -124,7 +125,7 @@ def describe_inverse(summary: Mapping[str, Any]) -> str:
         lines.append(table(rows))
     for label, key, unit in (
         ("path error", "ik_residual", "m"),
-        ("round trip error", "round_trip_residual", "relative, forward dynamics after inverse"),
+        ("round trip error", "round_trip", "relative, forward dynamics after inverse"),
     ):
         value = summary.get(key)
         if isinstance(value, float) and math.isfinite(value):

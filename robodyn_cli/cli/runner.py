@@ -39,10 +39,14 @@ def run_scene(
     from robodyn_cli.scene.load import load_scene
 
     watch = Stopwatch()
-    with watch.stage("load"):
-        scene = load_scene(scene_path, list(overrides or ()))
-        warn(scene, strict, console)
     target = out or default_directory(scene_path, command)
+    try:
+        with watch.stage("load"):
+            scene = load_scene(scene_path, list(overrides or ()))
+            warn(scene, strict, console)
+    except RobodynError as error:
+        _replace_old(target, plot_files(), _failed(command, scene_path.stem, error))
+        raise
     with OutputDirectory(target, drawings=plot_files()) as directory, contextlib.ExitStack() as stack:
         failure: RobodynError | None = None
         writer = None
@@ -85,6 +89,16 @@ def run_scene(
     console.say(describe(summary))
     console.say(f"results: {directory.path}  ({', '.join(directory.outputs)})")
     return EXIT.get(result.status, 0)
+
+
+def _replace_old(target: Path, drawings: Sequence[str], summary: dict[str, Any]) -> None:
+    """Leave no result of an earlier run where a scene could not be loaded: it would pass for this one's."""
+    from robodyn_cli.results.output_dir import RESULT_NAME, SUMMARY_NAME, OutputDirectory
+
+    if any((target / name).exists() for name in (RESULT_NAME, SUMMARY_NAME)):
+        # what is wrong with the scene is worth more than what is wrong with the directory
+        with contextlib.suppress(RobodynError), OutputDirectory(target, drawings=drawings) as directory:
+            directory.write_summary(summary)
 
 
 def warn(scene: Any, strict: bool, console: Console) -> None:

@@ -131,7 +131,7 @@ class Facts:
             return text + ", and gravity lies in it"
         if np.linalg.norm(g - across * self.normal) < PARALLEL * float(np.linalg.norm(g)):
             return text + "; gravity along the axes loads the bearings, not the joints"
-        return text + f"; of gravity, {abs(across):.3g} m/s^2 along the axes loads the bearings, not the joints"
+        return f"{text}; of gravity, {abs(across):.3g} m/s^2 along the axes loads the bearings only"
 
     def spatial_reason(self) -> str:
         """Say which joint takes the motion out of the plane."""
@@ -150,7 +150,7 @@ class Facts:
         return f"the axis of {name} is at {angle:.4g} deg to that of {self.model.bodies[b.parent].joint_name}"
 
     def exact_entries(self) -> tuple[int, int]:
-        """Return how many entries of the rotations between bodies are exactly 0 or +-1, and how many there are."""
+        """Return how many entries of the rotations between bodies are exactly 0 or +-1, and of how many."""
         entries = [float(x) for b in self.model.bodies for x in b.X_tree.E.flat]
         return sum(x in (0.0, 1.0, -1.0) for x in entries), len(entries)
 
@@ -177,7 +177,7 @@ def force_joints(model: Model, has: Callable[[Any], bool]) -> list[str]:
 
 
 def unknown_data(model: Model, outputs: Sequence[Scalar]) -> tuple[list[str], list[str]]:
-    """Return what the scene does not say of its bodies: names that the outputs need, and those they do not."""
+    """Return what the scene does not say of its bodies: what the outputs need, and what they do not."""
     unknown = [e.value[0] for e in model.graph.nodes if e.op == "sym" and e.value[1] == UNKNOWN_GROUP]
     needed = {e.value[0] for e in free_symbols(outputs) if e.value[1] == UNKNOWN_GROUP}
     return [n for n in unknown if n in needed], [n for n in unknown if n not in needed]

@@ -1,7 +1,8 @@
-"""The terms of the general problem, one by one: kept or left out, why, and what that is worth in operations.
+"""The terms of the general problem, one by one: kept or left out, why, and what that is worth.
 
-A kept term is counted by what leaving it out would save, a term left out by what it would add in general form.
-Terms share work (a sine serves them all), so the counts do not add up to the total.
+A kept term is counted by what leaving it out would save, a term left out by what it would add in general
+form. Terms share work (a sine serves them all), so the counts do not add up to the total, and a term whose
+work the others need as well counts as 0.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from robodyn_cli.expr.graph import count_operations
 from robodyn_cli.model.model import BASE, Model
 
 Entry = dict[str, Any]
+LOOPS = 4  # up to which loops have entries of their own
 
 
 @dataclasses.dataclass
@@ -63,7 +65,7 @@ class Ledger:
         """Enter a kept term; ``without`` is the scene less that term."""
         if without is not None:
             less = self.operations(without)
-            operations = None if less is None else self.total - less
+            operations = None if less is None else max(0, self.total - less)
         share = None if operations is None or not self.total else round(operations / self.total, 4)
         self.kept.append({"term": term, "reason": reason, "operations": operations, "share": share})
 
@@ -71,7 +73,7 @@ class Ledger:
         """Enter a term left out; ``general`` is the scene with that term in general form."""
         if general is not None:
             more = self.operations(general)
-            saved = None if more is None else more - self.total
+            saved = None if more is None else max(0, more - self.total)
         self.left_out.append({"term": term, "reason": reason, "operations_saved": saved})
 
     def choose(
@@ -133,7 +135,7 @@ def rigid_body_terms(ledger: Ledger, problem: Problem) -> None:
     ledger.choose(
         bool(rotors),
         "rotor inertia",
-        f"the rotors of {listed(rotors)} are reflected by the square of the gear ratio, constant on the diagonal",
+        f"rotors of {listed(rotors)}: reflected by the square of the gear ratio, constant on the diagonal",
         "no rotor has inertia",
         variants.without_rotors,
         variants.general_rotors,
@@ -141,7 +143,9 @@ def rigid_body_terms(ledger: Ledger, problem: Problem) -> None:
     geared = joints_with(model, lambda b: b.gear_ratio != 1.0)
     if geared:
         ledger.keep(
-            "gears", f"ratios of {listed(geared)} are folded into inertia and friction beforehand", operations=0
+            "gears",
+            f"ratios of {listed(geared)} are folded into inertia and friction beforehand",
+            operations=0,
         )
     else:
         ledger.leave("gears", "every motor turns with its joint", saved=0)
@@ -172,7 +176,9 @@ def geometry_terms(ledger: Ledger, idle: list[str], spare: list[str]) -> None:
         )
     if zero < components and not ledger.model.loops:
         ledger.keep(
-            "lever arms between joints", "joint axes do not all meet in one point", variants.without_levers(scene)
+            "lever arms between joints",
+            "joint axes do not all meet in one point",
+            variants.without_levers(scene),
         )
     reasons = []
     if idle:
@@ -200,8 +206,7 @@ def fixed_links(ledger: Ledger, problem: Problem) -> None:
     bias = [x for k, x in enumerate(other.bias) if k not in places]
     ledger.leave(
         "links on fixed joints",
-        f"{listed(apart.still)} do not move: their links are merged into what carries them; counted: in the "
-        "forces h(q, qd)",
+        f"the links on {listed(apart.still)} are merged into what carries them; counted: in h(q, qd)",
         saved=count_operations(bias) - count_operations(list(problem.bias)),
     )
 
@@ -220,7 +225,9 @@ def force_terms(ledger: Ledger) -> None:
             lambda v: variants.without_force(v, change), general,
         )  # fmt: skip
 
-    friction = lambda e: e.term == "friction"  # noqa: E731
+    def friction(e: Any) -> bool:
+        return e.term == "friction"
+
     enter(
         "viscous friction", lambda e: friction(e) and e.viscous != 0.0,
         lambda e: dataclasses.replace(e, viscous=0.0) if friction(e) else e,
@@ -231,10 +238,21 @@ def force_terms(ledger: Ledger) -> None:
         lambda e: dataclasses.replace(e, coulomb=0.0) if friction(e) else e,
         variants.general_coulomb, "no joint has any",
     )  # fmt: skip
-    spring = lambda e: e.term == "passive" and not e.dissipative  # noqa: E731
-    damper = lambda e: e.term == "passive" and e.dissipative  # noqa: E731
-    enter("joint springs", spring, lambda e: None if spring(e) else e, variants.general_springs, "no joint has one")
-    enter("joint dampers", damper, lambda e: None if damper(e) else e, variants.general_dampers, "no joint has one")
+
+    def spring(e: Any) -> bool:
+        return e.term == "passive" and not e.dissipative
+
+    def damper(e: Any) -> bool:
+        return e.term == "passive" and e.dissipative
+
+    enter(
+        "joint springs", spring, lambda e: None if spring(e) else e,
+        variants.general_springs, "no joint has one",
+    )  # fmt: skip
+    enter(
+        "joint dampers", damper, lambda e: None if damper(e) else e,
+        variants.general_dampers, "no joint has one",
+    )  # fmt: skip
 
 
 def drive_terms(ledger: Ledger, on_time: bool) -> None:
@@ -269,30 +287,33 @@ def loop_terms(ledger: Ledger, problem: Problem, forward: bool) -> None:
         )
         return
     if not model.loops:
+        here, there = ledger.facts.normal_in(len(model.bodies) - 1), ledger.facts.normal_in(BASE)
         ledger.leave(
             "closed loops and their multipliers",
             "the joints form an open chain or tree; counted: what a single pin from "
             f"{model.bodies[-1].name} to the base would add",
-            variants.one_pin(scene, ledger.facts.normal_in(len(model.bodies) - 1), ledger.facts.normal_in(BASE)),
+            variants.one_pin(scene, here, there),
         )
         return
     constraints = problem.constraints
-    alone = len(model.loops) == 1
-    for loop in model.loops:
-        names = [n for n in constraints.names if n.rsplit(".", 1)[0] == loop.name]
+    every = [loop.name for loop in model.loops]
+    # each loop on its own, unless that are too many to be told apart in a table
+    for group in [[name] for name in every] if len(every) <= LOOPS else [every]:
+        title = f"loop {group[0]}" if len(group) == 1 else plural(len(group), "loop")
+        names = [n for n in constraints.names if n.rsplit(".", 1)[0] in group]
         ledger.keep(
-            f"loop {loop.name} and its multipliers",
+            f"{title} with multipliers",
             f"{plural(len(names), 'row')} of equation (36): {listed(names)}",
-            variants.without_loops(scene, None if alone else loop.name),
+            variants.without_loops(scene, group),
         )
-        dropped = [n for n in constraints.dropped if n.rsplit(".", 1)[0] == loop.name]
+        dropped = [n for n in constraints.dropped if n.rsplit(".", 1)[0] in group]
         if dropped:
             space = variants.general_loops(variants.general_directions(scene))
-            kept = dataclasses.replace(space, rows=constraints.names)
-            more, less = ledger.operations(space), ledger.operations(kept)
+            rows = tuple(n for n in (*constraints.names, *constraints.dropped) if n not in dropped)
+            more, less = ledger.operations(space), ledger.operations(dataclasses.replace(space, rows=rows))
+            where = "both sides stay in one plane" if ledger.facts.planar else "no joint moves along them"
             ledger.leave(
-                f"loop {loop.name}: {plural(len(dropped), 'row')} {listed(dropped)}",
-                "both sides stay in one plane, so these rows vanish identically; counted: what they would add "
-                "in space",
-                saved=None if more is None or less is None else more - less,
+                f"{title}: {plural(len(dropped), 'row')} {listed(dropped)}",
+                f"{where}, so these rows vanish identically; counted: what they would add in space",
+                saved=None if more is None or less is None else max(0, more - less),
             )

@@ -1,7 +1,7 @@
 """Variants of a scene's equations: one part taken out, or made as general as code for any scene has it.
 
-The plan counts operations by building such variants: nothing in it is estimated. What is made general becomes a
-symbol, so it cannot be folded.
+The plan counts operations by building such variants: nothing in it is estimated. What is made general becomes
+a symbol, so it cannot be folded.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from robodyn_cli.loops.revolute import RevoluteLoop
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import BASE, PARAMETER_GROUP, Body, FixedFrame, JointForce, Loop, Model
 from robodyn_cli.scene import types as sc
-from robodyn_cli.spatial.algebra import Matrix, Transform, Vector, identity, matrix, vector, zeros
+from robodyn_cli.spatial.algebra import Matrix, Transform, Vector, identity, matrix, snap, vector, zeros
 from robodyn_cli.spatial.inertia import RigidInertia
 
 
@@ -52,8 +52,8 @@ class Variant:
     """What decides the equations, ready to be changed.
 
     velocity_terms, accelerations : whether rigid bodies feel qd and qdd. drives : a symbol as torque on each
-    joint without one. driven_joint : whether the first joint's motion is prescribed, as a symbol. rows : names of
-    the constraint rows to keep (all by default). still : joints that are kept at zero.
+    joint without one. driven_joint : whether the first joint's motion is prescribed, as symbols. rows : names
+    of the constraint rows to keep (all by default). still : joints that are kept at zero.
     """
 
     scene: sc.Scene
@@ -90,7 +90,7 @@ class VariantProblem(Problem):
             nothing: Any = 0.0
             self.q[body.q] = self.v[body.v] = self.a[body.v] = nothing
 
-    def _rates(self) -> Sequence[Any]:
+    def _rates(self) -> Any:
         return self.v if self.variant.velocity_terms else zeros(self.model.nv)
 
     @cached_property
@@ -99,7 +99,7 @@ class VariantProblem(Problem):
 
     @cached_property
     def inverse_dynamics(self) -> Vector:
-        a = self.a if self.variant.accelerations else zeros(self.model.nv)
+        a: Any = self.a if self.variant.accelerations else zeros(self.model.nv)
         return rnea(self.model, self.q, self._rates(), a, self.gravity, self.X)
 
     @cached_property
@@ -144,7 +144,7 @@ def general_levers(v: Variant) -> Variant:
 
 
 def planar_levers(v: Variant, normals: Sequence[Any]) -> Variant:
-    """Joints anywhere in the plane of motion; ``normals`` are its normals in the axes of each body's parent."""
+    """Joints anywhere in the plane of motion; ``normals`` : its normal in the axes of each body's parent."""
     s = Symbols(v.model.graph)
     bodies = []
     for b, normal in zip(v.model.bodies, normals):
@@ -209,15 +209,20 @@ def general_dampers(v: Variant) -> Variant:
 def general_loops(v: Variant) -> Variant:
     """Loop closures at any place and in any direction of both bodies."""
     s = Symbols(v.model.graph)
-    frame = lambda f: FixedFrame(f.body, s.vector(), s.matrix())  # noqa: E731
-    loops = tuple(
-        dataclasses.replace(loop, first=frame(loop.first), second=frame(loop.second)) for loop in v.model.loops
+
+    def anywhere(frame: FixedFrame) -> FixedFrame:
+        return FixedFrame(frame.body, s.vector(), s.matrix())
+
+    return v.with_model(
+        loops=tuple(
+            dataclasses.replace(loop, first=anywhere(loop.first), second=anywhere(loop.second))
+            for loop in v.model.loops
+        )
     )
-    return v.with_model(loops=loops)
 
 
 def general(v: Variant) -> Variant:
-    """Every constant a symbol: what code does that is written for any scene with these joints and this tree."""
+    """Every constant a symbol: what code for any scene with this tree of joints does."""
     bare = v.with_bodies(lambda b: dataclasses.replace(b, forces=()))
     for change in (
         general_directions, general_levers, general_inertia, general_gravity, general_rotors, general_viscous,
@@ -227,12 +232,12 @@ def general(v: Variant) -> Variant:
     return dataclasses.replace(bare, drives=True, rows=None)
 
 
-def one_pin(v: Variant, here: Sequence[float], there: Sequence[float]) -> Variant:
+def one_pin(v: Variant, here: Any, there: Any) -> Variant:
     """A pin between the last body and the base: what the smallest loop would bring.
 
     Parameters
     ----------
-    here, there : normal of the plane of motion in the axes of the body and of the base; zero where there is none.
+    here, there : normal of the plane of motion in the axes of the body and of the base; zero without a plane.
     """
     s = Symbols(v.model.graph)
     first = FixedFrame(len(v.model.bodies) - 1, _in_plane(s, here, zeros(3)), identity())
@@ -296,10 +301,11 @@ def without_force(v: Variant, change: Callable[[Any], Any]) -> Variant:
     return v.with_bodies(keep)
 
 
-def without_loops(v: Variant, name: str | None = None) -> Variant:
-    """Without one loop, or without any."""
-    kept = tuple(loop for loop in v.model.loops if name is not None and loop.name != name)
-    return v.with_model(loops=kept)
+def without_loops(v: Variant, names: Sequence[str] | None = None) -> Variant:
+    """Without these loops, or without any."""
+    return v.with_model(
+        loops=tuple(loop for loop in v.model.loops if names is not None and loop.name not in names)
+    )
 
 
 def unmerged(v: Variant) -> Variant:
@@ -315,11 +321,27 @@ def unmerged(v: Variant) -> Variant:
 
 
 def serial_chain(v: Variant) -> Variant:
-    """The open chain of the same bodies and joints, each carried by the one before, at its link's end."""
+    """The open chain of the same bodies and joints, each carried by the one before, at its link's far end."""
+    model = v.model
+
+    def link_frame(body: int) -> Transform:
+        if body == BASE:
+            return Transform.identity()
+        frame = model.links[model.bodies[body].name]
+        return Transform.from_pose(frame.R, frame.p)
+
     bodies = []
-    for k, b in enumerate(v.model.bodies):
+    for k, b in enumerate(model.bodies):
         if k and b.parent != k - 1:
-            end = v.model.links[v.model.bodies[k - 1].name]
-            b = dataclasses.replace(b, parent=k - 1, X_tree=Transform.from_pose(end.R, end.p))
+            placed = b.X_tree @ link_frame(b.parent).inverse()
+            carrier = link_frame(k - 1)
+            # a link whose frame is at its own joint has no far end: the joint stays as far away as it was
+            r = placed.r if not any(carrier.r) else zeros(3)
+            X = Transform(placed.E, r) @ carrier
+            b = dataclasses.replace(b, parent=k - 1, X_tree=Transform(_snapped(X.E), X.r))
         bodies.append(b)
     return without_loops(v.with_model(bodies=tuple(bodies)))
+
+
+def _snapped(E: Matrix) -> Matrix:
+    return matrix([[snap(x) for x in row] for row in E])

@@ -64,11 +64,6 @@ def partials(node: Expr) -> list[tuple[Expr, Scalar]]:
         y, x = value
         r2 = x * x + y * y
         return [(a, x / r2), (args[1], -(y / r2))]
-    if op in ("min", "max"):
-        first = value[1] - value[0] if op == "min" else value[0] - value[1]
-        return [(a, where(first, 1.0, 0.0)), (args[1], where(first, 0.0, 1.0))]
-    if op == "where":
-        return [(args[1], where(a, 1.0, 0.0)), (args[2], where(a, 0.0, 1.0))]
     if op == "pow":
         base, exponent = value
         found = [(a, exponent * power(base, exponent - 1.0))] if isinstance(base, Expr) else []
@@ -84,6 +79,21 @@ def partials(node: Expr) -> list[tuple[Expr, Scalar]]:
     raise CapabilityError(f"the operation {op} has no derivative")
 
 
+def branches(node: Expr) -> tuple[Scalar, Expr, Expr] | None:
+    """Return (x, a, b) of a node that is a where x > 0 and b elsewhere, None for any other.
+
+    Its derivative is chosen in the same way. Weighting both derivatives with 0 and 1 would let the branch that is
+    not taken spoil the other: 0 times infinity.
+    """
+    if node.op == "where":
+        return node.args[0], node.args[1], node.args[2]
+    if node.op in ("min", "max"):
+        a, b = node.args
+        x, y = (e.value if e.op == "const" else e for e in node.args)
+        return (y - x if node.op == "min" else x - y), a, b
+    return None
+
+
 def jacobian(outputs: Sequence[Scalar], inputs: Sequence[Expr]) -> list[SparseRow]:
     """Return d outputs / d inputs as sparse rows {column: entry}; zeros that are structural do not appear.
 
@@ -97,7 +107,12 @@ def jacobian(outputs: Sequence[Scalar], inputs: Sequence[Expr]) -> list[SparseRo
         if not arguments:
             continue
         row: SparseRow = {}
-        for argument, partial in partials(node):
+        split = branches(node)
+        if split is not None:
+            x, a, b = split
+            of_a, of_b = gradient.get(a.index, {}), gradient.get(b.index, {})
+            row = {k: where(x, of_a.get(k, 0.0), of_b.get(k, 0.0)) for k in {**of_a, **of_b}}
+        for argument, partial in partials(node) if split is None else ():
             inner = gradient.get(argument.index)
             if not inner:
                 continue
@@ -119,7 +134,11 @@ def directional(
         if not any(a.index in tangent for a in node.args):
             continue
         total: Scalar = 0.0
-        for argument, partial in partials(node):
+        split = branches(node)
+        if split is not None:
+            x, a, b = split
+            total = where(x, tangent.get(a.index, 0.0), tangent.get(b.index, 0.0))
+        for argument, partial in partials(node) if split is None else ():
             if argument.index in tangent:
                 total = total + partial * tangent[argument.index]
         tangent[node.index] = total

@@ -318,6 +318,10 @@ class Gauss(Stepper):
         twice = self._table(w, "dense.twice", columns(T.A2, D.twice))
         inner_once = self._table(w, "dense.inner1", pairs(D.inner_once))
         inner_twice = self._table(w, "dense.inner2", pairs(D.inner_twice))
+        # addressed by a running index, so apart from the iterates, which are to stay in registers
+        stages = [f.slot(m) for _ in range(rates)]
+        for slot, guess in zip(stages, self.guess):
+            f.store(f.load(guess, m, 64), slot, 64)
         residual = [[f.slot(m) for _ in range(rates)] for _ in range(2)]
         for slot in (*residual[0], *residual[1]):
             f.store(f.constant(0.0, m), slot, 64)
@@ -332,7 +336,7 @@ class Gauss(Stepper):
             z: list[Value] = []
             known: list[Value] = []
             for j in range(rates):
-                sources = [self.guess[j], residual[0][j], residual[1][j]]
+                sources = [stages[j], residual[0][j], residual[1][j]]
                 tables = [
                     [(value, group)],
                     [(once, group), (inner_once, inner), (inner_once, inner + 1)],

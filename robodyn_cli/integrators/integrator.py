@@ -123,6 +123,12 @@ class Integrator:
         self.n[Whole.LAST_SAMPLE] = -1
         self.events_seen = 0
         self._armed = False
+        self._bind()
+
+    def _bind(self) -> None:
+        """Note where the arrays lie; they are only ever written in place."""
+        arrays = (self.w, self.n, self.y, self.p, self.memory, self._out)
+        self._addresses = tuple(a.ctypes.data for a in arrays)
 
     @property
     def time(self) -> float:
@@ -161,12 +167,7 @@ class Integrator:
             taken = int(self.n[Whole.ACCEPTED] + self.n[Whole.REJECTED])
             self.n[Whole.MAX_STEPS] = min(self.options.max_steps, taken + self._slice)
             start = perf_counter()
-            status = Status(
-                self._run(
-                    self.w.ctypes.data, self.n.ctypes.data, self.y.ctypes.data, self.p.ctypes.data,
-                    self.memory.ctypes.data, self._out.ctypes.data,
-                )
-            )  # fmt: skip
+            status = Status(self._run(*self._addresses))
             if status is not Status.MAX_STEPS or self.n[Whole.MAX_STEPS] >= self.options.max_steps:
                 return status
             spent = perf_counter() - start
@@ -241,6 +242,7 @@ class Integrator:
         s = self.system
         capacity = max(1, min(block, grid.count))
         self._out = np.zeros(capacity * s.size)
+        self._bind()
         rows = self._out.reshape(s.size, capacity)
         self.n[Whole.CAPACITY], self.n[Whole.ROWS] = capacity, 0
         first = _first_sample(grid, self.time)

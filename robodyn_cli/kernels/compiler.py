@@ -15,19 +15,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from robodyn_cli.kernels.report import REPORT
+
 CACHE_FILES = 400  # about 10 kB each; the oldest go first
-
-
-@dataclasses.dataclass
-class CompileReport:
-    """What compilation did, for the summary: seconds spent, and whether the object came from the cache."""
-
-    seconds: float = 0.0
-    compiled: int = 0
-    cached: int = 0
-
-
-REPORT = CompileReport()
 
 
 @dataclasses.dataclass(frozen=True)

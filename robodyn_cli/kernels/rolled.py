@@ -37,8 +37,8 @@ def prefer_rolled(model: Model) -> bool:
 class RolledKernel:
     """A compiled recursion over the bodies of a model's open tree, for many samples at a time.
 
-    The machine code depends on the kinds of joint, the zeros that all bodies share and on serial or tree only,
-    so that one cached object serves all models of that sort, whatever their numbers and their number of bodies.
+    The machine code depends on the kinds of joint, on the zeros that all bodies share and on serial or tree.
+    One cached object serves all models of that sort, whatever their numbers and their number of bodies.
     Springs, dampers and friction in the joints are left to the caller.
 
     Raises

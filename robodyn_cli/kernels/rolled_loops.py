@@ -17,7 +17,8 @@ from collections.abc import Callable, Mapping, Sequence
 from robodyn_cli.kernels.ir import RELAXED, Function, Int, Value, module
 from robodyn_cli.kernels.lower import lower
 from robodyn_cli.kernels.program import Program
-from robodyn_cli.kernels.rolled_steps import BODY_CONSTANTS, DOWN, UP, Recursion, Step, Sweep
+from robodyn_cli.kernels.rolled_recursion import Recursion, Step, Sweep
+from robodyn_cli.kernels.rolled_steps import BODY_CONSTANTS, DOWN, UP, Place
 
 ARGUMENTS = ("tables", "q", "v", "x", "out", "scratch")
 
@@ -47,22 +48,21 @@ class Layout:
     """Places in scratch memory, in vectors: rows of bodies and branch slots; vanishing entries have none."""
 
     def __init__(self, recursion: Recursion) -> None:
-        present = recursion.present
         # what an outward sweep gives of an UP quantity waits in the body's row for the inward sweep
-        self.started = {
+        started = {
             name
             for sweep in recursion.sweeps
             if sweep.outward
             for step in sweep.steps
-            for name in step.program.outputs
+            for name in step.places
             if name in UP
         }
-        self.start: dict[tuple[str, int], int] = {}
-        self.slot: dict[tuple[str, int], int] = {}
-        for name, mask in present.items():
-            for k in (k for k, x in enumerate(mask) if x):
+        self.start: dict[Place, int] = {}
+        self.slot: dict[Place, int] = {}
+        for name, places in recursion.carried.items():
+            for k in places:
                 self.slot[name, k] = len(self.slot)
-                if name in self.started:
+                if name in started:
                     self.start[name, k] = len(self.start)
         self.row_size = len(self.start) + recursion.kept
         self.slot_size = len(self.slot)
@@ -101,10 +101,7 @@ class Loops:
         self.at = at
         self.layout = Layout(recursion)
         self.carry = {
-            (name, k): f.slot(width)
-            for name, mask in recursion.present.items()
-            for k, present in enumerate(mask)
-            if present
+            (name, k): f.slot(width) for name, places in recursion.carried.items() for k in places
         }
         self.bodies = f.load_int(f.offset("%tables", Header.BODIES))
         self.branches = f.offset("%scratch", self.bodies * (self.layout.row_size * width))
@@ -113,7 +110,8 @@ class Loops:
         """Emit all sweeps."""
         f = self.f
         for sweep in self.recursion.sweeps:
-            names = {n for s in sweep.steps for n in s.program.outputs if n in (DOWN if sweep.outward else UP)}
+            sort = DOWN if sweep.outward else UP
+            names = {name for step in sweep.steps for name in step.places if name in sort}
             moved = [place for place in self.carry if place[0] in names]
             self._begin(sweep, moved)
             with f.count(self.bodies, down=not sweep.outward) as i:
@@ -136,14 +134,14 @@ class Loops:
         size = self.layout.slot_size * self.width
         return f.offset(self.branches, number * size)
 
-    def _load_carry(self, place: tuple[str, int]) -> Value:
+    def _load_carry(self, place: Place) -> Value:
         return self.f.load(self.carry[place], self.width, 8 * self.width)
 
-    def _store_carry(self, value: Value | float, place: tuple[str, int]) -> None:
+    def _store_carry(self, value: Value | float, place: Place) -> None:
         self.f.store(self.f.lift(value, self.width), self.carry[place], 8 * self.width)
 
     # -- from body to body ----------------------------------------------------------------------------
-    def _begin(self, sweep: Sweep, moved: Sequence[tuple[str, int]]) -> None:
+    def _begin(self, sweep: Sweep, moved: Sequence[Place]) -> None:
         """Set the carry to what the base gives, or to nothing, and the branch slots likewise."""
         f = self.f
         for name, k in moved:
@@ -158,7 +156,7 @@ class Loops:
                 for place in moved:
                     self._store(0.0, self._slot(s), self.layout.slot[place])
 
-    def _arrive(self, sweep: Sweep, moved: Sequence[tuple[str, int]], row: str) -> None:
+    def _arrive(self, sweep: Sweep, moved: Sequence[Place], row: str) -> None:
         """Outward: take the parent's quantities from its slot. Inward: add what earlier children left."""
         if self.serial:
             return
@@ -170,7 +168,7 @@ class Loops:
                 value = self._load(slot, self.layout.slot[place])
                 self._store_carry(value if sweep.outward else self._load_carry(place) + value, place)
 
-    def _depart(self, sweep: Sweep, moved: Sequence[tuple[str, int]], row: str) -> None:
+    def _depart(self, sweep: Sweep, moved: Sequence[Place], row: str) -> None:
         """Outward: leave a copy for later children. Inward: leave the parent's share where it is not next."""
         if self.serial:
             return
@@ -215,13 +213,11 @@ class Loops:
                 for k in range(max(places) + 1)
             ]
         for group, values in lower(f, step.program, inputs, self.width, self.fused).items():
-            for k, value in enumerate(values):
+            for k, value in zip(step.places[group], values):
                 if group == "out":
                     f.store(f.splat(value, self.width), self.at(group, columns[group] + k))
                 elif group == "kept":
-                    self._store(value, own, self.layout.kept(step.first_kept + k))
-                elif (group, k) not in self.carry:
-                    continue  # vanishes in every body
+                    self._store(value, own, self.layout.kept(k))
                 elif group in UP and sweep.outward:
                     self._store(value, own, self.layout.start[group, k])
                 else:

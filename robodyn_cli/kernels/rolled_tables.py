@@ -13,7 +13,8 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
 from robodyn_cli.joints.base import Joint
 from robodyn_cli.kernels.rolled_loops import Header, Layout, Row
-from robodyn_cli.kernels.rolled_steps import constants_of, make_recursion, structure_of
+from robodyn_cli.kernels.rolled_recursion import make_recursion, structure_of
+from robodyn_cli.kernels.rolled_steps import constants_of
 from robodyn_cli.model.model import BASE, Body, Model
 from robodyn_cli.spatial.algebra import Transform, Vector
 
@@ -69,9 +70,8 @@ class RolledPlan:
         bodies, gravity = place_root_alike([model.bodies[k] for k in order], model.gravity)
         for body in bodies:
             if body.joint.nv == 0:
-                raise CapabilityError(
-                    f"joint {body.joint_name}: rolled kernels take joints that move, not {body.joint.type} ones"
-                )
+                what = f"joint {body.joint_name} is {body.joint.type}"
+                raise CapabilityError(f"{what}; rolled kernels take joints that move")
         if any(isinstance(x, Expr) for x in gravity):
             raise CapabilityError("rolled kernels take gravity as numbers, not as symbols")
         kinds: list[Joint] = list(dict.fromkeys(b.joint for b in bodies))
@@ -124,5 +124,6 @@ def _numbers(body: Body, row: Sequence[Scalar], needed: set[int]) -> list[float]
     """Return a body's constants as numbers; NaN for one that is not known and that nothing depends on."""
     names = sorted({symbol.value[0] for symbol in free_symbols([row[k] for k in needed])})
     if names:
-        raise CapabilityError(f"rolled kernels take numbers for all of {body.name}; {', '.join(names)} is not one")
+        listed = ", ".join(names)
+        raise CapabilityError(f"{body.name}: rolled kernels take numbers, and {listed} is not one")
     return [float("nan") if isinstance(x, Expr) else float(x) for x in row]

@@ -225,7 +225,7 @@ def build_model(scene: sc.Scene, symbolic: Sequence[str] = (), graph: Graph | No
         points=points,
         frames=frames,
         links=link_frames,
-        outlines=_outlines(robot, placed, points),
+        outlines=_outlines(robot, placed, points, bodies),
         loops=tuple(_loop(scene, placed, links, points, element, values) for element in scene.loops),
         joint_names=names,
         q_names=names,
@@ -342,9 +342,9 @@ def _loop(
 
 
 def _outlines(
-    robot: sc.Robot, placed: dict[str, _Placed], points: dict[str, FixedFrame]
+    robot: sc.Robot, placed: dict[str, _Placed], points: dict[str, FixedFrame], bodies: list[dict[str, Any]]
 ) -> dict[str, tuple[FixedFrame, ...]]:
-    """Return, for each moving link, its joint, the joints it carries, its far end and its named points."""
+    """Return, for each moving link, its joint, the joints it carries (at zero), its far end, its named points."""
     outlines: dict[str, tuple[FixedFrame, ...]] = {}
     for k in range(len(robot.joints)):
         name = moved_link(robot, k)
@@ -355,12 +355,8 @@ def _outlines(
         for other in range(len(robot.joints)):
             if parent_link(robot, other) == name:
                 child = placed[moved_link(robot, other)]
-                if child.body != where.body:
-                    joint = robot.joints[other]
-                    origin = where.link_frame.r
-                    if joint.origin is not None:
-                        origin = where.link_frame.point(vector(joint.origin.xyz))
-                    spots.append(origin)
+                merged = child.body == where.body  # by a fixed joint
+                spots.append(child.joint_frame.r if merged else bodies[child.body]["X_tree"].r)
         spots.append(where.link_frame.r)
         spots.extend(points[p].p for p, spec in (robot.points or {}).items() if spec.link == name)
         unique: list[Vector] = []

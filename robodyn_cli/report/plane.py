@@ -1,4 +1,4 @@
-"""The plane of a drawing in space: the two axes along which things extend most."""
+"""The plane of a drawing in space: that of two axes on which things spread most."""
 
 from __future__ import annotations
 
@@ -11,15 +11,27 @@ AXES = ("x", "y", "z")
 
 
 def main_plane(clouds: list[Array]) -> tuple[int, int]:
-    """Return the two axes of largest extent over all ``clouds`` of shape (..., 3), in their usual order.
+    """Return the two axes of the plane on which all ``clouds`` of shape (..., 3) cast the largest shadow.
 
-    Where extents are equal (nothing moves) the earlier axes win: x and y.
+    That is where the determinant of the covariance is largest. Of equal ones the earlier axes win; where every
+    shadow is a line, or nothing moves, the axes of largest extent do.
     """
     points = np.concatenate([cloud.reshape(-1, 3) for cloud in clouds])
     low, high = extremes(points)
     extent = high - low
+    size = max(1e-300, float(extent.max()))
     # Rounding errors of a planar mechanism must not outrank an axis.
-    extent[extent < 1e-9 * max(1e-300, float(extent.max()))] = 0.0
+    extent[extent < 1e-9 * size] = 0.0
+    rows = points[np.isfinite(points).all(axis=1)]
+    best, largest = None, 1e-9
+    if len(rows) > 1:
+        C = np.cov(rows.T / size)
+        for first, second in ((0, 1), (0, 2), (1, 2)):
+            area = float(np.linalg.det(C[np.ix_([first, second], [first, second])]))
+            if area > largest * (1.0 + 1e-6):
+                best, largest = (first, second), area
+    if best is not None:
+        return best
     first, second = sorted(np.argsort(-extent, kind="stable")[:2].tolist())
     return first, second
 

@@ -7,8 +7,6 @@ capitals stands for a name from the scene.
 from __future__ import annotations
 
 import dataclasses
-import functools
-import re
 
 
 @dataclasses.dataclass(frozen=True)
@@ -128,12 +126,11 @@ ATTRIBUTES: tuple[Attribute, ...] = (
 )
 
 
-@functools.cache
-def _patterns() -> tuple[tuple[re.Pattern[str], Entry], ...]:
-    return tuple(
-        (re.compile(re.sub(r"\b[A-Z]+\b", "[^/]+", entry.path)), entry)
-        for entry in ENTRIES
-        if "/" in entry.path
+def _fits(path: str, pattern: str) -> bool:
+    """Tell whether a path is a pattern's, whose parts in capitals stand for any name."""
+    parts, wanted = path.split("/"), pattern.split("/")
+    return len(parts) == len(wanted) and all(
+        b == a or (b.isupper() and bool(a)) for a, b in zip(parts, wanted)
     )
 
 
@@ -143,7 +140,7 @@ def lookup(path: str) -> Entry | None:
     for entry in ENTRIES:
         if entry.path == path:
             return entry
-    for pattern, entry in _patterns():
-        if pattern.fullmatch(path):
+    for entry in ENTRIES:
+        if _fits(path, entry.path):
             return entry
     return None

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 from robodyn_cli.algorithms.constraints import determinant
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError, RobodynError, SingularConfigurationError
-from robodyn_cli.expr.calculus import jacobian
-from robodyn_cli.expr.graph import Expr, Scalar
-from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.formulations.index1 import index1, multiplier_norm
 from robodyn_cli.formulations.system import GROUPS, EventFunction, System
 from robodyn_cli.integrators.integrator import Event, Grid, Integrator, Options
@@ -41,6 +39,7 @@ from robodyn_cli.run.simulate import (
 from robodyn_cli.run.singularity import (
     NEAR_RANK_LOSS,
     classify,
+    driven_dead_point,
     loop_rows,
     passive_determinant,
     psi_at,
@@ -158,42 +157,20 @@ class Deployment:
         return min(fired) if fired else None
 
     def _driven_dead_point(self, found: Found, integrator: Integrator) -> None:
-        """Find the dead point that a prescribed motion has run into.
-
-        Towards it the passive rates grow without bound, so no integrator can reach it; but it is pure geometry:
-        eta(q, t) = 0 with the determinant of the passive block zero, in the unknowns q and t.
-        """
-        problem = self.problem
-        if not problem.constraints.prescribed or self.determinant is None:
+        """Note the singular pose that a prescribed motion has run into, if that is what stopped the scan."""
+        nq = self.problem.model.nq
+        state = integrator.state
+        pose = driven_dead_point(
+            self.problem, self.passive, state[:nq], integrator.time, self.scene.simulate.duration
+        )
+        if pose is None:
             return
-        unknowns: list[Expr] = [*problem.q, problem.t]
-        equations = [*problem.constraints.eta, self.determinant]
-        if len(equations) != len(unknowns):
-            return
-        rows = jacobian(equations, unknowns)
-        entries = [row.get(k, 0.0) for row in rows for k in range(len(unknowns))]
-        x = np.append(integrator.y[: problem.model.nq], integrator.time)
-        if not np.all(np.isfinite(x)):
-            return
-        for _ in range(50):
-            values = {"q": x[:-1].tolist(), "t": [float(x[-1])], "p": []}
-            residual = np.array(evaluate(equations, values), dtype=float)
-            J = np.array(evaluate(entries, values), dtype=float).reshape(len(rows), len(unknowns))
-            step, *_ = np.linalg.lstsq(J, -residual, rcond=1e-14)
-            x = x + step * min(1.0, 0.3 / max(float(np.abs(step).max()), 1e-300))
-            if float(np.abs(step).max()) < 1e-14 * max(1.0, float(np.abs(x).max())):
-                break
-        ahead = float(x[-1]) - integrator.time
-        near = 1e-3 * max(self.scene.simulate.duration, integrator.time)
-        if np.all(np.isfinite(x)) and -1e-9 <= ahead <= near and np.abs(residual).max() < 1e-9:
-            state = integrator.state
-            state[: problem.model.nq] = x[:-1]
-            kind = classify(problem, x[:-1], self.passive).kind
-            found.driven = True
-            if kind == "bifurcation":
-                found.bifurcation = (float(x[-1]), state)
-            elif kind == "dead_point":
-                found.dead_point = (float(x[-1]), state)
+        time, state[:nq], kind = pose
+        found.driven = True
+        if kind == "bifurcation":
+            found.bifurcation = (time, state)
+        elif kind == "dead_point":
+            found.dead_point = (time, state)
 
     def stop_time(self, found: Found) -> tuple[float | None, str]:
         """Return when the scene's criterion stops the run, and which criterion it was."""
@@ -241,7 +218,7 @@ def deploy(
         raise fail(result, _bifurcation(run, found), watch)
     if stop is None and found.stopped is not None:
         raise fail(result, found.stopped, watch)
-    if scene.simulate.error_estimate and not found.driven:
+    if scene.simulate.error_estimate:
         with watch.stage("error_estimate"):
             grid = Grid.over(scene.simulate.duration, scene.simulate.samples)
             summary["error_estimate"] = estimate_error(
@@ -370,8 +347,7 @@ def _lock(
     here = classify(problem, q, run.passive)
     kind = here.kind
     if kind == "regular":
-        # the multipliers fired away from any singular pose: on the way to one, or a plain overload
-        kind = "approaching_dead_point" if found.dead_point and found.dead_point[0] >= stop else "overload"
+        kind = "approaching_dead_point" if _approaches(run, found, stop) else "overload"
     norm = multiplier_norm(recorder.array("constraints/multipliers")[:, loop_rows(problem)])
     growth = _criteria(run, found)["growth_times"]
     error = None
@@ -405,7 +381,9 @@ def _lock(
         },
     }  # fmt: skip
     latch = scene.deploy.latch
-    if latch is not None and not found.driven:
+    if kind == "overload":
+        report["latch"] = None
+    elif latch is not None and not found.driven:
         report["latch"] = close_latch(problem, latch.between[0], latch.between[1], q, qd, stop).as_dict(
             problem.model.joint_names
         )
@@ -415,12 +393,21 @@ def _lock(
     return report
 
 
+def _approaches(run: Deployment, found: Found, stop: float) -> bool:
+    """Tell multipliers that rise from the stop to a dead point from an overload that passes by itself."""
+    if found.dead_point is None or found.dead_point[0] < stop:
+        return False
+    growth, own = found.growth, run.scene.deploy.growth
+    fired = own if growth.times.get(own) == stop else "limit"
+    return fired not in growth.calmed
+
+
 def _time_error(run: Deployment, found: Found, stop: float, criterion: str) -> float | None:
     """Estimate the error of the lock's time from a second, tighter scan."""
-    if found.driven:  # pure geometry: the root of a smooth function, to rounding
-        return 1e-15 * max(1.0, abs(stop)) * 10
     if criterion == "multipliers":
         return GRID
+    if found.driven:  # pure geometry: the root of a smooth function, to rounding
+        return 1e-15 * max(1.0, abs(stop)) * 10
     second, _ = tighter(run.options, stop / 50)
     again = run.scan(second, multipliers=False)
     if again.dead_point is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,6 @@ from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import Model
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Vector, zeros
@@ -47,57 +47,110 @@ def joint_force_terms(problem: Problem) -> dict[str, Vector]:
     return problem.joint_forces(smooth=False)
 
 
+Samples = Callable[[Array, Array, Array], Array]
+
+
+class _Unrolled:
+    """One expression graph as straight-line code; the third array of samples is symbol group ``group``."""
+
+    def __init__(self, entries: Any, group: str) -> None:
+        from robodyn_cli.kernels.samples import SampleKernel
+
+        self.group = group
+        self.kernel = SampleKernel({"out": list(entries)}, ("q", "v", group))
+        self.operations = self.kernel.program.operations
+
+    def __call__(self, q: Array, qd: Array, x: Array) -> Array:
+        return self.kernel(q=q, v=qd, **{self.group: x})["out"]
+
+
+class _JointForces:
+    """The torques of springs, dampers and friction at many samples; nothing to call where there are none."""
+
+    def __init__(self, problem: Problem) -> None:
+        from robodyn_cli.kernels.samples import SampleKernel
+
+        terms = list(joint_force_terms(problem).values())
+        self.kernel = SampleKernel({"f": list(sum(terms[1:], terms[0]))}, ("q", "v")) if terms else None
+        self.operations = self.kernel.program.operations if self.kernel else 0
+
+    def add_to(self, tau: Array, q: Array, qd: Array) -> Array:
+        return tau + self.kernel(q=q, v=qd)["f"] if self.kernel else tau
+
+    def take_from(self, tau: Array, q: Array, qd: Array) -> Array:
+        return tau - self.kernel(q=q, v=qd)["f"] if self.kernel else tau
+
+
+def _prefer_rolled(problem: Problem) -> bool:
+    from robodyn_cli.kernels.rolled import prefer_rolled
+
+    return prefer_rolled(problem.model)
+
+
 class InverseDynamics:
     """Joint torques that a motion needs, tau = M qdd + C qd + G - tau_passive - tau_friction.
 
     Calling it takes q (T, nq), qd and qdd (T, nv) and returns tau (T, nv) [N m or N], columns in the order of
     the joints. Column-ordered arrays (``order="F"``) of float64 are read in place, others are copied first;
     the result is column-ordered.
+
+    Short chains become straight-line code, long ones a loop over their bodies (attribute ``shape``:
+    ``unrolled`` or ``rolled``).
     """
 
     def __init__(self, source: sc.Scene | Model | Problem) -> None:
         problem = open_problem(source, "inverse dynamics")
+        self.joints = problem.model.v_names
+        self.shape, self._call, self.operations = self._compile(problem)
+
+    @staticmethod
+    def _compile(problem: Problem) -> tuple[str, Samples, int]:
+        if _prefer_rolled(problem):
+            from robodyn_cli.kernels.rolled import RolledInverseDynamics
+
+            rigid, forces = RolledInverseDynamics(problem.model), _JointForces(problem)
+            operations = rigid.plan.bodies * rigid.plan.recursion.operations + forces.operations
+            return "rolled", lambda q, qd, qdd: forces.take_from(rigid(q, qd, qdd), q, qd), operations
         tau: Any = problem.inverse_dynamics
         for term in joint_force_terms(problem).values():
             tau = tau - term
-        self.joints = problem.model.v_names
-        self.kernel = SampleKernel({"tau": list(tau)}, ("q", "v", "a"))
-
-    @property
-    def operations(self) -> int:
-        """Arithmetic operations and function calls a sample."""
-        return self.kernel.program.operations
+        unrolled = _Unrolled(tau, "a")
+        return "unrolled", unrolled, unrolled.operations
 
     def __call__(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Return tau (T, nv)."""
-        return self.kernel(q=q, v=qd, a=qdd)["tau"]
+        return self._call(q, qd, qdd)
 
 
 class ForwardDynamics:
     """Joint accelerations that torques cause, qdd = M^-1 (tau + tau_passive + tau_friction - C qd - G).
 
-    Calling it takes q (T, nq), qd and tau (T, nv) and returns qdd (T, nv); arrays as for
+    Calling it takes q (T, nq), qd and tau (T, nv) and returns qdd (T, nv); arrays and attributes as for
     ``InverseDynamics``, whose inverse it is: friction has the exact sign of the rate, and is 0 at rest.
     """
 
     def __init__(self, source: sc.Scene | Model | Problem) -> None:
         problem = open_problem(source, "forward dynamics")
+        self.joints = problem.model.v_names
+        self.shape, self._call, self.operations = self._compile(problem)
+
+    @staticmethod
+    def _compile(problem: Problem) -> tuple[str, Samples, int]:
+        if _prefer_rolled(problem):
+            from robodyn_cli.kernels.rolled import RolledForwardDynamics
+
+            rigid, forces = RolledForwardDynamics(problem.model), _JointForces(problem)
+            operations = rigid.plan.bodies * rigid.plan.recursion.operations + forces.operations
+            return "rolled", lambda q, qd, tau: rigid(q, qd, forces.add_to(tau, q, qd)), operations
         model = problem.model
         f: Any = zeros(model.nv)
         for k, symbol in enumerate(problem.graph.symbols(model.v_names, "tau")):
             f[k] = symbol
         for term in joint_force_terms(problem).values():
             f = f + term
-        self.joints = model.v_names
-        self.kernel = SampleKernel(
-            {"a": list(problem.free_accelerations(f - problem.bias))}, ("q", "v", "tau")
-        )
-
-    @property
-    def operations(self) -> int:
-        """Arithmetic operations and function calls a sample."""
-        return self.kernel.program.operations
+        unrolled = _Unrolled(problem.free_accelerations(f - problem.bias), "tau")
+        return "unrolled", unrolled, unrolled.operations
 
     def __call__(self, q: Array, qd: Array, tau: Array) -> Array:
         """Return qdd (T, nv)."""
-        return self.kernel(q=q, v=qd, tau=tau)["a"]
+        return self._call(q, qd, tau)

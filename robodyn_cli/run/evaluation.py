@@ -78,8 +78,8 @@ class SampleFunction:
 def without_idle_unknowns(outputs: Sequence[Scalar], needed: Sequence[Scalar]) -> list[Scalar]:
     """Return outputs with the unknown data that ``needed`` does without set to zero.
 
-    For quantities that can depend on such data by an additive constant only, or by terms that cancel: a potential
-    energy, where ``needed`` are the torques that are its gradient.
+    For quantities that can depend on such data by an additive constant only, or by terms that cancel: a
+    potential energy, where ``needed`` are the torques that are its gradient.
     """
     used = {s.index for s in free_symbols(needed)}
     idle = {

@@ -41,14 +41,16 @@ class RunningMedian:
 class GrowthMonitor:
     """Follows the norm of the multipliers on the 1 ms grid and notes when it passes its thresholds.
 
-    times : for each level, the first grid time at which norm > level x running median.
+    times : for each level, the first grid time at which norm > level x running median (which must not be zero).
     limit_time : the first grid time at which norm > limit.
+    calmed : the levels (and the limit, as ``limit``) below which the norm has fallen again since.
     """
 
     levels: tuple[float, ...]
     limit: float | None = None
     times: dict[float, float] = dataclasses.field(default_factory=dict)
     limit_time: float | None = None
+    calmed: set[float | str] = dataclasses.field(default_factory=set)
     largest: float = 0.0
     ratio: float = 0.0
     median: RunningMedian = dataclasses.field(default_factory=RunningMedian)
@@ -58,12 +60,17 @@ class GrowthMonitor:
         pending = [level for level in self.levels if level not in self.times]
         for time, value in zip(t.tolist(), norm.tolist()):
             middle = self.median.add(value)
-            if pending and value > pending[0] * middle:
+            if pending and value > pending[0] * middle > 0.0:
                 for level in [x for x in pending if value > x * middle]:
                     self.times[level] = round(time, 9)  # a grid time: shed the rounding of k x 1 ms
                     pending.remove(level)
-            if self.limit is not None and self.limit_time is None and value > self.limit:
+            for level in self.times:
+                if value <= level * middle:
+                    self.calmed.add(level)
+            if self.limit is not None and value > self.limit and self.limit_time is None:
                 self.limit_time = round(time, 9)
+            elif self.limit is not None and value <= self.limit and self.limit_time is not None:
+                self.calmed.add("limit")
             if value > self.largest:
                 self.largest = value
             if middle > 0.0 and value > self.ratio * middle:

@@ -13,12 +13,12 @@ from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.dynamics import ForwardDynamics, InverseDynamics, joint_force_terms, open_problem
 from robodyn_cli.run.evaluation import SampleFunction, without_idle_unknowns
-from robodyn_cli.run.inverse_checks import Sampled, error_estimate, joint_figures
+from robodyn_cli.run.inverse_checks import DEFINITIONS, Sampled, error_estimate, joint_figures
 from robodyn_cli.run.motion import Planned, plan_motion, with_led_point
-from robodyn_cli.run.observe import unit_text
 from robodyn_cli.run.places import add_places, place_outputs
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
+from robodyn_cli.run.units import unit_text
 from robodyn_cli.scene.types import Scene
 
 __all__ = ["ForwardDynamics", "InverseDynamics", "inverse"]
@@ -55,6 +55,8 @@ def inverse(
     """
     watch = watch or Stopwatch()
     count = scene.inverse.samples if samples is None else samples
+    if count < 2:
+        raise ValueError(f"samples: {count}; allowed: 2 or more")
     with watch.stage("equations"):
         problem = open_problem(with_led_point(scene), "inverse dynamics")
         _check_actuated(problem)
@@ -172,6 +174,7 @@ def _summarise(
     summary["error_estimate"] = errors
     summary["round_trip"] = errors["round_trip"]
     summary["joints"] = joint_figures(problem.model, sampled)
+    summary["definitions"] = DEFINITIONS
     summary["counters"] = {
         "operations": function.operations,
         "compiled": function.compiled,

@@ -19,6 +19,19 @@ from robodyn_cli.trajectories.motion import JointMotion
 Array = NDArray[np.float64]
 
 
+# what the figures of the summary mean, for readers of the file alone
+DEFINITIONS = {
+    "peak_torque": "largest magnitude among the samples",
+    "rms_torque": "root of the time average of the squared torque",
+    "energy": "integral of the positive mechanical power: what the actuator delivers if it takes none back",
+    "energy_net": "integral of the mechanical power",
+    "integrals": "polynomials of degree 5 through the samples",
+    "round_trip": "accelerations of forward after inverse dynamics, difference over the largest",
+    "energy_balance": "work of actuators and losses less the change of kinetic and potential energy [J]",
+    "energy_quadrature": "largest change of an energy when every second sample is left out [J]",
+}
+
+
 @dataclasses.dataclass(frozen=True)
 class Sampled:
     """A motion at uniform times with its torque terms (T, nv) and whatever else was evaluated along it."""

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError
-from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.scene.types import Point, Scene
-from robodyn_cli.solve.inverse_kinematics import PointTask, follow_point
-from robodyn_cli.solve.point_kinematics import PointFunction, PointKinematics
 from robodyn_cli.trajectories.motion import JointMotion, PointMotion, TaskSpace
+
+if TYPE_CHECKING:
+    from robodyn_cli.solve.point_kinematics import PointFunction, PointKinematics
 
 Array = NDArray[np.float64]
 
@@ -65,6 +65,8 @@ def plan_motion(problem: Problem, times: Array) -> Planned:
         )
     if not isinstance(trajectory, TaskSpace):
         return Planned(trajectory.motion(times, model.joint_names, parameters))
+    from robodyn_cli.solve.inverse_kinematics import PointTask, follow_point
+
     start = trajectory.ik.guess or scene.initial.q
     where = f"{scene.path}: " if scene.path else ""
     task = PointTask(model, model.points[trajectory.point], trajectory, start, parameters, where)
@@ -75,9 +77,17 @@ def plan_motion(problem: Problem, times: Array) -> Planned:
 
 def compile_point(kinematics: PointKinematics) -> PointFunction:
     """Return a point's kinematics as a compiled function, quick on single samples too."""
+    from robodyn_cli.kernels.samples import SampleKernel
+
     kernel = SampleKernel(kinematics.outputs(), ("q", "v"))
+    # a single sample fills all lanes of arrays that are already in place
+    lanes_q, lanes_v = (np.zeros((kernel.lanes, kinematics.nv), order="F") for _ in range(2))
 
     def function(q: Array, v: Array) -> tuple[Array, Array, Array]:
-        return kinematics.unpack(kernel.evaluate(len(q), {"q": q, "v": v}))
+        if len(q) > 1:
+            return kinematics.unpack(kernel.evaluate(len(q), {"q": q, "v": v}))
+        lanes_q[:], lanes_v[:] = q, v
+        found = kernel.evaluate(kernel.lanes, {"q": lanes_q, "v": lanes_v})
+        return kinematics.unpack({name: array[:1] for name, array in found.items()})
 
     return function

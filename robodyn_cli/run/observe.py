@@ -19,6 +19,7 @@ from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.writer import ResultWriter
+from robodyn_cli.run.units import unit_text
 
 Array = NDArray[Any]
 XYZ = ("x", "y", "z")
@@ -32,13 +33,6 @@ class Column:
     long_name: str
     dims: tuple[str, ...]
     names: tuple[str, ...] = ()
-
-
-def unit_text(model: Model, suffix: str, table: dict[str, str] | None = None) -> str:
-    """Return one text for the units of all joints: ``rad/s``, ``m/s`` or both."""
-    kinds = list(dict.fromkeys(model.q_units)) or ["rad"]
-    texts = [table[k] if table else k + suffix for k in kinds]
-    return " or ".join(texts)
 
 
 class Observer:
@@ -280,10 +274,3 @@ class Recorder:
                 result.add(
                     path, data, units=column.units, long_name=column.long_name, dims=column.dims, names=column.names
                 )
-
-
-def world_pose(model: Model, pose: dict[int, Pose], frame: FixedFrame) -> Pose:
-    """Return the pose of a frame in world coordinates."""
-    here = pose[frame.body]
-    R, p = here.R @ frame.R, here.point(frame.p)
-    return Pose(model.base.E.T @ R, model.base.point(p))

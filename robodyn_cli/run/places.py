@@ -7,11 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.algorithms.kinematics import velocities
+from robodyn_cli.algorithms.kinematics import Pose, velocities
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.observe import world_pose
 from robodyn_cli.spatial.algebra import cross
 
 Array = NDArray[np.float64]
@@ -39,6 +39,13 @@ def place_outputs(problem: Problem) -> dict[str, list[Scalar]]:
         out[f"frames/{name}/rotation"] = list(pose.R.flat)
         out[f"frames/{name}/twist"] = [*(to_world @ body.w), *(to_world @ (body.v + cross(body.w, frame.p)))]
     return out
+
+
+def world_pose(model: Model, pose: dict[int, Pose], frame: FixedFrame) -> Pose:
+    """Return the pose of a frame in world coordinates."""
+    here = pose[frame.body]
+    R, p = here.R @ frame.R, here.point(frame.p)
+    return Pose(model.base.E.T @ R, model.base.point(p))
 
 
 def add_places(result: Result, arrays: Mapping[str, Array]) -> None:

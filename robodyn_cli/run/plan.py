@@ -32,7 +32,7 @@ from robodyn_cli.scene import types as sc
 __all__ = ["plan", "render"]
 
 COMMANDS = ("inverse", "simulate", "deploy")
-# variants of a model are built term by term while that stays below a second or two: operations of all variants
+# operations of all variants up to which they are built one by one, a second or two of work
 LARGEST = 300_000
 VARIANTS = 25
 
@@ -53,10 +53,10 @@ def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
 
     Returns
     -------
-    ``operations``, ``operations_general``; ``kept`` (term, reason, operations: what leaving it out would save);
-    ``left_out`` (term, reason, operations_saved); ``kernels``; ``choices`` of the engine with their reasons;
-    ``equation_36`` for mechanisms with loops; ``missing`` data, without which the command stops. Counts are None
-    where single terms of a large model are not counted.
+    ``operations``, ``operations_general``; ``kept`` (term, reason, operations: what leaving it out would
+    save); ``left_out`` (term, reason, operations_saved); ``kernels``; ``choices`` of the engine with their
+    reasons; ``equation_36`` for mechanisms with loops; ``missing`` data, without which the command stops.
+    Counts are None where single terms of a large model are not counted.
 
     Raises
     ------
@@ -73,11 +73,16 @@ def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
     kernels = [] if missing else subject.kernels()
     scene = problem.scene
     variant = Variant(scene, build_model(scene), rows=subject.kept_rows)
-    count = lambda v: count_operations(subject.outputs(v.problem()))  # noqa: E731
+
+    def count(v: Variant) -> int:
+        return count_operations(subject.outputs(v.problem()))
+
     everything = count(general(variant))
     counted = everything * VARIANTS <= LARGEST
     ledger = Ledger(variant, Facts(variant.model), count, total, counted)
-    idle = idle_constants(scene, lambda model: subject.outputs(Problem(scene, model=model))) if counted else []
+    idle: list[str] = []
+    if counted:
+        idle = idle_constants(scene, lambda model: subject.outputs(Problem(scene, model=model)))
     subject.stages(ledger)
     rigid_body_terms(ledger, problem)
     geometry_terms(ledger, idle, spare)
@@ -88,7 +93,7 @@ def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
     found = {
         "command": command,
         "title": scene.title,
-        "mechanism": describe(problem),
+        "mechanism": describe(problem, len(subject.redundant)),
         "operations": total,
         "operations_general": everything,
         "ratio": round(everything / total, 3) if total else None,
@@ -106,14 +111,15 @@ def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
     return found
 
 
-def describe(problem: Problem) -> str:
+def describe(problem: Problem, redundant: int) -> str:
     """Return the mechanism in a few words."""
     model = problem.model
     parts = [plural(len(model.bodies), "moving body").replace("bodys", "bodies"), plural(model.nv, "joint")]
     if model.loops:
         parts.append(plural(len(model.loops), "loop"))
-        parts.append(f"{plural(len(problem.constraints.rows), 'constraint row')} of "
-                     f"{len(problem.constraints.rows) + len(problem.constraints.dropped)}")
+        rows = len(problem.constraints.rows)
+        every = rows + len(problem.constraints.dropped) + redundant
+        parts.append(f"{plural(rows, 'constraint row')} of {every}")
     else:
         branching = len({b.parent for b in model.bodies}) < len(model.bodies)
         parts.append("an open tree" if branching else "an open chain")

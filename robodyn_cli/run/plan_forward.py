@@ -6,21 +6,24 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from robodyn_cli.algorithms.aba import ArticulatedFactor
 from robodyn_cli.algorithms.linear import LdlFactor
-from robodyn_cli.equations.plan_facts import depends_on_time, listed, plural
+from robodyn_cli.equations.plan_facts import depends_on_time, listed, unknown_data
 from robodyn_cli.equations.plan_terms import Ledger, drive_terms
-from robodyn_cli.equations.plan_variants import Symbols, Variant, serial_chain, without_loops
+from robodyn_cli.equations.plan_variants import Symbols, serial_chain, without_loops
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations
 from robodyn_cli.formulations.index1 import index1, residuals
-from robodyn_cli.formulations.system import GROUPS, EventFunction, System
+from robodyn_cli.formulations.system import GROUPS
 from robodyn_cli.integrators.loop import INLINE_LIMIT
 from robodyn_cli.kernels.program import make_program
 from robodyn_cli.run.deploy import Deployment
+from robodyn_cli.run.method import Choice, choose
 from robodyn_cli.run.observe import Observer
 from robodyn_cli.run.plan_kernels import sampled, stepped
-from robodyn_cli.run.simulate import method_for, prepare
+from robodyn_cli.run.simulate import options_for, prepare
 from robodyn_cli.run.singularity import loop_rows, rank_loss_event
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene import types as sc
@@ -34,23 +37,29 @@ class Forward:
 
     def __init__(self, scene: sc.Scene, command: str) -> None:
         self.command = command
-        self.method, self.method_reason = method_for(scene)
         self.redundant: tuple[str, ...] = ()
         self.kept_rows: tuple[str, ...] | None = None
+        self.stabilisation = scene.simulate.stabilisation
         if command == "deploy":
             run = Deployment(scene, Stopwatch())
-            self.problem, self.system = run.problem, run.system
+            self.problem, self.system, self.choice = run.problem, run.system, run.choice
             self._note_redundant(run.setup.assembled.redundant)
-        elif scene.loops:
+            return
+        initial = scene.initial.q or {}
+        self.problem = Problem(scene)
+        names = self.problem.model.joint_names
+        q, v = np.zeros(self.problem.model.nq), np.zeros(self.problem.model.nv)
+        # an open chain without initial positions has a plan, though no run
+        if scene.loops or all(n in initial or n in (scene.prescribed or {}) for n in names):
             setup = prepare(scene)
-            self.problem = setup.problem
+            self.problem, q, v = setup.problem, setup.assembled.q, setup.assembled.v
             self._note_redundant(setup.assembled.redundant)
-            events = rank_loss_event(self.problem) if scene.simulate.singular == "stop" else ()
-            self.system = index1(self.problem, scene.simulate.stabilisation, events)
-        else:
-            self.problem = Problem(scene)
-            self.system = index1(self.problem, scene.simulate.stabilisation)
-        self.stabilisation = scene.simulate.stabilisation
+        events = rank_loss_event(self.problem) if scene.loops and scene.simulate.singular == "stop" else ()
+        self.system = index1(self.problem, self.stabilisation, events)
+        self.choice = Choice(scene.simulate.integrator, "data are missing that the choice needs")
+        if not unknown_data(self.problem.model, self.outputs(self.problem))[0]:
+            start = np.concatenate([q, v, np.zeros(self.system.nz)])
+            self.choice = choose(scene, self.problem, self.system, start, options_for(scene))
 
     def _note_redundant(self, names: Sequence[str]) -> None:
         self.redundant = tuple(names)
@@ -90,12 +99,15 @@ class Forward:
     def kernels(self) -> list[dict[str, Any]]:
         """Describe the compiled programs."""
         s = self.system
-        found = [stepped("accelerations", s.dynamics, "stages" if self.method == "gauss" else "state")]
+        held = "stages" if self.choice.method == "gauss" else "state"
+        found = [stepped("accelerations", s.dynamics, held)]
+        if self.choice.method == "rodas5p":
+            found.append(stepped("accelerations and their derivatives", s.linearisation, "state"))
         if s.positions is not None and s.velocities is not None:
             found.append(stepped("projection of positions", s.positions, "state"))
             found.append(stepped("projection of velocities", s.velocities, "state"))
         if s.switching is not None:
-            found.append(stepped("events", s.switching, "times of a step"))
+            found.append(stepped("events", s.switching, "times"))
         found.append(sampled("observation", make_program(self._observed(), GROUPS)))
         if self.command == "deploy":
             lam = [self.problem.forward.lam[i] for i in loop_rows(self.problem)]
@@ -106,7 +118,7 @@ class Forward:
     def stages(self, ledger: Ledger) -> None:
         """Enter the solution for the accelerations."""
         problem = self.problem
-        given: list[Scalar] = [*(problem.applied - problem.bias), *self.system.z_rate[:0]]
+        given: list[Scalar] = list(problem.applied - problem.bias)
         given += [x for row in problem.psi for x in row] if problem.constraints.rows else []
         given += problem.constraints.gamma
         ledger.keep(
@@ -135,7 +147,9 @@ class Forward:
         else:
             driven = dataclasses.replace(ledger.scene, drives=True).problem()
             more, less = (count_operations(self.outputs(driven, work=w)) for w in (True, False))
-            ledger.leave("work integral", "nothing drives or brakes: energy itself is conserved", saved=more - less)
+            ledger.leave(
+                "work integral", "nothing drives or brakes: energy itself is conserved", saved=more - less
+            )
         self._events(ledger)
         observed = count_operations([x for entries in self._observed().values() for x in entries])
         ledger.keep(
@@ -164,9 +178,9 @@ class Forward:
         else:
             projected = index1(self.problem, PROJECTION)
             both = [p for p in (projected.positions, projected.velocities) if p is not None]
-            why = "Baumgarte's terms are asked for" if self.stabilisation != "none" else "asked for in the scene"
+            asked = "none" if self.stabilisation == "none" else "Baumgarte's terms"
             ledger.leave(
-                "projection of positions and velocities", f"simulate.stabilisation: {why}",
+                "projection of positions and velocities", f"simulate.stabilisation asks for {asked}",
                 saved=sum(p.operations for p in both),
             )  # fmt: skip
         symbols = Symbols(ledger.model.graph)
@@ -227,7 +241,7 @@ class Forward:
                 "choice": "accelerations", "taken": taken, "reason": "fewer operations",
                 "operations": {"factored mass matrix": dense, "articulated bodies": articulated},
             })  # fmt: skip
-        found.append({"choice": "integrator", "taken": self.method, "reason": self.method_reason})
+        found.append({"choice": "integrator", "taken": self.choice.method, "reason": self.choice.reason})
         size = count_operations([*self.system.acceleration, *self.system.z_rate])
         inline = size <= INLINE_LIMIT
         found.append({

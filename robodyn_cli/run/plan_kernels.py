@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 from typing import Any
 
 from robodyn_cli.integrators.loop import INLINE_LIMIT, LANES
 from robodyn_cli.kernels.compiler import machine
 from robodyn_cli.kernels.program import Program
+from robodyn_cli.kernels.rolled_tables import RolledPlan
 
 
 def _entry(name: str, program: Program, lanes: int, lanes_hold: str) -> dict[str, Any]:
@@ -31,8 +33,24 @@ def sampled(name: str, program: Program, compiled: bool = True) -> dict[str, Any
     return entry
 
 
+def rolled(name: str, table: RolledPlan, extra: int) -> dict[str, Any]:
+    """Describe a loop over bodies; ``extra`` : operations beside it."""
+    a = {"q": table.nq, "v": table.nv, "a": table.nv}
+    return {
+        "name": name,
+        "operations": table.bodies * table.recursion.operations + extra,
+        "inputs": a,
+        "outputs": {"out": table.nv},
+        "engine": "compiled",
+        "shape": "rolled",
+        "lanes": machine().lanes,
+        "lanes_hold": "samples",
+        "digest": hashlib.sha256(table.digest.encode()).hexdigest()[:12],
+    }
+
+
 def stepped(name: str, program: Program, lanes_hold: str) -> dict[str, Any]:
-    """Describe a program of the integrator's loop: ``stages`` or ``samples`` of a step fill the lanes, or not."""
+    """Describe a program of the integrator's loop; ``stages`` or ``times`` of a step may fill the lanes."""
     entry = _entry(name, program, 1 if lanes_hold == "state" else LANES, lanes_hold)
     entry["placed"] = "inlined" if program.operations <= INLINE_LIMIT else "function"
     return entry
@@ -43,7 +61,8 @@ def how(entry: dict[str, Any]) -> str:
     if entry["engine"] == "interpreted":
         return "interpreted, on blocks of samples"
     text = f"{entry['shape']}, "
-    text += "one state at a time" if entry["lanes"] == 1 else f"{entry['lanes']} {entry['lanes_hold']} at a time"
+    lanes = entry["lanes"]
+    text += "one state at a time" if lanes == 1 else f"{lanes} {entry['lanes_hold']} at once"
     if "placed" in entry:
         text += f", {'inlined' if entry['placed'] == 'inlined' else 'a function'} in the stepping loop"
     return text

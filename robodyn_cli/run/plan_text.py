@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from itertools import zip_longest
 from typing import Any
 
+from robodyn_cli.equations.plan_facts import listed_data
 from robodyn_cli.run.plan_kernels import how
 
 WIDTH = 100
@@ -40,7 +41,7 @@ def _head(plan: dict[str, Any]) -> list[str]:
     lines += _wrapped(plan["mechanism"], INDENT)
     if plan["missing"]:
         lines += _wrapped(
-            f"This scene cannot run: its equations need {', '.join(plan['missing'])}, which it does not give."
+            f"This scene cannot run: its equations need {listed_data(plan['missing'])}, not given."
         )
     return lines
 

@@ -74,14 +74,13 @@ def _increments(y: Array, h: float) -> Array:
 def _positive_piece(y: Array, place: int) -> float:
     """Return the integral over [place, place + 1] of the interpolant of y at 0, 1, ... where positive."""
     x = np.arange(len(y), dtype=float) - place
-    p = np.polynomial.Polynomial(np.linalg.solve(np.vander(x, increasing=True), y))
-    inside = (
-        [r.real for r in p.roots() if abs(r.imag) < 1e-9 and 0.0 < r.real < 1.0] if np.any(p.coef[1:]) else []
-    )
+    p = np.linalg.solve(np.vander(x), y)
+    roots = np.roots(p).astype(complex)
+    inside = [float(r.real) for r in roots if abs(r.imag) < 1e-9 and 0.0 < r.real < 1.0]
     cuts = [0.0, *sorted(inside), 1.0]
-    primitive = p.integ()
+    primitive = np.polyint(p)
     total = 0.0
     for a, b in itertools.pairwise(cuts):
-        if p(0.5 * (a + b)) > 0.0:
-            total += primitive(b) - primitive(a)
-    return float(total)
+        if np.polyval(p, 0.5 * (a + b)) > 0.0:
+            total += float(np.polyval(primitive, b) - np.polyval(primitive, a))
+    return total

@@ -9,17 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import NumericalError, RobodynError, SceneError
+from robodyn_cli.errors import NumericalError, RobodynError, SceneError, SingularConfigurationError
+from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.formulations.system import EventFunction, System
 from robodyn_cli.integrators.integrator import Counters, Event, Grid, Integrator, Options
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.writer import ResultWriter
-from robodyn_cli.run.mass_matrix import refuse_singular
+from robodyn_cli.run.mass_matrix import nearly_singular, refuse_singular
 from robodyn_cli.run.method import Choice, Run
 from robodyn_cli.run.observe import Observer, Recorder
 from robodyn_cli.run.progress import Progress, no_progress
-from robodyn_cli.run.singularity import rank_loss_event, stop_at_rank_loss
+from robodyn_cli.run.singularity import driven_dead_point, rank_loss_event, stop_at_rank_loss
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import Assembled, assemble
@@ -53,7 +54,9 @@ def prepare(scene: Scene, watch: Stopwatch | None = None) -> Setup:
         given = dict(scene.initial.q or {})
         for name, formula in (scene.prescribed or {}).items():
             env = {"t": 0.0, **{f"p.{n}": x for n, x in (scene.parameters or {}).items()}}
-            given.setdefault(name, float(formula.evaluate(env)))
+            start = float(formula.evaluate(env))
+            _check_prescribed(scene, name, start)
+            given[name] = start
         if not problem.model.loops:
             for name in problem.model.joint_names:
                 if name not in given:
@@ -62,6 +65,7 @@ def prepare(scene: Scene, watch: Stopwatch | None = None) -> Setup:
                         "needs one for each joint)", file=scene.path, key="initial.q",
                     )  # fmt: skip
     with watch.stage("assemble"):
+        _check_rates(problem)
         hold = [*scene.initial.hold, *(n for n in scene.prescribed or {} if n not in scene.initial.hold)]
         assembled = assemble(problem, given, dict(scene.initial.qd or {}), hold)
         refuse_singular(problem.model, assembled.q)
@@ -86,6 +90,35 @@ def tighter(options: Options, mean_step: float) -> tuple[Options, str]:
         return dataclasses.replace(options, rtol=rtol, atol=atol), f"rtol {rtol:.1g}"
     # at the limit of double precision a tighter tolerance says nothing; other steps show the rounding errors
     return dataclasses.replace(options, max_step=0.6 * mean_step), "steps 0.6 times as long"
+
+
+def _check_rates(problem: Problem) -> None:
+    """Refuse a prescribed motion that starts with a rate or an acceleration that is not finite."""
+    constraints = problem.constraints
+    for name, i in zip(problem.scene.prescribed or {}, constraints.prescribed):
+        row = constraints.rows[i]
+        for what, entry in (("rate", row.eta_t), ("acceleration", row.gamma)):
+            try:
+                value = float(evaluate([entry], {"t": [0.0]})[0])
+            except (ArithmeticError, ValueError):
+                value = np.nan
+            if not np.isfinite(value):
+                formula = problem.scene.prescribed[name]
+                raise NumericalError(
+                    f"{formula.where or f'prescribed.{name}'}: the motion {formula.text!r} has no finite {what} at t = 0",
+                    time=0.0, joint=name, status="not_finite",
+                )  # fmt: skip
+
+
+def _check_prescribed(scene: Scene, name: str, start: float) -> None:
+    """Refuse an initial position that is not where the prescribed motion starts."""
+    given = (scene.initial.q or {}).get(name)
+    if given is not None and abs(given - start) > 1e-9 * max(1.0, abs(start)):
+        raise SceneError(
+            f"{scene.path}: initial.q.{name}: {given:.9g} contradicts prescribed.{name}, which starts at {start:.9g}; "
+            "leave it out of initial.q, or make them agree",
+            file=scene.path, key=f"initial.q.{name}",
+        )  # fmt: skip
 
 
 def integrate_states(
@@ -193,8 +226,8 @@ def simulate(
         try:
             run.run(scene.simulate.duration, grid, emit, on_event)
         except RobodynError as error:
-            failure = error
             keep_last_state(recorder, run.integrator)
+            failure = explained(error, problem, run.integrator, scene.simulate.duration)
     integrator = run.integrator
     result = new_result(scene, "simulate", recorder, found)
     describe_run(result, setup, recorder, integrator, run.choice)
@@ -211,6 +244,24 @@ def simulate(
             )
     result.summary["wall_time_s"] = watch.report()
     return result
+
+
+def explained(error: RobodynError, problem: Problem, integrator: Integrator, duration: float) -> RobodynError:
+    """Return the error of a run that could not go on, with its cause where that can be told."""
+    if not isinstance(error, NumericalError):
+        return error
+    q = integrator.y[: problem.model.nq]
+    pose = driven_dead_point(problem, passive_coordinates(problem) or [], q, integrator.time, duration)
+    if pose is not None:
+        time, where, kind = pose
+        names = ", ".join(problem.scene.prescribed or {})
+        what = "dead point" if kind == "dead_point" else "singular configuration"
+        return SingularConfigurationError(
+            f"{what} at t = {time:.9g} s under the prescribed motion of {names}: the passive joints cannot follow, "
+            "and the multipliers diverge",
+            time=time, kind=kind, q=where.tolist(),
+        )  # fmt: skip
+    return NumericalError(error.message + nearly_singular(problem.model, q), **error.details)
 
 
 def passive_coordinates(problem: Problem) -> list[int] | None:

@@ -17,7 +17,8 @@ from robodyn_cli.algorithms.constraints import determinant
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError, SingularConfigurationError
-from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.expr.calculus import jacobian
+from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.system import EventFunction, System
 from robodyn_cli.integrators.integrator import Event, Integrator, Options
@@ -138,6 +139,45 @@ def psi_at(problem: Problem, q: Array, t: float = 0.0) -> Array:
     rows = loop_rows(problem)
     flat = evaluate(list(problem.psi[rows].ravel()), {"q": q.tolist(), "t": [t], "p": []})
     return np.array(flat, dtype=float).reshape(len(rows), problem.model.nv)
+
+
+def driven_dead_point(
+    problem: Problem, passive: Sequence[int], q: Array, time: float, duration: float
+) -> tuple[float, Array, str] | None:
+    """Find the singular pose that a prescribed motion has run into at (q, time): its time, q and kind.
+
+    Towards it the passive rates grow without bound, so no integrator can reach it; but it is pure geometry:
+    eta(q, t) = 0 with the determinant of the passive block zero, in the unknowns q and t.
+    """
+    if not problem.constraints.prescribed or not np.all(np.isfinite(q)):
+        return None
+    try:
+        singular = passive_determinant(problem, passive)
+    except CapabilityError:
+        return None
+    unknowns: list[Expr] = [*problem.q, problem.t]
+    equations = [*problem.constraints.eta, singular]
+    if len(equations) != len(unknowns):
+        return None
+    rows = jacobian(equations, unknowns)
+    entries = [row.get(k, 0.0) for row in rows for k in range(len(unknowns))]
+    x = np.append(q, time)
+    for _ in range(50):
+        values = {"q": x[:-1].tolist(), "t": [float(x[-1])], "p": []}
+        residual = np.array(evaluate(equations, values), dtype=float)
+        J = np.array(evaluate(entries, values), dtype=float).reshape(len(rows), len(unknowns))
+        if not np.all(np.isfinite(J)) or not np.all(np.isfinite(residual)):
+            return None
+        step, *_ = np.linalg.lstsq(J, -residual, rcond=1e-14)
+        x = x + step * min(1.0, 0.3 / max(float(np.abs(step).max()), 1e-300))
+        if float(np.abs(step).max()) < 1e-14 * max(1.0, float(np.abs(x).max())):
+            break
+    ahead = float(x[-1]) - time
+    if not np.all(np.isfinite(x)) or np.abs(residual).max() >= 1e-9:
+        return None
+    if not -1e-9 * max(1.0, time) <= ahead <= 1e-3 * max(duration, time):
+        return None
+    return float(x[-1]), x[:-1], classify(problem, x[:-1], passive).kind
 
 
 def classify(problem: Problem, q: Array, passive: Sequence[int]) -> Singularity:

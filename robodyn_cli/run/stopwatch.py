@@ -6,7 +6,7 @@ import contextlib
 import time
 from collections.abc import Iterator
 
-from robodyn_cli.kernels.compiler import REPORT
+from robodyn_cli.kernels.report import REPORT
 
 
 class Stopwatch:

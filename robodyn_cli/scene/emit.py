@@ -13,7 +13,8 @@ WIDTH = 110
 
 # text that YAML reads back as itself without quotes, in block and in flow style
 _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*( [A-Za-z0-9_./(*+=-]+)*\)?")
-_ESCAPED = re.compile("[^\x20-\x7e\xa0-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]")
+# characters that YAML wants escaped; compiled where it is needed, for that takes milliseconds
+_ESCAPED = "[^\x20-\x7e\xa0-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]"
 
 
 def emit(node: Node) -> str:
@@ -91,4 +92,6 @@ def _text(value: str) -> str:
         return value
     # JSON strings are YAML strings, except for characters that YAML wants escaped and JSON does not
     quoted = json.dumps(value, ensure_ascii=False)
-    return _ESCAPED.sub(lambda match: f"\\u{ord(match.group()):04x}", quoted)
+    if quoted.isascii() and quoted.isprintable():
+        return quoted
+    return re.sub(_ESCAPED, lambda match: f"\\u{ord(match.group()):04x}", quoted)

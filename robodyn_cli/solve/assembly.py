@@ -16,7 +16,9 @@ from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import Model
 
 Array = NDArray[Any]
-ATTEMPTS = 24  # random starts for coordinates without an initial value
+ATTEMPTS = 24  # random starts
+MOST_STEP = 0.7  # rad, or part of the size of the mechanism
+CLOSED = 1e-11  # rad, or part of the size of the mechanism
 RANK_TOLERANCE = 1e-9
 
 
@@ -49,12 +51,16 @@ class _Numbers:
         self.nv = equations.model.nv
         self.entries = [x for row in self.rows for x in row.psi]
         self.parameters = list(parameters)
+        self.sizes = np.ones(len(self.rows))  # of the rows: 1 rad, or the size of the mechanism [m]
 
     def _evaluate(self, outputs: list[Expr | float], q: Array, t: float) -> Array:
         return np.array(evaluate(outputs, {"q": q.tolist(), "t": [t], "p": self.parameters}), dtype=float)
 
     def eta(self, q: Array, t: float = 0.0) -> Array:
         return self._evaluate([r.eta for r in self.rows], q, t)
+
+    def relative(self, q: Array) -> Array:
+        return self.eta(q) / self.sizes
 
     def psi(self, q: Array, t: float = 0.0) -> Array:
         return self._evaluate(self.entries, q, t).reshape(len(self.rows), self.nv)
@@ -63,25 +69,33 @@ class _Numbers:
         return self._evaluate([r.eta_t for r in self.rows], q, t)
 
 
-def _newton(numbers: _Numbers, q: Array, free: Sequence[int], iterations: int = 60) -> tuple[Array, float]:
-    """Solve eta = 0 in the free coordinates by damped Gauss-Newton steps; returns q and the largest residual."""
+def _newton(
+    numbers: _Numbers, q: Array, free: Sequence[int], lengths: Array, iterations: int = 60
+) -> tuple[Array, float]:
+    """Solve eta = 0 in the free coordinates by damped Gauss-Newton steps; returns q and the largest residual.
+
+    Steps are of least norm in q / lengths (nq,), which makes rad and m comparable. Residuals are relative to
+    the sizes of the rows.
+    """
     q = q.copy()
-    residual = numbers.eta(q)
+    residual = numbers.relative(q)
     size = float(np.abs(residual).max(initial=0.0))
     stalled = 0
     for _ in range(iterations):
         if size < 1e-300 or stalled > 3:
             break
-        J = numbers.psi(q)[:, free]
+        J = numbers.psi(q)[:, free] * lengths[free] / numbers.sizes[:, None]
+        if not np.all(np.isfinite(J)):
+            break
         step, *_ = np.linalg.lstsq(J, -residual, rcond=1e-12)
         largest = float(np.abs(step).max(initial=0.0))
-        if largest > 0.7:
-            step *= 0.7 / largest
+        if largest > MOST_STEP:
+            step *= MOST_STEP / largest
         scale = 1.0
         for _ in range(12):
             trial = q.copy()
-            trial[free] += scale * step
-            new = numbers.eta(trial)
+            trial[free] += scale * step * lengths[free]
+            new = numbers.relative(trial)
             if np.abs(new).max() < size:
                 break
             scale *= 0.5
@@ -135,10 +149,20 @@ def assemble(
     if not numbers.rows:
         return Assembled(q, v, 0.0, 0.0, (), ())
     size = mechanism_size(model)
-    free = [k for name, k in place.items() if name not in hold]
+    lengths = np.ones(model.nq)
+    sliding = [body.q + k for body in model.bodies for k, unit in enumerate(body.joint.units) if unit == "m"]
+    lengths[sliding] = size
     missing = [k for name, k in place.items() if name not in given and name not in hold]
-    q = _close(numbers, q, free, missing, [place[n] for n in given], size, equations)
-    independent, redundant = _independent_rows(numbers, q, free)
+    numbers.sizes = np.array([size if row.kind in ("force", "m") else 1.0 for row in numbers.rows])
+    task = _Closing(
+        lengths,
+        free=[k for name, k in place.items() if name not in hold],
+        missing=missing,
+        turning=[k for k in missing if k not in sliding],
+        held={name: q[place[name]] for name in hold},
+    )
+    q = _close(numbers, q, task)
+    independent, redundant = _independent_rows(numbers, q, lengths)
     v, remaining = _close_rates(numbers, q, v, [rate_place[n] for n in rates], [rate_place[n] for n in hold])
     return Assembled(
         q, v, float(np.abs(numbers.eta(q)).max()), remaining, independent,
@@ -146,46 +170,111 @@ def assemble(
     )  # fmt: skip
 
 
-def _close(
-    numbers: _Numbers, q: Array, free: list[int], missing: list[int], given: list[int], size: float,
-    equations: Equations,
-) -> Array:
-    rng = np.random.default_rng(20240229)
-    starts = [q]
-    if missing:
-        for _ in range(ATTEMPTS):
-            start = q.copy()
-            start[missing] = rng.uniform(-np.pi, np.pi, len(missing))
-            starts.append(start)
-    best: tuple[float, Array] | None = None
-    worst: tuple[float, Array] | None = None
+@dataclasses.dataclass(frozen=True)
+class _Closing:
+    """What closing may move.
+
+    lengths : (nq,) what stands for a large motion. free : coordinates that are not held; missing : those of them
+    without an initial value; turning : those of the missing ones that are angles. held : joints and values.
+    """
+
+    lengths: Array
+    free: list[int]
+    missing: list[int]
+    turning: list[int]
+    held: dict[str, float]
+
+
+def _close(numbers: _Numbers, q: Array, task: _Closing) -> Array:
+    """Return the closed configuration nearest to q; first from q itself, then from starts around it.
+
+    Missing coordinates may be anywhere. The others are moved further and further only if that does not close.
+    """
+    found, tried = _close_from(numbers, q, task, [q, *_starts(q, task.missing, task.lengths, np.pi, 1)])
+    for seed, spread in enumerate((0.3, 1.0, np.pi), start=2):
+        if not found:
+            found, more = _close_from(numbers, q, task, _starts(q, task.free, task.lengths, spread, seed))
+            tried += more
+    if not found:
+        raise _open_loop(numbers, task, tried)
+    # where some closed configurations are singular and others are not, it is not the singular ones that are meant
+    ranks = [_rank(numbers.psi(closed))[0] for _, closed in found]
+    return min((f for f, rank in zip(found, ranks) if rank == max(ranks)), key=lambda f: f[0])[1]
+
+
+def _starts(q: Array, coordinates: list[int], lengths: Array, spread: float, seed: int) -> list[Array]:
+    """Return starts that differ from q by up to ``spread`` in some coordinates; none if there are no such."""
+    rng = np.random.default_rng(seed)
+    starts = []
+    for _ in range(ATTEMPTS if coordinates else 0):
+        start = q.copy()
+        start[coordinates] += rng.uniform(-spread, spread, len(coordinates)) * lengths[coordinates]
+        starts.append(start)
+    return starts
+
+
+def _close_from(
+    numbers: _Numbers, q: Array, task: _Closing, starts: list[Array]
+) -> tuple[list[tuple[float, Array]], list[tuple[float, Array]]]:
+    """Return what closes, with its distance from q, and all that was reached, with its residual."""
+    given = [k for k in range(len(q)) if k not in task.missing]
+    found, tried = [], []
     for start in starts:
-        if missing:  # first the unknown coordinates alone, so that the given ones pick the branch
-            start, _ = _newton(numbers, start, missing)
-        closed, residual = _newton(numbers, start, free)
-        if worst is None or residual < worst[0]:
-            worst = (residual, closed)
-        if residual <= 1e-11 * size:
-            angle = closed[given] - q[given]
-            wrapped = closed.copy()
-            wrapped[missing] = (closed[missing] + np.pi) % (2 * np.pi) - np.pi
-            distance = float(np.abs(angle).sum()) + 1e-6 * float(np.abs(wrapped[missing]).sum())
-            if np.abs(numbers.eta(wrapped)).max() <= 1e-11 * size:
-                closed = wrapped
-            if best is None or distance < best[0] - 1e-12:
-                best = (distance, closed)
-    if best is None:
-        assert worst is not None
-        eta = np.abs(numbers.eta(worst[1]))
-        row = numbers.rows[int(eta.argmax())]
-        loop = row.name.rsplit(".", 1)[0]
-        gap = float(np.linalg.norm([e for e, r in zip(eta, numbers.rows) if r.name.rsplit(".", 1)[0] == loop]))
-        raise GeometryError(
-            f"the loop {loop!r} cannot close: at best a gap of {gap:.6g} m (row {row.name}) remains with the "
-            "held joints as given",
-            loop=loop, gap=gap, q=worst[1].tolist(),
-        )  # fmt: skip
-    return best[1]
+        if task.missing:  # first the unknown coordinates alone, so that the given ones pick the branch
+            start, _ = _newton(numbers, start, task.missing, task.lengths)
+        closed, residual = _newton(numbers, start, task.free, task.lengths)
+        tried.append((residual, closed))
+        if residual > CLOSED:
+            continue
+        wrapped = closed.copy()
+        wrapped[task.turning] = (closed[task.turning] + np.pi) % (2 * np.pi) - np.pi
+        if np.abs(numbers.relative(wrapped)).max() <= CLOSED:
+            closed = wrapped
+        moved = np.abs(closed - q) / task.lengths
+        # to a few digits, so that rounding does not choose between equal ones
+        found.append((float(f"{moved[given].sum() + 1e-6 * moved[task.missing].sum():.9g}"), closed))
+    return found, tried
+
+
+def _open_loop(numbers: _Numbers, task: _Closing, tried: list[tuple[float, Array]]) -> GeometryError:
+    """Return the error of a loop that cannot close, with the smallest gap that is possible."""
+    from scipy.optimize import minimize  # takes 0.4 s to import: only where something is already wrong
+
+    free = task.free
+    best: tuple[float, Array] | None = None
+    for _, start in sorted(tried, key=lambda pair: pair[0])[:3]:
+        q = start.copy()
+
+        def squares(x: Array, q: Array = q) -> tuple[float, Array]:
+            q[free] = x * task.lengths[free]
+            r = numbers.relative(q)
+            J = numbers.psi(q)[:, free] * task.lengths[free] / numbers.sizes[:, None]
+            return 0.5 * float(r @ r), J.T @ r
+
+        if free:
+            found = minimize(squares, start[free] / task.lengths[free], jac=True, method="BFGS", options={"gtol": 1e-10})
+            q[free] = found.x * task.lengths[free]
+        sum_of_squares = float(np.sum(numbers.relative(q) ** 2))
+        if best is None or sum_of_squares < best[0]:
+            best = (sum_of_squares, q)
+    assert best is not None
+    eta = numbers.eta(best[1])
+    gaps: dict[str, float] = {}
+    for value, row in zip(eta, numbers.rows):
+        if row.kind == "force":
+            loop = row.name.rsplit(".", 1)[0]
+            gaps[loop] = float(np.hypot(gaps.get(loop, 0.0), value))
+    held = ", ".join(f"{name} = {value:.6g}" for name, value in task.held.items())
+    condition = f"with {held} held" if held else "whatever the joints do"
+    loop = max(gaps, key=lambda name: gaps[name]) if gaps else ""
+    row = numbers.rows[int(np.abs(eta / numbers.sizes).argmax())]
+    if not gaps or gaps[loop] < abs(eta[numbers.rows.index(row)]):
+        loop, gap, what = row.name.rsplit(".", 1)[0], float(abs(eta[numbers.rows.index(row)])), "the axes stay apart"
+        text = f"the loop {loop!r} cannot close: {what} by {gap:.6g} (row {row.name}) {condition}"
+    else:
+        gap = gaps[loop]
+        text = f"the loop {loop!r} cannot close: at best a gap of {gap:.6g} m remains {condition}"
+    return GeometryError(text, loop=loop, gap=gap, row=row.name, q=best[1].tolist())
 
 
 def _close_rates(
@@ -210,8 +299,9 @@ def _close_rates(
             return new, remaining
         if fixed and given and fixed == set(given):
             row = numbers.rows[int(np.abs(residual).argmax())]
+            unit = "m/s" if row.kind in ("force", "m") else "rad/s"
             raise GeometryError(
-                f"the initial rates contradict the constraints: {row.name} moves at {remaining:.6g} m/s; "
+                f"the initial rates contradict the constraints: {row.name} moves at {remaining:.6g} {unit}; "
                 "give fewer of initial.qd",
                 row=row.name, residual=remaining,
             )  # fmt: skip
@@ -223,7 +313,7 @@ def _rank(psi: Array) -> tuple[int, Array]:
     return int((sigma > RANK_TOLERANCE * max(float(sigma[0]), 1e-300)).sum()), sigma
 
 
-def _independent_rows(numbers: _Numbers, q: Array, free: list[int]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def _independent_rows(numbers: _Numbers, q: Array, lengths: Array) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Tell rows that always depend on the others (redundant) from a loss of rank at this configuration alone."""
     psi = numbers.psi(q)
     here, _ = _rank(psi)
@@ -234,7 +324,8 @@ def _independent_rows(numbers: _Numbers, q: Array, free: list[int]) -> tuple[tup
     rng = np.random.default_rng(7)
     generic, example = here, psi
     for _ in range(6):
-        moved, residual = _newton(numbers, q + 0.05 * rng.normal(size=len(q)), list(range(len(q))))
+        start = q + 0.05 * rng.normal(size=len(q)) * lengths
+        moved, residual = _newton(numbers, start, list(range(len(q))), lengths)
         if residual < 1e-9:
             rank, _ = _rank(numbers.psi(moved))
             if rank > generic:

@@ -16,7 +16,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.solve.newton import SINGULAR, PointSolver
+from robodyn_cli.solve.newton import SINGULAR, PointSolver, Solution
 from robodyn_cli.solve.reach import Singular, Unreachable
 from robodyn_cli.trajectories.motion import JointMotion, PointMotion
 from robodyn_cli.trajectories.quintic_spline import hermite
@@ -72,12 +72,13 @@ class Follower:
         found = self.solver.solve(self.at_samples.p[0], start)
         if not self.reached(found.residual):
             # a start in a singular pose, such as an arm stretched out, may have no way to go: nudge it once
-            found = self.solver.solve(self.at_samples.p[0], start + 0.05 * np.cos(np.arange(len(start))))
+            nudge = 0.05 * np.cos(np.arange(len(start))) * self.solver.moving
+            found = self.solver.solve(self.at_samples.p[0], start + nudge)
         if not self.reached(found.residual):
             raise self.unreachable(0, found.q)
         q = np.empty((len(self.times), len(start)), order="F")
         q[0] = found.q
-        now = self.state(self.times[0], found.q, self.sample(0))
+        now = self.state(self.times[0], found, self.sample(0))
         before: State | None = None
         for k in range(1, len(self.times)):
             before, now = self.advance(before, now, k)
@@ -98,12 +99,12 @@ class Follower:
         target = self.target(np.array([t]))
         return target.p[0], target.pd[0], target.pdd[0]
 
-    def state(self, t: float, q: Array, target: tuple[Array, Array, Array]) -> State:
-        """Return the state at positions q on the target."""
-        rates = self.solver.rates(q[None], target[1][None], target[2][None])
+    def state(self, t: float, found: Solution, target: tuple[Array, Array, Array]) -> State:
+        """Return the state at a solution for a target."""
+        rates = self.solver.rates(found.q[None], target[1][None], target[2][None], found.J[None])
         if not rates.measure[0] > SINGULAR:
             raise Singular(t, float(rates.measure[0]))
-        return State(t, q, rates.qd[0], rates.qdd[0], rates.U[0], rates.Vt[0])
+        return State(t, found.q, rates.qd[0], rates.qdd[0], rates.U[0], rates.Vt[0])
 
     def advance(self, before: State | None, now: State, k: int) -> tuple[State, State]:
         """Go on to sample k, in smaller steps where needed; return the last two states."""
@@ -140,15 +141,16 @@ class Follower:
         if not self.solver.redundant:
             if miss > MISS:
                 return None
-            new = self.state(t, found.q, target)
+            new = self.state(t, found, target)
             return new if new.on_branch_of(now) else None
         if miss > (FIRST_MISS if error is None else MISS) or (
             error is not None and error > SELF_MOTION_ERROR
         ):
             return None
-        new = self.state(t, found.q, target)
+        new = self.state(t, found, target)
         integrated = now.q + 0.5 * h * (now.qd + new.qd) + h * h / 12.0 * (now.qdd - new.qdd)
-        drift = self.solver.self_motion(new.q, integrated - new.q)
+        drift = integrated - new.q
+        drift -= new.Vt.T @ (new.Vt @ drift)  # what would move the point
         return dataclasses.replace(new, q=new.q + drift)
 
     def failure(self, now: State, t: float, p: Array, k: int) -> Exception:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 from robodyn_cli.errors import CapabilityError, GeometryError, SceneError, SingularConfigurationError
 from robodyn_cli.model.model import BASE, FixedFrame, Model
 from robodyn_cli.solve import planar_path
-from robodyn_cli.solve.continuation import Follower
-from robodyn_cli.solve.newton import PointSolver
 from robodyn_cli.solve.planar_2r import BRANCHES, ELBOW_DOWN, ELBOW_UP, Planar2R
-from robodyn_cli.solve.point_kinematics import PointFunction, PointKinematics
 from robodyn_cli.solve.reach import Singular, Unreachable
 from robodyn_cli.trajectories.base import Ik
 from robodyn_cli.trajectories.motion import JointMotion, PointMotion, TaskSpace
 
+if TYPE_CHECKING:
+    from robodyn_cli.solve.point_kinematics import PointFunction, PointKinematics
+
 Array = NDArray[np.float64]
-Compile = Callable[[PointKinematics], PointFunction]
+Compile = Callable[["PointKinematics"], "PointFunction"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,27 +111,38 @@ def follow_point(task: PointTask, times: Array, compile: Compile) -> Found:
                 f"{task.where}the inverse kinematics of {point!r} needs joint positions to start from: give "
                 "trajectory.ik.guess (or initial.q)"
             )
-        symbols = (
-            model.graph.symbols(model.q_names, "q"),
-            model.graph.symbols([f"{name}'" for name in model.v_names], "v"),
-        )
-        kinematics = PointKinematics.of(model, *symbols, task.frame, target.p.shape[1])
-        solver = PointSolver(compile(kinematics), model.nv, ik.tolerance, ik.max_iterations)
-        if solver.rank == 0:
-            raise SceneError(f"{task.where}no joint moves point {point!r}, so it cannot follow a trajectory")
-        follower = Follower(solver, task.target, times)
-        motion = follower.run(start)
-        return Found(motion, "newton", solver.iterations, follower.steps)
+        return _by_newton(task, times, start, target.p.shape[1], compile)
     except Unreachable as failure:
-        _report_unreachable(failure, point)
+        _report_unreachable(failure, task.where + f"point {point!r}")
     except Singular as failure:
         raise SingularConfigurationError(
-            f"point {point!r} meets a singular configuration at t = {failure.time:.6g} s (measure "
-            f"{failure.measure:.1e}), where the joint rates that keep it on its path do not exist or are not "
-            "unique; change the path or the branch",
+            f"{task.where}point {point!r} meets a singular configuration at t = {failure.time:.6g} s "
+            f"(measure {failure.measure:.1e}), where the joint rates that keep it on its path do not exist "
+            "or are not unique; change the path or the branch",
             time=failure.time,
             measure=failure.measure,
         ) from None
+
+
+def _by_newton(task: PointTask, times: Array, start: Array, components: int, compile: Compile) -> Found:
+    """Follow the path by Newton's method from one time to the next."""
+    from robodyn_cli.solve.continuation import Follower
+    from robodyn_cli.solve.newton import PointSolver
+    from robodyn_cli.solve.point_kinematics import PointKinematics
+
+    model, ik = task.model, task.ik
+    symbols = (
+        model.graph.symbols(model.q_names, "q"),
+        model.graph.symbols([f"{name}'" for name in model.v_names], "v"),
+    )
+    kinematics = PointKinematics.of(model, *symbols, task.frame, components)
+    solver = PointSolver(compile(kinematics), model.nv, ik.tolerance, ik.max_iterations)
+    if solver.rank == 0:
+        point = task.trajectory.point
+        raise SceneError(f"{task.where}no joint moves point {point!r}, so it cannot follow a trajectory")
+    follower = Follower(solver, task.target, times)
+    motion = follower.run(start)
+    return Found(motion, "newton", solver.iterations, follower.steps)
 
 
 def _check_options(ik: Ik, arm: Planar2R | None, point: str, where: str) -> None:
@@ -166,10 +177,10 @@ def _branch(arm: Planar2R, ik: Ik, start: Array | None, point: str, where: str) 
     return ELBOW_UP if bend < 0.0 else ELBOW_DOWN
 
 
-def _report_unreachable(failure: Unreachable, point: str) -> NoReturn:
+def _report_unreachable(failure: Unreachable, what: str) -> NoReturn:
     """Raise the error that says from when on, and how far, a target is out of reach."""
-    what = "the nearest point it reaches is" if failure.nearest else "the nearest point found is"
-    message = f"point {point!r} cannot reach its target at t = {failure.time:.6g} s: {what}"
+    nearest = "the nearest point it reaches is" if failure.nearest else "the nearest point found is"
+    message = f"{what} cannot reach its target at t = {failure.time:.6g} s: {nearest}"
     message += f" {failure.distance:.4g} m away"
     if failure.worst_time != failure.time:
         message += f" (worst at t = {failure.worst_time:.6g} s: {failure.worst:.4g} m)"

@@ -28,11 +28,11 @@ MOST_STEP = 1.0  # rad or m
 
 @dataclasses.dataclass(frozen=True)
 class Solution:
-    """Joint positions (n,), the distance left to the target [m], and the iterations that it took."""
+    """Joint positions (n,), the distance left to the target [m], and the Jacobian J (m, n) there."""
 
     q: Array
     residual: float
-    iterations: int
+    J: Array
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,8 +68,8 @@ class PointSolver:
         p, J, _ = function(some, np.zeros_like(some))
         values = np.linalg.svd(J, compute_uv=False)
         self.rank = int((values > RANK * max(float(values.max()), 1e-300)).sum(axis=1).max())
-        moved = int(np.any(J != 0.0, axis=(0, 1)).sum())
-        self.redundant = moved > self.rank
+        self.moving = np.any(J != 0.0, axis=(0, 1))  # joints that move the point
+        self.redundant = int(self.moving.sum()) > self.rank
         # rounding of p, below which no tolerance can be met
         self.floor = 16.0 * float(np.finfo(float).eps) * float(np.abs(p).max())
 
@@ -107,15 +107,16 @@ class PointSolver:
                 mu = max(10.0 * mu, 1e-4 * s[0])
                 if r <= limit or mu > 1e8 * s[0]:
                     self.iterations += count
-                    return Solution(q, r, count)
+                    return Solution(q, r, J)
             q, e, r, J = q + step, e_new, r_new, J_new
             mu = 0.1 * mu if mu > 1e-6 * s[0] else 0.0
         self.iterations += count
-        return Solution(q, r, count)
+        return Solution(q, r, J)
 
-    def rates(self, q: Array, pd: Array, pdd: Array) -> Rates:
-        """Return rates and accelerations at q (T, n) for pd, pdd (T, m)."""
-        _, J, _ = self.function(q, np.zeros_like(q))
+    def rates(self, q: Array, pd: Array, pdd: Array, J: Array | None = None) -> Rates:
+        """Return rates and accelerations at q (T, n) for pd, pdd (T, m); J (T, m, n) where it is known."""
+        if J is None:
+            _, J, _ = self.function(q, np.zeros_like(q))
         U, s, Vt = np.linalg.svd(J, full_matrices=False)
         U, s, Vt = U[:, :, : self.rank], s[:, : self.rank], Vt[:, : self.rank]
         with np.errstate(divide="ignore", invalid="ignore"):  # the caller looks at the measure first
@@ -127,12 +128,6 @@ class PointSolver:
                 turn = _apply(np.swapaxes(J_rate, 1, 2), _apply(U, _apply(Vt, qd) / s))
                 qdd += turn - _apply(V, _apply(Vt, turn))
             return Rates(qd, qdd, s[:, -1] / s[:, 0], U, Vt)
-
-    def self_motion(self, q: Array, dq: Array) -> Array:
-        """Return the part of dq (n,) that leaves the point where it is."""
-        _, J = self.position(q)
-        Vt = np.linalg.svd(J, full_matrices=False)[2][: self.rank]
-        return dq - Vt.T @ (Vt @ dq)
 
 
 def _apply(A: Array, x: Array) -> Array:

@@ -1,7 +1,7 @@
 """Puma 560 in standard D-H: gears, rotors, friction on the motor side and a wrench at the tip.
 
-Parameters: Corke and Armstrong-Helouvry, ICRA 1994. Published torques (tolerance 1e-4): robotics-toolbox-python,
-tests/test_DHRobot.py. Full digits: recursive Newton-Euler in 40 digits.
+Parameters: Corke and Armstrong-Helouvry, ICRA 1994. Published torques (tolerance 1e-4):
+robotics-toolbox-python, tests/test_DHRobot.py. Full digits: recursive Newton-Euler in 40 digits.
 """
 
 from __future__ import annotations
@@ -20,9 +20,12 @@ from tests.numeric import assert_close, real
 # d, a, alpha, mass, centre of mass, moments of inertia, rotor inertia, gear ratio, viscous, Coulomb + and -
 LINKS = [
     (0.67183, 0, "90 deg", 0, (0, 0, 0), (0, 0.35, 0), 200e-6, -62.6111, 1.48e-3, 0.395, -0.435),
-    (0, 0.4318, "0", 17.4, (-0.3638, 0.006, 0.2275), (0.13, 0.524, 0.539), 200e-6, 107.815, 0.817e-3, 0.126, -0.071),
-    (0.15005, 0.0203, "-90 deg", 4.8, (-0.0203, -0.0141, 0.070), (0.066, 0.086, 0.0125), 200e-6, -53.7063, 1.38e-3, 0.132, -0.105),
-    (0.4318, 0, "90 deg", 0.82, (0, 0.019, 0), (1.8e-3, 1.3e-3, 1.8e-3), 33e-6, 76.0364, 71.2e-6, 11.2e-3, -16.9e-3),
+    (0, 0.4318, "0", 17.4, (-0.3638, 0.006, 0.2275), (0.13, 0.524, 0.539),
+     200e-6, 107.815, 0.817e-3, 0.126, -0.071),
+    (0.15005, 0.0203, "-90 deg", 4.8, (-0.0203, -0.0141, 0.070), (0.066, 0.086, 0.0125),
+     200e-6, -53.7063, 1.38e-3, 0.132, -0.105),
+    (0.4318, 0, "90 deg", 0.82, (0, 0.019, 0), (1.8e-3, 1.3e-3, 1.8e-3),
+     33e-6, 76.0364, 71.2e-6, 11.2e-3, -16.9e-3),
     (0, 0, "-90 deg", 0.34, (0, 0, 0), (0.3e-3, 0.4e-3, 0.3e-3), 33e-6, 71.923, 82.6e-6, 9.26e-3, -14.5e-3),
     (0, 0, "0", 0.09, (0, 0, 0.032), (0.15e-3, 0.15e-3, 0.04e-3), 33e-6, 76.686, 36.7e-6, 3.96e-3, -10.5e-3),
 ]  # fmt: skip
@@ -66,7 +69,8 @@ CASES = {
            (32.4952427549307, 29.22710809677918, 11.70845688975381, 1.454519026079709, 1.270857610537887,
             0.7137808874836949)),
     "P6": (ZERO, FIVE, ONE, 9.81, True, None,
-           (-0.469565683479, 84.213300886625, 47.996628764299, 3.10394445460944, 3.046597080334, 1.576977332034)),
+           (-0.469565683479, 84.213300886625, 47.996628764299, 3.10394445460944, 3.046597080334,
+            1.576977332034)),
     "P7": (ZERO, ZERO, ZERO, 9.81, True, None, (0, 37.48366665, 0.24892875, 0, 0, 0)),
     "P8": (ZERO, FIVE, ONE, 9.81, False, None,
            (-54.210059023233, 23.1442676775, 21.005267212438, 0.19411062612368, 0.244174995657,

@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
+from robodyn_cli.algorithms.kinematics import point_jacobian, poses, transforms
 from robodyn_cli.errors import CapabilityError, GeometryError, SceneError, SingularConfigurationError
-from tests.numeric import assert_close
+from robodyn_cli.model.model import FixedFrame
+from robodyn_cli.spatial.algebra import identity, rotation_rpy, zeros
+from robodyn_cli.trajectories.circle import CircleTrajectory
+from tests.numeric import assert_close, real
 from tests.unit.arms import SEVEN, SEVEN_GUESS, STANDARD_2R, differences, follow, forward, miss
 
 TIMES = np.linspace(0.0, 10.0, 1001)
 CIRCLE = "{type: circle, point: tip, center: [0.9, 0.7], radius: 0.25, duration: 10, ik: {%s}}"
+
+
+def cartesian(position: str, ik: str, point: str = "tip", duration: float = 1.0) -> str:
+    return f"{{type: cartesian, point: {point}, position: {position}, duration: {duration}, ik: {{{ik}}}}}"
 
 
 def check_rates(motion, times, tolerance=1e-9):
@@ -98,11 +108,6 @@ def test_closed_form_on_other_arms(arm: str, branch: str) -> None:
 
 def with_point(model, name="elbow"):
     """Return the model with the origin of its second (or first) joint as a point."""
-    import dataclasses
-
-    from robodyn_cli.model.model import FixedFrame
-    from robodyn_cli.spatial.algebra import identity, zeros
-
     frame = FixedFrame(1 if name == "elbow" else 0, zeros(3), identity())
     return dataclasses.replace(model, points={**model.points, name: frame})
 
@@ -113,19 +118,14 @@ def test_a_moved_base_changes_nothing_but_the_target(seed: int) -> None:
     xyz, rpy = rng.normal(size=3), rng.uniform(-3, 3, 3)
     base = f"  base: {{xyz: {xyz.tolist()}, rpy: {rpy.tolist()}}}\n"
     level, *_ = follow(STANDARD_2R, CIRCLE % "branch: elbow_up", TIMES)
-    from robodyn_cli.spatial.algebra import rotation_rpy
-    from tests.numeric import real
-
     R = real(rotation_rpy(rpy.tolist()))
     center, normal, u = R @ [0.9, 0.7, 0.0] + xyz, R[:, 2], R[:, 0]
     # the circle starts where its u axis points: find the phase of the arm's own x axis
-    from robodyn_cli.trajectories.circle import CircleTrajectory
-
     eu, ev = CircleTrajectory("circle", "tip", (0, 0, 0), 1.0, 1.0, normal=tuple(normal)).axes()
     start = float(np.arctan2(u @ ev, u @ eu))
     text = (
-        f"{{type: circle, point: tip, center: {center.tolist()}, radius: 0.25, duration: 10, start: {start!r}, "
-        f"normal: {normal.tolist()}, ik: {{branch: elbow_up, tolerance: 1e-11}}}}"
+        f"{{type: circle, point: tip, center: {center.tolist()}, radius: 0.25, duration: 10, "
+        f"start: {start!r}, normal: {normal.tolist()}, ik: {{branch: elbow_up, tolerance: 1e-11}}}}"
     )
     found, model, s = follow(STANDARD_2R + base, text, TIMES)
     assert found.method == "analytic"
@@ -178,7 +178,9 @@ def test_a_guess_chooses_branch_and_turn() -> None:
 # -- what cannot be followed --------------------------------------------------------------------------------
 @pytest.mark.parametrize("ik", ["branch: elbow_up", "method: newton, branch: elbow_up"])
 def test_a_target_out_of_reach_is_named(ik: str) -> None:
-    path = "{type: circle, point: tip, center: [1.3, 0.7], radius: 0.6, duration: 10, start: 180 deg, ik: {%s}}"
+    path = (
+        "{type: circle, point: tip, center: [1.3, 0.7], radius: 0.6, duration: 10, start: 180 deg, ik: {%s}}"
+    )
     with pytest.raises(GeometryError) as caught:
         follow(STANDARD_2R, path % ik, TIMES)
     phi = np.pi + 0.2 * np.pi * TIMES
@@ -196,7 +198,7 @@ def test_too_near_to_the_base_is_out_of_reach_too() -> None:
     with pytest.raises(GeometryError) as caught:
         follow(
             STANDARD_2R,
-            '{type: cartesian, point: tip, position: ["1 - t", 0], duration: 1, ik: {branch: elbow_up}}',
+            cartesian('["1 - t", 0]', "branch: elbow_up"),
             np.linspace(0, 1, 101),
         )
     assert abs(caught.value.details["time"] - 0.81) < 1e-12
@@ -208,7 +210,7 @@ def test_a_planar_arm_cannot_leave_its_plane(ik: str) -> None:
     with pytest.raises(GeometryError) as caught:
         follow(
             STANDARD_2R,
-            '{type: cartesian, point: tip, position: [1, 0.5, "max(0, t - 0.5)"], duration: 1, ik: {%s}}' % ik,
+            cartesian('[1, 0.5, "max(0, t - 0.5)"]', ik),
             np.linspace(0, 1, 101),
         )
     assert abs(caught.value.details["time"] - 0.51) < 1e-9
@@ -225,7 +227,7 @@ def test_through_the_base_is_singular(ik: str, shift: str) -> None:
     with pytest.raises(SingularConfigurationError) as caught:
         follow(
             EQUAL,
-            '{type: cartesian, point: tip, position: ["0.5 + %s - t", "0.0"], duration: 1, ik: {%s}}' % (shift, ik),
+            cartesian(f'["0.5 + {shift} - t", 0]', ik),
             np.linspace(0, 1, 101),
         )
     assert caught.value.exit_code == 4
@@ -238,7 +240,7 @@ def test_touching_the_limit_of_the_workspace_is_singular(ik: str) -> None:
     with pytest.raises((SingularConfigurationError, GeometryError)) as caught:
         follow(
             EQUAL,
-            '{type: cartesian, point: tip, position: ["2 - (t-0.5037)^2", 0], duration: 1, ik: {%s}}' % ik,
+            cartesian('["2 - (t-0.5037)^2", 0]', ik),
             np.linspace(0, 1, 101),
         )
     assert abs(caught.value.details["time"] - 0.5037) < 5e-3
@@ -249,7 +251,7 @@ def test_leaving_the_reach_between_two_samples_is_seen() -> None:
         with pytest.raises(GeometryError) as caught:
             follow(
                 EQUAL,
-                '{type: cartesian, point: tip, duration: 1, position: ["2 + 1e-6 - (t-0.505)^2", 0], ik: {%s}}' % ik,
+                cartesian('["2 + 1e-6 - (t-0.505)^2", 0]', ik),
                 np.linspace(0, 1, 101),
             )
         assert abs(caught.value.details["time"] - 0.505) < 2e-3
@@ -287,9 +289,6 @@ RING = (
 
 def jacobians(model, point, q):
     """Position Jacobians (T, 3, n) by plain geometry on numbers."""
-    from robodyn_cli.algorithms.kinematics import point_jacobian, poses, transforms
-    from tests.numeric import real
-
     frame, out = model.points[point], []
     for row in q:
         x = [float(v) for v in row]
@@ -350,7 +349,7 @@ def test_a_gantry_just_follows() -> None:
   links: [{name: l1}, {name: l2}, {name: l3}]
   points: {tool: {link: l3, at: [0, 0, -0.2]}}
 """
-    path = '{type: cartesian, point: tool, position: ["t", "sin(t)", "0.3*cos(2*t)"], duration: 5, ik: {guess: {x: 0, y: 0, z: 0}}}'
+    path = cartesian('["t", "sin(t)", "0.3*cos(2*t)"]', "guess: {x: 0, y: 0, z: 0}", "tool", 5)
     t = np.linspace(0, 5, 301)
     found, *_ = follow(robot, path, t)
     q = np.stack([t, np.sin(t) - 0.1, 0.8 - 0.3 * np.cos(2 * t)], axis=1)
@@ -370,8 +369,8 @@ def test_a_cylindrical_robot() -> None:
   links: [{name: l1}, {name: l2}, {name: l3}]
 """
     path = (
-        "{type: circle, point: l3.end, center: [0.5, 0.4, 0.6], radius: 0.2, normal: [1, 1, 0], duration: 10, "
-        "ik: {guess: {turn: 0, lift: 0.3, reach: 0.4}}}"
+        "{type: circle, point: l3.end, center: [0.5, 0.4, 0.6], radius: 0.2, normal: [1, 1, 0], "
+        "duration: 10, ik: {guess: {turn: 0, lift: 0.3, reach: 0.4}}}"
     )
     found, model, s = follow(robot, path, TIMES)
     assert miss(found, model, s, TIMES) < 1e-14
@@ -383,9 +382,15 @@ def test_a_cylindrical_robot() -> None:
 
 def test_branch_is_kept_where_another_is_near() -> None:
     # close to the limit of the workspace the two branches almost meet
-    path = "{type: circle, point: tip, center: [0.9, 0.7], radius: %s, duration: 10, ik: {method: newton, branch: elbow_up}}"
-    radius = 1.8 - np.hypot(0.9, 0.7) - 2e-5
-    found, model, s = follow(STANDARD_2R, path % repr(float(radius)), TIMES)
+    radius = float(1.8 - np.hypot(0.9, 0.7) - 2e-5)
+    path = CIRCLE.replace("0.25", repr(radius))
+    found, model, s = follow(STANDARD_2R, path % "method: newton, branch: elbow_up", TIMES)
     assert np.all(found.motion.q[:, 1] < 0.0) and miss(found, model, s, TIMES) < 1e-12
-    closed, *_ = follow(STANDARD_2R, path.replace("method: newton, ", "") % repr(float(radius)), TIMES)
+    closed, *_ = follow(STANDARD_2R, path % "branch: elbow_up", TIMES)
     assert_close(found.motion.q, closed.motion.q, 1e-10)
+
+
+def test_a_stretched_out_start_is_no_obstacle() -> None:
+    path = CIRCLE.replace("[0.9, 0.7]", "[1.2, 0]") % "method: newton, guess: {q1: 0, q2: 0}"
+    found, model, s = follow(STANDARD_2R, path, TIMES)
+    assert miss(found, model, s, TIMES) < 1e-13

@@ -39,7 +39,7 @@ def trajectory(text: str):
 
 def check_derivatives(f, times, h=0.02, tolerance=1e-9):
     """Check that f(times) -> (x, xd, xdd) are consistent, by differences of order 8."""
-    x, xd, xdd = f(times)
+    _, xd, xdd = f(times)
     assert_close(first_derivative(lambda s: f(times + s)[0], h), xd, tolerance)
     assert_close(second_derivative(lambda s: f(times + s)[0], h), xdd, 100 * tolerance)
 
@@ -138,7 +138,7 @@ def test_quintic_spline_reproduces_a_quintic() -> None:
 def jumps(spline: QuinticSpline, order: int) -> np.ndarray:
     """Jumps of a derivative at the inner points."""
     c, h = spline.c, np.diff(spline.t)[:, None]
-    for k in range(order):
+    for _ in range(order):
         c = np.arange(1, len(c))[:, None, None] * c[1:] / h
     return c.sum(axis=0)[:-1] - c[0][1:]
 

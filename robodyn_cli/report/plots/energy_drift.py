@@ -15,8 +15,8 @@ from robodyn_cli.results.result import Result
 
 
 def applies(result: Result) -> bool:
-    """Tell whether there is a total energy over more than one sample."""
-    return "energy/total" in result and len(result.time) > 1 and result.command != "deploy"
+    """Tell whether the energy must follow from the start: actuators of an inverse run change it as they like."""
+    return "energy/total" in result and len(result.time) > 1 and result.command == "simulate"
 
 
 def draw(result: Result) -> Any:

@@ -1,0 +1,36 @@
+"""The command line: one file a command, one line here."""
+
+from __future__ import annotations
+
+import typer
+
+from robodyn_cli.cli import deploy, inverse, plan, simulate, work_precision
+from robodyn_cli.version import __version__
+
+app = typer.Typer(
+    name="robodyn",
+    help="Inverse dynamics and simulation of robots and closed-loop mechanisms described in YAML.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+app.command("inverse")(inverse.command)
+app.command("simulate")(simulate.command)
+app.command("deploy")(deploy.command)
+app.command("plan")(plan.command)
+app.command("work-precision")(work_precision.command)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"robodyn {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
+) -> None:
+    pass

@@ -1,0 +1,123 @@
+"""Read plain command lines without Typer's conversion of values.
+
+Typer converts them with pydantic, and that takes longer than a small run. What is read here calls a command with
+the same values; whatever is not plain (help, completion, mistakes, kinds of parameter that this file does not
+know) is left to Typer. The root callback, which has nothing to do but ``--version``, is not called.
+"""
+
+from __future__ import annotations
+
+import inspect
+import typing
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import NoneType
+from typing import Any
+
+import typer
+from typer.models import ArgumentInfo, OptionInfo
+
+# what an option may say about itself without changing how its value is read
+COSMETIC = {"default", "param_decls", "help", "metavar", "show_default", "rich_help_panel", "hidden"}
+READERS: dict[Any, Callable[[str], Any]] = {Path: Path, str: str}
+
+
+class _NotPlain(Exception):
+    """Typer has to look at this command line."""
+
+
+def run_plain(app: typer.Typer, words: Sequence[str]) -> None:
+    """Run the command that the words call, and exit; return where they are not plain."""
+    named = {info.name: info.callback for info in app.registered_commands}
+    function = named.get(words[0]) if words else None
+    if function is None:
+        return
+    try:
+        values = read(function, words[1:])
+    except _NotPlain:
+        return
+    try:
+        function(**values)
+    except typer.Exit as done:
+        raise SystemExit(done.exit_code) from None
+    raise SystemExit(0)
+
+
+def read(function: Callable[..., Any], words: Sequence[str]) -> dict[str, Any]:
+    """Return the arguments of a command.
+
+    Raises
+    ------
+    _NotPlain : words or parameters that only Typer understands.
+    """
+    arguments: list[str] = []
+    options: dict[str, str] = {}
+    kinds: dict[str, Any] = {}
+    values: dict[str, Any] = {}
+    hints = typing.get_type_hints(function, include_extras=True)
+    for name, parameter in inspect.signature(function).parameters.items():
+        kinds[name], info = _parts(hints[name])
+        if isinstance(info, OptionInfo):
+            options.update(dict.fromkeys(_declared(info) or [f"--{name.replace('_', '-')}"], name))
+        else:
+            arguments.append(name)
+        if parameter.default is not parameter.empty:
+            values[name] = parameter.default
+    given: list[str] = []
+    waiting = list(words)
+    while waiting:
+        word = waiting.pop(0)
+        if not word.startswith("-"):
+            given.append(word)
+            continue
+        declared, has_value, value = word.partition("=") if word.startswith("--") else (word, "", "")
+        option = options.get(declared)
+        if option is None:
+            raise _NotPlain
+        kind = kinds[option]
+        if kind is bool:
+            if has_value or values[option] is not False:
+                raise _NotPlain
+            values[option] = True
+            continue
+        if not has_value:
+            if not waiting or waiting[0].startswith("-"):
+                raise _NotPlain
+            value = waiting.pop(0)
+        if kind == list[str]:
+            values[option] = [*(values[option] or []), value]
+        else:
+            values[option] = _reader(kind)(value)
+    if len(given) != len(arguments):
+        raise _NotPlain
+    for name, word in zip(arguments, given):
+        values[name] = _reader(kinds[name])(word)
+    return values
+
+
+def _parts(hint: Any) -> tuple[Any, ArgumentInfo | OptionInfo]:
+    """Return the type of a parameter, None taken off, and what Typer was told about it."""
+    kind, *notes = typing.get_args(hint) if typing.get_origin(hint) is typing.Annotated else (hint,)
+    if len(notes) != 1 or not isinstance(notes[0], (ArgumentInfo, OptionInfo)):
+        raise _NotPlain
+    info = notes[0]
+    plain = vars(type(info)(default=None))
+    if any(value != plain[key] for key, value in vars(info).items() if key not in COSMETIC):
+        raise _NotPlain
+    some = [t for t in typing.get_args(kind) if t is not NoneType]
+    if typing.get_origin(kind) is not list and NoneType in typing.get_args(kind) and len(some) == 1:
+        kind = some[0]
+    return kind, info
+
+
+def _declared(info: OptionInfo) -> list[str]:
+    """Return an option's names; inside ``Annotated`` the first stands where the default would."""
+    first = [info.default] if isinstance(info.default, str) else []
+    return [*first, *(info.param_decls or ())]
+
+
+def _reader(kind: Any) -> Callable[[str], Any]:
+    reader = READERS.get(kind)
+    if reader is None:
+        raise _NotPlain
+    return reader

@@ -1,0 +1,119 @@
+"""``robodyn work-precision``."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+import typer
+
+from robodyn_cli.cli.console import Console, guarded
+from robodyn_cli.cli.describe import table
+from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, SceneFile
+from robodyn_cli.errors import SceneError
+
+COLUMNS = (
+    "method", "formulation", "tolerance", "step", "error", "run_time_s", "compile_time_s", "evaluations", "steps",
+    "status",
+)  # fmt: skip
+
+
+def command(
+    scene: SceneFile,
+    out: OutDir = None,
+    overrides: Overrides = None,
+    methods: Annotated[
+        str | None, typer.Option("--methods", metavar="A,B", help="Methods to compare. [default: all that can]")
+    ] = None,
+    tolerances: Annotated[
+        str | None, typer.Option("--tolerances", metavar="T,T", help="Tolerances to run. [default: 1e-2 to 1e-13]")
+    ] = None,
+    repeats: Annotated[int, typer.Option("--repeats", min=1, max=1000, help="Runs that a median is taken of.")] = 7,
+    no_plots: NoPlots = False,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Error against run time, for every method that can do the scene."""
+    console = Console(as_json, quiet)
+
+    def action() -> int:
+        from robodyn_cli.cli.runner import default_directory
+        from robodyn_cli.results.atomic import write_bytes
+        from robodyn_cli.results.hdf5 import write
+        from robodyn_cli.results.output_dir import OutputDirectory
+        from robodyn_cli.run.work_precision import work_precision
+        from robodyn_cli.scene.load import load_scene
+
+        loaded = load_scene(scene, list(overrides or ()))
+        names = methods.split(",") if methods else None
+        with OutputDirectory(out or default_directory(scene, "work-precision"), ("work_precision.png",)) as directory:
+            result = work_precision(loaded, names, numbers(tolerances), repeats, console.progress)
+            console.clear()
+            result.summary = {"status": "ok", "command": "work-precision", "title": result.title, **result.summary}
+            write(result, directory.result_path)
+            write_bytes(directory.path / "runs.csv", as_csv(result.summary["runs"]).encode())
+            directory.record(["runs.csv"])
+            if not no_plots:
+                from robodyn_cli.report.plots_work_precision import save
+
+                directory.record([save(result, directory.path)])
+            directory.write_summary(result.summary)
+            console.data((directory.path / "summary.json").read_text(encoding="utf-8").rstrip())
+            console.say(describe(result.summary))
+            console.say(f"results: {directory.path}  ({', '.join(directory.outputs)})")
+        return 0
+
+    guarded(console, action)
+
+
+def numbers(text: str | None) -> list[float] | None:
+    """Return the tolerances given on the command line."""
+    if text is None:
+        return None
+    try:
+        found = [float(x) for x in text.split(",")]
+    except ValueError:
+        raise SceneError(f"--tolerances {text!r}: not a list of numbers; allowed: for example 1e-6,1e-9") from None
+    if not all(1e-15 <= x <= 0.1 for x in found):
+        raise SceneError(f"--tolerances {text!r}: out of range; allowed: 1e-15 to 0.1")
+    return found
+
+
+def as_csv(runs: list[Mapping[str, Any]]) -> str:
+    """Return the runs as CSV."""
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    for run in runs:
+        writer.writerow({k: "" if run[k] is None else run[k] for k in COLUMNS})
+    return stream.getvalue()
+
+
+def describe(summary: Mapping[str, Any]) -> str:
+    """Return the best method at each error level, for the terminal."""
+    until = summary["compared_until"]
+    lines = [
+        f"{summary['title']}",
+        f"  reference          {' and '.join(summary['reference_methods'])} agree to "
+        f"{summary['reference_digits']:.1f} digits up to t = {until:.4g} s",
+    ]
+    if not summary["compared_whole_duration"]:
+        lines.append(
+            f"  chaotic            a small change of the start has grown {summary['perturbation_growth']:.1e} times "
+            f"by then; nothing is compared after t = {until:.4g} s"
+        )
+    rows = [["error below", "best method", "formulation", "tolerance or step", "error", "time [ms]", "evaluations"]]
+    for best in summary["best"]:
+        setting = best["tolerance"] if best["tolerance"] is not None else best["step"]
+        rows.append(
+            [f"{best['level']:.0e}", best["method"], best["formulation"], f"{setting:.1e}", f"{best['error']:.1e}",
+             f"{1e3 * best['run_time_s']:.4g}", str(best["evaluations"])]
+        )  # fmt: skip
+    lines.append(table(rows))
+    bad = [r for r in summary["runs"] if r["status"] not in ("ok", "unsupported")]
+    if bad:
+        kinds = ", ".join(f"{sum(r['status'] == k for r in bad)} {k}" for k in sorted({r["status"] for r in bad}))
+        lines.append(f"  not usable         {kinds} of {len(summary['runs'])} runs (see runs.csv)")
+    return "\n".join(lines)

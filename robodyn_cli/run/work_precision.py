@@ -1,0 +1,271 @@
+"""Error against run time: every method that can do a scene, over a range of tolerances."""
+
+from __future__ import annotations
+
+import dataclasses
+import statistics
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import CapabilityError, NumericalError
+from robodyn_cli.formulations.index1 import index1
+from robodyn_cli.formulations.system import System
+from robodyn_cli.integrators.integrator import Grid, Integrator, Options
+from robodyn_cli.integrators.registry import methods as registry
+from robodyn_cli.kernels.compiler import REPORT
+from robodyn_cli.results.result import Result
+from robodyn_cli.run.method import LARGEST
+from robodyn_cli.run.progress import Progress, no_progress
+from robodyn_cli.run.simulate import prepare
+from robodyn_cli.run.stopwatch import Stopwatch
+from robodyn_cli.scene.types import Baumgarte, Scene
+
+Array = NDArray[Any]
+SAMPLES = 257  # instants at which solutions are compared
+TOLERANCES = tuple(10.0**-k for k in range(2, 14))
+STEPS = 10  # step sizes tried for a method without step control, each half the one before
+LONGEST = 400_000  # steps after which a run counts as too slow
+VOUCHED = 1e-9  # relative agreement that the references must keep; beyond the time they lose it nothing is compared
+
+
+@dataclasses.dataclass
+class Entry:
+    """One run of one method: what it was asked, what it reached, what it cost."""
+
+    method: str
+    formulation: str
+    tolerance: float | None
+    step: float | None
+    error: float | None = None
+    run_time_s: float | None = None
+    compile_time_s: float = 0.0
+    evaluations: int = 0
+    steps: int = 0
+    status: str = "ok"
+
+    def as_dict(self) -> dict[str, Any]:
+        return dataclasses.asdict(self)
+
+
+@dataclasses.dataclass(frozen=True)
+class Reference:
+    """A solution that proves itself: two methods at tight tolerance that agree.
+
+    digits : decimal digits to which they agree until ``until``, relative to the range of the motion.
+    """
+
+    times: Array
+    states: Array
+    scale: Array
+    until: float
+    digits: float
+    methods: tuple[str, str]
+
+
+def _solve(system: System, method: str, start: Array, grid: Grid, options: Options) -> tuple[Array, Integrator]:
+    integrator = Integrator(system, method)
+    integrator.reset(0.0, start, options)
+    rows: list[Array] = []
+    integrator.run(grid.start + (grid.count - 1) * grid.step, grid, lambda t, x: rows.append(x), watch=False)
+    return np.concatenate(rows), integrator
+
+
+def reference(system: System, start: Array, duration: float) -> Reference:
+    """Return the reference solution over the part of the duration for which it can vouch.
+
+    Raises
+    ------
+    NumericalError : fewer than two methods get through at tight tolerance.
+    """
+    grid = Grid.over(duration, SAMPLES)
+    n = system.nq + system.nv
+    found: list[tuple[str, Array]] = []
+    order = [("gauss", 3e-14), ("dop853", 3e-14)]
+    if system.nv <= LARGEST:
+        order.append(("rodas5p", 1e-12))
+    for method, tolerance in order:
+        options = Options(tolerance, tolerance, max_steps=5 * LONGEST)
+        try:
+            states, _ = _solve(system, method, start, grid, options)
+        except NumericalError:
+            continue
+        found.append((method, states[:, :n]))
+        if len(found) == 2:
+            break
+    if len(found) < 2:
+        raise NumericalError("no two methods get through this scene at tight tolerance, so nothing can vouch for a reference")
+    (first, x), (second, y) = found
+    scale = np.maximum(np.ptp(x, axis=0), 1e-12)
+    apart = np.max(np.abs(x - y) / scale, axis=1)
+    running = np.maximum.accumulate(apart)
+    good = np.flatnonzero(running <= VOUCHED)
+    last = int(good[-1]) if len(good) > 1 else SAMPLES - 1
+    agreement = max(float(running[last]), 1e-16)
+    times = grid.times(0, SAMPLES)
+    return Reference(
+        times[: last + 1], x[: last + 1], scale, float(times[last]), float(-np.log10(agreement)), (first, second)
+    )
+
+
+def perturbation_growth(system: System, start: Array, until: float) -> float:
+    """Return by how much a small change of the start has grown at ``until``."""
+    grid = Grid.over(until, 2)
+    change = 1e-7 * (1.0 + np.abs(start[: system.nq]))
+    moved = start.copy()
+    moved[: system.nq] += change
+    options = Options(1e-13, 1e-13, max_steps=5 * LONGEST)
+    try:
+        a, _ = _solve(system, "gauss", start, grid, options)
+        b, _ = _solve(system, "gauss", moved, grid, options)
+    except NumericalError:
+        return float("nan")
+    n = system.nq + system.nv
+    return float(np.abs(a[-1, :n] - b[-1, :n]).max() / change.max())
+
+
+def formulations(scene: Scene, problem: Problem, duration: float) -> dict[str, System]:
+    """Return the formulations to compare: the tree itself, or the loops kept closed in different ways."""
+    if not problem.constraints.rows:
+        return {"tree": index1(problem, work=False)}
+    gain = 20.0 / (duration / 100.0)
+    return {
+        "projection": index1(problem, "projection", work=False),
+        "baumgarte": index1(problem, Baumgarte(alpha=gain, beta=gain), work=False),
+        "none": index1(problem, "none", work=False),
+    }
+
+
+def run_entry(
+    system: System, entry: Entry, start: Array, ref: Reference, repeats: int
+) -> Entry:
+    """Fill in an entry: error over the comparable time, median run time without output, counters."""
+    tolerance = entry.tolerance or 1e-10
+    options = Options(tolerance, tolerance, entry.step, max_steps=LONGEST)
+    n = system.nq + system.nv
+    compiling = REPORT.seconds
+    grid = Grid.over(ref.until, len(ref.times))
+    try:
+        integrator = Integrator(system, entry.method)
+        entry.compile_time_s = REPORT.seconds - compiling
+        rows: list[Array] = []
+        integrator.reset(0.0, start, options)
+        began = time.perf_counter()
+        integrator.run(ref.until, grid, lambda t, x: rows.append(x), watch=False)
+        took = time.perf_counter() - began
+        entry.steps, entry.evaluations = integrator.counters.steps, integrator.counters.evaluations
+        difference = np.abs(np.concatenate(rows)[:, :n] - ref.states)
+        entry.error = float(difference.max())
+        if np.max(difference / ref.scale) > 0.1:
+            entry.status = "inaccurate"
+        times = []
+        for _ in range(repeats if took < 1.0 else 1):
+            integrator.reset(0.0, start, options)
+            began = time.perf_counter()
+            integrator.advance(ref.until)
+            times.append(time.perf_counter() - began)
+        entry.run_time_s = statistics.median(times)
+        # without output there are fewer evaluations: those belong to the time
+        entry.evaluations = integrator.counters.evaluations
+    except NumericalError as error:
+        entry.status = "too_slow" if error.details.get("status") == "max_steps" else "diverged"
+    return entry
+
+
+def supported(method: str, system: System) -> bool:
+    """Tell whether a method can do a system."""
+    return not (method == "rodas5p" and system.nv > LARGEST)
+
+
+def best_at(entries: Sequence[Entry], levels: Sequence[float]) -> list[dict[str, Any]]:
+    """Return, for each error level, the run that reaches it in the least time."""
+    table = []
+    for level in levels:
+        able = [e for e in entries if e.status == "ok" and e.error is not None and e.error <= level and e.run_time_s]
+        if able:
+            best = min(able, key=lambda e: e.run_time_s or np.inf)
+            table.append({"level": level, **best.as_dict()})
+    return table
+
+
+def work_precision(
+    scene: Scene,
+    methods: Sequence[str] | None = None,
+    tolerances: Sequence[float] | None = None,
+    repeats: int = 7,
+    progress: Progress = no_progress,
+) -> Result:
+    """Run a scene with every method over a range of tolerances and measure error and time.
+
+    Returns
+    -------
+    A Result whose summary holds ``reference_digits`` and ``runs``; run times are medians of ``repeats`` runs
+    without output, in this process, compilation apart.
+
+    Raises
+    ------
+    CapabilityError : an unknown method. NumericalError : no reference.
+    """
+    chosen = list(methods or registry)
+    for name in chosen:
+        if name not in registry:
+            raise CapabilityError(f"unknown method {name!r}; allowed: {', '.join(registry)}")
+    watch = Stopwatch()
+    setup = prepare(scene, watch)
+    duration = scene.simulate.duration
+    systems = formulations(scene, setup.problem, duration)
+    main = next(iter(systems.values()))
+    start = np.concatenate([setup.assembled.q, setup.assembled.v])
+    with watch.stage("reference"):
+        ref = reference(main, start, duration)
+        growth = perturbation_growth(main, start, ref.until)
+    entries: list[Entry] = []
+    plan: list[tuple[System, Entry]] = []
+    for formulation, system in systems.items():
+        for method in chosen:
+            if not supported(method, system):
+                plan.append((system, Entry(method, formulation, None, None, status="unsupported")))
+            elif registry[method].adaptive:
+                for tolerance in tolerances or TOLERANCES:
+                    plan.append((system, Entry(method, formulation, tolerance, None)))
+            else:
+                for k in range(STEPS):
+                    plan.append((system, Entry(method, formulation, None, ref.until / 100.0 / 2**k)))
+    with watch.stage("runs"):
+        for k, (system, entry) in enumerate(plan):
+            entries.append(entry if entry.status == "unsupported" else run_entry(system, entry, start, ref, repeats))
+            progress(k + 1, len(plan))
+    return _result(scene, ref, growth, entries, watch, repeats)
+
+
+def _result(
+    scene: Scene, ref: Reference, growth: float, entries: list[Entry], watch: Stopwatch, repeats: int
+) -> Result:
+    result = Result("work-precision", scene.title or "work-precision", "ok", scene.text)
+    levels = [10.0**-k for k in range(1, 14)]
+    whole = ref.until >= scene.simulate.duration * (1 - 1e-12)
+    result.summary = {
+        "status": "ok",
+        "termination": {"reason": "all runs made", "time": ref.until},
+        "reference_digits": round(ref.digits, 2),
+        "reference_methods": list(ref.methods),
+        "compared_until": ref.until,
+        "compared_whole_duration": whole,
+        "perturbation_growth": growth,
+        "error_norm": "largest absolute error of any q or qd at 257 instants",
+        "repeats": repeats,
+        "runs": [e.as_dict() for e in entries],
+        "best": best_at(entries, levels),
+        "wall_time_s": watch.report(),
+    }
+    names = ["tolerance", "step", "error", "run_time_s", "compile_time_s", "evaluations", "steps"]
+    table = np.array([[np.nan if getattr(e, n) is None else float(getattr(e, n)) for n in names] for e in entries])
+    result.add(
+        "work_precision/runs", table.reshape(len(entries), len(names)), units="1, s, rad or m, s, s, 1, 1",
+        long_name="runs in the order of summary.runs", dims=("run", "quantity"), names=tuple(names),
+    )  # fmt: skip
+    return result

@@ -1,0 +1,311 @@
+"""The documentation says what the program does: keys, options, exit codes, examples, figures, links."""
+
+from __future__ import annotations
+
+import importlib.util
+import inspect
+import re
+import shlex
+from collections.abc import Iterator
+from functools import lru_cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+import typer.main
+
+from robodyn_cli import deploy, errors, inverse, load_scene, load_scene_text, simulate
+from robodyn_cli.cli.app import app
+from robodyn_cli.cli.console import INTERNAL, INTERRUPTED
+from robodyn_cli.cli.runner import EXIT
+from robodyn_cli.expr.formula_tree import CONSTANTS, FUNCTIONS
+from robodyn_cli.report.registry import PLOTS
+from robodyn_cli.results.errors import DirectoryInUseError
+from robodyn_cli.results.result import Result
+from robodyn_cli.run.work_precision import work_precision
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+PAGES = sorted([*ROOT.glob("*.md"), *DOCS.glob("*.md")])
+COMMANDS = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+RUNS = {
+    "inverse": (inverse, "2r_circle"),
+    "simulate": (simulate, "double_pendulum"),
+    "deploy": (deploy, "four_bar_deploy"),
+}
+
+# what a fragment of a scene is completed with; keys that it gives itself are left out
+ARM = {
+    "schema": "schema: 1",
+    "gravity": "gravity: [0, -9.81, 0]",
+    "robot": "robot: robots/planar_2r.yaml",
+}
+FOUR_BAR = {
+    "schema": "schema: 1",
+    "gravity": "gravity: [0, 0, 0]",
+    "robot": "robot: robots/four_bar.yaml",
+    "loops": "loops: [{name: pin, type: revolute, between: [coupler.end, follower.end]}]",
+    "initial": "initial: {q: {theta1: 0.01, phi1: 0.0102}, hold: [theta1]}",
+}
+
+
+def text(name: str) -> str:
+    return (ROOT / name).read_text(encoding="utf-8")
+
+
+def blocks(page: str, language: str) -> Iterator[tuple[str, str]]:
+    """Yield (content, comment above) of the fenced blocks of a page."""
+    pattern = rf"(?:<!-- with: (\w+) -->\n)?^```{language}\n(.*?)^```$"
+    for match in re.finditer(pattern, page, re.DOTALL | re.MULTILINE):
+        yield match.group(2), match.group(1) or ""
+
+
+def section(page: str, heading: str) -> str:
+    """Return the text below a heading, up to the next one of its level or above."""
+    level = heading.split()[0]
+    _, found, rest = page.partition(f"\n{heading}\n")
+    assert found, heading
+    return re.split(rf"^#{{1,{len(level)}}} ", rest, maxsplit=1, flags=re.MULTILINE)[0]
+
+
+@lru_cache
+def reference() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("make_scene_reference", DOCS / "make_scene_reference.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@lru_cache
+def result(command: str) -> Result:
+    run, scene = RUNS[command]
+    return run(load_scene(ROOT / "configs" / f"{scene}.yaml"))
+
+
+# -- the scene -----------------------------------------------------------------------------------------
+
+
+def test_every_key_of_a_scene_is_in_the_reference() -> None:
+    module, page = reference(), text("docs/scene.md")
+    described = [match.group(2) for match in module.TABLE.finditer(page)]
+    assert sorted(described) == sorted(module.sections())
+    assert module.rewritten(page) == page, "run: python docs/make_scene_reference.py"
+    for name, cls in module.sections().items():
+        table = re.search(rf"<!-- keys: {name} -->\n(.*?)<!-- end -->", page, re.DOTALL)
+        assert table is not None
+        assert re.findall(r"^\| `(\w+)` \|", table.group(1), re.MULTILINE) == list(module.keys(cls))
+
+
+def test_every_function_of_formulas_is_in_the_reference() -> None:
+    part = section(text("docs/scene.md"), "## Formulas")
+    words = set(re.findall(r"`(\w+)[`(]", part))
+    assert {*FUNCTIONS, *CONSTANTS, "if", "t"} <= words
+
+
+YAML_BLOCKS = [(page.name, *block) for page in PAGES for block in blocks(page.read_text("utf-8"), "yaml")]
+
+
+@pytest.mark.parametrize(("page", "block", "base"), YAML_BLOCKS)
+def test_examples_load(page: str, block: str, base: str) -> None:
+    given = re.findall(r"^(\w+):", block, re.MULTILINE)
+    default = FOUR_BAR if base == "four_bar" else ARM
+    lines = [line for key, line in default.items() if key not in given]
+    scene = load_scene_text("\n".join([*lines, block]), str(ROOT / "configs" / "example.yaml"))
+    assert scene.robot.joints
+
+
+# -- the command line ----------------------------------------------------------------------------------
+
+
+def options(command: str) -> set[str]:
+    found = {name for p in COMMANDS[command].params if p.param_type_name == "option" for name in p.opts}
+    return found | {"-h", "--help"}
+
+
+def test_every_command_is_documented_with_its_options() -> None:
+    page = text("docs/cli.md")
+    described: dict[str, set[str]] = {}
+    for heading in re.findall(r"^### Options of (.+)$", page, re.MULTILINE):
+        table = section(page, f"### Options of {heading}")
+        first = [row.split("|")[1] for row in table.splitlines() if row.startswith("| `")]
+        names = {word for cell in first for word in re.findall(r"`(--?[\w-]+)", cell)}
+        for command in re.split(r", | and ", heading):
+            described[command] = names
+    assert described == {command: options(command) for command in COMMANDS}
+    for name in ("docs/cli.md", "README.md"):
+        listed = re.findall(
+            r"^\| `(?:robodyn )?([\w-]+)[` ]", section(text(name), "## Commands"), re.MULTILINE
+        )
+        assert set(listed) >= set(COMMANDS), name
+
+
+def test_every_command_and_option_has_help() -> None:
+    for name, command in COMMANDS.items():
+        assert command.help, name
+        for p in command.params:
+            assert p.param_type_name == "argument" or p.help, f"{name} {p.name}"
+
+
+def test_exit_codes() -> None:
+    classes = [c for _, c in inspect.getmembers(errors, inspect.isclass) if c.__module__ == errors.__name__]
+    raised = {c.__name__: c.exit_code for c in classes if c is not errors.RobodynError}
+    raised[DirectoryInUseError.__name__] = DirectoryInUseError.exit_code
+    codes = {*raised.values(), *EXIT.values(), INTERNAL, INTERRUPTED}
+    rows = re.findall(r"^\| (\d+) \|(.*)\|(.*)\|$", text("docs/cli.md"), re.MULTILINE)
+    assert {int(code) for code, _, _ in rows} == codes
+    named = {name: int(code) for code, _, cell in rows for name in re.findall(r"`(\w+)`", cell)}
+    assert named == raised
+    short = re.findall(r"^\| (\d+) \|", section(text("README.md"), "## Commands"), re.MULTILINE)
+    assert {int(code) for code in short} == codes
+
+
+def test_environment_variables() -> None:
+    sources = "".join(p.read_text("utf-8") for p in (ROOT / "robodyn_cli").rglob("*.py"))
+    used = set(re.findall(r"\b(ROBODYN_[A-Z]+)\b", sources))
+    documented = set(re.findall(r"^\| `(ROBODYN_[A-Z]+)` \|", text("docs/cli.md"), re.MULTILINE))
+    assert used == documented
+
+
+def shell_lines() -> list[tuple[str, str]]:
+    return [
+        (page.name, line.partition("  #")[0].strip())
+        for page in PAGES
+        for block, _ in blocks(page.read_text("utf-8"), "sh")
+        for line in block.splitlines()
+        if line.startswith("robodyn ")
+    ]
+
+
+@pytest.mark.parametrize(("page", "line"), shell_lines())
+def test_shell_examples_are_possible(page: str, line: str) -> None:
+    words = shlex.split(line.partition(" > ")[0])[1:]
+    command, scene, *rest = words
+    assert command in COMMANDS
+    assert {word for word in rest if word.startswith("-")} <= options(command)
+    overrides = [rest[k + 1] for k, word in enumerate(rest) if word == "--set"]
+    load_scene(ROOT / scene, overrides)
+
+
+def test_files_named_in_commands_exist() -> None:
+    for page in PAGES:
+        for block, _ in blocks(page.read_text("utf-8"), "sh"):
+            for name in re.findall(r"\b(?:configs|benchmarks|docs|tests)/[\w./-]+", block):
+                assert (ROOT / name).exists(), f"{page.name}: {name}"
+
+
+def test_every_drawing_is_named() -> None:
+    named = set(re.findall(r"`(\w+)`", section(text("docs/cli.md"), "## Output directory")))
+    assert set(PLOTS) <= named
+
+
+# -- summaries -----------------------------------------------------------------------------------------
+
+# maps whose keys are names of joints, rows, factors or stages
+BY_NAME = {"angles", "angles_deg", "rates", "rates_before", "rates_after", "impulse", "times", "growth_times"}
+BY_NAME |= {"wall_time_s"}
+
+
+def summary_keys(summary: dict[str, Any]) -> Iterator[str]:
+    for key, value in summary.items():
+        if key == "joints":
+            yield key
+            yield from summary_keys(next(iter(value.values())))
+        elif key != "units":
+            yield key
+            inner = value if isinstance(value, list) else [value]
+            if inner and isinstance(inner[0], dict) and key not in BY_NAME:
+                yield from summary_keys(inner[0])
+
+
+@pytest.mark.parametrize("command", [*RUNS, "work-precision"])
+def test_every_key_of_a_summary_is_documented(command: str) -> None:
+    page = section(text("docs/cli.md"), "## summary.json")
+    words = {part for code in re.findall(r"`([^`]+)`", page) for part in re.findall(r"\w+", code)}
+    if command in RUNS:
+        summary = result(command).summary
+    else:
+        scene = load_scene(ROOT / "configs" / "double_pendulum.yaml")
+        summary = work_precision(scene, ["gauss"], [1e-6], repeats=1).summary
+    assert set(summary_keys(summary)) - words == set()
+
+
+# -- figures -------------------------------------------------------------------------------------------
+
+
+def figures(command: str) -> list[str]:
+    """Return the figures of a run that do not depend on the processor, as printed."""
+    summary = result(command).summary
+    if command == "inverse":
+        joints = summary["joints"].values()
+        return [f"{j[key]:.6g}" for j in joints for key in ("peak_torque", "rms_torque")]
+    if command == "simulate":
+        return []  # nothing but errors; the end of the motion is compared below
+    lock, growth = summary["lock"], summary["criteria"]["growth_times"]
+    found = [f"{x:.5f} deg" for x in lock["angles_deg"].values()]
+    found += [f"{k}x at {t:.3f} s" for k, t in growth.items()]
+    found += [f"t = {lock['time']:.9g}", f"{lock['multipliers']['start']:.5g} N"]
+    found += [f"{lock['multipliers']['at_lock']:.6g} N", f"energy lost {lock['latch']['energy_lost']:.8g} J"]
+    return [*found, f"angular impulse {lock['latch']['angular_impulse']:.6g} N m s"]
+
+
+@pytest.mark.parametrize("command", RUNS)
+def test_figures_of_the_readme(command: str) -> None:
+    part = section(text("README.md"), "## Results")
+    for figure in figures(command):
+        assert figure in part, figure
+
+
+def test_the_simulation_ends_where_the_readme_says() -> None:
+    part = section(text("README.md"), "## Results")
+    exact = [float(x) for x in re.findall(r"theta[12] = (-?[\d.]+\d)", part)]
+    run = result("simulate")
+    error = float(np.abs(run["q"][-1] - exact).max())
+    assert error < 3.0 * run.summary["error_estimate"]["q_end"] < 1e-10
+
+
+def test_python_examples_of_the_readme(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "configs").symlink_to(ROOT / "configs")
+    monkeypatch.chdir(tmp_path)
+    found = [block for block, _ in blocks(text("README.md"), "python")]
+    assert found
+    for block in found:
+        exec(compile(block, "README.md", "exec"), {})
+    assert {"pendulum.h5", "tip_path.png"} <= {p.name for p in tmp_path.iterdir()}
+
+
+# -- links ---------------------------------------------------------------------------------------------
+
+
+def anchors(page: Path) -> set[str]:
+    prose = re.sub(r"^```.*?^```$", "", page.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE)
+    return {reference().slug(h) for h in re.findall(r"^#+ (.+)$", prose, re.MULTILINE)}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_somewhere(page: Path) -> None:
+    content = re.sub(r"^```.*?^```$", "", page.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE)
+    for target in re.findall(r"\]\(([^)\s]+)\)", content):
+        if target.startswith("http"):
+            continue
+        name, _, anchor = target.partition("#")
+        other = (page.parent / name).resolve() if name else page
+        assert other.exists(), target
+        if anchor:
+            assert anchor in anchors(other), target
+
+
+def test_images_are_used_and_small() -> None:
+    used = set(re.findall(r"docs/images/([\w.]+)", text("README.md")))
+    files = list((DOCS / "images").iterdir())
+    assert used == {f.name for f in files}
+    assert all(f.stat().st_size < 60_000 for f in files)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_pages_are_about_the_tool_alone(page: Path) -> None:
+    content = page.read_text("utf-8")
+    assert not re.search(r"(?<![\w.])/(work|tmp|home|root)/", content)
+    assert content.endswith("\n") and "\t" not in content

@@ -1,0 +1,236 @@
+"""Each operation in compiled code against numpy or 60 digits, at every lane width and on extreme numbers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+from robodyn_cli.expr import functions as f
+from robodyn_cli.expr.rebuild import evaluate
+from tests.kernels import SPECIAL, WIDTHS, compiled, symbols, ulps
+
+widths = pytest.mark.parametrize("width", WIDTHS)
+RNG = np.random.default_rng(7)
+
+
+def magnitudes(low: float, high: float, count: int) -> np.ndarray:
+    """Numbers of both signs, evenly spread over the exponents."""
+    return np.asarray(RNG.choice([-1.0, 1.0], count) * 10.0 ** RNG.uniform(low, high, count))
+
+
+ONE = np.concatenate([SPECIAL, magnitudes(-308, 308, 60), magnitudes(-3, 3, 60)])
+PAIRS = np.array(
+    [(a, b) for a in SPECIAL for b in SPECIAL]
+    + list(zip(magnitudes(-200, 200, 60), magnitudes(-200, 200, 60)))
+    + list(zip(magnitudes(-2, 2, 60), magnitudes(-2, 2, 60)))
+)
+
+
+def same(got: np.ndarray, expected: np.ndarray) -> None:
+    """Fail unless equal bit for bit, but for the sign of zero and the payload of NaN."""
+    different = ~((got == expected) | (np.isnan(got) & np.isnan(expected)))
+    assert not different.any(), (np.flatnonzero(different)[:5], got[different][:5], expected[different][:5])
+
+
+@widths
+@pytest.mark.parametrize("op", ["add", "sub", "mul", "div", "min", "max", "neg", "abs", "sign", "sqrt"])
+def test_exact_operations(op: str, width: int) -> None:
+    x, y = symbols(2)
+    forms: dict[str, tuple[Any, Any]] = {
+        "add": (x + y, np.add), "sub": (x - y, np.subtract), "mul": (x * y, np.multiply), "div": (x / y, np.divide),
+        "min": (f.minimum(x, y), np.minimum), "max": (f.maximum(x, y), np.maximum), "neg": (-x, np.negative),
+        "abs": (f.absolute(x), np.abs), "sign": (f.sign(x), np.sign), "sqrt": (f.sqrt(x), np.sqrt),
+    }  # fmt: skip
+    expression, oracle = forms[op]
+    with np.errstate(all="ignore"):
+        expected = oracle(PAIRS[:, 0]) if op in ("neg", "abs", "sign", "sqrt") else oracle(*PAIRS.T)
+    same(compiled({"r": [expression]}, width, PAIRS)["r"][:, 0], expected)
+
+
+@widths
+def test_where_takes_the_second_branch_at_zero_and_at_nan(width: int) -> None:
+    x, a, b = symbols(3)
+    rows = np.array([(s, 1.0, 2.0) for s in SPECIAL] + [(1.0, np.nan, 3.0), (-1.0, np.inf, 4.0), (-1.0, 5.0, np.nan)])
+    got = compiled({"r": [f.where(x, a, b)], "s": [f.step(x)]}, width, rows)
+    same(got["r"][:, 0], np.where(rows[:, 0] > 0, rows[:, 1], rows[:, 2]))
+    # a step is 1 wherever x is not below zero
+    same(got["s"][:, 0], np.where(-rows[:, 0] > 0, 0.0, 1.0))
+
+
+@pytest.mark.parametrize("x", [-2.0, -0.0, 0.0, 3.0, np.inf, -np.inf, np.nan])
+@pytest.mark.parametrize("y", [-1.0, 0.0, 2.0, np.nan])
+def test_switches_agree_with_the_same_functions_on_numbers(x: float, y: float) -> None:
+    a, b = symbols(2)
+    outputs = {"r": [f.where(a, b, 7.0), f.sign(a), f.absolute(a), f.step(a)]}
+    numbers = [f.where(x, y, 7.0), f.sign(x), f.absolute(x), f.step(x)]
+    same(compiled(outputs, 4, np.array([[x, y]]))["r"][0], np.array(numbers, dtype=float))
+    arrays = [f.minimum(np.array(x), np.array(y)), f.maximum(np.array(x), np.array(y))]
+    same(compiled({"r": [f.minimum(a, b), f.maximum(a, b)]}, 4, np.array([[x, y]]))["r"][0], np.array(arrays))
+
+
+# function of the C library: (mpmath, largest error in units in the last place, points inside the domain)
+LIBRARY: dict[str, tuple[Any, float, np.ndarray]] = {
+    "exp": (mp.exp, 1.0, RNG.uniform(-744, 709, 80)),
+    "log": (mp.log, 1.0, np.abs(magnitudes(-308, 308, 80))),
+    "tan": (mp.tan, 1.5, magnitudes(-8, 8, 80)),
+    "asin": (mp.asin, 1.0, RNG.uniform(-1, 1, 80)),
+    "acos": (mp.acos, 1.0, RNG.uniform(-1, 1, 80)),
+    "atan": (mp.atan, 1.0, magnitudes(-8, 8, 80)),
+    "sinh": (mp.sinh, 2.0, magnitudes(-8, 2.8, 80)),
+    "cosh": (mp.cosh, 2.0, magnitudes(-8, 2.8, 80)),
+    "tanh": (mp.tanh, 2.5, magnitudes(-8, 1.2, 80)),
+}
+
+
+@widths
+@pytest.mark.parametrize("name", LIBRARY)
+def test_library_functions_to_about_one_unit(name: str, width: int) -> None:
+    (x,) = symbols(1)
+    exact, bound, points = LIBRARY[name]
+    got = compiled({"r": [getattr(f, name)(x)]}, width, points[:, None])["r"][:, 0]
+    with mp.workdps(40):
+        worst = max(ulps(g, exact(mp.mpf(p))) for g, p in zip(got, points))
+    assert worst <= bound
+
+
+@pytest.mark.parametrize("name", LIBRARY)
+def test_library_functions_at_extremes(name: str) -> None:
+    (x,) = symbols(1)
+    points = np.array([p for p in SPECIAL if name != "tan" or not 1e15 < abs(p) < np.inf])
+    got = compiled({"r": [getattr(f, name)(x)]}, 8, points[:, None])["r"][:, 0]
+    with np.errstate(all="ignore"):
+        expected = getattr(f, name)(points)
+    assert np.array_equal(np.isnan(got), np.isnan(expected))
+    finite = ~np.isnan(expected)
+    np.testing.assert_allclose(got[finite], expected[finite], rtol=1e-15, atol=1e-323)
+
+
+@widths
+@pytest.mark.parametrize("name", ["pow", "atan2"])
+def test_functions_of_two_arguments(name: str, width: int) -> None:
+    x, y = symbols(2)
+    rows = PAIRS[:: 1 if width == 8 else 7]
+    expression = f.power(x, y) if name == "pow" else f.atan2(x, y)
+    got = compiled({"r": [expression]}, width, rows)["r"][:, 0]
+    with np.errstate(all="ignore"):
+        expected = np.power(*rows.T) if name == "pow" else np.arctan2(*rows.T)
+    zero = (rows == 0.0).any(axis=1)  # the sign of zero decides there, and is not kept
+    assert np.array_equal(np.isnan(got[~zero]), np.isnan(expected[~zero]))
+    np.testing.assert_allclose(got[~zero], expected[~zero], rtol=1e-13, atol=1e-323)
+
+
+@pytest.mark.parametrize("exponent", [-8, -3, -1, 0, 1, 2, 3, 7, 8, 9, 0.5, -0.5, 1.5, 1 / 3])
+def test_constant_exponents(exponent: float) -> None:
+    (x,) = symbols(1)
+    points = np.abs(magnitudes(-20, 20, 50)) if exponent != int(exponent) else magnitudes(-20, 20, 50)
+    r = f.power(x, exponent)
+    got = np.broadcast_to(compiled({"r": [r]}, 8, points[:, None])["r"][:, 0], 50)
+    with mp.workdps(40):
+        worst = max(ulps(g, mp.power(mp.mpf(p), mp.mpf(exponent))) for g, p in zip(got, points))
+    assert worst <= 8.0  # products of products
+
+
+# -- sine and cosine ------------------------------------------------------------------------------------
+def near_quarter_turns() -> np.ndarray:
+    """Multiples of pi/2 up to 1e15, rounded, and their neighbours: the worst case of a reduction."""
+    with mp.workdps(60):
+        quarter = mp.pi / 2
+        counts = [*range(1, 40), *(10**k for k in range(2, 15)), 6 * 10**14]
+        # doubles that come closest to a multiple: convergents of the continued fraction of pi/2
+        counts += [710, 208341 * 2, 1146408, 245850922, 411557987, 5371151992734, 8958937768937]
+        exact = [float(k * quarter) for k in counts]
+    return np.array([y for x in exact for y in (x, np.nextafter(x, 0.0), np.nextafter(x, np.inf), -x)])
+
+
+ANGLES = {
+    "small": magnitudes(-320, -1, 100),
+    "ordinary": magnitudes(-1, 2, 200),
+    "large": magnitudes(2, 15, 200),
+    "next to quarter turns": near_quarter_turns(),
+}
+
+
+@widths
+@pytest.mark.parametrize("fused", [True, False])
+@pytest.mark.parametrize("kind", ANGLES)
+def test_sine_and_cosine_to_a_few_units(kind: str, fused: bool, width: int) -> None:
+    (x,) = symbols(1)
+    points = ANGLES[kind]
+    got = compiled({"s": [f.sin(x)], "c": [f.cos(x)]}, width, points[:, None], fused=fused)
+    with mp.workdps(60):
+        sine = max(ulps(g, mp.sin(mp.mpf(p))) for g, p in zip(got["s"][:, 0], points))
+        cosine = max(ulps(g, mp.cos(mp.mpf(p))) for g, p in zip(got["c"][:, 0], points))
+    assert max(sine, cosine) <= 1.5, (sine, cosine)
+
+
+@widths
+@pytest.mark.parametrize("fused", [True, False])
+def test_sine_and_cosine_of_what_is_no_angle(fused: bool, width: int) -> None:
+    (x,) = symbols(1)
+    points = np.array([[np.nan], [np.inf], [-np.inf], [0.0], [5e-324]])
+    got = compiled({"r": [f.sin(x), f.cos(x)]}, width, points, fused=fused)["r"]
+    assert np.isnan(got[:3]).all()
+    assert np.array_equal(got[3:], [[0.0, 1.0], [5e-324, 1.0]])
+
+
+@pytest.mark.parametrize("width", [1, 4])
+@pytest.mark.parametrize("fused", [True, False])
+def test_many_angles_of_one_level_and_nested_ones_keep_apart(fused: bool, width: int) -> None:
+    xs = symbols(11)
+    inner = [f.sin(x) for x in xs]
+    outer = [f.cos(3.0 * s + x) for s, x in zip(inner, xs)]
+    mixed = f.sin(f.cos(f.sin(xs[0])) + f.sin(xs[1]))
+    rows = RNG.uniform(-4, 4, (21, 11))
+    got = compiled({"r": [*inner, *outer, mixed]}, width, rows, fused=fused)["r"]
+    expected = np.array(evaluate([*inner, *outer, mixed], {"x": rows.T})).T
+    np.testing.assert_allclose(got, expected, rtol=0, atol=2e-15)
+
+
+# -- tables ---------------------------------------------------------------------------------------------
+TABLES = {
+    "one step": ((0.0, 1.0), (2.0, -1.0)),
+    "three": ((-1.0, 0.0, 4.0), (0.0, 5.0, 5.0)),
+    "uneven": ((-1e3, -1.0, -1.0 + 1e-12, 0.3, 0.7, 1e6), (1.0, 2.0, -2.0, 0.0, 1e-300, 1e8)),
+    "long": (tuple(np.cumsum(RNG.uniform(0.01, 1.0, 77)).tolist()), tuple(RNG.standard_normal(77).tolist())),
+}
+
+
+@widths
+@pytest.mark.parametrize("order", [0, 1])
+@pytest.mark.parametrize("name", TABLES)
+def test_tables(name: str, order: int, width: int) -> None:
+    knots, values = TABLES[name]
+    (x,) = symbols(1)
+    middle = [0.5 * (a + b) for a, b in zip(knots, knots[1:])]
+    around = [np.nextafter(k, d) for k in knots for d in (-np.inf, np.inf)]
+    points = np.array([*knots, *middle, *around, knots[0] - 5, knots[-1] + 5, -np.inf, np.inf, 1e300, 0.0])
+    e = x.graph.interpolate(x, knots, values, order)
+    got = compiled({"r": [e]}, width, points[:, None])["r"][:, 0]
+    expected = evaluate([e], {"x": [points]})[0]
+    slope = np.abs(np.diff(values) / np.diff(knots)).max()
+    scale = np.abs(values).max() + (slope * np.spacing(np.abs(knots).max()) if not order else slope)
+    np.testing.assert_allclose(got, expected, rtol=0, atol=4e-16 * scale)
+    at = len(knots)
+    if not order:
+        assert np.array_equal(got[:at], values), "exact at the knots"
+        outside = np.clip(points, knots[0], knots[-1]) != points
+        assert set(got[outside]) <= {values[0], values[-1]}
+
+
+@widths
+def test_a_table_passes_on_nan(width: int) -> None:
+    (x,) = symbols(1)
+    got = compiled({"r": [f.interpolate(x, (0.0, 1.0), (3.0, 4.0))]}, width, np.array([[np.nan], [0.5]]))["r"]
+    assert np.isnan(got[0, 0]) and got[1, 0] == 3.5
+
+
+@widths
+def test_several_tables_in_one_program_do_not_share_their_data(width: int) -> None:
+    (x,) = symbols(1)
+    tables = [f.interpolate(x, (0.0, 1.0, 2.0), (0.0, k, -k)) for k in (1.0, 2.0, 3.0)]
+    rows = RNG.uniform(-1, 3, (10, 1))
+    got = compiled({"r": tables}, width, rows)["r"]
+    np.testing.assert_allclose(got, np.array(evaluate(tables, {"x": rows.T})).T, rtol=0, atol=2e-15)
