@@ -82,10 +82,19 @@ class Console:
         self.clear()
         if self.as_json:
             details = getattr(error, "details", {})
-            payload = {"status": "failed", "error": {"kind": type(error).__name__, "message": message,
-                                                     "exit_code": code, **_plain(details)}}
+            payload = {
+                "status": "failed",
+                "error": {
+                    "kind": type(error).__name__,
+                    "message": message,
+                    "exit_code": code,
+                    **_plain(details),
+                },
+            }
             with contextlib.suppress(OutputError):  # that is what is being reported
-                self._print(summary if summary is not None else json.dumps(payload, ensure_ascii=False, indent=2))
+                self._print(
+                    summary if summary is not None else json.dumps(payload, ensure_ascii=False, indent=2)
+                )
         self._print(f"robodyn: error: {message}", err=True)
         raise typer.Exit(code)
 

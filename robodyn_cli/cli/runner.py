@@ -66,8 +66,11 @@ def run_scene(
         console.clear()
         summary = {"status": result.status, "command": command, "title": result.title, **result.summary}
         if failure is not None:
-            summary["error"] = {"kind": type(failure).__name__, "message": failure.message,
-                                "exit_code": failure.exit_code}
+            summary["error"] = {
+                "kind": type(failure).__name__,
+                "message": failure.message,
+                "exit_code": failure.exit_code,
+            }
         result.summary = summary
         with watch.stage("write"):
             if writer is not None:
@@ -120,6 +123,10 @@ def _failed(command: str, title: str, error: RobodynError) -> dict[str, Any]:
         "command": command,
         "title": title,
         "termination": {"reason": error.message},
-        "error": {"kind": type(error).__name__, "message": error.message, "exit_code": error.exit_code,
-                  "details": jsonable(error.details)},
+        "error": {
+            "kind": type(error).__name__,
+            "message": error.message,
+            "exit_code": error.exit_code,
+            "details": jsonable(error.details),
+        },
     }

@@ -134,7 +134,8 @@ class Condition:
         return self._op("or", other)
 
     def __invert__(self) -> Condition:
-        return self._op("xor", "true")
+        every = "true" if self.width == 1 else "<" + ", ".join(["i1 true"] * self.width) + ">"
+        return self._op("xor", every)
 
     def any(self) -> Condition:
         """Return whether any lane holds."""
@@ -397,7 +398,12 @@ class Function:
 
     @contextlib.contextmanager
     def count(self, n: Int | int, *, start: int = 0, step: int = 1, down: bool = False) -> Iterator[Int]:
-        """Emit the body in a loop over start, start+step, ... < n (or backwards over the same numbers)."""
+        """Emit the body in a loop over start, start+step, ... < n.
+
+        ``down`` counts backwards over the same numbers (step 1 only).
+        """
+        if down and step != 1:
+            raise ValueError("counting down goes by one")
         address = self.int_slot()
         head, body, done = self.label("count"), self.label("body"), self.label("done")
         self.store_int(start, address)
@@ -407,7 +413,7 @@ class Function:
         self.branch(self.compare_int("slt", k, n), body, done)
         self.place(body)
         if down:
-            last = self.emit_int(f"sub i64 {ref_of(n)}, 1")
+            last = self.emit_int(f"add i64 {ref_of(n)}, {start - 1}")
             yield last - k
         else:
             yield k

@@ -21,24 +21,24 @@ PARAMETERS = "p"
 
 def write_sample_kernel(program: Program, lanes: int, fused: bool) -> str:
     """Return the IR of ``kernel(in..., p, out..., T)``: inputs and outputs are rows of T samples."""
-    arguments = [f"ptr noalias %in.{g}" for g in program.inputs]
-    arguments += [f"ptr noalias %out.{o}" for o in program.outputs] + ["i64 %T"]
+    # by number: names of outputs are paths and names from the scene, which the IR would not take
+    arguments = [f"ptr noalias %in.{k}" for k in range(len(program.inputs))]
+    arguments += [f"ptr noalias %out.{k}" for k in range(len(program.outputs))] + ["i64 %T"]
     f = Function("kernel", arguments, flags=RELAXED)
     samples = f.int_argument("T")
     with f.count(samples, step=lanes) as start:
         # the last block is moved back so that it ends at T; it repeats a few samples instead of needing masks
         t = f.select_int(f.compare_int("sgt", start + lanes, samples), samples - lanes, start)
         inputs = {}
-        for group, count in program.inputs.items():
+        for place, (group, count) in enumerate(program.inputs.items()):
+            address = f"%in.{place}"
             if group == PARAMETERS:
-                inputs[group] = [f.splat(f.load(f.offset(f"%in.{group}", k)), lanes) for k in range(count)]
+                inputs[group] = [f.splat(f.load(f.offset(address, k)), lanes) for k in range(count)]
             else:
-                inputs[group] = [
-                    f.load(f.offset(f"%in.{group}", samples * k + t), lanes) for k in range(count)
-                ]
-        for output, values in lower(f, program, inputs, lanes, fused).items():
+                inputs[group] = [f.load(f.offset(address, samples * k + t), lanes) for k in range(count)]
+        for place, values in enumerate(lower(f, program, inputs, lanes, fused).values()):
             for k, value in enumerate(values):
-                f.store(f.splat(value, lanes), f.offset(f"%out.{output}", samples * k + t))
+                f.store(f.splat(value, lanes), f.offset(f"%out.{place}", samples * k + t))
     f.ret()
     return module([f])
 
@@ -77,12 +77,16 @@ class SampleKernel:
         arguments: list[int] = []
         keep: list[Array] = []
         for group, count in self.program.inputs.items():
+            if group not in groups:
+                raise CapabilityError(f"input {group} is missing")
             array = np.asarray(groups[group], dtype=np.float64)
             if array.ndim == 1 and group != PARAMETERS:
                 array = array[:, None]
             if array.shape[-1] < count:
                 raise CapabilityError(f"input {group}: {array.shape[-1]} columns, but {count} are needed")
             if group != PARAMETERS:
+                if array.shape[0] != samples:
+                    raise ValueError(f"input {group}: {array.shape[0]} samples, but {samples} are needed")
                 if padded != samples:
                     array = np.concatenate([array, np.repeat(array[-1:], padded - samples, axis=0)])
                 array = np.asfortranarray(array)

@@ -88,7 +88,9 @@ class _Values:
             )
 
 
-def _joint_placement(robot: sc.Robot, joint: sc.Joint, values: _Values) -> tuple[Transform, Transform, Transform]:
+def _joint_placement(
+    robot: sc.Robot, joint: sc.Joint, values: _Values
+) -> tuple[Transform, Transform, Transform]:
     """Return (X_tree from the parent's link frame, joint frame, link frame), the latter two from the body frame.
 
     The body frame has the joint's axis as z. For revolute and prismatic joints with D-H parameters it is the
@@ -147,9 +149,7 @@ def _inertia(link: sc.Link, values: _Values, frame: Transform) -> RigidInertia:
     if is_number(m) and m == 0.0 and link.com is None and link.inertia == sc.Inertia():
         return RigidInertia.zero()
     com = link.com if link.com is not None else (None, None, None)
-    c = vector(
-        [values.get(f"{path}.com.{k}", com[k], f"com[{k}] of {link.name}") for k in range(3)]
-    )
+    c = vector([values.get(f"{path}.com.{k}", com[k], f"com[{k}] of {link.name}") for k in range(3)])
     I = {
         k: values.get(f"{path}.inertia.{k}", getattr(link.inertia, k), f"inertia.{k} of {link.name}")
         for k in ("xx", "yy", "zz", "xy", "xz", "yz")
@@ -160,9 +160,7 @@ def _inertia(link: sc.Link, values: _Values, frame: Transform) -> RigidInertia:
         for k in ("xy", "xz", "yz"):
             if getattr(link.inertia, k) is None and f"{path}.inertia.{k}" not in values.used:
                 I[k] = 0.0
-    tensor = matrix(
-        [[I["xx"], I["xy"], I["xz"]], [I["xy"], I["yy"], I["yz"]], [I["xz"], I["yz"], I["zz"]]]
-    )
+    tensor = matrix([[I["xx"], I["xy"], I["xz"]], [I["xy"], I["yy"], I["yz"]], [I["xz"], I["yz"], I["zz"]]])
     return RigidInertia.from_com(m, c, tensor).to_parent(frame)
 
 
@@ -180,9 +178,7 @@ def build_model(scene: sc.Scene, symbolic: Sequence[str] = (), graph: Graph | No
     values = _Values(graph, symbolic)
     robot = scene.robot
     links = {link.name: link for link in robot.links}
-    placed: dict[str, _Placed] = {
-        "base": _Placed(BASE, Transform.identity(), Transform.identity())
-    }
+    placed: dict[str, _Placed] = {"base": _Placed(BASE, Transform.identity(), Transform.identity())}
     bodies: list[dict[str, Any]] = []
     merged: dict[int, RigidInertia] = {}
     for index in _topological(robot):
@@ -211,9 +207,7 @@ def build_model(scene: sc.Scene, symbolic: Sequence[str] = (), graph: Graph | No
     frames = {
         name: _fixed_frame(placed, links, frame, values) for name, frame in (robot.frames or {}).items()
     }
-    link_frames = {
-        name: FixedFrame(p.body, p.link_frame.r, p.link_frame.E.T) for name, p in placed.items()
-    }
+    link_frames = {name: FixedFrame(p.body, p.link_frame.r, p.link_frame.E.T) for name, p in placed.items()}
     model = Model(
         name=scene.title or "scene",
         bodies=finished,
@@ -293,7 +287,9 @@ def _number(
     return tuple(finished), tuple(names), tuple(units)
 
 
-def _fixed_frame(placed: dict[str, _Placed], links: dict[str, sc.Link], point: sc.Point, values: _Values) -> FixedFrame:
+def _fixed_frame(
+    placed: dict[str, _Placed], links: dict[str, sc.Link], point: sc.Point, values: _Values
+) -> FixedFrame:
     where = placed[point.link]
     frame = where.joint_frame if point.frame == "joint" else where.link_frame
     R: Matrix = frame.E.T
@@ -314,7 +310,9 @@ def _fixed_frame(placed: dict[str, _Placed], links: dict[str, sc.Link], point: s
 def _com(where: _Placed, link: sc.Link, values: _Values) -> Vector:
     frame = where.joint_frame if (link.com_frame or "joint") == "joint" else where.link_frame
     com = link.com if link.com is not None else (None, None, None)
-    c = vector([values.get(f"links.{link.name}.com.{k}", com[k], f"com[{k}] of {link.name}") for k in range(3)])
+    c = vector(
+        [values.get(f"links.{link.name}.com.{k}", com[k], f"com[{k}] of {link.name}") for k in range(3)]
+    )
     return frame.point(c)
 
 

@@ -19,13 +19,13 @@ def main_plane(clouds: list[Array]) -> tuple[int, int]:
     points = np.concatenate([cloud.reshape(-1, 3) for cloud in clouds])
     low, high = extremes(points)
     extent = high - low
-    size = max(1e-300, float(extent.max()))
+    size = float(extent.max())
     # Rounding errors of a planar mechanism must not outrank an axis.
-    extent[extent < 1e-9 * size] = 0.0
+    extent[extent < 1e-9 * max(1e-300, size)] = 0.0
     rows = points[np.isfinite(points).all(axis=1)]
     best, largest = None, 1e-9
-    if len(rows) > 1:
-        C = np.cov(rows.T / size)
+    if len(rows) > 1 and size > 0.0:
+        C = np.cov((rows - low).T / size)
         for first, second in ((0, 1), (0, 2), (1, 2)):
             area = float(np.linalg.det(C[np.ix_([first, second], [first, second])]))
             if area > largest * (1.0 + 1e-6):

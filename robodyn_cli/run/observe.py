@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.algorithms.kinematics import Pose
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.index1 import residuals
 from robodyn_cli.formulations.system import GROUPS, System
 from robodyn_cli.kernels.samples import SampleKernel
-from robodyn_cli.model.model import FixedFrame, Model
+from robodyn_cli.model.model import Model
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.writer import ResultWriter
+from robodyn_cli.run.places import place_dataset, place_outputs
 from robodyn_cli.run.units import unit_text
 
 Array = NDArray[Any]
@@ -35,6 +35,33 @@ class Column:
     names: tuple[str, ...] = ()
 
 
+def observed(problem: Problem) -> dict[str, Sequence[Scalar]]:
+    """Return what is evaluated at the samples of a simulation, by output."""
+    forward = problem.forward
+    outputs: dict[str, Sequence[Scalar]] = {
+        "qdd": list(forward.qdd),
+        "tau": _actuator_torques(problem),
+        "energy": [problem.kinetic, problem.potential],
+    }
+    if problem.constraints.rows:
+        found = residuals(problem)
+        outputs["lam"] = list(forward.lam)
+        outputs["eta"] = found["position"]
+        outputs["eta_rate"] = found["velocity"]
+        outputs["psi"] = list(problem.psi.ravel())
+    return {**outputs, **place_outputs(problem)}
+
+
+def _actuator_torques(problem: Problem) -> list[Scalar]:
+    """Actuator torques; a prescribed joint's is the multiplier that drives it."""
+    tau = list(problem.actuator_torques)
+    for i in problem.constraints.prescribed:
+        for k, x in enumerate(problem.constraints.rows[i].psi):
+            if isinstance(x, Expr) or x != 0.0:
+                tau[k] = tau[k] + x * problem.forward.lam[i]
+    return tau
+
+
 class Observer:
     """Evaluates accelerations, torques, multipliers, residuals, energies and places at sampled states."""
 
@@ -42,21 +69,8 @@ class Observer:
         self.problem = problem
         self.system = system
         self.passive = singular
-        model = problem.model
-        forward = problem.forward
-        outputs: dict[str, Sequence[Scalar]] = {
-            "qdd": list(forward.qdd),
-            "tau": self._actuator_torques(),
-            "energy": [problem.kinetic, problem.potential],
-        }
-        if problem.constraints.rows:
-            found = residuals(problem)
-            outputs["lam"] = list(forward.lam)
-            outputs["eta"] = found["position"]
-            outputs["eta_rate"] = found["velocity"]
-            outputs["psi"] = list(problem.psi.ravel())
-        self.places = self._places(model)
-        outputs["places"] = [x for _, frames in self.places for f in frames for x in problem.world_point(f)]
+        outputs = observed(problem)
+        self.places = [path for path in outputs if path.startswith(("points/", "skeleton/", "frames/"))]
         self.kernel = SampleKernel(outputs, GROUPS)
         self.correct_q = (
             SampleKernel({"q": system.position_correction}, GROUPS) if system.position_correction else None
@@ -64,24 +78,7 @@ class Observer:
         self.correct_v = (
             SampleKernel({"v": system.velocity_correction}, GROUPS) if system.velocity_correction else None
         )
-        self.parameters = np.zeros(max(1, len(model.parameters)))
-
-    def _actuator_torques(self) -> list[Scalar]:
-        """Actuator torques; a prescribed joint's is the multiplier that drives it."""
-        problem = self.problem
-        tau = list(problem.actuator_torques)
-        for i in problem.constraints.prescribed:
-            row = problem.constraints.rows[i]
-            for k, x in enumerate(row.psi):
-                if isinstance(x, Expr) or x != 0.0:
-                    tau[k] = tau[k] + x * problem.forward.lam[i]
-        return tau
-
-    @staticmethod
-    def _places(model: Model) -> list[tuple[str, tuple[FixedFrame, ...]]]:
-        places: list[tuple[str, tuple[FixedFrame, ...]]] = [(f"points/{name}", (frame,)) for name, frame in model.points.items()]
-        places += [(f"skeleton/{name}", frames) for name, frames in model.outlines.items()]
-        return places
+        self.parameters = np.zeros(max(1, len(problem.model.parameters)))
 
     def project(self, t: Array, x: Array) -> Array:
         """Return the states put back on the constraints (positions by repeated Newton steps, then rates)."""
@@ -127,11 +124,9 @@ class Observer:
             data["constraints/position_residual"] = found["eta"]
             data["constraints/velocity_residual"] = found["eta_rate"]
             data.update(self._singular(found["psi"]))
-        first = 0
-        for path, frames in self.places:
-            block = found["places"][:, first : first + 3 * len(frames)]
-            first += 3 * len(frames)
-            data[path] = block if path.startswith("points/") else block.reshape(len(t), len(frames), 3)
+        for path in self.places:
+            name, block = place_dataset(path, found[path])
+            data[name] = block
         return data
 
     def _singular(self, flat: Array) -> dict[str, Array]:

@@ -48,15 +48,20 @@ def world_pose(model: Model, pose: dict[int, Pose], frame: FixedFrame) -> Pose:
     return Pose(model.base.E.T @ R, model.base.point(p))
 
 
+def place_dataset(path: str, array: Array) -> tuple[str, Array]:
+    """Return the path and the array of the dataset that an output of ``place_outputs`` becomes."""
+    if path.startswith("skeleton/"):
+        return path, array.reshape(len(array), -1, 3)
+    if path.endswith("/rotation"):
+        return path.removesuffix("rotation") + "quaternion", quaternions(array.reshape(-1, 3, 3))
+    return path, array
+
+
 def add_places(result: Result, arrays: Mapping[str, Array]) -> None:
     """Add what ``place_outputs`` asked for, evaluated at T samples, to a result."""
     for path, array in arrays.items():
-        if path.startswith("skeleton/"):
-            result.add(path, array.reshape(len(array), -1, 3))
-        elif path.endswith("/rotation"):
-            result.add(path.removesuffix("rotation") + "quaternion", quaternions(array.reshape(-1, 3, 3)))
-        else:
-            result.add(path, array)
+        name, data = place_dataset(path, array)
+        result.add(name, data)
 
 
 def quaternions(R: Array) -> Array:

@@ -14,14 +14,14 @@ from robodyn_cli.equations.plan_facts import depends_on_time, listed, unknown_da
 from robodyn_cli.equations.plan_terms import Ledger, drive_terms
 from robodyn_cli.equations.plan_variants import Symbols, serial_chain, without_loops
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.expr.graph import Expr, Scalar, count_operations
-from robodyn_cli.formulations.index1 import index1, residuals
+from robodyn_cli.expr.graph import Scalar, count_operations
+from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.formulations.system import GROUPS
 from robodyn_cli.integrators.loop import INLINE_LIMIT
 from robodyn_cli.kernels.program import make_program
-from robodyn_cli.run.deploy import Deployment
+from robodyn_cli.run.deployment import Deployment
 from robodyn_cli.run.method import Choice, choose
-from robodyn_cli.run.observe import Observer
+from robodyn_cli.run.observe import observed
 from robodyn_cli.run.plan_kernels import sampled, stepped
 from robodyn_cli.run.simulate import options_for, prepare
 from robodyn_cli.run.singularity import loop_rows, rank_loss_event
@@ -75,25 +75,8 @@ class Forward:
         return [*system.acceleration, *system.z_rate]
 
     def _observed(self) -> dict[str, Sequence[Scalar]]:
-        """Return what is evaluated at the samples, as ``Observer`` compiles it."""
-        problem = self.problem
-        tau = list(problem.actuator_torques)
-        for i in problem.constraints.prescribed:
-            for k, x in enumerate(problem.constraints.rows[i].psi):
-                if isinstance(x, Expr) or x != 0.0:
-                    tau[k] = tau[k] + x * problem.forward.lam[i]
-        outputs: dict[str, Sequence[Scalar]] = {
-            "qdd": list(problem.forward.qdd), "tau": tau, "energy": [problem.kinetic, problem.potential],
-        }  # fmt: skip
-        if problem.constraints.rows:
-            found = residuals(problem)
-            outputs.update(
-                lam=list(problem.forward.lam), eta=found["position"], eta_rate=found["velocity"],
-                psi=list(problem.psi.ravel()),
-            )  # fmt: skip
-        places = Observer._places(problem.model)
-        outputs["places"] = [x for _, frames in places for f in frames for x in problem.world_point(f)]
-        return outputs
+        """Return what is evaluated at the samples."""
+        return observed(self.problem)
 
     # -- kernels --------------------------------------------------------------------------------------
     def kernels(self) -> list[dict[str, Any]]:

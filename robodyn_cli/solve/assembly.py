@@ -252,7 +252,9 @@ def _open_loop(numbers: _Numbers, task: _Closing, tried: list[tuple[float, Array
             return 0.5 * float(r @ r), J.T @ r
 
         if free:
-            found = minimize(squares, start[free] / task.lengths[free], jac=True, method="BFGS", options={"gtol": 1e-10})
+            found = minimize(
+                squares, start[free] / task.lengths[free], jac=True, method="BFGS", options={"gtol": 1e-10}
+            )
             q[free] = found.x * task.lengths[free]
         sum_of_squares = float(np.sum(numbers.relative(q) ** 2))
         if best is None or sum_of_squares < best[0]:
@@ -269,7 +271,11 @@ def _open_loop(numbers: _Numbers, task: _Closing, tried: list[tuple[float, Array
     loop = max(gaps, key=lambda name: gaps[name]) if gaps else ""
     row = numbers.rows[int(np.abs(eta / numbers.sizes).argmax())]
     if not gaps or gaps[loop] < abs(eta[numbers.rows.index(row)]):
-        loop, gap, what = row.name.rsplit(".", 1)[0], float(abs(eta[numbers.rows.index(row)])), "the axes stay apart"
+        loop, gap, what = (
+            row.name.rsplit(".", 1)[0],
+            float(abs(eta[numbers.rows.index(row)])),
+            "the axes stay apart",
+        )
         text = f"the loop {loop!r} cannot close: {what} by {gap:.6g} (row {row.name}) {condition}"
     else:
         gap = gaps[loop]

@@ -1,0 +1,171 @@
+"""The scan of a deployment: everything that can stop it, and when."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import CapabilityError, NumericalError
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.formulations.index1 import index1, multiplier_norm
+from robodyn_cli.formulations.system import GROUPS, EventFunction, System
+from robodyn_cli.integrators.integrator import Event, Grid, Integrator, Options
+from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.run.growth import GRID, GrowthMonitor, levels_with
+from robodyn_cli.run.method import choose
+from robodyn_cli.run.progress import Progress, no_progress
+from robodyn_cli.run.simulate import Setup, options_for, passive_coordinates, prepare
+from robodyn_cli.run.singularity import (
+    NEAR_RANK_LOSS,
+    classify,
+    driven_dead_point,
+    loop_rows,
+    passive_determinant,
+    rank_loss_ahead,
+    rank_loss_event,
+)
+from robodyn_cli.run.stopwatch import Stopwatch
+from robodyn_cli.scene.types import Scene
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass
+class Found:
+    """What the scan of the whole motion met, by kind: time and state (q, v, z)."""
+
+    dead_points: list[tuple[float, Array]] = dataclasses.field(default_factory=list)
+    bifurcation: tuple[float, Array] | None = None
+    stopped: NumericalError | None = None
+    driven: bool = False
+    growth: GrowthMonitor = dataclasses.field(default_factory=lambda: GrowthMonitor(()))
+    end: float = 0.0
+    clean_until: float = 0.0
+    norm_at_end: float = 0.0
+
+    @property
+    def dead_point(self) -> tuple[float, Array] | None:
+        """The first one."""
+        return self.dead_points[0] if self.dead_points else None
+
+
+class Deployment:
+    """One deployment: the mechanism, its singularity functions, the scan and the run."""
+
+    def __init__(self, scene: Scene, watch: Stopwatch) -> None:
+        self.scene = scene
+        if not scene.loops:
+            raise CapabilityError(
+                f"{scene.path}: deploy needs a mechanism with closed loops; this scene has none"
+            )
+        self.setup: Setup = prepare(scene, watch)
+        self.problem: Problem = self.setup.problem
+        with watch.stage("equations"):
+            self.passive = passive_coordinates(self.problem) or []
+            self.determinant: Scalar | None = None
+            try:
+                self.determinant = passive_determinant(self.problem, self.passive)
+            except CapabilityError:
+                if scene.deploy.criterion != "multipliers":
+                    raise
+            events = rank_loss_event(self.problem)
+            if self.determinant is not None:
+                events = (*events, EventFunction("dead_point", self.determinant, terminal=False))
+            self.system: System = index1(self.problem, scene.simulate.stabilisation, events)
+            self.options: Options = options_for(scene)
+            self.start = np.concatenate(
+                [self.setup.assembled.q, self.setup.assembled.v, np.zeros(self.system.nz)]
+            )
+        with watch.stage("method"):
+            self.choice = choose(scene, self.problem, self.system, self.start, self.options)
+            self.method = self.choice.method
+
+    def scan(self, options: Options, multipliers: bool = True, progress: Progress = no_progress) -> Found:
+        """Integrate until everything that can stop the deployment has fired, or to the end of the duration.
+
+        The motion is followed on the uniform 1 ms grid, free of the criterion, so that the report can say when
+        each criterion fired. A dead point ends the scan once the multipliers have been judged up to it.
+        """
+        scene, problem = self.scene, self.problem
+        found = Found(growth=GrowthMonitor(levels_with(scene.deploy.growth), scene.deploy.limit))
+        lam = SampleKernel({"lam": self._loop_multipliers()}, GROUPS) if multipliers else None
+        integrator = Integrator(self.system, self.method)
+        integrator.reset(0.0, self.start, options)
+        duration = scene.simulate.duration
+        integrator.tick = lambda time: progress(time, duration)
+        grid = Grid(0.0, GRID, int(duration / GRID * (1 + 1e-12)) + 1)
+
+        def emit(t: Array, x: Array) -> None:
+            if lam is None:
+                return
+            s = self.system
+            values = lam.evaluate(
+                len(t), {"t": t, "q": x[:, : s.nq], "v": x[:, s.nq : s.nq + s.nv], "z": x[:, s.nq + s.nv :],
+                         "p": np.zeros(1)},
+            )["lam"]  # fmt: skip
+            norm = multiplier_norm(values)
+            found.norm_at_end = float(norm[-1])
+            found.growth.take(t, norm)
+
+        def on_event(event: Event) -> bool:
+            if event.name == NEAR_RANK_LOSS:
+                found.clean_until = event.time
+                found.bifurcation = rank_loss_ahead(problem, self.system, self.method, event, options)
+                return found.bifurcation is None
+            kind = classify(problem, event.state[: problem.model.nq], self.passive).kind
+            if kind == "dead_point":
+                found.dead_points.append((event.time, event.state))
+                # a criterion on the multipliers may still fire beyond the dead point
+                return scene.deploy.criterion == "multipliers" and self.multiplier_time(found) is None
+            return True
+
+        try:
+            integrator.run(duration, grid, emit, on_event, block=4096)
+        except NumericalError as error:
+            found.stopped = error
+            self._driven_dead_point(found, integrator)
+        found.end = integrator.time
+        return found
+
+    def _loop_multipliers(self) -> list[Scalar]:
+        lam = self.problem.forward.lam
+        return [lam[i] for i in loop_rows(self.problem)]
+
+    def multiplier_time(self, found: Found) -> float | None:
+        """Return when the criterion on the multipliers fired."""
+        times = [found.growth.times.get(self.scene.deploy.growth), found.growth.limit_time]
+        fired = [t for t in times if t is not None]
+        return min(fired) if fired else None
+
+    def _driven_dead_point(self, found: Found, integrator: Integrator) -> None:
+        """Note the singular pose that a prescribed motion has run into, if that is what stopped the scan."""
+        nq = self.problem.model.nq
+        state = integrator.state
+        pose = driven_dead_point(
+            self.problem, self.passive, state[:nq], integrator.time, self.scene.simulate.duration
+        )
+        if pose is None:
+            return
+        time, state[:nq], kind = pose
+        found.driven = True
+        if kind == "bifurcation":
+            found.bifurcation = (time, state)
+        elif kind == "dead_point":
+            found.dead_points.append((time, state))
+
+    def stop_time(self, found: Found) -> tuple[float | None, str]:
+        """Return when the scene's criterion stops the run, and which criterion it was."""
+        dead = found.dead_point[0] if found.dead_point else None
+        multipliers = self.multiplier_time(found)
+        criterion = self.scene.deploy.criterion
+        if criterion == "dead_point":
+            return dead, "dead_point"
+        if criterion == "multipliers":
+            return multipliers, "multipliers"
+        candidates = [
+            (t, name) for t, name in ((dead, "dead_point"), (multipliers, "multipliers")) if t is not None
+        ]
+        return min(candidates) if candidates else (None, "either")
