@@ -85,8 +85,8 @@ def motion(n: int, samples: int, seed: int = 1) -> tuple[Array, Array, Array]:
     rng = np.random.default_rng(seed)
     t = np.linspace(0.0, 10.0, samples)[:, None]
     w, phase, size = rng.uniform(0.3, 1.5, n), rng.uniform(0.0, 2 * np.pi, n), rng.uniform(0.3, 1.0, n)
-    arrays = size * np.sin(w * t + phase), size * w * np.cos(w * t + phase), -size * w * w * np.sin(w * t + phase)
-    q, qd, qdd = (np.asfortranarray(x) for x in arrays)
+    sine, cosine = np.sin(w * t + phase), np.cos(w * t + phase)
+    q, qd, qdd = (np.asfortranarray(size * x) for x in (sine, w * cosine, -w * w * sine))
     return q, qd, qdd
 
 

@@ -6,13 +6,16 @@ import json
 import os
 import platform
 import statistics
+import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
+LIBRARIES = ("numpy", "scipy", "llvmlite", "h5py", "typer", "matplotlib", "pinocchio", "mujoco", "heyoka")
 
 
 def single_thread() -> None:
@@ -51,6 +54,27 @@ def alternate(
     return found
 
 
+def cold_and_cached(code: str, text: str = "") -> tuple[float, float]:
+    """Return what a Python program prints, a number of seconds, without any compiled code and with all cached.
+
+    Both are processes of their own that share a cache; ``text`` is their standard input.
+    """
+    with tempfile.TemporaryDirectory() as cache:
+        environment = {**os.environ, "ROBODYN_CACHE": cache, "PYTHONPATH": search_path()}
+        command = [sys.executable, "-c", code]
+        cold, cached = (
+            float(subprocess.run(command, input=text, text=True, env=environment, check=True,
+                                 stdout=subprocess.PIPE).stdout.split()[-1])
+            for _ in range(2)
+        )  # fmt: skip
+    return cold, cached
+
+
+def search_path() -> str:
+    """Return PYTHONPATH with this checkout in front."""
+    return os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+
+
 def median(values: Sequence[float]) -> float:
     return statistics.median(values)
 
@@ -73,7 +97,7 @@ def machine() -> dict[str, Any]:
     }
     if hasattr(os, "getloadavg"):
         found["load"] = round(os.getloadavg()[0], 2)
-    for name in ("numpy", "scipy", "llvmlite", "h5py", "typer", "matplotlib", "pinocchio", "mujoco", "heyoka"):
+    for name in LIBRARIES:
         module = sys.modules.get(name)
         if module is not None:
             found[name] = str(getattr(module, "__version__", "unknown"))
@@ -88,8 +112,8 @@ def table(rows: Sequence[Sequence[str]], left: int = 1) -> str:
         cells = [c.ljust(w) if k < left else c.rjust(w) for k, (c, w) in enumerate(zip(row, widths))]
         return "| " + " | ".join(cells) + " |"
 
-    rule = "|" + "|".join("-" * (w + 2) if k < left else "-" * (w + 1) + ":" for k, w in enumerate(widths)) + "|"
-    return "\n".join([line(rows[0]), rule, *map(line, rows[1:])])
+    rules = ["-" * (w + 2) if k < left else "-" * (w + 1) + ":" for k, w in enumerate(widths)]
+    return "\n".join([line(rows[0]), f"|{'|'.join(rules)}|", *map(line, rows[1:])])
 
 
 def write_json(path: str | None, rows: Sequence[Mapping[str, Any]], **more: Any) -> None:

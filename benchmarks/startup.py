@@ -105,7 +105,7 @@ def main() -> None:
     parser.add_argument("--as-is", action="store_true", help="leave Python's bytecode cache to the environment")
     options = parser.parse_args()
     repeats = 3 if options.quick else 21
-    environment = {**os.environ, "PYTHONPATH": str(measure.ROOT), "MPLBACKEND": "Agg"}
+    environment = {**os.environ, "PYTHONPATH": measure.search_path(), "MPLBACKEND": "Agg"}
     with tempfile.TemporaryDirectory() as folder:
         if not options.as_is:
             environment.pop("PYTHONDONTWRITEBYTECODE", None)

@@ -11,10 +11,6 @@ is not part of the time a sample and is listed apart.
 from __future__ import annotations
 
 import argparse
-import os
-import subprocess
-import sys
-import tempfile
 from collections.abc import Callable
 from typing import Any
 
@@ -44,15 +40,7 @@ print(time.perf_counter() - start)
 
 def compile_times(scene: str, kind: str) -> tuple[float, float]:
     """Return the seconds from a scene to a function ready to call: nothing cached, and all code cached."""
-    with tempfile.TemporaryDirectory() as cache:
-        command = [sys.executable, "-c", READY.format(kind=KINDS[kind].__name__)]
-        environment = {**os.environ, "ROBODYN_CACHE": cache, "PYTHONPATH": str(measure.ROOT)}
-        times = [
-            float(subprocess.run(command, input=scene, text=True, env=environment, check=True,
-                                 stdout=subprocess.PIPE).stdout)
-            for _ in range(2)
-        ]  # fmt: skip
-    return times[0], times[1]
+    return measure.cold_and_cached(READY.format(kind=KINDS[kind].__name__), scene)
 
 
 def pinocchio_call(pin: Any, arm: arms.Arm, kind: str, q: Any, qd: Any, x: Any) -> Callable[[], Any]:

@@ -107,9 +107,13 @@ def _write(path: Path, code: bytes) -> None:
     """Keep an object; losing a race or having no space is no error."""
     with contextlib.suppress(OSError):
         handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(hashlib.sha256(code).digest() + code)
-        os.replace(name, path)
+        try:
+            with os.fdopen(handle, "wb") as stream:
+                stream.write(hashlib.sha256(code).digest() + code)
+            os.replace(name, path)
+        except BaseException:
+            os.unlink(name)
+            raise
         files = sorted(path.parent.glob("*.o"), key=lambda p: p.stat().st_mtime)
         for old in files[:-CACHE_FILES]:
             old.unlink()
@@ -143,7 +147,7 @@ def compile_module(key: str, write: Callable[[], str], level: int = 1) -> Compil
     """
     start = time.perf_counter()
     m = machine()
-    text = "\n".join([key, str(level), m.triple, m.cpu, m.features, code_version()])
+    text = "\n".join([key, str(level), m.triple, m.cpu, m.features, str(m.lanes), str(m.fused), code_version()])
     digest = hashlib.sha256(text.encode()).hexdigest()
     found = _loaded.get(digest)
     if found is not None:

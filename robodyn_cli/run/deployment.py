@@ -26,6 +26,7 @@ from robodyn_cli.run.singularity import (
     passive_determinant,
     rank_loss_ahead,
     rank_loss_event,
+    refuse_dependent_rows,
 )
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
@@ -114,6 +115,9 @@ class Deployment:
             if event.name == NEAR_RANK_LOSS:
                 found.clean_until = event.time
                 found.bifurcation = rank_loss_ahead(problem, self.system, self.method, event, options)
+                if found.bifurcation is not None:
+                    time, state = found.bifurcation
+                    refuse_dependent_rows(problem, state[: problem.model.nq], time)
                 return found.bifurcation is None
             kind = classify(problem, event.state[: problem.model.nq], self.passive).kind
             if kind == "dead_point":

@@ -192,6 +192,27 @@ def classify(problem: Problem, q: Array, passive: Sequence[int]) -> Singularity:
     return Singularity("regular", whole, block)
 
 
+def refuse_dependent_rows(problem: Problem, q: Array, time: float) -> None:
+    """Tell a loss of rank of the rows that were kept, of redundant ones, from one of the loops themselves.
+
+    Raises
+    ------
+    NumericalError : the loops keep their rank; other rows would have to be kept from here on.
+    """
+    if problem.keep_rows is None:
+        return
+    every = Problem(problem.scene, model=problem.model)
+    sigma = np.linalg.svd(psi_at(every, q, time), compute_uv=False)
+    if int((sigma > RANK * sigma[0]).sum()) < len(loop_rows(problem)):
+        return
+    kept = ", ".join(problem.constraints.rows[i].name for i in loop_rows(problem))
+    raise NumericalError(
+        f"the constraints kept of redundant ones ({kept}) come to depend on each other at t = {time:.9g} s, although "
+        "the loops do not lose rank; start closer to that configuration, or model the loop in its plane",
+        time=time, status="dependent_rows",
+    )  # fmt: skip
+
+
 def stop_at_rank_loss(problem: Problem, system: System, method: str, event: Event, options: Options) -> None:
     """Raise if the motion runs into a loss of rank; coming near and leaving again passes.
 
@@ -204,6 +225,7 @@ def stop_at_rank_loss(problem: Problem, system: System, method: str, event: Even
         return
     time, state = ahead
     q = state[: problem.model.nq]
+    refuse_dependent_rows(problem, q, time)
     found = classify(problem, q, ())
     loops = ", ".join(loop.name for loop in problem.model.loops)
     raise SingularConfigurationError(

@@ -4,17 +4,39 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from collections.abc import Sequence as SequenceOf
+from types import TracebackType
 from typing import NoReturn
 
-from robodyn_cli.errors import did_you_mean
+from robodyn_cli.errors import SceneError, did_you_mean
 from robodyn_cli.scene.nodes import Mapping, Node, Path, Scalar, Sequence, dotted, located
 
 
 class Check:
-    """Finds the node of a path, to say where something is wrong."""
+    """Finds the node of a path, to say where something is wrong.
 
-    def __init__(self, root: Node) -> None:
+    Checks that do not build on each other stand in ``with check:`` blocks: where errors are ``collected``, such a
+    block ends at its first error and what follows it goes on.
+    """
+
+    def __init__(self, root: Node, collected: list[SceneError] | None = None) -> None:
         self.root = root
+        self.collected = collected
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> bool:
+        if self.collected is None or not isinstance(error, SceneError):
+            return False
+        self.collected.append(error)
+        return True
+
+    @property
+    def failures(self) -> int:
+        """Number of errors collected."""
+        return len(self.collected or ())
 
     def find(self, path: Path) -> Node | None:
         """Return the node at ``path``, if there is one."""
@@ -60,5 +82,6 @@ class Check:
     def unique(self, names: SequenceOf[str], what: str, paths: SequenceOf[Path]) -> None:
         """Refuse a name that stands twice."""
         for k, name in enumerate(names):
-            if name in names[:k]:
-                self.fail(paths[k], f"{what} {name!r} stands twice; names of {what}s must differ")
+            with self:
+                if name in names[:k]:
+                    self.fail(paths[k], f"{what} {name!r} stands twice; names of {what}s must differ")

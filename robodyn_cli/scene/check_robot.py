@@ -22,24 +22,29 @@ def moving(robot: Robot) -> tuple[str, ...]:
 
 
 def check_robot(robot: Robot, check: Check) -> Robot:
-    """Return the robot with every joint's link and parent filled in, or raise the first error."""
+    """Return the robot with every joint's link and parent filled in, as far as they could be."""
     joints = [(*ROBOT, "joints", k) for k in range(len(robot.joints))]
     links = [(*ROBOT, "links", k) for k in range(len(robot.links))]
     check.unique([j.name for j in robot.joints], "joint", [(*p, "name") for p in joints])
     check.unique([link.name for link in robot.links], "link", [(*p, "name") for p in links])
     for path, link in zip(links, robot.links):
-        if link.name == BASE:
-            check.fail((*path, "name"), "'base' is the ground; choose another name")
-    robot = _connect(robot, check, joints, links)
+        with check:
+            if link.name == BASE:
+                check.fail((*path, "name"), "'base' is the ground; choose another name")
+    with check:
+        robot = _connect(robot, check, joints, links)
     for path, joint in zip(joints, robot.joints):
-        _check_placement(robot, joint, check, path)
-        _check_drive(joint, check, path)
+        with check:
+            _check_placement(robot, joint, check, path)
+        with check:
+            _check_drive(joint, check, path)
     for path, link in zip(links, robot.links):
         owner = joint_of(robot, link.name)
         ambiguous = robot.convention == "standard" and owner is not None and has_dh(owner)
         if ambiguous and link.com is not None and link.com_frame is None:
             message = "key 'com_frame' is missing: with standard D-H the link frame is not at the joint"
-            check.fail(path, f"{message}; allowed: joint, link")
+            with check:
+                check.fail(path, f"{message}; allowed: joint, link")
     _check_points(robot, check)
     return robot
 
@@ -49,24 +54,29 @@ def _connect(robot: Robot, check: Check, joints: list[Path], links: list[Path]) 
     names = [link.name for link in robot.links]
     moved: dict[str, str] = {}
     connected: list[Joint] = []
+    failures = check.failures
     for k, joint in enumerate(robot.joints):
-        link = joint.link
-        if link is None and k >= len(names):
-            check.fail(joints[k], f"joint {joint.name!r} moves no link: there are only {len(names)} links")
-        if link is None:
-            link = names[k]
-        elif link == BASE:
-            check.fail((*joints[k], "link"), "a joint cannot move 'base'")
-        check.known(link, names, "link", (*joints[k], "link"))
-        if link in moved:
-            check.fail((*joints[k], "link"), f"link {link!r} is moved by joint {moved[link]!r} already")
-        moved[link] = joint.name
-        parent = joint.parent or (connected[-1].link if connected else BASE)
-        check.known(str(parent), [BASE, *names], "link", (*joints[k], "parent"))
-        connected.append(dataclasses.replace(joint, link=link, parent=parent))
+        with check:
+            link = joint.link
+            if link is None and k >= len(names):
+                check.fail(joints[k], f"joint {joint.name!r} moves no link: there are only {len(names)} links")
+            if link is None:
+                link = names[k]
+            elif link == BASE:
+                check.fail((*joints[k], "link"), "a joint cannot move 'base'")
+            check.known(link, names, "link", (*joints[k], "link"))
+            if link in moved:
+                check.fail((*joints[k], "link"), f"link {link!r} is moved by joint {moved[link]!r} already")
+            moved[link] = joint.name
+            parent = joint.parent or (connected[-1].link if connected else BASE)
+            check.known(str(parent), [BASE, *names], "link", (*joints[k], "parent"))
+            connected.append(dataclasses.replace(joint, link=link, parent=parent))
+    if check.failures > failures:
+        return robot
     for path, name in zip(links, names):
-        if name not in moved:
-            check.fail(path, f"no joint moves link {name!r}; each link needs one joint")
+        with check:
+            if name not in moved:
+                check.fail(path, f"no joint moves link {name!r}; each link needs one joint")
     owner = {str(joint.link): joint for joint in connected}
     grounded = {BASE}
     for k, joint in enumerate(connected):
@@ -113,10 +123,10 @@ def _check_drive(joint: Joint, check: Check, path: Path) -> None:
     if joint_types[joint.type].nv == 0:
         forces = [name for name, _ in joint.forces]
         for name in ("axis", "offset", "gear_ratio", "rotor_inertia", *forces):
-            if check.has((*path, name)):
-                check.fail(
-                    (*path, name), f"joint {joint.name!r} is {joint.type}: it takes no {name!r}", at_key=True
-                )
+            with check:
+                if check.has((*path, name)):
+                    message = f"joint {joint.name!r} is {joint.type}: it takes no {name!r}"
+                    check.fail((*path, name), message, at_key=True)
 
 
 def _check_points(robot: Robot, check: Check) -> None:
@@ -124,11 +134,12 @@ def _check_points(robot: Robot, check: Check) -> None:
     for group, points in (("points", robot.points), ("frames", robot.frames)):
         for name, point in points.items():
             path = (*ROBOT, group, name)
-            if name in BUILT_IN:
-                check.fail(
-                    path, f"{name!r} is reserved, as in 'LINK.{name}'; choose another name", at_key=True
-                )
-            check.known(point.link, names, "link", (*path, "link"))
-            problem = spot_problem(robot, point.link, point.at) if isinstance(point.at, str) else None
-            if problem is not None:
-                check.fail((*path, "at"), problem)
+            with check:
+                if name in BUILT_IN:
+                    check.fail(
+                        path, f"{name!r} is reserved, as in 'LINK.{name}'; choose another name", at_key=True
+                    )
+                check.known(point.link, names, "link", (*path, "link"))
+                problem = spot_problem(robot, point.link, point.at) if isinstance(point.at, str) else None
+                if problem is not None:
+                    check.fail((*path, "at"), problem)

@@ -52,13 +52,13 @@ def _load(root: Node, path: str, overrides: Sequence[str], includer: Includer) -
     for override in overrides:
         root = options.apply(root, kind, override, root.source.directory, includer)
     root = includer.whole(kind, root)
-    scene = validate(Reader(_names(root)).read(Scene, root), root)
+    scene = validate(Reader(formula_names(root)).read(Scene, root), root)
     return dataclasses.replace(
         scene, path=path, text=emit(root), sources=tuple(dict.fromkeys(includer.sources))
     )
 
 
-def _names(root: Node) -> Names:
+def formula_names(root: Node) -> Names:
     """Return the names that formulas may use, as far as the tree can be understood before it is read."""
     robot = root.get("robot") if isinstance(root, Mapping) else None
     joints = robot.get("joints") if isinstance(robot, Mapping) else None

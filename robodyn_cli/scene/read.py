@@ -48,6 +48,8 @@ T = TypeVar("T")
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 _IN_FORMULAS = ("joint", "parameter")
 _MAX_LISTED = 20
+# what stands for a value that could not be read, where errors are collected
+BROKEN: Any = object()
 
 
 def _entries(node: Sequence) -> str:
@@ -97,6 +99,10 @@ class Reader:
     def value(self, kind: Kind, node: Node, path: Path, unit: str = "") -> Any:
         """Return what ``node`` says, as ``kind`` wants it."""
         return self.handlers[type(kind)](kind, node, path, unit)
+
+    def report(self, error: SceneError) -> None:
+        """Raise an error after which reading could go on."""
+        raise error
 
     def wrong(self, kind: Kind, node: Node, path: Path, unit: str, what: str = "") -> SceneError:
         """Return the error of a value that ``kind`` does not allow."""
@@ -293,29 +299,34 @@ class Reader:
             here = (*path, key.text)
             if key.text not in allowed:
                 hint = did_you_mean(key.text, allowed)
-                raise located(
-                    key, dotted(here), f"unknown key {shown(key.text)}{hint}; allowed: {', '.join(allowed)}"
-                )
-            if key.text in inline:
+                what = f"unknown key {shown(key.text)}{hint}; allowed: {', '.join(allowed)}"
+                self.report(located(key, dotted(here), what))
+            elif key.text in inline:
                 holder, cls = inline[key.text]
-                elements[holder].append((key.text, self.section(Section(cls), item, here)))
+                found = self.value(Section(cls), item, here)
+                if found is not BROKEN:
+                    elements[holder].append((key.text, found))
             elif not self.is_default(fields[key.text], item):
                 field = fields[key.text]
                 values[key.text] = self.value(field.metadata["kind"], item, here, field.metadata["unit"])
         self.check_missing(fields, holders, values, node, path)
         order = list(inline)
-        for holder, found in elements.items():
+        for holder, pairs in elements.items():
             # in the order of the registry, so that the order of keys in the file makes no difference
-            values[holder] = tuple(sorted(found, key=lambda pair: order.index(pair[0])))
-        return kind.cls(**values)
+            values[holder] = tuple(sorted(pairs, key=lambda pair: order.index(pair[0])))
+        return self.make(kind.cls, values)
+
+    def make(self, cls: type, values: dict[str, Any]) -> Any:
+        """Return the section with these values."""
+        return cls(**values)
 
     @staticmethod
     def is_default(field: dataclasses.Field[Any], node: Node) -> bool:
         """Tell whether a key is written as null where null means that it is absent."""
         return isinstance(node, Scalar) and node.value is None and field.default is None
 
-    @staticmethod
     def check_missing(
+        self,
         fields: dict[str, dataclasses.Field[Any]],
         holders: set[str],
         values: dict[str, Any],
@@ -335,4 +346,4 @@ class Reader:
             what = f"key{'s' * (len(missing) > 1)} {keys} {'are' if len(missing) > 1 else 'is'} missing"
             docs = fields[missing[0]].metadata
             meaning = f" ({missing[0]}: {describe(docs['kind'], docs['unit'])})"
-            raise located(node, dotted(path), f"{what}{meaning}; needed here: {', '.join(needed)}")
+            self.report(located(node, dotted(path), f"{what}{meaning}; needed here: {', '.join(needed)}"))

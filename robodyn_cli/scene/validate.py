@@ -28,20 +28,24 @@ class _SceneNames:
         return point_problem(self.robot, reference)
 
 
-def validate(scene: Scene, root: Node) -> Scene:
-    """Return the scene with the robot's connections filled in, or raise the first error."""
-    check = Check(root)
+def validate(scene: Scene, root: Node, collected: list[SceneError] | None = None) -> Scene:
+    """Return the scene with the robot's connections filled in; raise the first error, or collect all."""
+    check = Check(root, collected)
     robot = check_robot(scene.robot, check)
     scene = dataclasses.replace(scene, robot=robot)
+    joints = {joint.name for joint in robot.joints}
     for name in scene.parameters:
-        if name in [joint.name for joint in robot.joints]:
-            check.fail(("parameters", name), f"{name!r} is a joint already; choose another name", at_key=True)
+        with check:
+            if name in joints:
+                message = f"{name!r} is a joint already; choose another name"
+                check.fail(("parameters", name), message, at_key=True)
     _check_loops(scene, check)
     _check_drives(scene, check)
     _check_initial(scene, check)
     if scene.trajectory is not None:
         for path, message in scene.trajectory.problems(_SceneNames(robot)):
-            check.fail(("trajectory", *path), message)
+            with check:
+                check.fail(("trajectory", *path), message)
     _check_runs(scene, check)
     return scene
 
@@ -51,11 +55,11 @@ def _check_joints(scene: Scene, names: Iterable[tuple[str, Path]], check: Check,
     joints = moving(scene.robot)
     fixed = [joint.name for joint in scene.robot.joints if joint.name not in joints]
     for name, path in names:
-        if name in fixed:
-            check.fail(
-                path, f"joint {name!r} is fixed: it has no coordinate; allowed: {', '.join(joints)}", at_key
-            )
-        check.known(name, joints, "joint", path, at_key)
+        with check:
+            if name in fixed:
+                message = f"joint {name!r} is fixed: it has no coordinate; allowed: {', '.join(joints)}"
+                check.fail(path, message, at_key)
+            check.known(name, joints, "joint", path, at_key)
 
 
 def _keys(names: Iterable[str], *path: str) -> list[tuple[str, Path]]:
@@ -70,17 +74,19 @@ def _check_loops(scene: Scene, check: Check) -> None:
     paths: list[Path] = [("loops", k) for k in range(len(scene.loops))]
     check.unique([loop.name for loop in scene.loops], "loop", [(*path, "name") for path in paths])
     for path, loop in zip(paths, scene.loops):
-        for k, reference in enumerate(loop.between):
-            problem = point_problem(scene.robot, reference)
-            if problem is not None:
-                check.fail((*path, "between", k), problem)
-        first, second = (point_link(scene.robot, reference) for reference in loop.between)
-        if first == second:
-            check.fail((*path, "between"), f"both points are on {first!r}; a loop joins two links")
+        with check:
+            for k, reference in enumerate(loop.between):
+                problem = point_problem(scene.robot, reference)
+                if problem is not None:
+                    check.fail((*path, "between", k), problem)
+            first, second = (point_link(scene.robot, reference) for reference in loop.between)
+            if first == second:
+                check.fail((*path, "between"), f"both points are on {first!r}; a loop joins two links")
         for name in ("axis", "axis2"):
             axis = getattr(loop, name, None)
-            if axis is not None and not any(axis):
-                check.fail((*path, name), "must not be zero (value [0, 0, 0])")
+            with check:
+                if axis is not None and not any(axis):
+                    check.fail((*path, name), "must not be zero (value [0, 0, 0])")
 
 
 def _check_drives(scene: Scene, check: Check) -> None:
@@ -90,18 +96,23 @@ def _check_drives(scene: Scene, check: Check) -> None:
     _check_joints(scene, _keys(scene.torques, "torques"), check, at_key=True)
     _check_joints(scene, _keys(scene.prescribed, "prescribed"), check, at_key=True)
     for name, torque in scene.torques.items():
-        path: Path = ("torques", name)
-        if actuated is not None and name not in actuated:
-            allowed = ", ".join(actuated) or "none"
-            check.fail(path, f"joint {name!r} is not in 'actuated'; allowed: {allowed}", at_key=True)
-        if name in scene.prescribed:
-            check.fail(path, f"the motion of {name!r} is prescribed, so its torque is a result", at_key=True)
-        if isinstance(torque, Torque):
-            for k in range(1, len(torque.table)):
-                time, before = torque.table[k][0], torque.table[k - 1][0]
-                if not time > before:
-                    message = f"times must increase (value {time!r} after {before!r})"
-                    check.fail((*path, "table", k, 0), message)
+        with check:
+            _check_torque(scene, name, torque, check)
+
+
+def _check_torque(scene: Scene, name: str, torque: object, check: Check) -> None:
+    path: Path = ("torques", name)
+    if scene.actuated is not None and name not in scene.actuated:
+        allowed = ", ".join(scene.actuated) or "none"
+        check.fail(path, f"joint {name!r} is not in 'actuated'; allowed: {allowed}", at_key=True)
+    if name in scene.prescribed:
+        check.fail(path, f"the motion of {name!r} is prescribed, so its torque is a result", at_key=True)
+    if isinstance(torque, Torque):
+        for k in range(1, len(torque.table)):
+            time, before = torque.table[k][0], torque.table[k - 1][0]
+            if not time > before:
+                message = f"times must increase (value {time!r} after {before!r})"
+                check.fail((*path, "table", k, 0), message)
 
 
 def _check_initial(scene: Scene, check: Check) -> None:
@@ -118,10 +129,10 @@ def _check_initial(scene: Scene, check: Check) -> None:
             ("initial", "q", joint.name),
             ("initial", "qd", joint.name),
         ):
-            if _in_degrees(check.find(path)):
-                check.fail(
-                    path, f"'deg' does not fit: joint {joint.name!r} is prismatic; allowed: a length in m"
-                )
+            with check:
+                if _in_degrees(check.find(path)):
+                    message = f"'deg' does not fit: joint {joint.name!r} is prismatic; allowed: a length in m"
+                    check.fail(path, message)
 
 
 def _in_degrees(node: Node | None) -> bool:
@@ -135,18 +146,19 @@ def _in_degrees(node: Node | None) -> bool:
 
 def _check_runs(scene: Scene, check: Check) -> None:
     options = scene.simulate
-    if options.integrator == "rk4" and options.step is None:
-        message = "has a fixed step: key 'step' is missing beside it (value 'rk4'); allowed: a number > 0 [s]"
-        check.fail(("simulate", "integrator"), message)
-    if options.integrator != "rk4" and options.step is not None:
-        message = (
-            f"does not go with integrator {options.integrator!r}, which chooses its own; allowed: with rk4"
-        )
-        check.fail(("simulate", "step"), message)
+    with check:
+        if options.integrator == "rk4" and options.step is None:
+            message = "has a fixed step: key 'step' is missing beside it (value 'rk4'); allowed: a number > 0 [s]"
+            check.fail(("simulate", "integrator"), message)
+        if options.integrator != "rk4" and options.step is not None:
+            message = f"does not go with integrator {options.integrator!r}, which chooses its own"
+            check.fail(("simulate", "step"), f"{message}; allowed: with rk4")
     if scene.deploy.latch is not None:
         between = scene.deploy.latch.between
         links = [link.name for link in scene.robot.links]
         for name, path in _items(between, "deploy", "latch", "between"):
-            check.known(name, [*links, BASE], "link", path)
-        if between[0] == between[1]:
-            check.fail(("deploy", "latch", "between"), f"both are {between[0]!r}; a latch joins two links")
+            with check:
+                check.known(name, [*links, BASE], "link", path)
+        with check:
+            if between[0] == between[1]:
+                check.fail(("deploy", "latch", "between"), f"both are {between[0]!r}; a latch joins two links")

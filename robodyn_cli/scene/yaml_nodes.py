@@ -57,13 +57,20 @@ def read_text(path: str, place: Node | None, key: str, shown_as: str) -> str:
         raise located(at, key, f"{what}: it is not UTF-8 text (byte {error.start}, line {line})") from None
 
 
-def compose(text: str, source: Source, path: Path = (), empty: bool = False) -> Node:
+def compose(
+    text: str,
+    source: Source,
+    path: Path = (),
+    empty: bool = False,
+    collected: list[SceneError] | None = None,
+) -> Node:
     """Return the tree of the one document in ``text``.
 
     Parameters
     ----------
     path : where the tree hangs in the scene, for messages.
     empty : whether null is a document too.
+    collected : takes the errors after which reading can go on; without it the first is raised.
 
     Raises
     ------
@@ -77,7 +84,7 @@ def compose(text: str, source: Source, path: Path = (), empty: bool = False) -> 
         raise located(
             _at(source, text, error.start), key, "half a surrogate pair; allowed: Unicode text"
         ) from None
-    builder = _Builder(source, path)
+    builder = _Builder(source, path, collected)
     try:
         for event in _events(text):
             builder.take(event)
@@ -127,13 +134,19 @@ class _Open:
 
 
 class _Builder:
-    def __init__(self, source: Source, base: Path) -> None:
+    def __init__(self, source: Source, base: Path, collected: list[SceneError] | None) -> None:
         self.source = source
         self.base = base
+        self.collected = collected
         self.root: Node | None = None
         self.stack: list[_Open] = []
         self.anchors: dict[str, Node | None] = {}  # None: the anchored node is still open
         self.aliased = 0
+
+    def report(self, error: SceneError) -> None:
+        if self.collected is None:
+            raise error
+        self.collected.append(error)
 
     def take(self, event: Any) -> None:
         """Add one event to the tree."""
@@ -191,14 +204,12 @@ class _Builder:
         if node.text in top.keys:
             first = top.keys[node.text]
             at = dotted((*self.steps(), node.text))
-            raise located(place, at, f"key {shown(node.text)} stands twice; first on line {first.line}")
+            what = f"key {shown(node.text)} stands twice; first on line {first.line}"
+            self.report(located(place, at, what))
         if node.text == "<<":
-            raise located(
-                place,
-                self.path(),
-                "merge keys (<<) do not exist in YAML 1.2; repeat the keys, or use `include`",
-            )
-        top.keys[node.text] = place
+            what = "merge keys (<<) do not exist in YAML 1.2; repeat the keys, or use `include`"
+            self.report(located(place, self.path(), what))
+        top.keys.setdefault(node.text, place)
 
     def steps(self) -> Path:
         """Return the path of the value that comes next."""
@@ -235,7 +246,7 @@ class _Builder:
             elif event.tag not in (None, "!"):
                 value = self.tagged(event.tag, kind, text, place)
         except ValueError as error:
-            raise located(place, self.path(), f"{error} (value {shown(text)})") from None
+            self.report(located(place, self.path(), f"{error} (value {shown(text)})"))
         return Scalar(self.source, place.line, place.column, text, value)
 
     def tagged(self, tag: str, kind: str, text: str, place: Scalar) -> Value:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
+import math
 from collections.abc import Sequence
 from typing import Any, Protocol
 
@@ -20,6 +22,9 @@ ATTEMPTS = 24  # random starts
 MOST_STEP = 0.7  # rad, or part of the size of the mechanism
 CLOSED = 1e-11  # rad, or part of the size of the mechanism
 RANK_TOLERANCE = 1e-9
+MOTION_SAMPLES = 80  # configurations on each side of the start at which a choice of rows is judged
+MOTION_STEP = 0.1  # rad, or part of the size of the mechanism, between them
+MOST_CHOICES = 3000  # choices of rows that are all looked at
 
 
 class Equations(Protocol):
@@ -342,8 +347,45 @@ def _independent_rows(numbers: _Numbers, q: Array, lengths: Array) -> tuple[tupl
             f"({here} of {generic} independent rows), so multipliers are not unique; start away from it",
             rank=here, generic_rank=generic, kind="bifurcation",
         )  # fmt: skip
-    keep: list[int] = []
-    for i in range(m):
-        if _rank(example[[*keep, i]])[0] > len(keep):
-            keep.append(i)
-    return tuple(keep), tuple(i for i in range(m) if i not in keep)
+    return _best_rows([example, *_along_the_motion(numbers, q, lengths)], generic, m)
+
+
+def _along_the_motion(numbers: _Numbers, q: Array, lengths: Array) -> list[Array]:
+    """Return Psi at closed configurations on both sides of q along the mechanism's motion."""
+    rng = np.random.default_rng(11)
+    everything = list(range(len(q)))
+    found = []
+    for way in (1.0, -1.0):
+        here = q.copy()
+        last = way * rng.normal(size=len(q))
+        for _ in range(MOTION_SAMPLES):
+            psi = numbers.psi(here) * lengths
+            rank, _ = _rank(psi)
+            free = np.linalg.svd(psi)[2][rank:]
+            step = free.T @ (free @ last)
+            if not np.any(step):
+                break
+            last = step / np.abs(step).max()
+            here, residual = _newton(numbers, here + MOTION_STEP * last * lengths, everything, lengths)
+            if residual > CLOSED:
+                break
+            found.append(numbers.psi(here))
+    return found
+
+
+def _best_rows(samples: list[Array], rank: int, m: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return the rows that stay furthest from depending on each other over all samples of Psi, and the others."""
+    psi = np.stack(samples)
+    largest = np.linalg.svd(psi, compute_uv=False)[:, 0]
+
+    def worth(rows: Sequence[int]) -> float:
+        return float((np.linalg.svd(psi[:, list(rows)], compute_uv=False)[:, -1] / largest).min())
+
+    if math.comb(m, rank) <= MOST_CHOICES:
+        keep = max(itertools.combinations(range(m), rank), key=worth)
+    else:
+        chosen: list[int] = []
+        while len(chosen) < rank:
+            chosen.append(max((i for i in range(m) if i not in chosen), key=lambda i: worth([*chosen, i])))
+        keep = tuple(sorted(chosen))
+    return keep, tuple(i for i in range(m) if i not in keep)

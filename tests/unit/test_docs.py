@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import typer.main
 
+import robodyn_cli
 from robodyn_cli import deploy, errors, inverse, load_scene, load_scene_text, simulate
 from robodyn_cli.cli.app import app
 from robodyn_cli.cli.console import INTERNAL, INTERRUPTED
@@ -162,6 +163,12 @@ def test_exit_codes() -> None:
     assert {int(code) for code in short} == codes
 
 
+def test_python_names() -> None:
+    part = section(text("docs/cli.md"), "## From Python")
+    named = {word for code in re.findall(r"`([^`]+)`", part) for word in re.findall(r"\w+", code)}
+    assert set(robodyn_cli.__all__) - {"__version__"} <= named
+
+
 def test_environment_variables() -> None:
     sources = "".join(p.read_text("utf-8") for p in (ROOT / "robodyn_cli").rglob("*.py"))
     used = set(re.findall(r"\b(ROBODYN_[A-Z]+)\b", sources))
@@ -302,6 +309,13 @@ def test_images_are_used_and_small() -> None:
     files = list((DOCS / "images").iterdir())
     assert used == {f.name for f in files}
     assert all(f.stat().st_size < 60_000 for f in files)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_source_files_named_exist(page: Path) -> None:
+    for name in re.findall(r"`([\w/*]+\.py)`", page.read_text("utf-8")):
+        if "NAME" not in name:
+            assert any(list(base.glob(name)) for base in (ROOT / "robodyn_cli", ROOT, page.parent)), name
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

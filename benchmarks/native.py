@@ -1,0 +1,63 @@
+"""robodyn's compiled right-hand side as a plain function of Python, for integrators written in Python."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.formulations.system import System
+from robodyn_cli.kernels.compiler import compile_module, machine
+from robodyn_cli.kernels.ir import Function, Value, module
+from robodyn_cli.kernels.lower import lower
+from robodyn_cli.kernels.program import Program
+
+
+def rates(system: System) -> Callable[[float, np.ndarray], np.ndarray]:
+    """Return f(t, y) of y' = f, with y = (q, v)."""
+    return _compiled(system, system.dynamics, "a", system.nq, 2 * system.nv)
+
+
+def switching(system: System) -> Callable[[float, np.ndarray], float]:
+    """Return g(t, y), the first event function."""
+    assert system.switching is not None
+    g = _compiled(system, system.switching, "g", 0, len(system.events))
+
+    def first(t: float, y: np.ndarray) -> float:
+        return float(g(t, y)[0])
+
+    return first
+
+
+def _compiled(system: System, program: Program, output: str, carried: int, size: int) -> Any:
+    """Return a function of (t, y) whose result is ``carried`` rates of y followed by a program's output."""
+    host = machine()
+
+    def write() -> str:
+        f = Function("rhs", ["ptr %t", "ptr %y", "ptr %out"])
+
+        def values(address: str, first: int, count: int) -> list[Value]:
+            return [f.load(f.offset(address, first + k)) for k in range(count)]
+
+        inputs = {"t": values("%t", 0, 1), "q": values("%y", 0, system.nq), "v": values("%y", system.nq, system.nv)}
+        results = lower(f, program, inputs, 1, host.fused)[output]
+        for k, value in enumerate([*inputs["v"][:carried], *results]):
+            f.store(value, f.offset("%out", k))
+        f.ret()
+        return module([f])
+
+    code = compile_module(f"benchmark {output} {program.digest}", write)
+    call = code.function("rhs", *[ctypes.c_void_p] * 3)
+    t, y, out = np.zeros(1), np.zeros(system.size), np.zeros(size)
+    places = t.ctypes.data, y.ctypes.data, out.ctypes.data
+
+    def function(time: float, state: np.ndarray) -> np.ndarray:
+        t[0] = time
+        y[:] = state
+        call(*places)
+        return out.copy()
+
+    function.keep = code, t, y, out  # type: ignore[attr-defined]
+    return function

@@ -1,0 +1,223 @@
+"""The cache of compiled code: used by the next process, never trusted blindly, never in the way."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import robodyn_cli
+from robodyn_cli.expr import functions as f
+from robodyn_cli.expr.graph import Graph
+from robodyn_cli.kernels import compiler
+from robodyn_cli.kernels.samples import SampleKernel
+
+ROOT = Path(robodyn_cli.__file__).resolve().parent.parent
+SCRIPT = """
+import json, sys
+import numpy as np
+from robodyn_cli.expr import functions as f
+from robodyn_cli.expr.graph import Graph
+from robodyn_cli.kernels.compiler import REPORT
+from robodyn_cli.kernels.samples import SampleKernel
+
+values = []
+for k in range(int(sys.argv[1])):
+    q = Graph().symbols(["a", "b"], "q")
+    kernel = SampleKernel({"r": [f.sin(q[0]) * q[1] + (k + 0.5)]}, ("q",))
+    values.append(float(kernel(q=np.array([[0.3, 2.0]]))["r"][0, 0]))
+print(json.dumps([REPORT.compiled, REPORT.cached, values]))
+"""
+
+
+def start(cache: Path | str, programs: int = 1, root: Path = ROOT) -> subprocess.Popen[str]:
+    environment = {**os.environ, "ROBODYN_CACHE": str(cache), "PYTHONPATH": str(root)}
+    return subprocess.Popen(
+        [sys.executable, "-c", SCRIPT, str(programs)], env=environment, cwd=root, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+
+
+def finish(process: subprocess.Popen[str]) -> tuple[int, int, list[float]]:
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 0, err
+    compiled, cached, values = json.loads(out)
+    assert values == pytest.approx([np.sin(0.3) * 2.0 + (k + 0.5) for k in range(len(values))], rel=1e-15)
+    return compiled, cached, values
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty cache, and a process that remembers nothing."""
+    monkeypatch.setenv("ROBODYN_CACHE", str(tmp_path / "cache"))
+    forget(monkeypatch)
+    return tmp_path / "cache"
+
+
+def forget(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiler, "_loaded", {})
+
+
+def build(constant: float = 0.25) -> tuple[int, int]:
+    """Make a kernel and use it; returns how many programs were compiled and loaded for it."""
+    before = compiler.REPORT.compiled, compiler.REPORT.cached
+    q = Graph().symbols(["a"], "q")
+    got = SampleKernel({"r": [f.exp(q[0]) + constant]}, ("q",))(q=np.array([0.0, 1.0, -1.0]))["r"][:, 0]
+    np.testing.assert_allclose(got, np.exp([0.0, 1.0, -1.0]) + constant, rtol=1e-15)
+    return compiler.REPORT.compiled - before[0], compiler.REPORT.cached - before[1]
+
+
+def test_a_second_process_loads_what_the_first_compiled(tmp_path: Path) -> None:
+    first = finish(start(tmp_path, 3))
+    second = finish(start(tmp_path, 3))
+    assert first[:2] == (3, 0) and second[:2] == (0, 3)
+    assert first[2] == second[2]
+
+
+def test_within_a_process_code_is_made_once(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert build() == (1, 0)
+    assert build() == (0, 0)
+    forget(monkeypatch)
+    assert build() == (0, 1)
+    assert build(0.5) == (1, 0)
+
+
+DAMAGE = {
+    "empty": lambda data: b"",
+    "a few bytes": lambda data: data[:10],
+    "the digest only": lambda data: data[:32],
+    "half": lambda data: data[: len(data) // 2],
+    "one byte short": lambda data: data[:-1],
+    "one byte more": lambda data: data + b"\0",
+    "one bit in the code": lambda data: data[:200] + bytes([data[200] ^ 1]) + data[201:],
+    "one bit in the digest": lambda data: bytes([data[0] ^ 1]) + data[1:],
+    "something else": lambda data: b"#!/bin/sh\n" * 100,
+}
+
+
+@pytest.mark.parametrize("kind", DAMAGE)
+def test_damaged_files_are_compiled_again_and_mended(kind: str, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert build() == (1, 0)
+    (path,) = cache.glob("*.o")
+    whole = path.read_bytes()
+    path.write_bytes(DAMAGE[kind](whole))
+    forget(monkeypatch)
+    assert build() == (1, 0)
+    assert len(list(cache.iterdir())) == 1
+    forget(monkeypatch)
+    assert build() == (0, 1)
+
+
+def test_a_directory_in_the_place_of_a_file_is_no_obstacle(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    build()
+    (path,) = cache.glob("*.o")
+    path.unlink()
+    path.mkdir()
+    forget(monkeypatch)
+    assert build() == (1, 0)
+    assert not list(cache.glob("*.part")), "nothing half written is left behind"
+
+
+@pytest.mark.parametrize("place", ["a file", "below a file", "a name that is too long"])
+def test_where_nothing_can_be_kept_everything_works(
+    place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("in the way")
+    target = {"a file": blocked, "below a file": blocked / "x", "a name that is too long": tmp_path / ("x" * 300)}[place]
+    monkeypatch.setenv("ROBODYN_CACHE", str(target))
+    forget(monkeypatch)
+    assert compiler.cache_directory() is None
+    assert build() == (1, 0)
+    assert blocked.read_text() == "in the way"
+
+
+@pytest.mark.parametrize("function", ["tempfile.mkstemp", "os.replace", "os.fdopen"])
+def test_a_full_or_read_only_disk_is_no_error(function: str, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(function, fail)
+        assert build() == (1, 0)
+    assert not list(cache.iterdir())
+    forget(monkeypatch)
+    assert build() == (1, 0)
+
+
+def test_the_cache_can_be_switched_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROBODYN_CACHE", "off")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    for _ in range(2):
+        forget(monkeypatch)
+        assert build() == (1, 0)
+    assert not list(tmp_path.iterdir())
+
+
+def test_by_default_it_lies_in_the_users_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("ROBODYN_CACHE", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr("platform.system", lambda: "Linux")
+    assert compiler.cache_directory() == tmp_path / "robodyn"
+    if os.name == "posix":
+        assert (tmp_path / "robodyn").stat().st_mode & 0o077 == 0, "others must not plant code there"
+
+
+def test_many_processes_at_once_do_not_disturb_each_other(tmp_path: Path) -> None:
+    processes = [start(tmp_path, 6) for _ in range(4)]
+    results = [finish(p) for p in processes]
+    assert all(compiled + cached == 6 for compiled, cached, _ in results)
+    assert len({tuple(values) for *_, values in results}) == 1
+    files = list(tmp_path.iterdir())
+    assert len(files) == 6 and all(compiler._read(p) is not None for p in files)
+    assert finish(start(tmp_path, 6))[:2] == (0, 6)
+
+
+def test_the_newest_files_are_kept(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiler, "CACHE_FILES", 3)
+    now = time.time()
+    names = []
+    for k in range(6):
+        build(float(k))
+        (new,) = set(cache.glob("*.o")) - set(names)
+        names.append(new)
+        os.utime(new, (now - 100 + k, now - 100 + k))
+    assert set(cache.glob("*.o")) == set(names[-3:])
+    forget(monkeypatch)
+    assert build(5.0) == (0, 1) and build(0.0) == (1, 0)
+
+
+def test_another_version_of_the_writer_does_not_use_old_code(tmp_path: Path) -> None:
+    finish(start(tmp_path / "cache"))
+    other = tmp_path / "other"
+    shutil.copytree(ROOT / "robodyn_cli", other / "robodyn_cli", ignore=shutil.ignore_patterns("__pycache__"))
+    assert finish(start(tmp_path / "cache", root=other))[:2] == (0, 1), "a copy is the same version"
+    for folder in ("kernels", "integrators"):
+        source = next((other / "robodyn_cli" / folder).glob("*.py"))
+        source.write_text(source.read_text() + "\n# changed\n")
+        assert finish(start(tmp_path / "cache", root=other))[:2] == (1, 0)
+
+
+@pytest.mark.parametrize("field", ["cpu", "features", "lanes", "fused"])
+def test_another_processor_does_not_use_it_either(field: str, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import dataclasses
+
+    keys: list[str] = []
+    monkeypatch.setattr(compiler, "_read", lambda path: keys.append(path.name))
+    build()
+    host = compiler.machine()
+    value = {"cpu": "generic", "features": host.features + ",-fma", "lanes": host.lanes + 1, "fused": not host.fused}
+    other = dataclasses.replace(host, **{field: value[field]})
+    monkeypatch.setattr(compiler, "machine", lambda: other)
+    forget(monkeypatch)
+    compiler.compile_module("key", lambda: "define void @f() {\n ret void\n}")
+    monkeypatch.setattr(compiler, "machine", lambda: host)
+    compiler.compile_module("key", lambda: "define void @f() {\n ret void\n}")
+    assert len(set(keys)) == 3
