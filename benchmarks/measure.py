@@ -55,7 +55,7 @@ def alternate(
 
 
 def cold_and_cached(code: str, text: str = "") -> tuple[float, float]:
-    """Return what a Python program prints, a number of seconds, without any compiled code and with all cached.
+    """Return the seconds that a Python program prints, with no compiled code cached and with all of it.
 
     Both are processes of their own that share a cache; ``text`` is their standard input.
     """

@@ -41,9 +41,10 @@ def _compiled(system: System, program: Program, output: str, carried: int, size:
         def values(address: str, first: int, count: int) -> list[Value]:
             return [f.load(f.offset(address, first + k)) for k in range(count)]
 
-        inputs = {"t": values("%t", 0, 1), "q": values("%y", 0, system.nq), "v": values("%y", system.nq, system.nv)}
+        q, v = values("%y", 0, system.nq), values("%y", system.nq, system.nv)
+        inputs = {"t": values("%t", 0, 1), "q": q, "v": v}
         results = lower(f, program, inputs, 1, host.fused)[output]
-        for k, value in enumerate([*inputs["v"][:carried], *results]):
+        for k, value in enumerate([*v[:carried], *results]):
             f.store(value, f.offset("%out", k))
         f.ret()
         return module([f])

@@ -3,9 +3,9 @@
     python benchmarks/startup.py [--quick] [--json FILE] [--as-is]
 
 Every figure is a process from start to end, files written. The processes take turns; figures are medians. Two
-times are given: by the clock, and of the processor (all threads), which a busy machine disturbs less. Compiled
-code is cached by a run before. So is Python's bytecode, as in any installed package, in a folder of the benchmark's
-own; ``--as-is`` leaves that to the environment.
+times are given: by the clock, and of the processor (all threads), which a busy machine disturbs less. A run
+before has cached compiled code, and Python's bytecode too, as in any installed package, in a folder of the
+benchmark's own; ``--as-is`` leaves bytecode to the environment.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="fewer repeats")
     parser.add_argument("--json", metavar="FILE", help="write the rows to FILE")
-    parser.add_argument("--as-is", action="store_true", help="leave Python's bytecode cache to the environment")
+    parser.add_argument("--as-is", action="store_true", help="leave bytecode to the environment")
     options = parser.parse_args()
     repeats = 3 if options.quick else 21
     environment = {**os.environ, "PYTHONPATH": measure.search_path(), "MPLBACKEND": "Agg"}
@@ -117,7 +117,8 @@ def main() -> None:
     head = ["work", "process", "ms", "CPU ms", "ratio", "CPU ratio", "target"]
     print(measure.table([head, *map(line, rows)], left=2))
     found = [name for name in UNWANTED if name in loaded]
-    print(f"\nrobodyn inverse --no-plots imports {len(loaded)} modules; of {', '.join(UNWANTED)}: {found or 'none'}")
+    unwanted = ", ".join(found) or f"none ({', '.join(UNWANTED)})"
+    print(f"\nrobodyn inverse --no-plots imports {len(loaded)} modules; unwanted ones: {unwanted}")
     measure.write_json(options.json, rows, repeats=repeats, unwanted_imports=found)
 
 

@@ -3,9 +3,9 @@
     python benchmarks/throughput.py [--quick] [--json FILE]
 
 robodyn runs through its public API (``InverseDynamics`` and ``ForwardDynamics`` on column-ordered arrays),
-Pinocchio through ``rneaInParallel`` and ``abaInParallel``, its fastest way from Python, with one thread. The two
-take turns; figures are medians. Errors are against an evaluation in extended precision (``arms.py``). Compiling
-is not part of the time a sample and is listed apart.
+Pinocchio through ``rneaInParallel`` and ``abaInParallel``, its fastest way from Python, with one thread. The
+two take turns; figures are medians. Errors are against an evaluation in extended precision (``arms.py``).
+Compiling is not part of the time a sample and is listed apart.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import numpy as np  # noqa: E402
 
 from robodyn_cli import ForwardDynamics, InverseDynamics, load_scene_text  # noqa: E402
 
-KINDS = {"inverse": InverseDynamics, "forward": ForwardDynamics}
+KINDS: dict[str, Any] = {"inverse": InverseDynamics, "forward": ForwardDynamics}
 # how many of the samples the reference checks
 CHECKED = 250
 

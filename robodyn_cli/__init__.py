@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.version import __version__
 
-
 _HOME = {
     "load_scene": "robodyn_cli.scene.load",
     "load_scene_text": "robodyn_cli.scene.load",
@@ -37,18 +36,24 @@ _RENAMED = {"read_result": "read", "write_result": "write"}
 
 __all__ = ["__version__", *_HOME]
 
-if TYPE_CHECKING:
-    from robodyn_cli.errors import GeometryError, NumericalError, RobodynError, SceneError
-    from robodyn_cli.report import draw_all
-    from robodyn_cli.results.hdf5 import read as read_result
-    from robodyn_cli.results.hdf5 import write as write_result
-    from robodyn_cli.results.result import Result
-    from robodyn_cli.run.deploy import deploy
-    from robodyn_cli.run.dynamics import ForwardDynamics, InverseDynamics
-    from robodyn_cli.run.inverse import inverse
-    from robodyn_cli.run.plan import plan
-    from robodyn_cli.run.simulate import simulate
-    from robodyn_cli.scene.load import load_scene, load_scene_text
+if TYPE_CHECKING:  # "as" makes a name part of the API for type checkers
+    from robodyn_cli.errors import GeometryError as GeometryError
+    from robodyn_cli.errors import NumericalError as NumericalError
+    from robodyn_cli.errors import RobodynError as RobodynError
+    from robodyn_cli.errors import SceneError as SceneError
+    from robodyn_cli.report import draw_all as draw_all
+    from robodyn_cli.results import hdf5
+    from robodyn_cli.results.result import Result as Result
+    from robodyn_cli.run.deploy import deploy as deploy
+    from robodyn_cli.run.dynamics import ForwardDynamics as ForwardDynamics
+    from robodyn_cli.run.dynamics import InverseDynamics as InverseDynamics
+    from robodyn_cli.run.inverse import inverse as inverse
+    from robodyn_cli.run.plan import plan as plan
+    from robodyn_cli.run.simulate import simulate as simulate
+    from robodyn_cli.scene.load import load_scene as load_scene
+    from robodyn_cli.scene.load import load_scene_text as load_scene_text
+
+    read_result, write_result = hdf5.read, hdf5.write
 
 
 def __getattr__(name: str) -> Any:

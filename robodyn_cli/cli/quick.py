@@ -1,8 +1,8 @@
 """Read plain command lines without Typer's conversion of values.
 
-Typer converts them with pydantic, and that takes longer than a small run. What is read here calls a command with
-the same values; whatever is not plain (help, completion, mistakes, kinds of parameter that this file does not
-know) is left to Typer. The root callback, which has nothing to do but ``--version``, is not called.
+Typer converts them with pydantic, and that takes longer than a small run. What is read here calls a command
+with the same values; whatever is not plain (help, completion, mistakes, kinds of parameter that this file
+does not know) is left to Typer. The root callback, which has nothing to do but ``--version``, is not called.
 """
 
 from __future__ import annotations
@@ -17,12 +17,15 @@ from typing import Any
 import typer
 from typer.models import ArgumentInfo, OptionInfo
 
-# what an option may say about itself without changing how its value is read
-COSMETIC = {"default", "param_decls", "help", "metavar", "show_default", "rich_help_panel", "hidden"}
+# what a parameter may say about itself without changing how a path or a text is read
+COSMETIC = {
+    "default", "param_decls", "help", "metavar", "show_default", "rich_help_panel", "hidden",
+    "min", "max", "clamp",
+}  # fmt: skip
 READERS: dict[Any, Callable[[str], Any]] = {Path: Path, str: str}
 
 
-class _NotPlain(Exception):
+class NotPlain(Exception):
     """Typer has to look at this command line."""
 
 
@@ -34,7 +37,7 @@ def run_plain(app: typer.Typer, words: Sequence[str]) -> None:
         return
     try:
         values = read(function, words[1:])
-    except _NotPlain:
+    except NotPlain:
         return
     try:
         function(**values)
@@ -48,7 +51,7 @@ def read(function: Callable[..., Any], words: Sequence[str]) -> dict[str, Any]:
 
     Raises
     ------
-    _NotPlain : words or parameters that only Typer understands.
+    NotPlain : words or parameters that only Typer understands.
     """
     arguments: list[str] = []
     options: dict[str, str] = {}
@@ -73,23 +76,26 @@ def read(function: Callable[..., Any], words: Sequence[str]) -> dict[str, Any]:
         declared, has_value, value = word.partition("=") if word.startswith("--") else (word, "", "")
         option = options.get(declared)
         if option is None:
-            raise _NotPlain
+            raise NotPlain
         kind = kinds[option]
         if kind is bool:
             if has_value or values[option] is not False:
-                raise _NotPlain
+                raise NotPlain
             values[option] = True
             continue
         if not has_value:
             if not waiting or waiting[0].startswith("-"):
-                raise _NotPlain
+                raise NotPlain
             value = waiting.pop(0)
-        if kind == list[str]:
-            values[option] = [*(values[option] or []), value]
+        if _is_list(kind):
+            values[option] = [*(values[option] or []), _reader(kind)(value)]
         else:
             values[option] = _reader(kind)(value)
-    if len(given) != len(arguments):
-        raise _NotPlain
+    if len(arguments) == 1 and given and _is_list(kinds[arguments[0]]):
+        values[arguments[0]] = [_reader(kinds[arguments[0]])(word) for word in given]
+        return values
+    if len(given) != len(arguments) or any(_is_list(kinds[name]) for name in arguments):
+        raise NotPlain
     for name, word in zip(arguments, given):
         values[name] = _reader(kinds[name])(word)
     return values
@@ -99,15 +105,19 @@ def _parts(hint: Any) -> tuple[Any, ArgumentInfo | OptionInfo]:
     """Return the type of a parameter, None taken off, and what Typer was told about it."""
     kind, *notes = typing.get_args(hint) if typing.get_origin(hint) is typing.Annotated else (hint,)
     if len(notes) != 1 or not isinstance(notes[0], (ArgumentInfo, OptionInfo)):
-        raise _NotPlain
+        raise NotPlain
     info = notes[0]
     plain = vars(type(info)(default=None))
     if any(value != plain[key] for key, value in vars(info).items() if key not in COSMETIC):
-        raise _NotPlain
+        raise NotPlain
     some = [t for t in typing.get_args(kind) if t is not NoneType]
-    if typing.get_origin(kind) is not list and NoneType in typing.get_args(kind) and len(some) == 1:
+    if not _is_list(kind) and NoneType in typing.get_args(kind) and len(some) == 1:
         kind = some[0]
     return kind, info
+
+
+def _is_list(kind: Any) -> bool:
+    return typing.get_origin(kind) is list
 
 
 def _declared(info: OptionInfo) -> list[str]:
@@ -117,7 +127,8 @@ def _declared(info: OptionInfo) -> list[str]:
 
 
 def _reader(kind: Any) -> Callable[[str], Any]:
-    reader = READERS.get(kind)
+    """Return what turns a word into a value, or into an item of a list."""
+    reader = READERS.get(typing.get_args(kind)[0] if _is_list(kind) else kind)
     if reader is None:
-        raise _NotPlain
+        raise NotPlain
     return reader

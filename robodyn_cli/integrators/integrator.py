@@ -161,6 +161,7 @@ class Integrator:
             # start well below any sensible step: growth is quick, and a first step that is far too long can
             # look good where derivatives happen to vanish
             self.w[Real.H] = min(1e-3 * (end - self.w[Real.T]), self.options.max_step)
+        if not self.w[Real.H_OLD] > 0.0:
             self.w[Real.H_OLD] = self.w[Real.H]
         while True:
             # back here every few milliseconds: interrupts are heard, and progress is told

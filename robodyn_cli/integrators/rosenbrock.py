@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.layout import Real, Whole
-from robodyn_cli.integrators.loop import Attempt, Stepper, Writer
+from robodyn_cli.integrators.loop import SLACK, Attempt, Stepper, Writer
 from robodyn_cli.integrators.rosenbrock_tables import RODAS5P, RosenbrockTable
 from robodyn_cli.kernels.ir import Value
 from robodyn_cli.kernels.mathematics import rough_power
 
 SAFETY = 0.9
-TINY = 1e-300
+PROBE = 0.25  # part of a step at which the rate of z is looked at once more for dense output
 
 
 class Rosenbrock(Stepper):
@@ -19,7 +19,7 @@ class Rosenbrock(Stepper):
     table: RosenbrockTable
 
     def dense_size(self, system: System) -> int:
-        return 2 * (system.size + system.nv + system.nz)
+        return 2 * (system.size + system.nv + system.nz) + system.nz
 
     def attempt(self, w: Writer, t: Value, h: Value, failed: str) -> Attempt:
         f, s, T = w.f, w.system, self.table
@@ -87,13 +87,12 @@ class Rosenbrock(Stepper):
 
     def _judge(self, w: Writer, x0: list[Value], x1: list[Value], e: list[Value]) -> Attempt:
         f, s = w.f, w.system
-        n = s.nq + s.nv
+        n = s.size
         with f.strict():
             rtol, atol = w.get(Real.RTOL), w.get(Real.ATOL)
             total: Value | None = None
             for c in range(n):
-                scale = f.max(f.muladd(f.max(f.abs(x0[c]), f.abs(x1[c])), rtol, atol), TINY)
-                d = e[c] / scale
+                d = e[c] / f.muladd(f.max(f.abs(x0[c]), f.abs(x1[c])), rtol, atol)
                 total = d * d if total is None else f.muladd(d, d, total)
             assert total is not None
             error = total * (1.0 / n)
@@ -105,18 +104,45 @@ class Rosenbrock(Stepper):
 
     def save_dense(self, w: Writer, t: Value, h: Value) -> None:
         f, s = w.f, w.system
-        due = f.compare_int("sle", f.load_int(w.whole(Whole.NEXT_SAMPLE)), f.load_int(w.whole(Whole.LAST_SAMPLE)))
+        wanted = f.compare_int("sle", f.load_int(w.whole(Whole.NEXT_SAMPLE)), f.load_int(w.whole(Whole.LAST_SAMPLE)))
         watched = f.compare_int("ne", f.load_int(w.whole(Whole.WATCH)), 0)
-        with f.when(due | watched):
+        with f.when(wanted | watched), f.when(w.due(t + h, 2.0 * SLACK) | watched):
             x1 = [f.load(a) for a in w.new]
             rate1 = w.rate(t + h, x1)
             w.count(Whole.EVALUATIONS)
             kept = [*self.x0, *x1, *self.rate0[s.nq :], *rate1[s.nq :]]
             for k, value in enumerate(kept):
                 f.store(value, f.offset("%dense", k))
+            self._probe(w, t, h, len(kept))
+
+    def _probe(self, w: Writer, t: Value, h: Value, place: int) -> None:
+        """Store what the cubic polynomials of z miss: the coefficients of x^2 (1 - x)^2."""
+        f, s = w.f, w.system
+        if not s.nz:
+            return
+        for j in range(s.nz):
+            f.store(0.0, f.offset("%dense", place + j))
+        there = self.dense(w, f.constant(PROBE - 1.0), h)
+        _, rates = w.dynamics(f.muladd(h, PROBE, t), there)
+        w.count(Whole.EVALUATIONS)
+        x = PROBE
+        for j in range(s.nz):
+            (z0, z1), (r0, r1) = self._ends(w, s.nv + j, h, 1)
+            slope = 6.0 * x * (1.0 - x) * (z1 - z0)
+            slope = slope + (1.0 - x) * (1.0 - 3.0 * x) * r0 + x * (3.0 * x - 2.0) * r1
+            missed = (h * rates[j] - slope) * (1.0 / (2.0 * x * (1.0 - x) * (1.0 - 2.0 * x)))
+            f.store(missed, f.offset("%dense", place + j))
+
+    def _ends(self, w: Writer, j: int, h: Value, width: int) -> tuple[tuple[Value, Value], tuple[Value, Value]]:
+        """Return rate-like state j (v, then z) and h times its rate, at both ends of the step."""
+        f, s = w.f, w.system
+        n = s.nv + s.nz
+        at = (s.nq + j, s.size + s.nq + j, 2 * s.size + j, 2 * s.size + n + j)
+        y0, y1, r0, r1 = (f.splat(f.load(f.offset("%dense", k)), width) for k in at)
+        return (y0, y1), (r0 * h, r1 * h)
 
     def dense(self, w: Writer, u: Value, h: Value) -> list[Value]:
-        """Hermite polynomials: of degree 5 for q (from q, v, a), of degree 3 for v and z."""
+        """Hermite polynomials of degree 5 for q (from q, v, a), their derivatives for v, and of degree 4 for z."""
         f, s = w.f, w.system
         n = s.nv + s.nz
         x = u + 1.0
@@ -125,10 +151,11 @@ class Rosenbrock(Stepper):
             return f.splat(f.load(f.offset("%dense", k)), u.width)
 
         out: list[Value] = []
+        velocities: list[Value] = []
         for j in range(s.nq):
             q0, q1 = get(j), get(s.size + j)
-            v0, v1 = get(s.nq + j) * h, get(s.size + s.nq + j) * h
-            a0, a1 = get(2 * s.size + j) * (h * h), get(2 * s.size + n + j) * (h * h)
+            (v0, v1), (a0, a1) = self._ends(w, j, h, u.width)
+            v0, v1, a0, a1 = v0 * h, v1 * h, a0 * h, a1 * h
             # Taylor's polynomial at the start, and what it misses at the end in x^3, x^4, x^5
             d = q1 - (q0 + v0 + 0.5 * a0)
             e = v1 - (v0 + a0)
@@ -138,10 +165,13 @@ class Rosenbrock(Stepper):
             c5 = 6.0 * d - 3.0 * e + 0.5 * c
             tail = f.muladd(f.muladd(c5, x, c4), x, c3)
             out.append(f.muladd(f.muladd(f.muladd(tail, x, 0.5 * a0), x, v0), x, q0))
-        for j in range(n):
-            y0, y1 = get(s.nq + j), get(s.size + s.nq + j)
-            r0, r1 = get(2 * s.size + j) * h, get(2 * s.size + n + j) * h
-            out.append(y0 + (y1 - y0) * x * x * (3.0 - 2.0 * x) - x * u * (-u * r0 - x * r1))
+            slope = f.muladd(f.muladd(5.0 * c5, x, 4.0 * c4), x, 3.0 * c3)
+            velocities.append(f.muladd(f.muladd(slope, x, a0), x, v0) * (1.0 / h))
+        out += velocities
+        for j in range(s.nv, n):
+            (y0, y1), (r0, r1) = self._ends(w, j, h, u.width)
+            cubic = y0 + (y1 - y0) * x * x * (3.0 - 2.0 * x) - x * u * (-u * r0 - x * r1)
+            out.append(cubic + get(2 * (s.size + n) + j - s.nv) * (x * x) * (u * u))
         return out
 
 
@@ -150,5 +180,5 @@ class Rodas5P(Rosenbrock):
 
     name = "rodas5p"
     order = 5
-    dense_order = 3
+    dense_order = 4
     table = RODAS5P

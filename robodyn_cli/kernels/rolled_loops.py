@@ -100,9 +100,7 @@ class Loops:
         self.fused = fused
         self.at = at
         self.layout = Layout(recursion)
-        self.carry = {
-            (name, k): f.slot(width) for name, places in recursion.carried.items() for k in places
-        }
+        self.carry = {(name, k): f.slot(width) for name, places in recursion.carried.items() for k in places}
         self.bodies = f.load_int(f.offset("%tables", Header.BODIES))
         self.branches = f.offset("%scratch", self.bodies * (self.layout.row_size * width))
 

@@ -90,9 +90,7 @@ class _Kept:
     def add(self, nodes: Iterable[Scalar]) -> dict[Place, Scalar]:
         """Keep nodes from now on; returns them as the sweep that stores them computes them."""
         fresh = {
-            e.index: e
-            for e in nodes
-            if isinstance(e, Expr) and e.op != "sym" and e.index not in self.stored
+            e.index: e for e in nodes if isinstance(e, Expr) and e.op != "sym" and e.index not in self.stored
         }
         values = self.read(list(fresh.values()))
         outputs: dict[Place, Scalar] = {}

@@ -10,13 +10,11 @@ def physical_warnings(scene: Scene) -> list[str]:
 
     Only what is given is judged; a planar scene that gives ``zz`` alone is fine.
     """
-    found = []
-    for link in scene.robot.links:
-        found += [f"{link.name}: {text}" for text in _problems(link)]
-    return found
+    return [f"{link.name}: {text}" for link in scene.robot.links for text in body_problems(link)]
 
 
-def _problems(link: Link) -> list[str]:
+def body_problems(link: Link) -> list[str]:
+    """List what no body can have: what is wrong, and by how much."""
     I = link.inertia
     moments = {k: getattr(I, k) for k in ("xx", "yy", "zz")}
     texts = [f"inertia.{k} = {v:g} kg m^2 is negative" for k, v in moments.items() if v is not None and v < 0.0]

@@ -32,5 +32,7 @@ class Stopwatch:
 
     def report(self) -> dict[str, float]:
         """Return seconds by stage, and in all."""
-        return {**{k: round(v, 6) for k, v in self.seconds.items() if v > 0.0},
-                "total": round(time.perf_counter() - self._start, 6)}
+        return {
+            **{k: round(v, 6) for k, v in self.seconds.items() if v > 0.0},
+            "total": round(time.perf_counter() - self._start, 6),
+        }

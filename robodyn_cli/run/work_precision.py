@@ -17,7 +17,7 @@ from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.integrator import Grid, Integrator, Options
 from robodyn_cli.integrators.registry import methods as registry
-from robodyn_cli.kernels.compiler import REPORT
+from robodyn_cli.kernels.report import REPORT
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.method import LARGEST
 from robodyn_cli.run.progress import Progress, no_progress

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 from robodyn_cli.errors import SceneError, did_you_mean
 from robodyn_cli.expr import formula as fm
+from robodyn_cli.expr.expectation import Expectation, parse_expectation
 from robodyn_cli.scene.includes import concrete
 from robodyn_cli.scene.nodes import (
     Mapping,
@@ -26,6 +27,7 @@ from robodyn_cli.schema.describe import describe
 from robodyn_cli.schema.fields import (
     Boolean,
     Choice,
+    Criteria,
     CsvFile,
     Either,
     Formula,
@@ -89,6 +91,7 @@ class Reader:
             Either: self.either,
             OrFile: self.or_file,
             CsvFile: self.text,
+            Criteria: self.criteria,
         }
 
     def read(self, cls: type[T], node: Node, path: Path = ()) -> T:
@@ -245,6 +248,27 @@ class Reader:
         for key, item in node.entries:
             self.check_name(kind.of, key, (*path, key.text))
             result[key.text] = self.value(kind.item, item, (*path, key.text), unit)
+        return result
+
+    def criteria(self, kind: Criteria, node: Node, path: Path, unit: str) -> dict[str, Expectation]:
+        """Return what is expected by key path; maps below a key are the same as dots in it."""
+        if isinstance(node, Scalar) and node.value is None:
+            return {}
+        if not isinstance(node, Mapping):
+            raise self.wrong(kind, node, path, unit)
+        result = {}
+        for key, item in node.entries:
+            here = (*path, key.text)
+            if isinstance(item, Mapping):
+                inner = self.criteria(kind, item, here, unit)
+                result.update({f"{key.text}.{name}": expected for name, expected in inner.items()})
+            elif isinstance(item, Scalar):
+                try:
+                    result[key.text] = parse_expectation(item.value)
+                except SceneError as error:
+                    self.report(located(item, dotted(here), error.message))
+            else:
+                self.report(self.wrong(kind, item, here, unit))
         return result
 
     def tagged(self, kind: Tagged, node: Node, path: Path, unit: str) -> Any:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+from robodyn_cli.expr.expectation import Expectation
 from robodyn_cli.expr.formula import Formula as FormulaTree
 from robodyn_cli.forces.registry import joint_forces
 from robodyn_cli.joints.registry import joint_types
@@ -17,6 +18,7 @@ from robodyn_cli.loops.registry import loop_types
 from robodyn_cli.schema.fields import (
     Boolean,
     Choice,
+    Criteria,
     Either,
     Formula,
     Inline,
@@ -314,6 +316,9 @@ class Scene:
         Section(SimulateOptions), default=SimulateOptions(), doc="Options of `simulate` and `deploy`."
     )
     deploy: DeployOptions = key(Section(DeployOptions), default=DeployOptions(), doc="Options of `deploy`.")
+    expect: dict[str, Expectation] = key(
+        Criteria(), default=None, doc="What `robodyn run` and `check` expect of the summary."
+    )
     path: str = dataclasses.field(default="", compare=False)
     text: str = dataclasses.field(default="", compare=False, repr=False)
     sources: tuple[str, ...] = dataclasses.field(default=(), compare=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from robodyn_cli.schema.fields import (
     Boolean,
     Choice,
+    Criteria,
     CsvFile,
     Either,
     Formula,
@@ -66,6 +67,8 @@ def _plain(kind: Kind) -> str:
         return "a map"
     if isinstance(kind, Inline):
         return f"the keys {', '.join(kind.registry())}"
+    if isinstance(kind, Criteria):
+        return "a map from keys of the summary to what is expected there"
     if isinstance(kind, CsvFile):
         return "the path of a CSV file"
     return "a value"

@@ -93,6 +93,11 @@ class MapOf(Kind):
 
 
 @dataclasses.dataclass(frozen=True)
+class Criteria(Kind):
+    """A map from key paths of a run's summary (``lock.time``) to what is expected there (``12.28 +- 0.01``)."""
+
+
+@dataclasses.dataclass(frozen=True)
 class Section(Kind):
     """A nested section described by another dataclass."""
 
@@ -152,6 +157,6 @@ def key(kind: Kind, *, default: Any = REQUIRED, unit: str = "", doc: str = "") -
     metadata = {"kind": kind, "unit": unit, "doc": doc}
     if default is REQUIRED:
         return dataclasses.field(metadata=metadata)
-    if default is None and isinstance(kind, MapOf):
+    if default is None and isinstance(kind, (MapOf, Criteria)):
         return dataclasses.field(default_factory=dict, metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)

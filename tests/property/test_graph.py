@@ -170,6 +170,7 @@ def test_reachable_free_symbols_and_counts(one: Any, two: Any) -> None:
     for symbol in symbols:
         if symbol.index not in used:
             assert not any(jacobian(outputs, [symbol]))
+            assert directional(outputs, [symbol], [1.0]) == [0.0, 0.0]
 
 
 def test_graphs_do_not_mix() -> None:
@@ -339,6 +340,16 @@ def test_derivatives_at_the_knots_of_a_table_are_right_continuous() -> None:
     slopes = [0.0, -1.5 / 1.25, 3.0 / 0.25, -1.0 / 1.5, 0.0]
     for at, expected in [(-5.0, 0), (-1.0, 1), (0.0, 1), (0.25, 2), (0.3, 2), (0.5, 3), (2.0, 4), (9.0, 4)]:
         assert float(evaluate([slope], {"x": [at]})[0]) == pytest.approx(slopes[expected])
+
+
+def test_the_branch_that_is_not_taken_does_not_spoil_a_derivative() -> None:
+    x = Graph().symbol("x", "x")
+    e = f.where(x, f.sqrt(x), 2.0 * x) + f.minimum(3.0 * x, f.sqrt(x + 2.0))
+    at = {"x": [np.array([-2.0, 0.0, 4.0])]}
+    slopes = [5.0, 5.0, 0.25 + 0.5 / math.sqrt(6.0)]
+    with np.errstate(all="ignore"):
+        assert evaluate([jacobian([e], [x])[0][0]], at)[0] == pytest.approx(slopes)
+        assert evaluate(directional([e], [x], [1.0]), at)[0] == pytest.approx(slopes)
 
 
 def test_step_and_where_at_zero() -> None:

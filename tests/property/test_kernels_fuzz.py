@@ -71,7 +71,11 @@ def test_compiled_formulas_agree_with_50_digits(
 
 
 @examples(40)
-@given(several, st.lists(st.lists(st.sampled_from(SPECIAL), min_size=3, max_size=3), min_size=2, max_size=9), width)
+@given(
+    several,
+    st.lists(st.lists(st.sampled_from(SPECIAL), min_size=3, max_size=3), min_size=2, max_size=9),
+    width,
+)
 def test_extreme_numbers_do_not_depend_on_the_width(
     formulas: list[Any], points: list[list[float]], width: int
 ) -> None:

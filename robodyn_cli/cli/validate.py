@@ -1,0 +1,44 @@
+"""``robodyn validate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from robodyn_cli.cli.console import Console, guarded
+from robodyn_cli.cli.options import AsJson, Quiet, Strict
+
+
+def command(
+    scenes: Annotated[list[Path], typer.Argument(metavar="SCENE...", help="Scenes to check.", show_default=False)],
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+    strict: Strict = False,
+) -> None:
+    """Check scenes and list all that is wrong, without running them."""
+    console = Console(as_json, quiet)
+
+    def action() -> int:
+        import json
+
+        from robodyn_cli.run.findings import findings, worst
+
+        report = []
+        for path in scenes:
+            found = findings(path, strict)
+            code = worst([f.exit_code for f in found])
+            report.append({"scene": str(path), "exit_code": code, "findings": [f.as_dict() for f in found]})
+            errors = sum(f.severity == "error" for f in found)
+            counts = {"error": errors, "warning": len(found) - errors}
+            words = [f"{n} {what}{'s' if n > 1 else ''}" for what, n in counts.items() if n]
+            console.say(f"{path}: {', '.join(words) or 'ok'}")
+            for finding in found:
+                console.say(f"  {finding.severity}: {finding.message}")
+        total = worst([int(str(r["exit_code"])) for r in report])
+        status = "ok" if total == 0 else "failed"
+        console.data(json.dumps({"status": status, "exit_code": total, "scenes": report}, ensure_ascii=False, indent=2))
+        return total
+
+    guarded(console, action)

@@ -1,0 +1,171 @@
+"""Commented scenes to begin with, one a kind."""
+
+from __future__ import annotations
+
+import dataclasses
+
+_ARM = """\
+robot:
+  convention: standard # Denavit-Hartenberg: standard or modified (Craig); never guessed
+  joints: # each joint moves the link at the same place below and hangs on the one before
+    - {name: shoulder, type: revolute, a: 1.0, alpha: 0, d: 0}
+    - {name: elbow, type: revolute, a: 0.8, alpha: 0, d: 0}
+  links: # what is not known is left out; a run that needs it says so
+    - {name: upper_arm, mass: 5.0, com: [0.5, 0, 0], com_frame: joint, inertia: {zz: 5.0*1.0^2/12}}
+    - {name: forearm, mass: 3.0, com: [0.4, 0, 0], com_frame: joint, inertia: {zz: 3.0*0.8^2/12}}
+  points:
+    tip: {link: forearm, at: end}
+"""
+
+_HEAD = """\
+# {what}
+#   {usage}
+# Units are SI; angles are in radians unless they say degrees.
+schema: 1
+title: {title}
+command: {command} # what `robodyn run` does with this file
+gravity: {gravity}
+"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Starter:
+    """One kind of scene: its title, what it shows, the command that runs it and the YAML behind the head."""
+
+    title: str
+    what: str
+    command: str
+    body: str
+    gravity: str = "[0, -9.81, 0] # a vector of the world; [0, 0, 0] where there is none"
+
+    def text(self, name: str) -> str:
+        """Return the scene for a file of this name."""
+        usage = f"robodyn {self.command} {name}"
+        return _HEAD.format(usage=usage, **dataclasses.asdict(self)) + self.body
+
+
+_JOINT = """\
+trajectory: # the joints' motion, as formulas of the time t
+  type: joint
+  duration: 4
+  q:
+    shoulder: "0.5 + 0.6*sin(1.3*t)"
+    elbow: "-0.8 + 0.5*cos(0.9*t)"
+inverse: {samples: 401}
+expect: # what `robodyn run` and `robodyn check` ask of the summary
+  round_trip: < 1e-9
+"""
+
+_CIRCLE = """\
+trajectory: # a point runs round a circle; the joints follow by inverse kinematics
+  type: circle
+  point: tip
+  center: [1.1, 0.6]
+  radius: 0.2
+  duration: 4
+  ik: {branch: elbow_up} # or elbow_down
+inverse: {samples: 401}
+expect: # what `robodyn run` and `robodyn check` ask of the summary
+  ik_residual: < 1e-9
+"""
+
+_PATH = """\
+parameters: {r: 0.2} # constants for the formulas
+trajectory: # a point follows formulas of the time t; the joints follow by inverse kinematics
+  type: cartesian
+  point: tip
+  duration: 4
+  position: ["1.1 + r*cos(pi*t/2)", "0.6 + r*sin(pi*t)"]
+  ik: {branch: elbow_up}
+inverse: {samples: 401}
+expect: # what `robodyn run` and `robodyn check` ask of the summary
+  ik_residual: < 1e-9
+"""
+
+_WAY_POINTS = """\
+trajectory: # from rest to rest through way points, without jumps of the acceleration
+  type: quintic
+  points:
+    - {t: 0, q: {shoulder: 0, elbow: 0}}
+    - {t: 1.5, q: {shoulder: 40 deg, elbow: -30 deg}}
+    - {t: 3, q: {shoulder: 60 deg, elbow: 20 deg}}
+inverse: {samples: 301}
+expect: # what `robodyn run` and `robodyn check` ask of the summary
+  round_trip: < 1e-9
+"""
+
+_TABLE = """\
+trajectory: # measured or computed elsewhere; a spline runs through the rows
+  type: table
+  # file: motion.csv would read the same from a file with a header row
+  columns: [t, shoulder, elbow]
+  rows:
+    - [0.0, 0.00, 0.00]
+    - [0.5, 0.10, -0.05]
+    - [1.0, 0.30, -0.20]
+    - [1.5, 0.55, -0.40]
+    - [2.0, 0.70, -0.55]
+    - [2.5, 0.75, -0.60]
+inverse: {samples: 251}
+expect: # what `robodyn run` and `robodyn check` ask of the summary
+  round_trip: < 1e-9
+"""
+
+_SIMULATE = """\
+torques: {shoulder: "-0.5*qd.shoulder"} # a number, a formula of t, positions and rates, or a table
+initial: # every joint of an open chain needs a position; rates are 0 where not given
+  q: {shoulder: -90 deg, elbow: 45 deg}
+simulate: {duration: 5, samples: 501, rtol: 1e-10, atol: 1e-12}
+expect: # what `robodyn run` and `robodyn check` ask of the summary
+  error_estimate.q_max: < 1e-7
+"""
+
+_FOUR_BAR = """\
+robot:
+  convention: standard
+  joints: # two chains on the base; the loop below closes them
+    - {name: theta1, type: revolute, parent: base, a: 1.0, alpha: 0, d: 0}
+    - {name: phi2, type: revolute, parent: crank, a: 2.0, alpha: 0, d: 0}
+    - {name: phi1, type: revolute, parent: base, origin: {xyz: [2.5, 0, 0]}, a: 1.8, alpha: 0, d: 0}
+  links:
+    - {name: crank, mass: 1.0, com: [0.5, 0, 0], com_frame: joint, inertia: {zz: 1.0*1.0^2/12}}
+    - {name: coupler, mass: 2.0, com: [1.0, 0, 0], com_frame: joint, inertia: {zz: 2.0*2.0^2/12}}
+    - {name: follower, mass: 1.8, com: [0.9, 0, 0], com_frame: joint, inertia: {zz: 1.8*1.8^2/12}}
+loops:
+  - {name: pin, type: revolute, between: [coupler.end, follower.end]}
+actuated: [theta1]
+"""
+
+_DEPLOY = """\
+torques: {theta1: "2.5 - 0.5*theta1"} # a preloaded torsion spring unfolds the mechanism
+# theta1 is kept as it is; the loop is closed by the others, near the values given for them
+initial: {q: {theta1: 20 deg, phi2: 20 deg, phi1: 80 deg}, hold: [theta1]}
+simulate: {duration: 10, samples: 1001, rtol: 1e-10, atol: 1e-12}
+deploy: # it locks where coupler and follower come in line: the crank has no grip there
+  criterion: dead_point
+  latch: {between: [coupler, follower]}
+expect: # what `robodyn run` and `robodyn check` ask of the summary
+  status: locked
+"""
+
+_CLOSED = """\
+torques: {theta1: "3*sin(2*t)"}
+# theta1 is kept as it is; the loop is closed by the others, near the values given for them
+initial: {q: {theta1: 70 deg, phi2: -40 deg, phi1: 100 deg}, hold: [theta1]}
+simulate: {duration: 3, samples: 301, rtol: 1e-10, atol: 1e-12}
+expect: # what `robodyn run` and `robodyn check` ask of the summary
+  constraint_residual.position: < 1e-10
+"""
+
+STARTERS = {
+    "inverse": Starter("Arm tracing a circle", "Torques that a motion of the tip needs.", "inverse", _ARM + _CIRCLE),
+    "joint": Starter("Arm on sines", "Torques that a motion of the joints needs.", "inverse", _ARM + _JOINT),
+    "waypoints": Starter("Arm through way points", "Torques on the way through points.", "inverse", _ARM + _WAY_POINTS),
+    "table": Starter("Arm after a table", "Torques that a sampled motion needs.", "inverse", _ARM + _TABLE),
+    "path": Starter("Arm along a path", "Torques along a path of the tip.", "inverse", _ARM + _PATH),
+    "simulate": Starter("Arm swinging", "Motion that torques and gravity give.", "simulate", _ARM + _SIMULATE),
+    "loop": Starter("Four-bar mechanism", "Motion of a closed mechanism.", "simulate", _FOUR_BAR + _CLOSED),
+    "deploy": Starter(
+        "Four-bar deploying", "A mechanism unfolds until it locks.", "deploy", _FOUR_BAR + _DEPLOY, "[0, 0, 0]"
+    ),
+}

@@ -1,0 +1,194 @@
+"""The JSON Schema (draft 2020-12) of a section, from the description that its reader uses.
+
+It allows no less than the reader does. What a schema cannot say (formulas, names that must exist, ranges of numbers
+that are written as text) is left to the reader.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from robodyn_cli.schema.describe import describe
+from robodyn_cli.schema.fields import (
+    Boolean,
+    Choice,
+    Criteria,
+    CsvFile,
+    Either,
+    Formula,
+    Inline,
+    Integer,
+    Kind,
+    ListOf,
+    MapOf,
+    Name,
+    Number,
+    OrFile,
+    Section,
+    Tagged,
+    Text,
+    Vector,
+)
+
+DRAFT = "https://json-schema.org/draft/2020-12/schema"
+NAME = r"^[A-Za-z_][A-Za-z0-9_-]*$"
+# joints and parameters stand in formulas, where '-' is a sign
+NAME_IN_FORMULAS = r"^[A-Za-z_][A-Za-z0-9_]*$"
+# a constant expression holds a digit or a constant, so that most slips of the pen are seen
+EXPRESSION = {"type": "string", "pattern": r"[0-9]|\bpi\b|\be\b"}
+
+Schema = dict[str, Any]
+
+
+def json_schema(cls: type, title: str = "") -> Schema:
+    """Return the schema of the dataclass ``cls``; nested sections are definitions of their own."""
+    maker = _Maker()
+    return {
+        "$schema": DRAFT,
+        **({"title": title} if title else {}),
+        "$ref": maker.reference(cls),
+        "$defs": dict(sorted(maker.definitions.items())),
+    }
+
+
+def _doc(cls: type) -> str:
+    text = (cls.__doc__ or "").split("\n\n")[0]
+    # a dataclass without words of its own is described by its signature
+    return "" if text.startswith(f"{cls.__name__}(") else " ".join(text.replace("``", "`").split())
+
+
+class _Maker:
+    def __init__(self) -> None:
+        self.definitions: dict[str, Schema] = {}
+
+    def reference(self, cls: type, tag: tuple[str, str] | None = None, included: bool = False) -> str:
+        """Return the reference of a section's definition, made on first use.
+
+        Parameters
+        ----------
+        tag : key and value that tell the section from others. included : whether a file may complete it.
+        """
+        name = cls.__name__ + ("Included" if included else "")
+        if name not in self.definitions:
+            self.definitions[name] = {}  # sections may contain themselves
+            self.definitions[name] = self.section(cls, tag, included)
+        return f"#/$defs/{name}"
+
+    def section(self, cls: type, tag: tuple[str, str] | None, included: bool) -> Schema:
+        properties: Schema = {}
+        required = []
+        for field in dataclasses.fields(cls):
+            kind = field.metadata.get("kind")
+            if isinstance(kind, Inline):
+                for key, element in kind.registry().items():
+                    properties[key] = {"$ref": self.reference(element), "description": _doc(element)}
+            elif kind is not None:
+                properties[field.name] = self.field(field)
+                no_default = field.default is dataclasses.MISSING
+                if no_default and field.default_factory is dataclasses.MISSING:
+                    required.append(field.name)
+        if tag:
+            properties[tag[0]] = {"const": tag[1]}
+        if included:
+            properties["include"] = {"type": "string", "description": "Path of a YAML file whose keys are taken over."}
+            required = ["include"]
+        found: Schema = {"type": "object", "properties": properties, "additionalProperties": False}
+        if _doc(cls):
+            found["description"] = _doc(cls)
+        if required:
+            found["required"] = required
+        return found
+
+    def field(self, field: dataclasses.Field[Any]) -> Schema:
+        """Return the schema of one key with its words, unit and default."""
+        unit, doc = field.metadata["unit"], field.metadata["doc"]
+        kind = field.metadata["kind"]
+        found = dict(self.kind(kind))
+        if field.default is None:
+            found = {"anyOf": [found, {"type": "null"}]}
+        allowed = describe(kind, unit)
+        found["description"] = f"{doc} {allowed[0].upper()}{allowed[1:]}.".strip()
+        if isinstance(field.default, (bool, int, float, str)) and field.default != "":
+            found["default"] = field.default
+        elif isinstance(field.default, tuple) and all(isinstance(x, (int, float)) for x in field.default):
+            found["default"] = list(field.default)
+        return found
+
+    # -- kinds ----------------------------------------------------------------------------------------
+    def kind(self, kind: Kind) -> Schema:
+        if isinstance(kind, (Number, Integer)):
+            return self.number(kind)
+        if isinstance(kind, (Boolean, Text, CsvFile)):
+            return {"type": "boolean" if isinstance(kind, Boolean) else "string"}
+        if isinstance(kind, Name):
+            return {"type": ["string", "boolean"], "pattern": _name_pattern(kind.of)}
+        if isinstance(kind, Choice):
+            return {"enum": list(kind.options)}
+        if isinstance(kind, Vector):
+            size = {"minItems": kind.size, "maxItems": kind.size} if kind.size else {}
+            return {"type": "array", "items": self.number(Number(angle=kind.angle)), **size}
+        if isinstance(kind, Formula):
+            return {"type": ["number", "string"]}
+        if isinstance(kind, Criteria):
+            value = {"type": ["number", "string", "boolean", "null", "object"]}
+            return {"type": ["object", "null"], "additionalProperties": value}
+        return self.composite(kind)
+
+    def composite(self, kind: Kind) -> Schema:
+        if isinstance(kind, ListOf):
+            most = {"maxItems": kind.maximum} if kind.maximum is not None else {}
+            least = {"minItems": kind.minimum} if kind.minimum else {}
+            return {"type": "array", "items": self.kind(kind.item), **least, **most}
+        if isinstance(kind, MapOf):
+            return {
+                "type": ["object", "null"],
+                "propertyNames": {"pattern": _name_pattern(kind.of)},
+                "additionalProperties": self.kind(kind.item),
+            }
+        if isinstance(kind, Section):
+            return {"$ref": self.reference(kind.cls)}
+        if isinstance(kind, Tagged):
+            return self.tagged(kind)
+        if isinstance(kind, Either):
+            return {"anyOf": [self.kind(one) for one in kind.kinds]}
+        if isinstance(kind, OrFile):
+            path = {"type": "string", "description": "Path of a YAML file, relative to this one."}
+            return {"anyOf": [self.kind(kind.item), path, self.including(kind.item)]}
+        raise TypeError(f"no JSON Schema of {type(kind).__name__}")
+
+    def number(self, kind: Number | Integer) -> Schema:
+        found: Schema = {"type": "integer" if isinstance(kind, Integer) else "number"}
+        strict = isinstance(kind, Number) and kind.exclusive
+        if kind.minimum is not None:
+            found["exclusiveMinimum" if strict else "minimum"] = kind.minimum
+        if kind.maximum is not None:
+            found["exclusiveMaximum" if strict else "maximum"] = kind.maximum
+        return {"anyOf": [found, EXPRESSION]}
+
+    def tagged(self, kind: Tagged) -> Schema:
+        """Return one branch a type; ``if`` before ``then`` keeps an editor's messages to the type that is meant."""
+        registry = kind.registry()
+        branches = [
+            {
+                "if": {"properties": {kind.tag: {"const": name}}},
+                "then": {"$ref": self.reference(cls, (kind.tag, name))},
+            }
+            for name, cls in registry.items()
+        ]
+        return {
+            "type": "object",
+            "properties": {kind.tag: {"enum": list(registry)}},
+            "required": [kind.tag],
+            "allOf": branches,
+        }
+
+    def including(self, kind: Kind) -> Schema:
+        """Return the schema of a map that completes an included file."""
+        if isinstance(kind, Section):
+            return {"$ref": self.reference(kind.cls, included=True)}
+        return {"type": "object", "properties": {"include": {"type": "string"}}, "required": ["include"]}
+
+
+def _name_pattern(of: str) -> str:
+    return NAME_IN_FORMULAS if of in ("joint", "parameter") else NAME

@@ -1,0 +1,118 @@
+"""Command lines that are read without Typer give a command the same arguments."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import pytest
+import typer
+from typer.main import get_command
+
+from robodyn_cli.cli.app import app
+from robodyn_cli.cli.quick import NotPlain, read, run_plain
+
+COMMANDS = {str(info.name): info.callback for info in app.registered_commands if info.callback}
+
+PLAIN = [
+    ["scene.yaml"],
+    ["scene.yaml", "--json"],
+    ["--quiet", "scene.yaml", "--json"],
+    ["-q", "scene.yaml"],
+    ["--set", "a.b=1", "scene.yaml", "--set=c=-2", "--set", "d=e=f"],
+    ["scene.yaml", "--set="],
+    ["a file with spaces.yaml"],
+]
+OUT = [["scene.yaml", "--out", "dir"], ["-o", "dir", "scene.yaml", "--no-plots"], ["--out=", "scene.yaml"]]
+NOT_PLAIN = [
+    [],
+    ["--help"],
+    ["-h"],
+    ["scene.yaml", "other.yaml"],
+    ["scene.yaml", "--nonsense"],
+    ["scene.yaml", "--js"],
+    ["scene.yaml", "--json=yes"],
+    ["scene.yaml", "--set"],
+    ["scene.yaml", "--set", "--json"],
+    ["scene.yaml", "-qq"],
+    ["--", "scene.yaml"],
+    ["scene.yaml", "-"],
+]
+
+
+def by_typer(name: str, words: Sequence[str]) -> dict[str, Any]:
+    group: Any = get_command(app)
+    command = group.commands[name]
+    found: dict[str, Any] = dict(command.make_context(name, list(words)).params)
+    return found
+
+
+def same(a: Any, b: Any) -> bool:
+    """An option that may be given several times is empty in one way or another."""
+    return bool(a == b or (not a and not b and a is not False and b is not False))
+
+
+@pytest.mark.parametrize("words", [*PLAIN, *OUT], ids=" ".join)
+@pytest.mark.parametrize("name", COMMANDS)
+def test_same_arguments(name: str, words: list[str]) -> None:
+    known = inspect.signature(COMMANDS[name]).parameters
+    if ("out" not in known and words in OUT) or ("overrides" not in known and "--set" in " ".join(words)):
+        with pytest.raises(NotPlain):
+            read(COMMANDS[name], words)
+        return
+    mine, theirs = read(COMMANDS[name], words), by_typer(name, words)
+    assert mine.keys() == theirs.keys()
+    for key in mine:
+        assert same(mine[key], theirs[key]), key
+        assert type(mine[key]) is type(theirs[key]) or not mine[key]
+
+
+@pytest.mark.parametrize("words", NOT_PLAIN, ids=" ".join)
+@pytest.mark.parametrize("name", COMMANDS)
+def test_left_to_typer(name: str, words: list[str]) -> None:
+    if name == "validate" and words == ["scene.yaml", "other.yaml"]:
+        assert read(COMMANDS[name], words) == by_typer(name, words)
+        return
+    with pytest.raises(NotPlain):
+        read(COMMANDS[name], words)
+
+
+@pytest.mark.parametrize(
+    "words", [[], ["--version"], ["nonsense"], ["--help"], ["inverse"], ["inverse", "-h"]]
+)
+def test_nothing_runs(words: list[str]) -> None:
+    assert run_plain(app, words) is None
+
+
+def _checked(file: Annotated[Path, typer.Argument(exists=True)]) -> None: ...
+def _from_environment(name: Annotated[str, typer.Option(envvar="NAME")] = "") -> None: ...
+def _bare(name: str = "") -> None: ...
+
+
+@pytest.mark.parametrize("function", [_checked, _from_environment, _bare])
+def test_parameters_that_ask_for_more_are_left_to_typer(function: Callable[..., None]) -> None:
+    with pytest.raises(NotPlain):
+        read(function, ["x"])
+
+
+def _counting(n: Annotated[int, typer.Option("--count")] = 3) -> None: ...
+
+
+def test_kinds_not_known_are_left_to_typer_where_they_are_given() -> None:
+    assert read(_counting, []) == {"n": 3}
+    with pytest.raises(NotPlain):
+        read(_counting, ["--count", "4"])
+
+
+def test_exit_code_is_the_command_s() -> None:
+    other = typer.Typer()
+
+    @other.command("fail")
+    def fail(code: Annotated[str, typer.Argument()]) -> None:
+        raise typer.Exit(int(code))
+
+    with pytest.raises(SystemExit) as end:
+        run_plain(other, ["fail", "5"])
+    assert end.value.code == 5

@@ -1,0 +1,104 @@
+"""The benchmarks run, their errors are small, and start-up imports only what it needs. Nothing is timed."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+BENCHMARKS = ROOT / "benchmarks"
+
+
+def run(script: str, *arguments: str) -> str:
+    """Return what a benchmark prints."""
+    command = [sys.executable, str(BENCHMARKS / script), *arguments]
+    return subprocess.run(command, check=True, cwd=ROOT, stdout=subprocess.PIPE, text=True).stdout
+
+
+def rows_of(file: Path) -> list[dict[str, Any]]:
+    found = json.loads(file.read_text(encoding="utf-8"))
+    assert found["machine"]["cpu"] and found["machine"]["robodyn"]
+    rows: list[dict[str, Any]] = found["rows"]
+    return rows
+
+
+def test_throughput(tmp_path: Path) -> None:
+    file = tmp_path / "throughput.json"
+    printed = run("throughput.py", "--quick", "--json", str(file))
+    rows = rows_of(file)
+    for row in rows:
+        assert {"work", "engine", "us_per_sample", "error"} <= set(row)
+        assert row["us_per_sample"] > 0.0
+        assert 0.0 <= row["error"] < 1e-10
+        assert row["work"] in printed
+    arms = ("planar 2R", "7-joint arm", "30-joint chain")
+    wanted = {f"{kind} dynamics, {arm}" for kind in ("inverse", "forward") for arm in arms}
+    assert {row["work"] for row in rows if row["engine"] == "robodyn"} == wanted
+
+
+def test_throughput_finds_wrong_results() -> None:
+    """The reference is no echo of the engine: a wrong mass, or a sample that is off, shows in both errors."""
+    sys.path.insert(0, str(BENCHMARKS))
+    try:
+        import arms
+    finally:
+        sys.path.remove(str(BENCHMARKS))
+    from robodyn_cli import ForwardDynamics, InverseDynamics, load_scene_text
+
+    arm = arms.seven_joint_arm()
+    scene = load_scene_text(arms.scene_text(arm))
+    q, qd, qdd = arms.motion(7, 40)
+    tau = InverseDynamics(scene)(q, qd, qdd)
+    found = ForwardDynamics(scene)(q, qd, tau)
+    assert arms.inverse_error(arm, q, qd, qdd, tau) < 1e-14
+    assert arms.forward_error(arm, q, qd, tau, found) < 1e-12
+    off = found.copy()
+    off[3, 2] += 1e-6
+    size = abs(found).max()
+    assert arms.forward_error(arm, q, qd, tau, off) == pytest.approx(1e-6 / size, rel=1e-4)
+    tau[5, 1] += 1e-6
+    assert arms.inverse_error(arm, q, qd, qdd, tau) == pytest.approx(1e-6 / abs(tau).max(), rel=1e-6)
+
+
+def test_work_precision(tmp_path: Path) -> None:
+    file = tmp_path / "work_precision.json"
+    printed = run("double_pendulum.py", "--quick", "--json", str(file))
+    rows = rows_of(file)
+    for row in rows:
+        assert row["us"] > 0.0 and row["engine"] in printed
+    for work, limit in (("double pendulum, 10 s", 1e-11), ("four-bar to lock", 1e-11)):
+        mine = [row for row in rows if row["work"] == work]
+        assert min(row["error"] for row in mine if row["engine"] == "robodyn gauss") < limit
+        assert all(row["error"] < 1e-2 for row in mine)
+
+
+def test_time_of_the_lock() -> None:
+    """The reference of the four-bar is its energy integral, to all the digits of a double."""
+    code = "from lock_time import LOCK, lock_time; assert abs(lock_time() - LOCK) < 1e-14"
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=BENCHMARKS)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "absent"),
+    [
+        (["inverse", "configs/2r_circle.yaml", "--no-plots"], {"matplotlib", "llvmlite"}),
+        (["simulate", "configs/double_pendulum.yaml", "--no-plots"], {"matplotlib"}),
+        (["deploy", "configs/four_bar_deploy.yaml", "--no-plots"], {"matplotlib"}),
+        (["inverse", "configs/2r_circle.yaml"], {"matplotlib.pyplot"}),
+    ],
+)
+def test_start_up_imports(arguments: list[str], absent: set[str], tmp_path: Path) -> None:
+    """What takes long to import is not imported where it is not needed."""
+    code = "import startup, sys; print(*startup.modules_of(sys.argv[1:]))"
+    command = [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(BENCHMARKS)!r}); {code}"]
+    command += [*arguments, "--out", str(tmp_path)]
+    printed = subprocess.run(command, check=True, cwd=ROOT, stdout=subprocess.PIPE, text=True).stdout
+    loaded = set(printed.split())
+    assert "robodyn_cli.cli.runner" in loaded
+    # typer converts values with pydantic, unless cli/quick.py spares it that
+    assert not (absent | {"scipy", "pydantic"}) & loaded
