@@ -27,21 +27,18 @@ class LdlFactor:
         n = A.shape[0]
         order = tuple(range(n)) if order is None else tuple(order)
         L = zeros(n, n)
-        D: list[Any] = []
+        LD = zeros(n, n)  # L times D, which falls out before the division
         inverse: list[Any] = []
         for j in range(n):
             pivot = A[order[j], order[j]]
-            scaled = []
             for k in range(j):
-                w = L[j, k] * D[k]
-                scaled.append(w)
-                pivot = pivot - L[j, k] * w
-            D.append(pivot)
+                pivot = pivot - L[j, k] * LD[j, k]
             inverse.append(1.0 / pivot)
             for i in range(j + 1, n):
                 entry = A[order[i], order[j]]
                 for k in range(j):
-                    entry = entry - L[i, k] * scaled[k]
+                    entry = entry - L[i, k] * LD[j, k]
+                LD[i, j] = entry
                 L[i, j] = entry * inverse[j]
         return LdlFactor(L, tuple(inverse), order)
 

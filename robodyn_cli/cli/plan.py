@@ -31,6 +31,9 @@ def command(
         found = plan(load_scene(scene, list(overrides or ())), for_command)
         console.data(json.dumps(found, indent=2, ensure_ascii=False))
         console.say(render(found))
+        if found.get("missing"):
+            console.note(f"robodyn: error: {scene}: the equations need {', '.join(found['missing'])}, which is not given")
+            return 2
         return 0
 
     guarded(console, action)

@@ -26,7 +26,7 @@ def listed(names: Iterable[str]) -> str:
     """Return names as a phrase; long lists are cut short."""
     names = list(dict.fromkeys(names))
     if len(names) > SHOWN:
-        return f"{', '.join(names[:SHOWN - 1])} and {len(names) - SHOWN + 1} more"
+        return f"{', '.join(names[: SHOWN - 1])} and {len(names) - SHOWN + 1} more"
     if len(names) < 2:
         return "".join(names)
     return f"{', '.join(names[:-1])} and {names[-1]}"

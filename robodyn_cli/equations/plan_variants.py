@@ -179,9 +179,7 @@ def general_rotors(v: Variant) -> Variant:
 
 def _with_force(v: Variant, kind: str, element: Callable[[Symbols], Any]) -> Variant:
     s = Symbols(v.model.graph)
-    return v.with_bodies(
-        lambda b: dataclasses.replace(b, forces=(*b.forces, JointForce(kind, element(s))))
-    )
+    return v.with_bodies(lambda b: dataclasses.replace(b, forces=(*b.forces, JointForce(kind, element(s)))))
 
 
 def general_viscous(v: Variant) -> Variant:

@@ -19,6 +19,7 @@ from robodyn_cli.algorithms.energy import gravity_energy, kinetic_energy, spring
 from robodyn_cli.algorithms.kinematics import Pose, poses, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
+from robodyn_cli.equations.kinks import is_of_time, switches, switching_times
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.functions import interpolate
@@ -164,16 +165,36 @@ class Problem:
                 tau[place] = torque.evaluate(env)
         return tau
 
-    @property
+    @cached_property
+    def switches(self) -> list[tuple[str, Expr]]:
+        """What the scene's formulas switch on, with the key of the formula (see ``kinks``)."""
+        outputs: list[tuple[str, list[Scalar]]] = []
+        for name, torque in (self.scene.torques or {}).items():
+            if not isinstance(torque, sc.Torque):
+                outputs.append((f"torques.{name}", [self.actuator_torques[self.model.body_of(name).v]]))
+        for row in (self.constraints.rows[i] for i in self.constraints.prescribed):
+            outputs.append((row.name, [row.eta, row.eta_t, row.gamma]))
+        return [(key, switch) for key, entries in outputs for switch in switches(entries)]
+
+    @cached_property
     def breakpoints(self) -> tuple[float, ...]:
-        """Times at which tabulated torques have kinks."""
+        """Times within the simulation at which tabulated torques have kinks and formulas of time switch."""
+        duration = self.scene.simulate.duration
         times = {
             float(row[0])
             for torque in (self.scene.torques or {}).values()
             if isinstance(torque, sc.Torque)
             for row in torque.table
         }
+        for _, switch in self.switches:
+            if is_of_time(switch, self.t):
+                times.update(switching_times(switch, self.t, duration))
         return tuple(sorted(times))
+
+    @property
+    def state_switches(self) -> list[tuple[str, Expr]]:
+        """Those of ``switches`` that depend on more than time."""
+        return [(key, switch) for key, switch in self.switches if not is_of_time(switch, self.t)]
 
     def joint_forces(self, smooth: bool) -> dict[str, Vector]:
         """Return the torques of springs, dampers (``passive``) and friction (``friction``) on the joints.

@@ -56,6 +56,27 @@ def apply(node: Expr, args: Sequence[Any]) -> Any:
     return APPLY[node.op](*args)
 
 
+class Evaluator:
+    """Expressions to be evaluated on numbers again and again: what depends on what is worked out once."""
+
+    def __init__(self, outputs: Sequence[Scalar]) -> None:
+        self.outputs = list(outputs)
+        self.nodes = reachable(self.outputs)
+
+    def __call__(self, inputs: Mapping[str, Any]) -> list[Any]:
+        """Return the values of the outputs; see ``evaluate``."""
+        value: dict[int, Any] = {}
+        for node in self.nodes:
+            if node.op == "sym":
+                _, group, position = node.value
+                value[node.index] = inputs[group][position]
+            elif node.op == "const":
+                value[node.index] = node.value
+            else:
+                value[node.index] = apply(node, [value[a.index] for a in node.args])
+        return [value[e.index] if isinstance(e, Expr) else e for e in self.outputs]
+
+
 def evaluate(outputs: Sequence[Scalar], inputs: Mapping[str, Any]) -> list[Any]:
     """Evaluate the outputs on numbers; the slow, compiler-free path and the oracle of the compiled one.
 
@@ -65,13 +86,4 @@ def evaluate(outputs: Sequence[Scalar], inputs: Mapping[str, Any]) -> list[Any]:
     inputs : arrays by symbol group; entry ``position`` of a group is its symbol's value (a float, or an array
         of samples; any numpy number type, ``longdouble`` included).
     """
-    value: dict[int, Any] = {}
-    for node in reachable(outputs):
-        if node.op == "sym":
-            _, group, position = node.value
-            value[node.index] = inputs[group][position]
-        elif node.op == "const":
-            value[node.index] = node.value
-        else:
-            value[node.index] = apply(node, [value[a.index] for a in node.args])
-    return [value[e.index] if isinstance(e, Expr) else e for e in outputs]
+    return Evaluator(outputs)(inputs)

@@ -53,9 +53,14 @@ def index1(
         z_rate=(power,) if has_work else (),
         position_correction=tuple(position),
         velocity_correction=tuple(velocity),
-        events=tuple(events),
+        events=(*events, *kinks(problem)),
         breakpoints=problem.breakpoints,
     )
+
+
+def kinks(problem: Problem) -> tuple[EventFunction, ...]:
+    """Return the events of formulas that switch with the state (times are breakpoints)."""
+    return tuple(EventFunction(key, switch, terminal=False, kink=True) for key, switch in problem.state_switches)
 
 
 def _velocity_residual(problem: Problem) -> list[Scalar]:

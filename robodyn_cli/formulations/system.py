@@ -27,13 +27,14 @@ class EventFunction:
     """A scalar whose sign change is an event.
 
     direction : +1 for rising, -1 for falling, 0 for both. terminal : whether the run ends there.
-    cautious : approach it in several short steps, because the right-hand side is ill-conditioned close to it.
+    kink : the right-hand side is not smooth there; nothing happens but that a step ends.
     """
 
     name: str
     value: Scalar
     direction: int = 0
     terminal: bool = True
+    kink: bool = False
 
 
 @dataclasses.dataclass(frozen=True)

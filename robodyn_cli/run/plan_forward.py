@@ -74,10 +74,6 @@ class Forward:
         system = index1(problem, "none" if wanted == PROJECTION else wanted, work=work)
         return [*system.acceleration, *system.z_rate]
 
-    def _observed(self) -> dict[str, Sequence[Scalar]]:
-        """Return what is evaluated at the samples."""
-        return observed(self.problem)
-
     # -- kernels --------------------------------------------------------------------------------------
     def kernels(self) -> list[dict[str, Any]]:
         """Describe the compiled programs."""
@@ -91,7 +87,7 @@ class Forward:
             found.append(stepped("projection of velocities", s.velocities, "state"))
         if s.switching is not None:
             found.append(stepped("events", s.switching, "times"))
-        found.append(sampled("observation", make_program(self._observed(), GROUPS)))
+        found.append(sampled("observation", make_program(observed(self.problem), GROUPS)))
         if self.command == "deploy":
             lam = [self.problem.forward.lam[i] for i in loop_rows(self.problem)]
             found.append(sampled("multipliers on the 1 ms grid", make_program({"lam": lam}, GROUPS)))
@@ -134,11 +130,11 @@ class Forward:
                 "work integral", "nothing drives or brakes: energy itself is conserved", saved=more - less
             )
         self._events(ledger)
-        observed = count_operations([x for entries in self._observed().values() for x in entries])
+        sampled_too = count_operations([x for entries in observed(problem).values() for x in entries])
         ledger.keep(
             "energies, points and multipliers at the samples",
             "in the result; evaluated at the samples only, not in the stepping loop",
-            operations=observed - count_operations(list(problem.forward.qdd)),
+            operations=sampled_too - count_operations(list(problem.forward.qdd)),
         )
         again = "a second, tighter integration by the same code"
         if scene.simulate.error_estimate:

@@ -16,6 +16,7 @@ from robodyn_cli.formulations.system import EventFunction, System
 from robodyn_cli.integrators.integrator import Counters, Event, Grid, Integrator, Options
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.writer import ResultWriter
+from robodyn_cli.run.chatter import ChatterGuard
 from robodyn_cli.run.mass_matrix import nearly_singular, refuse_singular
 from robodyn_cli.run.method import Choice, Run
 from robodyn_cli.run.observe import Observer, Recorder
@@ -124,11 +125,15 @@ def _check_prescribed(scene: Scene, name: str, start: float) -> None:
 def integrate_states(
     system: System, method: str, start: Array, grid: Grid, end: float, options: Options
 ) -> tuple[Array, Counters]:
-    """Integrate without observing and without events; returns states (T, nx) at the grid up to ``end`` and the counters."""
+    """Integrate without observing, looking for kinks only; returns states (T, nx) at the grid up to ``end`` and the counters."""
+    kinks = tuple(event for event in system.events if event.kink)
+    if kinks and len(kinks) < len(system.events):
+        system = dataclasses.replace(system, events=kinks)
     integrator = Integrator(system, method)
     integrator.reset(grid.start, start, options)
     rows: list[Array] = []
-    integrator.run(end, grid, lambda t, x: rows.append(x), watch=False)
+    guard = ChatterGuard(system)
+    integrator.run(end, grid, lambda t, x: rows.append(x), guard.passes, watch=bool(kinks))
     return np.concatenate(rows), integrator.counters
 
 
@@ -217,7 +222,11 @@ def simulate(
         recorder.emit(t, x)
         progress(float(t[-1]), scene.simulate.duration)
 
+    guard = ChatterGuard(system)
+
     def on_event(event: Event) -> bool:
+        if guard.passes(event):
+            return True
         stop_at_rank_loss(problem, system, run.choice.method, event, options)
         return True
 

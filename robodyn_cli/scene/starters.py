@@ -125,12 +125,12 @@ robot:
   convention: standard
   joints: # two chains on the base; the loop below closes them
     - {name: theta1, type: revolute, parent: base, a: 1.0, alpha: 0, d: 0}
-    - {name: phi2, type: revolute, parent: crank, a: 2.0, alpha: 0, d: 0}
-    - {name: phi1, type: revolute, parent: base, origin: {xyz: [2.5, 0, 0]}, a: 1.8, alpha: 0, d: 0}
+    - {name: phi2, type: revolute, parent: crank, a: 1.6, alpha: 0, d: 0}
+    - {name: phi1, type: revolute, parent: base, origin: {xyz: [2.5, 0, 0]}, a: 1.6, alpha: 0, d: 0}
   links:
     - {name: crank, mass: 1.0, com: [0.5, 0, 0], com_frame: joint, inertia: {zz: 1.0*1.0^2/12}}
-    - {name: coupler, mass: 2.0, com: [1.0, 0, 0], com_frame: joint, inertia: {zz: 2.0*2.0^2/12}}
-    - {name: follower, mass: 1.8, com: [0.9, 0, 0], com_frame: joint, inertia: {zz: 1.8*1.8^2/12}}
+    - {name: coupler, mass: 1.6, com: [0.8, 0, 0], com_frame: joint, inertia: {zz: 1.6*1.6^2/12}}
+    - {name: follower, mass: 1.6, com: [0.8, 0, 0], com_frame: joint, inertia: {zz: 1.6*1.6^2/12}}
 loops:
   - {name: pin, type: revolute, between: [coupler.end, follower.end]}
 actuated: [theta1]
@@ -139,7 +139,7 @@ actuated: [theta1]
 _DEPLOY = """\
 torques: {theta1: "2.5 - 0.5*theta1"} # a preloaded torsion spring unfolds the mechanism
 # theta1 is kept as it is; the loop is closed by the others, near the values given for them
-initial: {q: {theta1: 20 deg, phi2: 20 deg, phi1: 80 deg}, hold: [theta1]}
+initial: {q: {theta1: 20 deg, phi2: 28 deg, phi1: 108 deg}, hold: [theta1]}
 simulate: {duration: 10, samples: 1001, rtol: 1e-10, atol: 1e-12}
 deploy: # it locks where coupler and follower come in line: the crank has no grip there
   criterion: dead_point
@@ -151,7 +151,7 @@ expect: # what `robodyn run` and `robodyn check` ask of the summary
 _CLOSED = """\
 torques: {theta1: "3*sin(2*t)"}
 # theta1 is kept as it is; the loop is closed by the others, near the values given for them
-initial: {q: {theta1: 70 deg, phi2: -40 deg, phi1: 100 deg}, hold: [theta1]}
+initial: {q: {theta1: 70 deg, phi2: -51 deg, phi1: 114 deg}, hold: [theta1]}
 simulate: {duration: 3, samples: 301, rtol: 1e-10, atol: 1e-12}
 expect: # what `robodyn run` and `robodyn check` ask of the summary
   constraint_residual.position: < 1e-10

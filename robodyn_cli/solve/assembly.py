@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from robodyn_cli.errors import GeometryError, SingularConfigurationError
 from robodyn_cli.expr.graph import Expr
-from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import Model
 
@@ -54,24 +54,26 @@ class _Numbers:
     def __init__(self, equations: Equations, parameters: Sequence[float]) -> None:
         self.rows = equations.constraint_rows
         self.nv = equations.model.nv
-        self.entries = [x for row in self.rows for x in row.psi]
+        self._eta = Evaluator([row.eta for row in self.rows])
+        self._eta_t = Evaluator([row.eta_t for row in self.rows])
+        self._psi = Evaluator([x for row in self.rows for x in row.psi])
         self.parameters = list(parameters)
         self.sizes = np.ones(len(self.rows))  # of the rows: 1 rad, or the size of the mechanism [m]
 
-    def _evaluate(self, outputs: list[Expr | float], q: Array, t: float) -> Array:
-        return np.array(evaluate(outputs, {"q": q.tolist(), "t": [t], "p": self.parameters}), dtype=float)
+    def _evaluate(self, outputs: Evaluator, q: Array, t: float) -> Array:
+        return np.array(outputs({"q": q.tolist(), "t": [t], "p": self.parameters}), dtype=float)
 
     def eta(self, q: Array, t: float = 0.0) -> Array:
-        return self._evaluate([r.eta for r in self.rows], q, t)
+        return self._evaluate(self._eta, q, t)
 
     def relative(self, q: Array) -> Array:
         return self.eta(q) / self.sizes
 
     def psi(self, q: Array, t: float = 0.0) -> Array:
-        return self._evaluate(self.entries, q, t).reshape(len(self.rows), self.nv)
+        return self._evaluate(self._psi, q, t).reshape(len(self.rows), self.nv)
 
     def eta_t(self, q: Array, t: float = 0.0) -> Array:
-        return self._evaluate([r.eta_t for r in self.rows], q, t)
+        return self._evaluate(self._eta_t, q, t)
 
 
 def _newton(

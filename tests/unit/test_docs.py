@@ -26,6 +26,7 @@ from robodyn_cli.report.registry import PLOTS
 from robodyn_cli.results.errors import DirectoryInUseError
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.work_precision import work_precision
+from robodyn_cli.scene.starters import STARTERS
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -188,12 +189,25 @@ def shell_lines() -> list[tuple[str, str]]:
 
 @pytest.mark.parametrize(("page", "line"), shell_lines())
 def test_shell_examples_are_possible(page: str, line: str) -> None:
-    words = shlex.split(line.partition(" > ")[0])[1:]
-    command, scene, *rest = words
-    assert command in COMMANDS
-    assert {word for word in rest if word.startswith("-")} <= options(command)
-    overrides = [rest[k + 1] for k, word in enumerate(rest) if word == "--set"]
-    load_scene(ROOT / scene, overrides)
+    command, *rest = shlex.split(line.partition(" > ")[0])[1:]
+    flags = {name for p in COMMANDS[command].params if getattr(p, "is_flag", False) for name in p.opts}
+    scenes, overrides = [], []
+    while rest:
+        word = rest.pop(0)
+        if not word.startswith("-"):
+            scenes.append(word)
+            continue
+        assert word in options(command)
+        value = "" if word in flags else rest.pop(0)
+        overrides += [value] if word == "--set" else []
+    if command == "new":
+        assert scenes[0] in STARTERS
+        return
+    for scene in scenes:
+        found = list(ROOT.glob(scene))
+        assert found, scene
+        for path in found:
+            load_scene(path, overrides)
 
 
 def test_files_named_in_commands_exist() -> None:
@@ -201,6 +215,11 @@ def test_files_named_in_commands_exist() -> None:
         for block, _ in blocks(page.read_text("utf-8"), "sh"):
             for name in re.findall(r"\b(?:configs|benchmarks|docs|tests)/[\w./-]+", block):
                 assert (ROOT / name).exists(), f"{page.name}: {name}"
+
+
+def test_every_kind_of_new_scene_is_named() -> None:
+    part = section(text("docs/cli.md"), "### Options of new").split("|")[0]
+    assert set(STARTERS) <= set(re.findall(r"`(\w+)`", part))
 
 
 def test_every_drawing_is_named() -> None:
@@ -271,6 +290,12 @@ def test_the_simulation_ends_where_the_readme_says() -> None:
     run = result("simulate")
     error = float(np.abs(run["q"][-1] - exact).max())
     assert error < 3.0 * run.summary["error_estimate"]["q_end"] < 1e-10
+
+
+def test_the_lock_is_where_the_readme_says() -> None:
+    exact = float(re.findall(r"puts the lock at ([\d.]+\d) s", text("README.md"))[0])
+    lock = result("deploy").summary["lock"]
+    assert abs(lock["time"] - exact) < lock["time_error"] + 1e-14
 
 
 def test_python_examples_of_the_readme(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -76,8 +76,9 @@ def test_every_scene_has_a_plan(path: Path) -> None:
     assert not {e["term"] for e in found["kept"]} & {e["term"] for e in found["left_out"]}
     for k in found["kernels"]:
         assert k["operations"] > 0 and k["shape"] in ("unrolled", "rolled")
-    assert kernel(found, "torques (" if found["command"] == "inverse" else "accelerations")["operations"] == (
-        found["operations"]
+    assert (
+        kernel(found, "torques (" if found["command"] == "inverse" else "accelerations")["operations"]
+        == (found["operations"])
     )
 
 
@@ -184,8 +185,9 @@ def test_in_its_plane_the_arm_needs_least() -> None:
     idle = {f"{what} of {link}" for link in ("link1", "link2")
             for what in ("com[2]", *(f"inertia.{k}" for k in ("xx", "yy", "xy", "xz", "yz")))}  # fmt: skip
     assert set(plane["given_without_effect"]) == idle == set(weightless["given_without_effect"])
-    assert "inertia.xx, yy, xy, xz, yz of link1 and link2" in (
-        entry(plane, "left_out", "full inertia")["reason"]
+    assert (
+        "inertia.xx, yy, xy, xz, yz of link1 and link2"
+        in (entry(plane, "left_out", "full inertia")["reason"])
     )
 
 
@@ -208,8 +210,9 @@ def test_weightless_there_is_no_gravity() -> None:
 def test_a_tilted_base_alone_loads_the_bearings() -> None:
     upright, leaning = planned("arm_in_plane"), planned("arm_in_plane", "robot.base={rpy: [30 deg, 0, 0]}")
     assert leaning["operations"] == upright["operations"]
-    assert "4.9 m/s^2 along the axes loads the bearings" in (
-        entry(leaning, "left_out", "motion out of the plane")["reason"]
+    assert (
+        "4.9 m/s^2 along the axes loads the bearings"
+        in (entry(leaning, "left_out", "motion out of the plane")["reason"])
     )
     lying = planned("arm_in_plane", "gravity=[0, 0, -9.81]")
     assert "parallel to the joint axes" in entry(lying, "left_out", "gravity")["reason"]

@@ -1,0 +1,74 @@
+"""Where formulas switch: the expressions at whose sign changes their values or slopes jump.
+
+A method of high order looks at a step from a few places only and does not see a jump between them, so steps must
+end where something switches. What depends on time alone switches at times that are known beforehand
+(breakpoints); the rest are event functions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.expr.calculus import jacobian
+from robodyn_cli.expr.graph import Expr, Scalar, free_symbols, reachable
+from robodyn_cli.expr.rebuild import evaluate
+
+Array = NDArray[np.float64]
+GRID = 65_537  # times at which a switch that is not linear in time is looked for
+
+
+def switches(outputs: Iterable[Scalar]) -> list[Expr]:
+    """Return the expressions at whose sign changes the outputs are not smooth, each once."""
+    found: dict[int, Expr] = {}
+    for node in reachable(outputs):
+        value: Scalar | None = None
+        if node.op in ("abs", "sign", "where"):
+            value = node.args[0]
+        elif node.op in ("min", "max"):
+            a, b = (e.value if e.op == "const" else e for e in node.args)
+            value = a - b
+        while isinstance(value, Expr) and value.op == "neg":
+            value = value.args[0]
+        if isinstance(value, Expr) and value.op != "const":
+            found[value.index] = value
+    return list(found.values())
+
+
+def is_of_time(switch: Expr, t: Expr) -> bool:
+    """Tell whether a switch depends on time alone."""
+    return all(symbol is t for symbol in free_symbols([switch]))
+
+
+def switching_times(switch: Expr, t: Expr, duration: float) -> list[float]:
+    """Return the times in (0, duration) at which an expression of time changes its sign or touches zero."""
+
+    def value(time: float) -> float:
+        with np.errstate(all="ignore"):
+            return float(np.asarray(evaluate([switch], {"t": [np.array([time])]})[0]).item())
+
+    slope = jacobian([switch], [t])[0].get(0, 0.0)
+    if not isinstance(slope, Expr):
+        root = -value(0.0) / slope if slope != 0.0 else -1.0
+        return [root] if 0.0 < root < duration else []
+    times = np.linspace(0.0, duration, GRID)
+    with np.errstate(all="ignore"):
+        g = np.broadcast_to(evaluate([switch], {"t": [times]})[0], times.shape)
+    side = np.sign(g)
+    found = set(times[side == 0.0].tolist())
+    for k in np.flatnonzero(side[:-1] * side[1:] < 0.0):
+        found.add(_bisect(value, float(times[k]), float(times[k + 1]), float(side[k])))
+    return sorted(x for x in found if 0.0 < x < duration)
+
+
+def _bisect(value: Callable[[float], float], low: float, high: float, side: float) -> float:
+    while True:
+        middle = 0.5 * (low + high)
+        if not low < middle < high:
+            return high
+        if value(middle) * side > 0.0:
+            low = middle
+        else:
+            high = middle

@@ -1,0 +1,115 @@
+"""Criteria of a scene (``expect``) against the summary of its run."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from robodyn_cli.errors import SceneError, did_you_mean
+from robodyn_cli.expr.expectation import Expectation
+
+# exit code of a run by its status, where no error says more
+EXIT_OF_STATUS = {"ok": 0, "locked": 0, "no_lock": 1, "overload": 1}
+EXIT_CODE = "exit_code"
+FAILED = 1
+_ABSENT: Any = object()
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """One criterion and what the run gave."""
+
+    key: str
+    expected: str
+    found: Any
+    holds: bool
+    note: str = ""
+
+    def __str__(self) -> str:
+        found = self.note or (f"{self.found:.9g}" if isinstance(self.found, float) else str(self.found))
+        return f"{self.key}: {found} (expected {self.expected})"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what ``--json`` shows."""
+        return {"key": self.key, "expected": self.expected, "found": self.found, "holds": self.holds}
+
+
+def exit_code(summary: Mapping[str, Any]) -> int:
+    """Return the exit code with which a run ended, from its summary."""
+    error = summary.get("error")
+    if isinstance(error, Mapping) and isinstance(error.get("exit_code"), int):
+        return int(error["exit_code"])
+    return EXIT_OF_STATUS.get(str(summary.get("status")), 70)
+
+
+def judge(expect: Mapping[str, Expectation], summary: Mapping[str, Any], place: str = "") -> list[Outcome]:
+    """Return the outcome of each criterion.
+
+    Raises
+    ------
+    SceneError : a key that a summary of this command does not have.
+    """
+    facts = {**summary, EXIT_CODE: exit_code(summary)}
+    found = []
+    for key, expected in expect.items():
+        value = lookup(facts, key)
+        if value is _ABSENT:
+            if summary.get("status") != "failed":
+                raise _unknown(key, facts, place)
+            found.append(Outcome(key, expected.text, None, False, "not there, since the run failed"))
+            continue
+        if isinstance(value, (Mapping, list)):
+            inner = ", ".join(f"{key}.{name}" for name in (value if isinstance(value, Mapping) else range(len(value))))
+            raise SceneError(f"{place}expect.{key}: holds several values; name one: {inner}", key=f"expect.{key}")
+        found.append(Outcome(key, expected.text, value, expected.holds(value)))
+    return found
+
+
+def lookup(facts: Mapping[str, Any], key: str) -> Any:
+    """Return the value under a key path; ``peak_torque.theta1`` stands for ``joints.theta1.peak_torque``."""
+    value = _descend(facts, key.split("."))
+    if value is not _ABSENT:
+        return value
+    quantity, _, joint = key.partition(".")
+    joints = facts.get("joints")
+    if isinstance(joints, Mapping) and joint in joints:
+        return _descend(joints[joint], [quantity])
+    return _ABSENT
+
+
+def _descend(node: Any, steps: list[str]) -> Any:
+    """Return what a path leads to; nothing lies below nothing, and names may have dots in them."""
+    if not steps or node is None:
+        return node
+    if isinstance(node, list) and steps[0].isdecimal() and int(steps[0]) < len(node):
+        return _descend(node[int(steps[0])], steps[1:])
+    if isinstance(node, Mapping):
+        for k in range(len(steps), 0, -1):
+            name = ".".join(steps[:k])
+            if name in node:
+                return _descend(node[name], steps[k:])
+    return _ABSENT
+
+
+def _leaves(node: Any, path: str = "") -> Iterator[str]:
+    if isinstance(node, Mapping):
+        for name, value in node.items():
+            yield from _leaves(value, f"{path}.{name}" if path else str(name))
+    else:
+        yield path
+
+
+def _unknown(key: str, facts: Mapping[str, Any], place: str) -> SceneError:
+    options = list(_leaves(facts))
+    joints = facts.get("joints")
+    for joint, row in joints.items() if isinstance(joints, Mapping) else ():
+        options += [f"{quantity}.{joint}" for quantity in row]
+    head = key.partition(".")[0]
+    near = [name for name in options if name.partition(".")[0] == head]
+    hint = did_you_mean(key, options)
+    allowed = f"; below {head!r}: {', '.join(near[:12])}" if near and head in facts else ""
+    keys = f"; allowed: {', '.join(facts)}" if not allowed else ""
+    return SceneError(
+        f"{place}expect.{key}: the summary has no such key{hint}{allowed}{keys}", key=f"expect.{key}"
+    )
