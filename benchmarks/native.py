@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-from robodyn_cli.formulations.system import System
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.formulations.system import GROUPS, System
 from robodyn_cli.kernels.compiler import compile_module, machine
 from robodyn_cli.kernels.ir import Function, Value, module
 from robodyn_cli.kernels.lower import lower
-from robodyn_cli.kernels.program import Program
+from robodyn_cli.kernels.program import make_program
 
 
 def rates(system: System) -> Callable[[float, np.ndarray], np.ndarray]:
     """Return f(t, y) of y' = f, with y = (q, v)."""
-    return _compiled(system, system.dynamics, "a", system.nq, 2 * system.nv)
+    return _compiled(system, system.acceleration, system.nq)
 
 
 def switching(system: System) -> Callable[[float, np.ndarray], float]:
     """Return g(t, y), the first event function."""
-    assert system.switching is not None
-    g = _compiled(system, system.switching, "g", 0, len(system.events))
+    g = _compiled(system, [system.events[0].value], 0)
 
     def first(t: float, y: np.ndarray) -> float:
         return float(g(t, y)[0])
@@ -31,9 +31,10 @@ def switching(system: System) -> Callable[[float, np.ndarray], float]:
     return first
 
 
-def _compiled(system: System, program: Program, output: str, carried: int, size: int) -> Any:
-    """Return a function of (t, y) whose result is ``carried`` rates of y followed by a program's output."""
+def _compiled(system: System, entries: Sequence[Scalar], carried: int) -> Any:
+    """Return a function of (t, y) whose result is the first ``carried`` of v followed by the entries."""
     host = machine()
+    program = make_program({"out": entries}, GROUPS)
 
     def write() -> str:
         f = Function("rhs", ["ptr %t", "ptr %y", "ptr %out"])
@@ -43,15 +44,15 @@ def _compiled(system: System, program: Program, output: str, carried: int, size:
 
         q, v = values("%y", 0, system.nq), values("%y", system.nq, system.nv)
         inputs = {"t": values("%t", 0, 1), "q": q, "v": v}
-        results = lower(f, program, inputs, 1, host.fused)[output]
+        results = lower(f, program, inputs, 1, host.fused)["out"]
         for k, value in enumerate([*v[:carried], *results]):
             f.store(value, f.offset("%out", k))
         f.ret()
         return module([f])
 
-    code = compile_module(f"benchmark {output} {program.digest}", write)
+    code = compile_module(f"benchmark {carried} {program.digest}", write)
     call = code.function("rhs", *[ctypes.c_void_p] * 3)
-    t, y, out = np.zeros(1), np.zeros(system.size), np.zeros(size)
+    t, y, out = np.zeros(1), np.zeros(system.size), np.zeros(carried + len(entries))
     places = t.ctypes.data, y.ctypes.data, out.ctypes.data
 
     def function(time: float, state: np.ndarray) -> np.ndarray:

@@ -20,6 +20,7 @@ from robodyn_cli.schema.describe import describe
 from robodyn_cli.schema.fields import (
     REQUIRED,
     Choice,
+    Criteria,
     Either,
     Inline,
     Kind,
@@ -99,6 +100,8 @@ def _value(kind: Kind, anchors: dict[str, str]) -> str:
         return ", ".join(f"`{option}`" for option in kind.options)
     if isinstance(kind, Section):
         return _link(kind.cls, anchors)
+    if isinstance(kind, Criteria):
+        return "map, see [expectations](#expectations)"
     if isinstance(kind, Tagged):
         kinds = ", ".join(f"[`{k}`](#{anchors.get(c.__name__, '')})" for k, c in kind.registry().items())
         return f"map with `{kind.tag}` {kinds}"

@@ -11,6 +11,7 @@ from scipy.special import ellipj, ellipk
 
 from robodyn_cli.expr import functions as f
 from robodyn_cli.expr.graph import Graph
+from robodyn_cli.formulations.dynamics import Expanded
 from robodyn_cli.formulations.system import EventFunction, System
 from robodyn_cli.integrators.integrator import Event, Grid, Integrator, Options
 
@@ -27,7 +28,7 @@ def system(
     found = rates(t, q, v, z, p)
     a, zr = found if isinstance(found, tuple) else (found, [])
     functions = tuple(events(t, q, v, z, p)) if events else ()
-    return System(nv, nv, tuple(a), nz, tuple(zr), events=functions, **more)
+    return System(nv, nv, Expanded(tuple(a), tuple(zr)), nz, events=functions, **more)
 
 
 @dataclasses.dataclass(frozen=True)

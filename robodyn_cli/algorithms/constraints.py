@@ -6,7 +6,16 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
-from robodyn_cli.algorithms.kinematics import Motion, Pose, motions, point_jacobian, poses, slice_q, slice_v, step_motion
+from robodyn_cli.algorithms.kinematics import (
+    Motion,
+    Pose,
+    motions,
+    point_jacobian,
+    poses,
+    slice_q,
+    slice_v,
+    step_motion,
+)
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.loops.base import LoopFrame, Row
@@ -39,13 +48,19 @@ def loop_rows(
                 motion[k] = step_motion(
                     body, X[k], slice_q(body, q), slice_v(body, qd), slice_v(body, rest), motion[body.parent]
                 )
-    ends = [_frame(model, q, pose, motion, frame, root) for frame in (loop.first, loop.second)]
+    ends = [_frame(model, q, qd, pose, motion, frame, root) for frame in (loop.first, loop.second)]
     rows: list[Row] = loop.element.rows(*ends)
     return rows
 
 
 def _frame(
-    model: Model, q: Values, pose: dict[int, Pose], motion: dict[int, Motion], frame: FixedFrame, root: int
+    model: Model,
+    q: Values,
+    qd: Values,
+    pose: dict[int, Pose],
+    motion: dict[int, Motion],
+    frame: FixedFrame,
+    root: int,
 ) -> LoopFrame:
     here, moving = pose[frame.body], motion[frame.body]
     p = here.point(frame.p)
@@ -58,6 +73,7 @@ def _frame(
         here.R @ moving.w,
         here.R @ moving.acceleration_of(frame.p),
         here.R @ moving.wd,
+        qd,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from robodyn_cli.cli import deploy, inverse, new, plan, schema, simulate, validate, work_precision
+from robodyn_cli.cli import check, compare, deploy, inverse, new, plan, run, schema, simulate, validate, work_precision
 from robodyn_cli.version import __version__
 
 app = typer.Typer(
@@ -20,7 +20,10 @@ app.command("inverse")(inverse.command)
 app.command("simulate")(simulate.command)
 app.command("deploy")(deploy.command)
 app.command("plan")(plan.command)
+app.command("check")(check.command)
+app.command("compare")(compare.command)
 app.command("new")(new.command)
+app.command("run")(run.command)
 app.command("schema")(schema.command)
 app.command("validate")(validate.command)
 app.command("work-precision")(work_precision.command)

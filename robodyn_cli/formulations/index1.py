@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +11,9 @@ from robodyn_cli.algorithms.constraints import correction, solve_with_multiplier
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Expr, Scalar
+from robodyn_cli.formulations.dynamics import Expanded, Rolled
 from robodyn_cli.formulations.system import EventFunction, System
+from robodyn_cli.kernels.rolled import prefer_rolled
 from robodyn_cli.scene.types import Baumgarte
 
 
@@ -19,16 +22,22 @@ def index1(
     stabilisation: str | Baumgarte = "projection",
     events: Sequence[EventFunction] = (),
     work: bool = True,
+    expanded: bool = False,
 ) -> System:
     """Return the system that an explicit or collocation method steps.
+
+    Long open trees get rolled dynamics (see ``prefer_rolled``), all others expressions.
 
     Parameters
     ----------
     stabilisation : ``projection`` (position and velocity put back after each step), ``none``, or Baumgarte's
         gains, which add -2 alpha (Psi v + eta_t) - beta^2 eta to the acceleration constraint.
     work : carry the work of actuators and damping as a further state, where there is any.
+    expanded : give expressions in any case, for those who look into them.
     """
     constraints = problem.constraints
+    power = problem.power if work else 0.0
+    z_rate = (power,) if isinstance(power, Expr) or power != 0.0 else ()
     position: Sequence[Scalar] = ()
     velocity: Sequence[Scalar] = ()
     if constraints.rows and isinstance(stabilisation, Baumgarte):
@@ -39,23 +48,36 @@ def index1(
         ]
         factor = LdlFactor.of(problem.mass_matrix, problem.elimination_order)
         qdd = solve_with_multipliers(factor, problem.applied - problem.bias, problem.psi, gamma).qdd
+    elif not expanded and is_rolled(problem):
+        rolled = Rolled(problem.model, list(problem.applied), z_rate)
+        return _system(problem, rolled, events)
     else:
         qdd = problem.forward.qdd
     if constraints.rows and stabilisation == "projection":
         position, velocity = projection(problem)
-    power = problem.power if work else 0.0
-    has_work = isinstance(power, Expr) or power != 0.0
+    return _system(
+        problem, Expanded(tuple(qdd), z_rate), events,
+        position_correction=tuple(position), velocity_correction=tuple(velocity),
+    )  # fmt: skip
+
+
+def _system(
+    problem: Problem, dynamics: Rolled | Expanded, events: Sequence[EventFunction], **corrections: Any
+) -> System:
     return System(
         nq=problem.model.nq,
         nv=problem.model.nv,
-        acceleration=tuple(qdd),
-        nz=1 if has_work else 0,
-        z_rate=(power,) if has_work else (),
-        position_correction=tuple(position),
-        velocity_correction=tuple(velocity),
+        dynamics=dynamics,
+        nz=len(dynamics.z_rate),
         events=(*events, *kinks(problem)),
         breakpoints=problem.breakpoints,
+        **corrections,
     )
+
+
+def is_rolled(problem: Problem) -> bool:
+    """Tell whether a simulation goes by loops over the bodies instead of one graph of expressions."""
+    return not problem.scene.prescribed and prefer_rolled(problem.model)
 
 
 def kinks(problem: Problem) -> tuple[EventFunction, ...]:

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from robodyn_cli.algorithms.linear import LuFactor
 from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import Expr, Graph, Scalar, free_symbols
+from robodyn_cli.formulations.dynamics import GROUPS as GROUPS
+from robodyn_cli.formulations.dynamics import Dynamics
 from robodyn_cli.kernels.program import Program, make_program
 from robodyn_cli.spatial.algebra import zeros
-
-GROUPS = ("t", "q", "v", "z", "p")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,7 +39,7 @@ class EventFunction:
 
 @dataclasses.dataclass(frozen=True)
 class System:
-    """State x = (q, v, z): q-dot = v, v-dot = ``acceleration``, z-dot = ``z_rate``, over symbols t, q, v, z, p.
+    """State x = (q, v, z): q-dot = v, v-dot and z-dot by ``dynamics``, over symbols t, q, v, z, p.
 
     position_correction : q corrected once onto the position constraints (one Newton step), or empty.
     velocity_correction : v corrected onto the velocity constraints, or empty.
@@ -48,9 +48,8 @@ class System:
 
     nq: int
     nv: int
-    acceleration: tuple[Scalar, ...]
+    dynamics: Dynamics
     nz: int = 0
-    z_rate: tuple[Scalar, ...] = ()
     position_correction: tuple[Scalar, ...] = ()
     velocity_correction: tuple[Scalar, ...] = ()
     events: tuple[EventFunction, ...] = ()
@@ -61,10 +60,15 @@ class System:
         """Length of the state vector."""
         return self.nq + self.nv + self.nz
 
-    @cached_property
-    def dynamics(self) -> Program:
-        """Outputs ``a`` (nv) and ``z`` (nz)."""
-        return _program(a=self.acceleration, z=self.z_rate)
+    @property
+    def acceleration(self) -> tuple[Scalar, ...]:
+        """v-dot as expressions, where there are such."""
+        return self.dynamics.expressions()[0]
+
+    @property
+    def z_rate(self) -> tuple[Scalar, ...]:
+        """z-dot as expressions, where there are such."""
+        return self.dynamics.expressions()[1]
 
     @cached_property
     def positions(self) -> Program | None:
@@ -119,9 +123,8 @@ class System:
     def digest(self) -> str:
         """Key of everything that decides the compiled code."""
         parts = [self.dynamics, self.positions, self.velocities, self.switching]
-        return " ".join(
-            [f"{self.nq} {self.nv} {self.nz}", *("-" if p is None else p.digest for p in parts)]
-        ) + " ".join(str(e.direction) for e in self.events)
+        size = "any" if self.dynamics.any_size else f"{self.nq} {self.nv}"
+        return " ".join([f"{size} {self.nz}", *("-" if p is None else p.digest for p in parts)]) + " ".join(str(e.direction) for e in self.events)
 
 
 def _program(**outputs: Sequence[Scalar]) -> Program:

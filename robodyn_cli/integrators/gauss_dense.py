@@ -59,9 +59,10 @@ def _integrate(coefficients: Array) -> Array:
 def dense_table(s: int = 8) -> DenseTable:
     """Return the tables for s stages."""
     c = gauss_table(s).c
-    # between neighbours in the angle of the cosine, and the end of the step: close to Chebyshev's points
-    angle = np.arccos(1 - 2 * c)
-    extra = np.append((1 - np.cos((angle[1:] + angle[:-1]) / 2)) / 2, 1.0)
+    # between neighbours in the angle of the cosine, close to Chebyshev's points; the end of the step is not among
+    # them, because steps end where the right-hand side jumps
+    angle = np.append(np.arccos(1 - 2 * c), np.pi)
+    extra = (1 - np.cos((angle[1:] + angle[:-1]) / 2)) / 2
     stage = np.linalg.inv(_powers(c, s))
     stage_once, stage_twice = _integrate(stage), _integrate(_integrate(stage))
     nodes = [c, extra]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import ctypes
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from time import perf_counter
 from typing import Any
@@ -17,8 +18,9 @@ from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.system import GROUPS, System
 from robodyn_cli.integrators.events import Event as Event
 from robodyn_cli.integrators.events import Found, crosses, first_roots
+from robodyn_cli.integrators.grid import Grid as Grid
 from robodyn_cli.integrators.layout import Real, Status, Whole
-from robodyn_cli.integrators.loop import SLACK, Stepper, write_run
+from robodyn_cli.integrators.loop import Stepper, write_run
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.kernels.compiler import compile_module, machine
 from robodyn_cli.kernels.samples import SampleKernel
@@ -29,23 +31,9 @@ SMALLEST_ATOL = 1e-300  # keeps weights finite where the tolerance is zero
 # the compiled loop runs for about this long [s] at a time; the number of steps adapts itself
 SLICE_TIME = 0.02
 FIRST_SLICE = 256
-
-
-@dataclasses.dataclass(frozen=True)
-class Grid:
-    """Uniform sample times start + k step, k = 0 .. count - 1."""
-
-    start: float
-    step: float
-    count: int
-
-    @staticmethod
-    def over(duration: float, count: int) -> Grid:
-        return Grid(0.0, duration / max(count - 1, 1), count)
-
-    def times(self, first: int, last: int) -> Array:
-        """Return sample times first .. last - 1."""
-        return self.start + np.arange(first, last) * self.step
+# so many steps with events within this part of the time so far (or of a second) get nowhere
+CROWD = 200
+CROWDED = 1e-9
 
 
 @dataclasses.dataclass
@@ -246,10 +234,10 @@ class Integrator:
         self._bind()
         rows = self._out.reshape(s.size, capacity)
         self.n[Whole.CAPACITY], self.n[Whole.ROWS] = capacity, 0
-        first = _first_sample(grid, self.time)
+        first = grid.first_at(self.time)
         self.n[Whole.NEXT_SAMPLE], self.n[Whole.LAST_SAMPLE] = first, grid.count - 1
         self.w[Real.SAMPLE_START], self.w[Real.SAMPLE_STEP] = grid.start, grid.step
-        if first < grid.count and grid.start + first * grid.step <= self.time + _slack(grid, self.time):
+        if first < grid.count and grid.begins_by(first, self.time):
             emit(np.array([self.time]), self.y[None, :].copy())
             self.n[Whole.NEXT_SAMPLE] += 1
         watch = watch and self._switching is not None
@@ -266,6 +254,7 @@ class Integrator:
                 emit(grid.times(last - count, last), rows[:, :count].T.copy())
                 self.n[Whole.ROWS] = 0
 
+        crowd: deque[float] = deque(maxlen=CROWD)
         for stop in [*(b for b in s.breakpoints if self.time < b < end), end]:
             while True:
                 status = self._call(stop)
@@ -273,12 +262,24 @@ class Integrator:
                 if status is Status.DONE:
                     break
                 if status is Status.EVENT:
+                    crowd.append(self.time)
+                    if len(crowd) == CROWD and self.time - crowd[0] <= CROWDED * max(1.0, self.time):
+                        raise self._chatter()
                     if not self._handle(self._locate(stop, flush), on_event):
                         return
                 elif status is not Status.FULL:
                     self._check(status)
         if watch:
             self._handle(self._at_end(), on_event)
+
+    def _chatter(self) -> NumericalError:
+        """Return the error of a function that changes its sign again and again, getting nowhere."""
+        event = self.system.events[int(self.n[Whole.EVENT])]
+        advice = "; make its jump a steep slope, as in tanh(x/0.001) for sign(x)" if event.kink else ""
+        return NumericalError(
+            f"{event.name} switches to and fro without end at t = {self.time:.6g} s{advice}",
+            time=self.time, status="chatter",
+        )  # fmt: skip
 
     def _handle(self, events: Sequence[Event], on_event: Callable[[Event], bool] | None) -> bool:
         """Report events at the same time, each with the state that the ones before it have left."""
@@ -381,20 +382,6 @@ class Integrator:
             return np.array([np.broadcast_to(x, 1)[0] for x in evaluate([*s.acceleration, *s.z_rate], groups)])
 
 
-def _slack(grid: Grid, time: float) -> float:
-    return SLACK * (abs(grid.start) + abs(time))
-
-
-def _first_sample(grid: Grid, time: float) -> int:
-    """Return the first sample that does not lie before ``time``, but for rounding."""
-    if grid.step <= 0.0:
-        return 0 if grid.start >= time - _slack(grid, time) else grid.count
-    k = max(0, int((time - grid.start) / grid.step) - 1)
-    while grid.start + k * grid.step < time - _slack(grid, time):
-        k += 1
-    return k
-
-
 def integrate(
     system: System, method: str, state: Any, grid: Grid, options: Options = Options(), parameters: Any = ()  # noqa: B008
 ) -> tuple[Array, Array, Counters]:
@@ -410,9 +397,3 @@ def integrate(
 
     integrator.run(grid.start + (grid.count - 1) * grid.step, grid, emit)
     return np.concatenate(times), np.concatenate(states), integrator.counters
-
-
-def sample_blocks(grid: Grid, block: int) -> Iterator[tuple[int, int]]:
-    """Yield (first, last) of consecutive blocks of samples."""
-    for first in range(0, grid.count, block):
-        yield first, min(first + block, grid.count)

@@ -42,6 +42,7 @@ class Whole(enum.IntEnum):
     WATCH = 10  # whether to look for events
     REJECTED_IN_ROW = 11
     PROJECTIONS = 12
+    VELOCITIES = 13  # how many there are, for code that serves systems of any size
     SIZE = 16
 
 

@@ -5,42 +5,94 @@
 A method supplies the attempt, its dense output and its own memory (``Stepper``); tableaus are data. To add a
 method, write one file with a subclass and one line in the registry. Checklist for implementers:
 
-1. ``attempt`` emits straight-line code or inner loops and leaves new values in ``new`` slots; it returns the
+1. ``attempt`` emits straight-line code or inner loops and leaves new values in ``new``; it returns the
    squared, scaled error (accept where < 1; NaN must come out as NaN) and the factor for the next step.
 2. ``save_dense`` stores what dense output needs in ``%dense``; ``dense`` evaluates it at u in [-1, 0], where 0 is
    the end of the step.
-3. Nothing is kept between steps outside ``%w``, ``%dense`` and the state, so that a run can stop and resume.
+3. Whatever is done for each velocity goes through ``Writer.each`` and ``Writer.array``: straight-line code for a
+   small system, loops for a long chain.
+4. Nothing is kept between steps outside ``%w``, ``%dense`` and the state, so that a run can stop and resume.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 
 import numpy as np
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.layout import Real, Status, Whole
-from robodyn_cli.kernels.ir import RELAXED, Condition, Function, Value, module
+from robodyn_cli.kernels.arrays import Array, Total, each
+from robodyn_cli.kernels.ir import RELAXED, Condition, Function, Int, Value, module
 from robodyn_cli.kernels.lower import call_program, lower, outline
 from robodyn_cli.kernels.program import Program
 
 INLINE_LIMIT = 400  # operations; longer programs become functions
 LANES = 8
+ARGUMENTS = ("w", "n", "y", "p", "dense", "out", "tables", "scratch", "work")
 SLACK = 2e-15  # a sample this close beyond the end of a step belongs to it
 
 
 class Writer:
-    """The function under construction, with the state and the programs of the system at hand."""
+    """The function under construction, with the state and the programs of the system at hand.
+
+    ``nv``, ``rates`` (nv + nz) and ``size`` are Python ints, or Ints where the code serves systems of any size:
+    then rows of vectors live in memory of the caller, and ``each`` makes a loop.
+    """
 
     def __init__(self, system: System, fused: bool) -> None:
         self.system = system
         self.fused = fused
-        arguments = ["w", "n", "y", "p", "dense", "out"]
-        self.f = Function("run", [f"ptr noalias %{a}" for a in arguments], result="i64", flags=RELAXED)
-        self.outlined: dict[str, Function] = {}
-        f = self.f
-        self.state = [f.slot() for _ in range(system.size)]
-        self.new = [f.slot() for _ in range(system.size)]
+        self.f = f = Function(
+            "run", [f"ptr noalias %{a}" for a in ARGUMENTS], result="i64", flags=RELAXED
+        )
+        self.functions: dict[str, Function] = {}
+        self._named: dict[str, Array] = {}
+        # doubles taken so far in the caller's memory: so many per (padded) velocity, and so many beside
+        self._taken = [0, 0]
+        self.nv: Int | int = system.nv
+        if system.dynamics.any_size:
+            with f.entry():
+                self.nv = f.load_int(self.whole(Whole.VELOCITIES))
+                # a multiple of the lanes, so that every row starts aligned
+                self._padded = (self.nv + (LANES - 1)) & -LANES
+                self.rates: Int | int = self.nv + system.nz
+                self.size: Int | int = self.nv * 2 + system.nz
+        else:
+            self.rates, self.size = system.nv + system.nz, system.size
+        self.state = self.array(2, 1)
+        self.new = self.array(2, 1)
+
+    # -- rows of vectors ------------------------------------------------------------------------------
+    def array(self, velocities: int, others: int, width: int = 1) -> Array:
+        """Return room for so many vectors a velocity, and so many a further state z."""
+        f, s = self.f, self.system
+        more = others * s.nz
+        if isinstance(self.nv, int):
+            return Array(f, f.slot(width, max(1, velocities * self.nv + more)), width)
+        with f.entry():
+            base = f.offset("%work", self._padded * self._taken[0] + self._taken[1])
+        self._taken[0] += velocities * width
+        self._taken[1] += -(-more * width // LANES) * LANES
+        return Array(f, base, width)
+
+    def workspace(self, name: str, velocities: int, others: int, width: int) -> Array:
+        """Return the room called ``name``, the same one each time."""
+        if name not in self._named:
+            self._named[name] = self.array(velocities, others, width)
+        return self._named[name]
+
+    def each(self, count: Int | int) -> Iterator[Int | int]:
+        """Emit the body of a ``for`` once an index."""
+        return each(self.f, count)
+
+    def memory_function(self) -> Function:
+        """Return ``i64 memory(n)``: the doubles of ``%work`` that a system of n velocities takes."""
+        f = Function("memory", ["i64 %n"], result="i64")
+        padded = (f.int_argument("n") + (LANES - 1)) & -LANES
+        f.ret(padded * self._taken[0] + self._taken[1])
+        return f
 
     # -- shared memory --------------------------------------------------------------------------------
     def real(self, place: int) -> str:
@@ -70,35 +122,36 @@ class Writer:
 
     # -- programs -------------------------------------------------------------------------------------
     def evaluate(
-        self, program: Program, t: Value, x: list[Value], width: int, **more: list[Value]
+        self, program: Program, t: Value, x: Array, **more: list[Value]
     ) -> dict[str, list[Value]]:
         """Emit a program of the system at time t and state x = (q, v, z), with ``more`` input groups."""
-        f, s = self.f, self.system
-        inputs = {
-            **more,
-            "t": [t],
-            "q": x[: s.nq],
-            "v": x[s.nq : s.nq + s.nv],
-            "z": x[s.nq + s.nv :],
-            "p": [f.load(f.offset("%p", k)) for k in range(program.inputs.get("p", 0))],
-        }
+        f, width = self.f, x.width
+        used = {i.value for i in program.instructions if i.op == "sym"}
+        first: dict[str, Int | int] = {"q": 0, "v": self.nv, "z": self.nv * 2}
+        inputs: dict[str, list[Value]] = {**more, "t": [t]}
+        for group, count in program.inputs.items():
+            if group == "p":
+                inputs[group] = [f.load(f.offset("%p", k)) for k in range(count)]
+            elif group in first:
+                row, zero = x.part(first[group]), f.constant(0.0, width)
+                inputs[group] = [row[k] if (group, k) in used else zero for k in range(count)]
         if program.operations <= INLINE_LIMIT:
             return lower(f, program, inputs, width, self.fused)
         name = f"program.{program.digest[:12]}.{width}"
-        if name not in self.outlined:
-            self.outlined[name] = outline(name, program, width, self.fused, f.flags)
+        if name not in self.functions:
+            self.functions[name] = outline(name, program, width, self.fused, f.flags)
         return call_program(f, name, program, inputs, width)
 
-    def dynamics(self, t: Value, x: list[Value], width: int = 1) -> tuple[list[Value], list[Value]]:
-        """Return v-dot and z-dot."""
-        found = self.evaluate(self.system.dynamics, t, x, width)
-        return found.get("a", []), found.get("z", [])
+    def dynamics(self, t: Value, x: Array, rates: Array) -> None:
+        """Store v-dot and z-dot at time t and state x."""
+        self.system.dynamics.emit(self, t, x, rates)
 
-    def rate(self, t: Value, x: list[Value], width: int = 1) -> list[Value]:
-        """Return the whole x-dot = (v, v-dot, z-dot)."""
-        s = self.system
-        a, z = self.dynamics(t, x, width)
-        return [self.f.splat(v, width) for v in x[s.nq : s.nq + s.nv]] + a + z
+    def rate(self, t: Value, x: Array, rates: Array) -> None:
+        """Store the whole x-dot = (v, v-dot, z-dot)."""
+        v = x.part(self.nv)
+        for k in self.each(self.nv):
+            rates[k] = v[k]
+        self.dynamics(t, x, rates.part(self.nv))
 
 
 @dataclasses.dataclass
@@ -133,27 +186,31 @@ class Stepper:
         """Emit the storing of dense output, after acceptance and before the state is replaced."""
         raise NotImplementedError
 
-    def dense(self, w: Writer, u: Value, h: Value) -> list[Value]:
-        """Emit the state at u in [-1, 0] of the step of length h."""
+    def dense(self, w: Writer, u: Value, h: Value, out: Array) -> None:
+        """Store the state at u in [-1, 0] of the step of length h."""
         raise NotImplementedError
 
-    def sample(self, w: Writer, u: Value, h: Value) -> list[Value]:
-        """Emit the state at a uniform sample; like ``dense`` unless a method has something better there."""
-        return self.dense(w, u, h)
+    def sample(self, w: Writer, u: Value, h: Value, out: Array) -> None:
+        """Store the state at a uniform sample; like ``dense`` unless a method has something better there."""
+        self.dense(w, u, h, out)
 
 
 def write_run(system: System, method: Stepper, fused: bool) -> str:
-    """Return the IR of ``i64 run(w, n, y, p, dense, out)``; the result is a ``Status``."""
+    """Return the IR of ``i64 run(...)`` with ``ARGUMENTS``, whose result is a ``Status``, and of ``memory``.
+
+    w, n : see ``Real`` and ``Whole``. y : the state. p : parameters. dense : what dense output keeps. out : block
+    of samples, columns of CAPACITY rows. tables, scratch : of the dynamics. work : see ``memory_function``.
+    """
     w = Writer(system, fused)
     f = w.f
-    size = system.size
     method.prepare(w)
     loop, accepted, rejected, samples, leave = (f.label(x) for x in ("step", "accept", "reject", "samples", "leave"))
     retry = f.label("retry")
     status = f.int_slot()
     f.store_int(Status.DONE, status)
-    for k in range(size):
-        f.store(f.load(f.offset("%y", k)), w.state[k])
+    y = Array(f, "%y")
+    for k in w.each(w.size):
+        w.state[k] = y[k]
     f.branch(f.compare_int("ne", f.load_int(w.whole(Whole.PENDING)), 0), samples, loop)
 
     f.place(loop)
@@ -216,8 +273,8 @@ def write_run(system: System, method: Stepper, fused: bool) -> str:
     w.put(Real.H_OLD, h)
     w.put(Real.T, reached)
     w.count(Whole.ACCEPTED)
-    for k in range(size):
-        f.store(f.load(w.new[k]), w.state[k])
+    for k in w.each(w.size):
+        w.state[k] = w.new[k]
     _project(w, reached)
     f.jump(samples)
 
@@ -227,15 +284,14 @@ def write_run(system: System, method: Stepper, fused: bool) -> str:
     f.jump(loop)
 
     f.place(leave)
-    spread: Value | None = None
-    for k in range(size):
-        x = f.load(w.state[k])
-        f.store(x, f.offset("%y", k))
+    spread = Total(f)
+    for k in w.each(w.size):
+        x = w.state[k]
+        y[k] = x
         with f.strict():
-            spread = x * 0.0 if spread is None else spread + x * 0.0
-    assert spread is not None
-    f.ret(f.select_int(f.compare("uno", spread, 0.0), int(Status.NOT_FINITE), f.load_int(status)))
-    return module([f, *w.outlined.values()])
+            spread.add_product(x, 0.0)
+    f.ret(f.select_int(f.compare("uno", spread.value, 0.0), int(Status.NOT_FINITE), f.load_int(status)))
+    return module([f, w.memory_function(), *w.functions.values()])
 
 
 def _project(w: Writer, t: Value) -> None:
@@ -247,13 +303,11 @@ def _project(w: Writer, t: Value) -> None:
         f.store_int(0, rounds)
         f.jump(again)
         f.place(again)
-        x = [f.load(a) for a in w.state]
-        q = w.evaluate(s.positions, t, x, 1)["q"]
         moved: Value | None = None
-        for k in range(s.nq):
-            d = q[k] - x[k]
+        for k, q in enumerate(w.evaluate(s.positions, t, w.state)["q"]):
+            d = q - w.state[k]
             moved = d * d if moved is None else moved + d * d
-            f.store(q[k], w.state[k])
+            w.state[k] = q
         w.count(Whole.PROJECTIONS)
         assert moved is not None
         # quadratic convergence: after a step below 1e-9 the next would be below rounding
@@ -261,14 +315,13 @@ def _project(w: Writer, t: Value) -> None:
         f.branch(onward, again, done)
         f.place(done)
     if s.velocities is not None:
-        x = [f.load(a) for a in w.state]
-        for k, v in enumerate(w.evaluate(s.velocities, t, x, 1)["v"]):
-            f.store(v, w.state[s.nq + k])
+        for k, v in enumerate(w.evaluate(s.velocities, t, w.state)["v"]):
+            w.state[s.nq + k] = v
 
 
 def _write_samples(w: Writer, method: Stepper, status: str, leave: str) -> None:
     """Write every uniform sample that the last step has passed."""
-    f, s = w.f, w.system
+    f = w.f
     head, body, room, done = (f.label(x) for x in ("sample", "due", "room", "written"))
     f.jump(head)
     f.place(head)
@@ -289,13 +342,11 @@ def _write_samples(w: Writer, method: Stepper, status: str, leave: str) -> None:
     with f.strict():
         u = f.min((time - limit) / h, 0.0)
     capacity = f.load_int(w.whole(Whole.CAPACITY))
-    for i, x in enumerate(method.sample(w, u, h)):
-        f.store(x, f.offset("%out", capacity * i + rows))
+    method.sample(w, u, h, Array(f, f.offset("%out", rows), stride=capacity))
     f.store_int(rows + 1, w.whole(Whole.ROWS))
     f.store_int(k + 1, w.whole(Whole.NEXT_SAMPLE))
     f.jump(head)
     f.place(done)
-    assert s.size > 0
 
 
 def _find_event(w: Writer, method: Stepper, t: Value, h: Value, status: str, leave: str) -> None:
@@ -313,7 +364,9 @@ def _find_event(w: Writer, method: Stepper, t: Value, h: Value, status: str, lea
     f.place(look)
     fractions = np.arange(1, width + 1) / width - 1.0
     u = f.constant(list(fractions))
-    values = w.evaluate(s.switching, t + h + h * u, method.dense(w, u, h), width)["g"]
+    x = w.array(2, 1, width)
+    method.dense(w, u, h, x)
+    values = w.evaluate(s.switching, t + h + h * u, x)["g"]
     first = f.int_slot()
     which = f.int_slot()
     f.store_int(width, first)

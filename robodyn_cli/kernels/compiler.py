@@ -63,7 +63,7 @@ def code_version() -> str:
     """Return a digest of the sources that write code, so that a cached object never outlives them."""
     root = Path(__file__).resolve().parent.parent
     hasher = hashlib.sha256()
-    for folder in ("kernels", "integrators"):
+    for folder in ("kernels", "formulations", "integrators"):
         for path in sorted((root / folder).glob("*.py")):
             hasher.update(path.read_bytes())
     import llvmlite

@@ -11,153 +11,44 @@ the exact order of operations is emitted inside ``strict()``.
 from __future__ import annotations
 
 import contextlib
-import struct
 from collections.abc import Iterator, Sequence
-from typing import Union
+
+from robodyn_cli.kernels.values import Condition, Int, Operand, Value, double_type, int_type, literal, ref_of
 
 RELAXED = "reassoc nsz arcp contract"
 CONTRACT = "contract"
 STRICT = ""
 
-Operand = Union["Value", float]
-
-
-def double_type(width: int) -> str:
-    """Return the LLVM type of ``width`` doubles."""
-    return "double" if width == 1 else f"<{width} x double>"
-
-
-def int_type(width: int, bits: int = 64) -> str:
-    """Return the LLVM type of ``width`` integers."""
-    return f"i{bits}" if width == 1 else f"<{width} x i{bits}>"
-
-
-def literal(x: float) -> str:
-    """Return a double exactly, as LLVM wants it."""
-    return "0x" + struct.pack(">d", float(x)).hex().upper()
-
-
-class Value:
-    """A double (or a vector of them) in a register."""
-
-    __slots__ = ("f", "ref", "width")
-
-    def __init__(self, f: Function, ref: str, width: int) -> None:
-        self.f = f
-        self.ref = ref
-        self.width = width
-
-    def _op(self, name: str, other: Operand, swap: bool = False) -> Value:
-        f = self.f
-        x = f.lift(other, self.width)
-        y = f.splat(self, x.width) if self.width != x.width else self
-        a, b = (x, y) if swap else (y, x)
-        return f.emit(f"{name} {f.flags} {double_type(x.width)} {a.ref}, {b.ref}", x.width)
-
-    def __add__(self, other: Operand) -> Value:
-        return self._op("fadd", other)
-
-    __radd__ = __add__
-
-    def __sub__(self, other: Operand) -> Value:
-        return self._op("fsub", other)
-
-    def __rsub__(self, other: Operand) -> Value:
-        return self._op("fsub", other, swap=True)
-
-    def __mul__(self, other: Operand) -> Value:
-        return self._op("fmul", other)
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: Operand) -> Value:
-        return self._op("fdiv", other)
-
-    def __rtruediv__(self, other: Operand) -> Value:
-        return self._op("fdiv", other, swap=True)
-
-    def __neg__(self) -> Value:
-        return self.f.emit(f"fneg {self.f.flags} {double_type(self.width)} {self.ref}", self.width)
-
-
-class Int:
-    """A 64-bit integer in a register."""
-
-    __slots__ = ("f", "ref")
-
-    def __init__(self, f: Function, ref: str) -> None:
-        self.f = f
-        self.ref = ref
-
-    def _op(self, name: str, other: Int | int) -> Int:
-        return self.f.emit_int(f"{name} i64 {self.ref}, {ref_of(other)}")
-
-    def __add__(self, other: Int | int) -> Int:
-        return self._op("add", other)
-
-    def __sub__(self, other: Int | int) -> Int:
-        return self._op("sub", other)
-
-    def __mul__(self, other: Int | int) -> Int:
-        return self._op("mul", other)
-
-    def __and__(self, other: Int | int) -> Int:
-        return self._op("and", other)
-
-    def __or__(self, other: Int | int) -> Int:
-        return self._op("or", other)
-
-
-def ref_of(x: Int | int) -> str:
-    """Return the operand text of an integer."""
-    return x.ref if isinstance(x, Int) else str(x)
-
-
-class Condition:
-    """An i1, or a vector of them."""
-
-    __slots__ = ("f", "ref", "width")
-
-    def __init__(self, f: Function, ref: str, width: int) -> None:
-        self.f = f
-        self.ref = ref
-        self.width = width
-
-    def _op(self, name: str, other: Condition | str) -> Condition:
-        right = other.ref if isinstance(other, Condition) else other
-        return Condition(self.f, self.f.name(f"{name} {int_type(self.width, 1)} {self.ref}, {right}"), self.width)
-
-    def __and__(self, other: Condition) -> Condition:
-        return self._op("and", other)
-
-    def __or__(self, other: Condition) -> Condition:
-        return self._op("or", other)
-
-    def __invert__(self) -> Condition:
-        every = "true" if self.width == 1 else "<" + ", ".join(["i1 true"] * self.width) + ">"
-        return self._op("xor", every)
-
-    def any(self) -> Condition:
-        """Return whether any lane holds."""
-        if self.width == 1:
-            return self
-        return self.f.compare_int("ne", self.mask(), 0)
-
-    def mask(self) -> Int:
-        """Return the lanes as the low bits of an integer, lane 0 lowest."""
-        if self.width == 1:
-            return Int(self.f, self.f.name(f"zext i1 {self.ref} to i64"))
-        bits = self.f.name(f"bitcast <{self.width} x i1> {self.ref} to i{self.width}")
-        if self.width == 64:
-            return Int(self.f, bits)
-        return Int(self.f, self.f.name(f"zext i{self.width} {bits} to i64"))
+__all__ = [
+    "CONTRACT",
+    "RELAXED",
+    "STRICT",
+    "Condition",
+    "Function",
+    "Int",
+    "Operand",
+    "Value",
+    "double_type",
+    "int_type",
+    "literal",
+    "module",
+    "ref_of",
+]
 
 
 class Function:
     """The text of one function under construction."""
 
-    def __init__(self, name: str, arguments: Sequence[str], *, result: str = "void", internal: bool = False,
-                 attributes: str = "", flags: str = RELAXED) -> None:
+    def __init__(
+        self,
+        name: str,
+        arguments: Sequence[str],
+        *,
+        result: str = "void",
+        internal: bool = False,
+        attributes: str = "",
+        flags: str = RELAXED,
+    ) -> None:
         self.title = name
         self.arguments = list(arguments)
         self.result = result
@@ -195,6 +86,15 @@ class Function:
         kind = "internal " if self.internal else ""
         head = f"define {kind}{self.result} @{self.title}({', '.join(self.arguments)}) {self.attributes} {{\nentry:\n"
         return head + "\n".join(self.slots + self.lines) + "\n}\n"
+
+    @contextlib.contextmanager
+    def entry(self) -> Iterator[None]:
+        """Emit at the start of the function, for addresses that all of it uses."""
+        before, self.lines = self.lines, self.slots
+        try:
+            yield
+        finally:
+            self.lines = before
 
     @contextlib.contextmanager
     def arithmetic(self, flags: str) -> Iterator[None]:
@@ -236,7 +136,9 @@ class Function:
             return x
         one = self.name(f"insertelement {double_type(width)} poison, double {x.ref}, i32 0")
         zero = f"<{width} x i32> zeroinitializer"
-        return self.emit(f"shufflevector {double_type(width)} {one}, {double_type(width)} poison, {zero}", width)
+        return self.emit(
+            f"shufflevector {double_type(width)} {one}, {double_type(width)} poison, {zero}", width
+        )
 
     def lane(self, x: Value, k: int) -> Value:
         """Return lane k as a scalar."""
@@ -340,7 +242,9 @@ class Function:
     def slot(self, width: int = 1, count: int = 1) -> str:
         """Reserve stack space for ``count`` values; returns its address."""
         ref = "%" + self.fresh("slot")
-        self.slots.append(f"  {ref} = alloca {double_type(width)}, i64 {count}, align 64")
+        # an array type, not an array of a type: only then are entries turned into registers early
+        kind = double_type(width) if count == 1 else f"[{count} x {double_type(width)}]"
+        self.slots.append(f"  {ref} = alloca {kind}, align 64")
         return ref
 
     def int_slot(self) -> str:

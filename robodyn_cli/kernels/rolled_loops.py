@@ -254,14 +254,16 @@ def write_sample_kernel(recursion: Recursion, serial: bool, lanes: int, fused: b
 
 
 def rolled_function(
-    name: str, recursion: Recursion, serial: bool, width: int, fused: bool, internal: bool = True
-) -> Function:
+    name: str, recursion: Recursion, serial: bool, width: int, fused: bool, internal: bool = True,
+    attributes: str = "",
+) -> Function:  # fmt: skip
     """Return ``name(tables, q, v, x, out, scratch)`` for one state of ``width`` lanes (1: a plain state).
 
     Entry k of an array is the vector at k * width; vectors are aligned only as doubles. For a stepping loop:
     with ``width`` 1 it is a right-hand side, with more one for as many stages or members at once.
     """
-    f = Function(name, [f"ptr noalias %{a}" for a in ARGUMENTS], internal=internal, flags=RELAXED)
+    arguments = [f"ptr noalias %{a}" for a in ARGUMENTS]
+    f = Function(name, arguments, internal=internal, attributes=attributes, flags=RELAXED)
     loops = Loops(f, recursion, serial, width, fused, lambda group, k: f.offset(f"%{group}", k * width))
     loops.emit()
     f.ret()

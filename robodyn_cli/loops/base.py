@@ -9,15 +9,16 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from robodyn_cli.spatial.algebra import Matrix, Vector
+from robodyn_cli.spatial.algebra import Matrix, Values, Vector
 
 
 @dataclasses.dataclass(frozen=True)
 class LoopFrame:
     """One end of a closure.
 
-    p, R : origin [m] and axes (columns). Jv, Jw : (3, nv) Jacobians of the origin's velocity and of the angular
-    velocity. w : angular velocity. a, wd : linear and angular acceleration for qdd = 0.
+    p, R : origin [m] and axes (columns). Jv, Jw : (3, nv) Jacobians of the origin's velocity and of the
+    angular velocity. w : angular velocity. a, wd : linear and angular acceleration for qdd = 0; both ends' a may
+    contain the same further acceleration (gravity), so only their difference has a meaning. qd : (nv,) rates.
     """
 
     p: Vector
@@ -27,6 +28,12 @@ class LoopFrame:
     w: Vector
     a: Vector
     wd: Vector
+    qd: Values
+
+    @property
+    def v(self) -> Vector:
+        """Velocity of the origin."""
+        return self.Jv @ self.qd
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,6 +41,8 @@ class Row:
     """One scalar constraint: eta = 0, Psi v + eta_t = 0, Psi v-dot + gamma = 0.
 
     gamma = Psi-dot v + d/dt eta_t. ``kind`` is what its multiplier is: ``force`` or ``moment``.
+    cosine : positive where the row is closed as it is meant, for a row that is the sine of an angle and also
+    vanishes half a turn away.
     """
 
     name: str
@@ -42,3 +51,4 @@ class Row:
     gamma: Any
     eta_t: Any = 0.0
     kind: str = "force"
+    cosine: Any = 1.0

@@ -26,9 +26,17 @@ class Outcome:
     holds: bool
     note: str = ""
 
+    @property
+    def shown(self) -> str:
+        """What was found, for reading."""
+        if self.note or self.found is None:
+            return self.note or "null"
+        if isinstance(self.found, bool):
+            return str(self.found).lower()
+        return f"{self.found:.9g}" if isinstance(self.found, float) else str(self.found)
+
     def __str__(self) -> str:
-        found = self.note or (f"{self.found:.9g}" if isinstance(self.found, float) else str(self.found))
-        return f"{self.key}: {found} (expected {self.expected})"
+        return f"{self.key}: {self.shown} (expected {self.expected})"
 
     def as_dict(self) -> dict[str, Any]:
         """Return what ``--json`` shows."""

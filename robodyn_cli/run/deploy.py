@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -127,7 +125,7 @@ def _record(
     if found.bifurcation is not None and stop == found.bifurcation[0]:
         # the way from the threshold on was travelled by extrapolation; samples stop short of the pose
         end = stop - 1e-2 * (stop - found.clean_until)
-        grid = dataclasses.replace(grid, count=int(end / grid.step) + 1)
+        grid = grid.up_to(int(end / grid.step) + 1)
 
     def on_event(event: Event) -> bool:
         return not (at_event and stop is not None and event.time >= stop - 1e-9 * max(1.0, stop))

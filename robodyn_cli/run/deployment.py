@@ -14,7 +14,6 @@ from robodyn_cli.formulations.index1 import index1, multiplier_norm
 from robodyn_cli.formulations.system import GROUPS, EventFunction, System
 from robodyn_cli.integrators.integrator import Event, Grid, Integrator, Options
 from robodyn_cli.kernels.samples import SampleKernel
-from robodyn_cli.run.chatter import ChatterGuard
 from robodyn_cli.run.growth import GRID, GrowthMonitor, levels_with
 from robodyn_cli.run.method import choose
 from robodyn_cli.run.progress import Progress, no_progress
@@ -112,10 +111,8 @@ class Deployment:
             found.norm_at_end = float(norm[-1])
             found.growth.take(t, norm)
 
-        guard = ChatterGuard(self.system)
-
         def on_event(event: Event) -> bool:
-            if guard.passes(event):
+            if self.system.events[event.index].kink:
                 return True
             if event.name == NEAR_RANK_LOSS:
                 found.clean_until = event.time

@@ -342,6 +342,21 @@ def test_derivatives_at_the_knots_of_a_table_are_right_continuous() -> None:
         assert float(evaluate([slope], {"x": [at]})[0]) == pytest.approx(slopes[expected])
 
 
+def test_zero_to_a_power_has_no_slope() -> None:
+    x = Graph().symbol("x", "x")
+    e = f.power(0.0, x + 1.0)
+    assert evaluate([e], {"x": [0.5]})[0] == 0.0
+    assert jacobian([e], [x]) == [{}]
+    assert directional([e], [x], [1.0]) == [0.0]
+
+
+def test_names_of_nodes() -> None:
+    graph = Graph()
+    x = graph.symbol("x", "q")
+    assert (repr(x), repr(graph.constant(2.5))) == ("<x>", "2.5")
+    assert repr(f.sin(x)) == f"<sin #{f.sin(x).index}>"
+
+
 def test_the_branch_that_is_not_taken_does_not_spoil_a_derivative() -> None:
     x = Graph().symbol("x", "x")
     e = f.where(x, f.sqrt(x), 2.0 * x) + f.minimum(3.0 * x, f.sqrt(x + 2.0))

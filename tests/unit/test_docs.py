@@ -295,7 +295,7 @@ def test_the_simulation_ends_where_the_readme_says() -> None:
 def test_the_lock_is_where_the_readme_says() -> None:
     exact = float(re.findall(r"puts the lock at ([\d.]+\d) s", text("README.md"))[0])
     lock = result("deploy").summary["lock"]
-    assert abs(lock["time"] - exact) < lock["time_error"] + 1e-14
+    assert abs(lock["time"] - exact) < 1e-12
 
 
 def test_python_examples_of_the_readme(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,54 @@
+"""``robodyn check``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from robodyn_cli.cli.console import Console, guarded
+from robodyn_cli.cli.options import AsJson, Quiet
+
+
+def command(
+    result: Annotated[
+        Path, typer.Argument(metavar="RESULT", help="Output directory of a run, or its result.h5.", show_default=False)
+    ],
+    scene: Annotated[
+        Path | None,
+        typer.Argument(metavar="[SCENE.yaml]", help="Scene with the criteria; default: the result's own.", show_default=False),
+    ] = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Check a result against the criteria (`expect`) of its scene."""
+    console = Console(as_json, quiet)
+
+    def action() -> int:
+        import json
+
+        from robodyn_cli.errors import SceneError
+        from robodyn_cli.run.criteria import judge
+        from robodyn_cli.run.stored import summary_and_scene
+        from robodyn_cli.scene.load import load_scene, load_scene_text
+
+        summary, text = summary_and_scene(result)
+        if scene is not None:
+            expect = load_scene(scene).expect
+        elif text is not None:
+            expect = load_scene_text(text, str(result)).expect
+        else:
+            raise SceneError(f"{result}: there is no scene with it, only a summary; name the scene: check RESULT SCENE")
+        if not expect:
+            raise SceneError(f"{scene or result}: there are no criteria; add 'expect' to the scene, or name one that has it")
+        outcomes = judge(expect, summary, f"{scene or result}: ")
+        failed = sum(not outcome.holds for outcome in outcomes)
+        for outcome in outcomes:
+            console.say(f"{'ok' if outcome.holds else 'failed':<7} {outcome}")
+        status = "failed" if failed else "ok"
+        report = {"status": status, "failed": failed, "criteria": [outcome.as_dict() for outcome in outcomes]}
+        console.data(json.dumps(report, ensure_ascii=False, indent=2))
+        return 1 if failed else 0
+
+    guarded(console, action)

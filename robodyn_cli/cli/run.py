@@ -1,0 +1,73 @@
+"""``robodyn run``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from robodyn_cli.cli.console import Console, guarded
+from robodyn_cli.cli.options import AsJson, NoPlots, Quiet
+
+
+def command(
+    scenes: Annotated[
+        list[str], typer.Argument(metavar="SCENE...|GLOB|DIR", help="Scenes, patterns, folders.", show_default=False)
+    ],
+    jobs: Annotated[
+        int | None, typer.Option("--jobs", "-j", metavar="N", min=1, help="Processes at a time. [default: one a core]")
+    ] = None,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="DIR", help="Results go to DIR/<scene>/<command>.")
+    ] = Path("outputs"),
+    junit: Annotated[Path | None, typer.Option("--junit", metavar="FILE", help="Write a JUnit XML report.")] = None,
+    markdown: Annotated[
+        Path | None, typer.Option("--markdown", metavar="FILE", help="Write a summary in Markdown.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Run again what is finished and unchanged.")] = False,
+    no_plots: NoPlots = False,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Run many scenes, each by its own command, and check their criteria."""
+    console = Console(as_json, quiet)
+
+    def action() -> int:
+        import functools
+        import json
+        import os
+        import time
+
+        from robodyn_cli.cli.worker import command_line
+        from robodyn_cli.results.atomic import write_bytes
+        from robodyn_cli.run import batch_reports as reports
+        from robodyn_cli.run.batch import Batch, entries
+        from robodyn_cli.run.findings import worst
+        from robodyn_cli.run.gather import gather
+
+        start = time.perf_counter()
+        found = entries(gather(scenes), out)
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        batch = Batch(found, jobs or cores, functools.partial(command_line, not no_plots), not no_plots, force)
+        width = max(len(e.name) for e in found)
+        try:
+            for e in batch.run():
+                time_taken = "unchanged" if e.unchanged else f"{e.seconds:.2f} s"
+                console.say(f"{e.verdict:<7} {e.name:<{width}}  {e.command or '-':<8} {time_taken:>9}")
+                for problem in e.problems if e.verdict != "ok" else ():
+                    console.say(f"        {problem}")
+        finally:
+            # interrupted too, there is a report of what was done
+            if junit is not None:
+                write_bytes(junit, reports.junit(found))
+            if markdown is not None:
+                write_bytes(markdown, reports.markdown(found).encode())
+        code = worst([e.exit_code for e in found])
+        console.say(f"{reports.tally(found)}; {time.perf_counter() - start:.2f} s")
+        status = "ok" if code == 0 else "failed"
+        report = {"status": status, "exit_code": code, "scenes": [e.as_dict() for e in found]}
+        console.data(json.dumps(report, ensure_ascii=False, indent=2))
+        return code
+
+    guarded(console, action)

@@ -1,0 +1,28 @@
+"""Weld that closes a loop."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from robodyn_cli.loops.base import LoopFrame, Row
+from robodyn_cli.loops.pieces import aligned, between_key, coincident
+from robodyn_cli.schema.fields import Choice, Name, Vector, key
+
+
+@dataclasses.dataclass(frozen=True)
+class FixedLoop:
+    """Two links welded together: the points coincide and the links do not turn relative to each other."""
+
+    name: str = key(Name(of="loop"), doc="Name.")
+    type: str = key(Choice(("fixed",)), doc="Kind of closure.")
+    between: tuple[str, ...] = between_key()
+    rpy: tuple[float, ...] = key(
+        Vector(3, angle=True),
+        default=(0.0, 0.0, 0.0),
+        unit="rad",
+        doc="Attitude of the second link's frame in the first link's: roll, pitch, yaw.",
+    )
+
+    def rows(self, first: LoopFrame, second: LoopFrame) -> list[Row]:
+        """Return the six scalar constraints."""
+        return [*coincident(self.name, first, second), *aligned(self.name, self.rpy, first, second)]

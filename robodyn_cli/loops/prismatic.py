@@ -1,0 +1,32 @@
+"""Slider that closes a loop."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from robodyn_cli.loops.base import LoopFrame, Row
+from robodyn_cli.loops.pieces import aligned, axis_key, between_key, on_line
+from robodyn_cli.schema.fields import Choice, Name, Vector, key
+
+
+@dataclasses.dataclass(frozen=True)
+class PrismaticLoop:
+    """The second link slides along an axis of the first and does not turn relative to it."""
+
+    name: str = key(Name(of="loop"), doc="Name.")
+    type: str = key(Choice(("prismatic",)), doc="Kind of closure.")
+    between: tuple[str, ...] = between_key()
+    axis: tuple[float, ...] = axis_key(
+        "Direction of sliding, through the first point, in the first link's frame.", default=(0.0, 0.0, 1.0)
+    )
+    rpy: tuple[float, ...] = key(
+        Vector(3, angle=True),
+        default=(0.0, 0.0, 0.0),
+        unit="rad",
+        doc="Attitude of the second link's frame in the first link's: roll, pitch, yaw.",
+    )
+
+    def rows(self, first: LoopFrame, second: LoopFrame) -> list[Row]:
+        """Return the five scalar constraints."""
+        line = on_line(self.name, self.axis, first, second)
+        return [*line, *aligned(self.name, self.rpy, first, second)]

@@ -1,0 +1,22 @@
+"""Ball joint that closes a loop."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from robodyn_cli.loops.base import LoopFrame, Row
+from robodyn_cli.loops.pieces import between_key, coincident
+from robodyn_cli.schema.fields import Choice, Name, key
+
+
+@dataclasses.dataclass(frozen=True)
+class SphericalLoop:
+    """A ball between two links: the points coincide."""
+
+    name: str = key(Name(of="loop"), doc="Name.")
+    type: str = key(Choice(("spherical",)), doc="Kind of closure.")
+    between: tuple[str, ...] = between_key()
+
+    def rows(self, first: LoopFrame, second: LoopFrame) -> list[Row]:
+        """Return the three scalar constraints."""
+        return coincident(self.name, first, second)

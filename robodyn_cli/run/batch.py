@@ -1,0 +1,290 @@
+"""Many scenes, each by its own command in a process of its own; what is finished is not run again."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from robodyn_cli.errors import RobodynError, SceneError
+from robodyn_cli.results.errors import ResultFileError
+from robodyn_cli.results.output_dir import RESULT_NAME, SUMMARY_NAME
+from robodyn_cli.results.provenance import sha256
+from robodyn_cli.results.summary import read_summary
+from robodyn_cli.run.criteria import EXIT_CODE, FAILED, Outcome, exit_code, judge
+from robodyn_cli.run.findings import worst
+from robodyn_cli.scene.load import load_scene
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.version import __version__
+
+CRASHED = 70
+GRACE = 5.0  # seconds that an interrupted worker has to tidy up
+# libraries that would start a thread a core in every worker
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+@dataclasses.dataclass
+class Entry:
+    """One scene of a batch and what became of it.
+
+    ``verdict`` is ``ok``, ``failed`` (a criterion, or no lock), ``error`` or ``stopped``; ``unchanged`` says that
+    an earlier result was kept.
+    """
+
+    path: Path
+    name: str
+    directory: Path | None = None
+    scene: Scene | None = None
+    exit_code: int = 0
+    unchanged: bool = False
+    stopped: bool = False
+    seconds: float = 0.0
+    message: str = ""
+    criteria: list[Outcome] = dataclasses.field(default_factory=list)
+
+    @property
+    def command(self) -> str:
+        return (self.scene.command if self.scene is not None else None) or ""
+
+    @property
+    def verdict(self) -> str:
+        if self.stopped:
+            return "stopped"
+        return {0: "ok", FAILED: "failed"}.get(self.exit_code, "error")
+
+    @property
+    def problems(self) -> list[str]:
+        """What went wrong, in words."""
+        found = [str(outcome) for outcome in self.criteria if not outcome.holds]
+        return [self.message, *found] if self.message else found
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what ``--json`` shows."""
+        return {
+            "scene": str(self.path), "name": self.name, "command": self.command or None, "verdict": self.verdict,
+            "exit_code": self.exit_code, "unchanged": self.unchanged, "seconds": round(self.seconds, 3),
+            "message": self.message or None, "criteria": [o.as_dict() for o in self.criteria],
+            "directory": str(self.directory) if self.directory is not None else None,
+        }  # fmt: skip
+
+
+def entries(paths: Sequence[Path], out: Path) -> list[Entry]:
+    """Return the scenes loaded, each with its output directory; what is wrong with one is an error of its own."""
+    found = []
+    for path, name in zip(paths, unique_names(paths)):
+        entry = Entry(path, name)
+        try:
+            entry.scene = load_scene(path)
+            if entry.scene.command is None:
+                raise SceneError(
+                    f"{path}: key 'command' is missing: it says what to run; allowed: inverse, simulate, deploy"
+                )
+            entry.directory = out / name / entry.command
+        except RobodynError as error:
+            entry.exit_code, entry.message = error.exit_code, error.message
+        found.append(entry)
+    return found
+
+
+def unique_names(paths: Sequence[Path]) -> list[str]:
+    """Return the stems of the files; where two are the same, with as much of their folders as tells them apart."""
+    stems = [path.stem for path in paths]
+    if len(set(stems)) == len(stems):
+        return stems
+    full = [Path(os.path.abspath(path)).with_suffix("") for path in paths]
+    root = os.path.commonpath([path.parent for path in full])
+    return [
+        stem if stems.count(stem) == 1 else path.relative_to(root).as_posix() for stem, path in zip(stems, full)
+    ]
+
+
+def finished(entry: Entry, drawn: bool) -> dict[str, Any] | None:
+    """Return the summary of an earlier, whole result of the same scene and version, None if there is none.
+
+    ``drawn`` asks for drawings too. A failed run is not finished, unless the scene expects its exit code.
+    """
+    from robodyn_cli.results.hdf5 import read
+
+    assert entry.directory is not None and entry.scene is not None
+    summary = read_summary(entry.directory / SUMMARY_NAME)
+    outputs = summary.get("outputs")
+    if not isinstance(outputs, list) or RESULT_NAME not in outputs or summary.get("command") != entry.command:
+        return None
+    if not all((entry.directory / str(name)).exists() for name in outputs):
+        return None
+    if drawn and not any(str(name).endswith(".png") for name in outputs):
+        return None
+    expected = entry.scene.expect.get(EXIT_CODE)
+    if summary.get("status") == "failed" and not (expected and expected.holds(exit_code(summary))):
+        return None
+    try:
+        result = read(entry.directory / RESULT_NAME, select=lambda path: False)
+    except ResultFileError:
+        return None
+    same = (
+        sha256(result.scene_text) == sha256(entry.scene.text)
+        and result.attributes.get("robodyn_version") == __version__
+        and result.status == summary.get("status")
+    )
+    return summary if same else None
+
+
+def settle(entry: Entry, code: int, summary: dict[str, Any]) -> None:
+    """Judge a run by its exit code and the criteria of its scene."""
+    assert entry.scene is not None
+    error = summary.get("error")
+    message = str(error.get("message", "")) if isinstance(error, dict) else ""
+    try:
+        entry.criteria = judge(entry.scene.expect, summary, f"{entry.path}: ")
+    except SceneError as wrong:
+        entry.exit_code, entry.message = worst([code, wrong.exit_code]), wrong.message
+        return
+    if any(o.key == EXIT_CODE and o.holds for o in entry.criteria):
+        code = 0
+    elif code != 0:
+        entry.message = message or str(summary.get("termination", {}).get("reason", ""))
+    entry.exit_code = worst([code, *(FAILED for o in entry.criteria if not o.holds)])
+
+
+class Batch:
+    """Runs scenes in worker processes.
+
+    Parameters
+    ----------
+    scenes : from ``entries``. jobs : processes at a time. drawn, force : draw; run what is finished too.
+    worker : command line of a worker for a command, a scene and a directory; it must end when its standard input
+    does, so that it does not outlive the batch.
+    """
+
+    def __init__(
+        self, scenes: Sequence[Entry], jobs: int, worker: Callable[[str, Path, Path], list[str]], drawn: bool,
+        force: bool,
+    ) -> None:
+        self.scenes = list(scenes)
+        self.jobs = max(1, min(jobs, len(self.scenes)))
+        self.worker = worker
+        self.drawn = drawn
+        self.force = force
+        self._lock = threading.Lock()
+        self._running: set[subprocess.Popen[bytes]] = set()
+        self._stopping = False
+        self._done: queue.Queue[Entry | BaseException] = queue.Queue()
+
+    def run(self) -> Iterator[Entry]:
+        """Yield each scene when it is done; interrupted, stop the workers and mark what is not."""
+        waiting = iter(self.scenes)
+        open_scenes = {id(entry): entry for entry in self.scenes}
+        threads = [threading.Thread(target=self._serve, args=(waiting,), daemon=True) for _ in range(self.jobs)]
+        try:
+            for thread in threads:
+                thread.start()
+            while open_scenes:
+                try:
+                    # without a time limit an interrupt would not be seen on every system
+                    entry = self._done.get(timeout=0.2)
+                except queue.Empty:
+                    continue
+                if isinstance(entry, BaseException):
+                    raise entry
+                del open_scenes[id(entry)]
+                yield entry
+        finally:
+            for entry in open_scenes.values():
+                entry.stopped = True
+            self._stop()
+
+    def _serve(self, waiting: Iterator[Entry]) -> None:
+        while not self._stopping:
+            with self._lock:
+                entry = next(waiting, None)
+            if entry is None:
+                return
+            try:
+                self._one(entry)
+            except BaseException as error:
+                self._done.put(error)
+                return
+            if not self._stopping:
+                self._done.put(entry)
+
+    def _one(self, entry: Entry) -> None:
+        if entry.directory is None:
+            return
+        start = time.perf_counter()
+        if not self.force:
+            summary = finished(entry, self.drawn)
+            if summary is not None:
+                entry.unchanged = True
+                settle(entry, exit_code(summary), summary)
+                entry.seconds = time.perf_counter() - start
+                return
+        code, said = self._work(entry)
+        entry.seconds = time.perf_counter() - start
+        summary = read_summary(entry.directory / SUMMARY_NAME)
+        if not summary or exit_code(summary) != code:
+            # the worker did not get as far as a summary: what is there is another run's
+            summary = {"status": "failed", "error": {"exit_code": code, "message": said}}
+        settle(entry, code, summary)
+
+    def _work(self, entry: Entry) -> tuple[int, str]:
+        """Return the exit code of a worker and the last line that it printed."""
+        assert entry.directory is not None
+        words = self.worker(entry.command, entry.path, entry.directory)
+        environment = dict(os.environ)
+        if self.jobs > 1:
+            for name in THREADS:
+                environment.setdefault(name, "1")
+        # a session of its own: an interrupt from the terminal is passed on by us alone
+        own: dict[str, Any] = {"start_new_session": True}
+        if sys.platform == "win32":
+            own = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
+        with self._lock:
+            if self._stopping:
+                return CRASHED, ""
+            process = subprocess.Popen(
+                words, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env=environment, **own
+            )
+            self._running.add(process)
+        assert process.stderr is not None and process.stdin is not None
+        try:
+            lines = process.stderr.read().decode(errors="replace").strip().splitlines()
+            code = process.wait()
+        finally:
+            with self._lock:
+                self._running.discard(process)
+            process.stderr.close()
+            with contextlib.suppress(OSError):
+                process.stdin.close()
+        said = lines[-1].removeprefix("robodyn: error: ") if lines else ""
+        if code < 0:
+            return CRASHED, f"the process of this scene was ended by signal {-code} ({signal.strsignal(-code)})"
+        if code not in (0, 1, 2, 3, 4, 5, 70, 74, 130):
+            return CRASHED, f"the process of this scene ended with code {code}: {said}"
+        return code, said
+
+    def _stop(self) -> None:
+        """End the workers: ask, wait, and do not ask again."""
+        with self._lock:
+            self._stopping = True
+            running = list(self._running)
+        for process in running:
+            with contextlib.suppress(OSError):
+                process.send_signal(signal.SIGTERM if sys.platform == "win32" else signal.SIGINT)
+        limit = time.monotonic() + GRACE
+        try:
+            for process in running:
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    process.wait(max(0.0, limit - time.monotonic()))
+        finally:
+            for process in running:
+                if process.poll() is None:
+                    process.kill()

@@ -1,0 +1,45 @@
+"""Results of earlier runs, by the directory or the file that holds them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from robodyn_cli.results.errors import ResultFileError
+from robodyn_cli.results.hdf5 import read
+from robodyn_cli.results.output_dir import RESULT_NAME, SUMMARY_NAME
+from robodyn_cli.results.result import Result
+from robodyn_cli.results.summary import read_summary
+
+
+def result_path(path: Path) -> Path:
+    """Return the result file that a path means: itself, or the one in the directory.
+
+    Raises
+    ------
+    ResultFileError : there is none in the directory.
+    """
+    if not path.is_dir():
+        return path
+    inside = path / RESULT_NAME
+    if not inside.exists():
+        raise ResultFileError(f"{path}: there is no {RESULT_NAME} in it; name the output directory of one run")
+    return inside
+
+
+def read_stored(path: Path, select: Callable[[str], bool] | None = None) -> Result:
+    """Return the result that a path means."""
+    return read(result_path(path), select)
+
+
+def summary_and_scene(path: Path) -> tuple[dict[str, Any], str | None]:
+    """Return the summary of a run and the text of its scene, if a result file has it.
+
+    A run that failed before it had results left only its summary.
+    """
+    summary = read_summary(path / SUMMARY_NAME) if path.is_dir() else {}
+    if summary and not (path / RESULT_NAME).exists():
+        return summary, None
+    result = read_stored(path, lambda _: False)
+    return summary or result.summary, result.scene_text

@@ -1,0 +1,53 @@
+"""Small scenes for batches, and a way to run them as a user would."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[2]
+
+ARM = """\
+schema: 1
+title: Pendulum
+{command}
+gravity: [0, -9.81, 0]
+robot:
+  convention: standard
+  joints: [{{name: swing, type: revolute, a: 0.5}}]
+  links: [{{name: rod, mass: 1.2, com: [0.25, 0, 0], com_frame: joint, inertia: {{zz: 0.025}}}}]
+trajectory: {{type: joint, duration: {duration}, q: {{swing: "{motion}"}}}}
+inverse: {{samples: {samples}}}
+{rest}
+"""
+
+
+def arm(
+    path: Path, rest: str = "", motion: str = "sin(t)", command: str = "command: inverse", samples: int = 21,
+    duration: float = 2,
+) -> Path:
+    """Write a scene that runs in no time."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(
+        ARM.format(rest=rest, motion=motion, command=command, samples=samples, duration=duration), encoding="utf-8"
+    )
+    return path
+
+
+def words(command: str, *rest: object) -> list[str]:
+    return [sys.executable, "-m", "robodyn_cli", command, *map(str, rest)]
+
+
+def robodyn(command: str, *rest: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(words(command, *rest), capture_output=True, text=True, cwd=cwd, timeout=120)
+
+
+def run(*rest: object, cwd: Path | None = None) -> tuple[int, dict[str, Any]]:
+    """Run a batch without drawings; return its exit code and report by the names of the scenes."""
+    done = robodyn("run", *rest, "--no-plots", "--json", cwd=cwd)
+    report = json.loads(done.stdout)
+    assert report.get("exit_code", done.returncode) == done.returncode
+    return done.returncode, {scene["name"]: scene for scene in report.get("scenes", [])}

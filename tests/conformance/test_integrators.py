@@ -1,0 +1,642 @@
+"""What every method of integration owes: a line in the registry is enough to be held to all of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robodyn_cli.errors import NumericalError
+from robodyn_cli.expr import functions as f
+from robodyn_cli.formulations.system import EventFunction
+from robodyn_cli.integrators import integrator as module
+from robodyn_cli.integrators import loop
+from robodyn_cli.integrators.integrator import Grid, Integrator, Options, integrate
+from robodyn_cli.integrators.loop import Attempt, Stepper, Writer
+from robodyn_cli.integrators.registry import methods
+from robodyn_cli.kernels import compiler
+from robodyn_cli.kernels.ir import Value
+from tests import systems
+from tests.systems import CASES, Case, advance, collect, samples, system
+
+METHODS = tuple(methods)
+ADAPTIVE = tuple(m for m in METHODS if methods[m].adaptive)
+each_method = pytest.mark.parametrize("method", METHODS)
+each_adaptive = pytest.mark.parametrize("method", ADAPTIVE)
+each_case = pytest.mark.parametrize("case", CASES, ids=str)
+BLOW_UP = system(1, lambda t, q, v, z, p: [2.0 * q[0] * q[0] * q[0]])  # q = 1 / (1 - t)
+
+
+def fine(method: str) -> dict[str, Any]:
+    """Options that make any method accurate to about 1e-9."""
+    return {"rtol": 1e-11, "atol": 1e-12} if methods[method].adaptive else {"step": 0.004}
+
+
+def largest(x: Any) -> float:
+    return float(np.abs(x).max(initial=0.0))
+
+
+def end_error(case: Case, integrator: Integrator) -> float:
+    return largest(integrator.state - case.exact(np.array([integrator.time]))[0])
+
+
+# -- order ----------------------------------------------------------------------------------------------
+@pytest.fixture
+def fixed_steps(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Methods named ``fixed NAME`` that take every step as it comes."""
+    monkeypatch.setenv("ROBODYN_CACHE", "off")
+    for name, method in list(methods.items()):
+
+        class Fixed(method):  # type: ignore[misc, valid-type]
+            adaptive = False
+
+            def attempt(self, w: Writer, t: Value, h: Value, failed: str) -> Attempt:
+                outcome = super().attempt(w, t, h, failed)
+                with w.f.strict():
+                    return Attempt(outcome.error * 0.0, w.f.constant(1.0))
+
+        monkeypatch.setitem(methods, f"fixed {name}", Fixed)
+    yield
+
+
+def slope(points: list[tuple[float, float]]) -> float:
+    """Return the order that errors over numbers of steps show, where neither rounding nor long steps spoil it."""
+    used = np.array([(n, e) for n, e in points if 3e-13 < e < 1e-6])
+    assert len(used) >= 3, points
+    return -float(np.polyfit(np.log(used[:, 0]), np.log(used[:, 1]), 1)[0])
+
+
+@each_method
+@pytest.mark.parametrize(
+    "case", [systems.forced(), systems.kepler(0.3), systems.pendulums(1.0, 2.0), systems.forced(work=True)], ids=str
+)
+def test_the_order_is_what_is_stated(method: str, case: Case, fixed_steps: None) -> None:
+    integrator = Integrator(case.system, f"fixed {method}")
+    grid = Grid(0.0, case.end / 97, 98)
+    ends, inside = [], []
+    steps = 4.0
+    while steps < 4000 and (not ends or ends[-1][1] > 1e-12):
+        steps = np.ceil(steps * 1.15)
+        integrator.reset(0.0, case.start, Options(1e-13, 1e-14, step=case.end / steps))
+        try:
+            times, states = collect(integrator, case.end, grid)
+        except NumericalError:
+            continue  # the iteration of an implicit method does not converge in such long steps
+        if integrator.counters.rejected:
+            continue
+        assert integrator.counters.steps == steps
+        ends.append((steps, end_error(case, integrator)))
+        inside.append((steps, largest(states - case.exact(times))))
+    order, dense_order = methods[method].order, methods[method].dense_order
+    assert order - 0.7 < slope(ends) < order + 2.5
+    # values between the steps lag by no more than one order of a step
+    assert slope(inside) > min(order, dense_order + 1) - 0.7
+
+
+# -- tolerance ------------------------------------------------------------------------------------------
+# the largest error in units of the tolerance: local errors add up, and a Kepler orbit amplifies them
+GROWTH = {"Kepler orbit": 1e4}
+
+
+@each_adaptive
+@each_case
+def test_the_error_follows_the_tolerance(method: str, case: Case) -> None:
+    bound = GROWTH.get(case.name, 300.0)
+    errors = {}
+    for tolerance in (1e-1, 1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13, 1e-15):
+        integrator = advance(case, method, rtol=tolerance, atol=tolerance)
+        errors[tolerance] = end_error(case, integrator)
+        if tolerance < 1e-1:
+            assert errors[tolerance] <= bound * tolerance + 2e-12, errors
+        assert np.isfinite(errors[tolerance])
+    assert errors[1e-3] >= 1e2 * errors[1e-7] >= 1e3 * min(errors[1e-11], 1e-10), errors
+
+
+@each_adaptive
+@each_case
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-7, 1e-10])
+def test_samples_are_as_good_as_the_steps(method: str, case: Case, tolerance: float) -> None:
+    grid = Grid(0.0, case.end / 2000, 2001)
+    times, states, integrator = samples(case.system, method, case.start, grid, rtol=tolerance, atol=tolerance)
+    assert largest(states - case.exact(times)) <= GROWTH.get(case.name, 300.0) * tolerance
+    np.testing.assert_allclose(states[-1], integrator.state, rtol=1e-13, atol=1e-13)
+    np.testing.assert_array_equal(states[0], case.start)
+
+
+@each_method
+def test_samples_are_continuous_across_steps(method: str) -> None:
+    """Where one step's polynomial hands over to the next there is no jump, nor in the slope of q."""
+    case = systems.kepler()
+    options = {"rtol": 1e-7, "atol": 1e-7} if methods[method].adaptive else {"step": 0.05}
+    integrator = Integrator(case.system, method)
+    integrator.reset(0.0, case.start, Options(**options))
+    ends = []
+    while integrator.time < 5.0:
+        integrator.options = dataclasses.replace(integrator.options, max_steps=integrator.counters.steps
+                                                 + integrator.counters.rejected + 1)  # fmt: skip
+        try:
+            integrator.advance(6.0)
+        except NumericalError:
+            ends.append(integrator.time)
+    width = 1e-7
+    for end in ends[2:12]:
+        grid = Grid(end - 4 * width, width, 9)
+        _, states, _ = samples(case.system, method, case.start, Grid(0.0, grid.start, 2), **options)
+        integrator.reset(0.0, case.start, Options(**options))
+        times, states = collect(integrator, 6.0, grid)
+        smooth = np.polynomial.polynomial.polyfit(times - end, states, 2)
+        rough = states - np.polynomial.polynomial.polyval(times - end, smooth).T
+        assert largest(rough) < 1e-8
+        assert largest(np.diff(states[:, :2], axis=0) / width - states[:-1, 2:]) < 2e-5
+
+
+# -- the grid of samples ---------------------------------------------------------------------------------
+@each_method
+@pytest.mark.parametrize(("start", "step", "count"), [(0.0, 0.1, 101), (0.0, 1 / 3, 31), (-7.3, 0.73, 11), (1e5, 1e-3, 50),
+                                                      (-10.0, 0.01, 1001), (0.0, 10.0, 2), (2.5, 1e-4, 7)])  # fmt: skip
+def test_sample_times_are_the_grid_and_nothing_else(method: str, start: float, step: float, count: int) -> None:
+    case = systems.oscillator()
+    grid = Grid(start, step, count)
+    for options in ({"rtol": 1e-3, "atol": 1e-3}, {"rtol": 1e-11, "atol": 1e-13}):
+        fitting = {} if methods[method].adaptive else {"step": 0.01}
+        times, states, integrator = samples(case.system, method, case.start, grid, **options, **fitting)
+        np.testing.assert_array_equal(times, start + np.arange(count) * step)
+        assert integrator.time == times[-1]
+    assert largest(states - case.exact(times - start)) < 1e-8 + 1e-10 * (abs(start) > 1e3)
+
+
+@each_method
+def test_a_grid_may_begin_later_or_end_earlier_or_lie_outside(method: str) -> None:
+    case = systems.oscillator()
+    for grid, expected in (
+        (Grid(3.3, 0.5, 4), [3.3, 3.8, 4.3, 4.8]),
+        (Grid(-2.0, 1.5, 5), [1.0, 2.5, 4.0]),
+        (Grid(4.0, 1.0, 10), [4.0, 5.0]),
+        (Grid(7.0, 1.0, 3), []),
+        (Grid(0.0, 1.0, 1), [0.0]),
+        (Grid.over(5.0, 1), [0.0]),
+        (Grid(-5.0, 1.0, 2), []),
+    ):
+        integrator = Integrator(case.system, method)
+        integrator.reset(0.0, case.start, Options(**fine(method)))
+        times, states = collect(integrator, 5.0, grid)
+        np.testing.assert_allclose(times, expected, rtol=1e-15)
+        assert largest(states - case.exact(times)) < 1e-8
+        assert integrator.time == 5.0
+
+
+@each_method
+@pytest.mark.parametrize("case", [systems.forced(work=True), systems.chain(4)], ids=str)
+def test_blocks_and_slices_change_nothing(method: str, case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However often the compiled loop comes back, to empty its output or to look up, the run is the same."""
+    grid = Grid(0.0, case.end / 300, 301)
+    options = {"rtol": 1e-8, "atol": 1e-9} if methods[method].adaptive else {"step": 0.03}
+    times, whole, first = samples(case.system, method, case.start, grid, **options)
+    for block in (1, 7, 300, 301):
+        again, states, integrator = samples(case.system, method, case.start, grid, block=block, **options)
+        np.testing.assert_array_equal(again, times)
+        np.testing.assert_array_equal(states, whole)
+        assert integrator.counters == first.counters
+    monkeypatch.setattr(module, "SLICE_TIME", -1.0)
+    ticks: list[float] = []
+    integrator = Integrator(case.system, method)
+    integrator._slice, integrator.tick = 1, ticks.append
+    integrator.reset(0.0, case.start, Options(**options))
+    _, states = collect(integrator, case.end, grid, block=13)
+    np.testing.assert_array_equal(states, whole)
+    assert integrator.counters == first.counters
+    assert ticks == sorted(ticks) and len(ticks) >= first.counters.steps - 1
+
+
+@each_method
+def test_a_run_may_stop_and_resume(method: str) -> None:
+    case = systems.kepler()
+    grid = Grid(0.0, 0.05, 201)
+    integrator = Integrator(case.system, method)
+    for stops in ((3.33, 7.12, 10.0), (0.0, 5.0, 10.0), (1e-3, 2e-3, 10.0)):
+        integrator.reset(0.0, case.start, Options(**fine(method)))
+        parts = [collect(integrator, stop, grid) for stop in stops]
+        times, states = (np.concatenate([p[k] for p in parts]) for k in (0, 1))
+        # a sample at a stop belongs to both parts
+        assert len(times) == 201 + sum(any(stop == grid.times(0, 201)) for stop in stops[:-1])
+        np.testing.assert_array_equal(np.unique(times), grid.times(0, 201))
+        assert largest(states - case.exact(times)) < 2e-7
+        assert integrator.time == 10.0
+
+
+@each_method
+def test_runs_repeat_exactly_after_a_reset(method: str) -> None:
+    case = systems.controlled()
+    integrator = Integrator(case.system, method)
+    results = []
+    for disturb in (False, True, False):
+        if disturb:
+            integrator.reset(3.0, np.array(case.start) * 7.0, Options(1e-3, 1e-3, 0.1))
+            integrator.advance(4.5)
+        integrator.reset(0.0, case.start, Options(**fine(method)))
+        integrator.advance(case.end)
+        results.append((integrator.state, integrator.counters))
+    for state, counters in results[1:]:
+        np.testing.assert_array_equal(state, results[0][0])
+        assert counters == results[0][1]
+
+
+@each_method
+def test_integrators_of_the_same_code_share_nothing(method: str) -> None:
+    case = systems.kepler()
+    alone = advance(case, method, 4.0, **fine(method)).state
+    pair = [Integrator(case.system, method) for _ in range(2)]
+    for k, integrator in enumerate(pair):
+        integrator.reset(0.0, case.start, Options(**({**fine(method), "atol": 1e-3 * k} if k else fine(method))))
+    for stop in (1.0, 2.0, 4.0):
+        for integrator in reversed(pair):
+            integrator.advance(stop)
+    single = Integrator(case.system, method)
+    single.reset(0.0, case.start, Options(**fine(method)))
+    for stop in (1.0, 2.0, 4.0):
+        single.advance(stop)
+    np.testing.assert_array_equal(pair[0].state, single.state)
+    assert largest(pair[0].state - alone) < 1e-8
+
+
+# -- kinks ------------------------------------------------------------------------------------------------
+TABLE = (0.0, 0.37, 1.1, 2.9, 4.0), (0.0, 2.0, -1.0, 1.5, 0.0)
+
+
+def table_case(breakpoints: tuple[float, ...]) -> Case:
+    """q'' = -q + piecewise linear torque."""
+    body = system(
+        1, lambda t, q, v, z, p: [-q[0] + f.interpolate(t, *TABLE)], breakpoints=breakpoints
+    )
+
+    def exact(t: np.ndarray) -> np.ndarray:
+        out = np.zeros((len(t), 2))
+        knots = [*TABLE[0], np.inf]
+        x = np.array([0.3, -0.2])
+        for k, start in enumerate(knots[:-1]):
+            b = np.diff(TABLE[1])[k] / np.diff(TABLE[0])[k] if k < len(TABLE[0]) - 1 else 0.0
+            a = TABLE[1][k]
+
+            def piece(s: np.ndarray, a: float = a, b: float = b, x: np.ndarray = x) -> np.ndarray:
+                c, d = x[0] - a, x[1] - b
+                return np.array([a + b * s + c * np.cos(s) + d * np.sin(s), b - c * np.sin(s) + d * np.cos(s)]).T
+
+            inside = (t >= start) & (t < knots[k + 1])
+            out[inside] = piece(t[inside] - start)
+            x = piece(np.array([knots[k + 1] - start]))[0] if np.isfinite(knots[k + 1]) else x
+        return out
+
+    return Case("table", body, (0.3, -0.2), exact, 6.0)
+
+
+@each_method
+def test_kinks_cost_no_accuracy(method: str) -> None:
+    case = table_case(TABLE[0])
+    grid = Grid(0.0, 6.0 / 777, 778)
+    for tolerance in (1e-5, 1e-8, 1e-11):
+        adaptive = methods[method].adaptive
+        options = {"rtol": tolerance, "atol": tolerance} if adaptive else {"step": 0.5 * tolerance**0.25}
+        times, states, integrator = samples(case.system, method, case.start, grid, **options)
+        assert largest(states - case.exact(times)) <= 300 * tolerance
+        assert integrator.counters.rejected <= 2
+        assert end_error(case, integrator) <= 100 * tolerance
+
+
+@each_adaptive
+def test_without_breakpoints_kinks_are_found_by_the_step_control(method: str) -> None:
+    case, told = table_case(()), table_case(TABLE[0])
+    blind = advance(case, method, rtol=1e-10, atol=1e-10)
+    assert end_error(case, blind) < 1e-7
+    assert advance(told, method, rtol=1e-10, atol=1e-10).counters.evaluations < blind.counters.evaluations
+
+
+@each_method
+@pytest.mark.parametrize("points", [(0.0,), (6.0,), (7.0, 8.0), (-1.0,), (3.0, 3.0), (1e-300,), (3.0, 3.0 + 4e-16)])
+def test_breakpoints_in_odd_places_do_no_harm(method: str, points: tuple[float, ...]) -> None:
+    case = systems.oscillator()
+    body = dataclasses.replace(case.system, breakpoints=points)
+    times, states, integrator = samples(body, method, case.start, Grid(0.0, 0.5, 13), **fine(method))
+    assert integrator.time == 6.0 and len(times) == 13
+    assert largest(states - case.exact(times)) < 1e-8
+
+
+# -- parameters -------------------------------------------------------------------------------------------
+@each_method
+def test_parameters(method: str) -> None:
+    body = system(1, lambda t, q, v, z, p: [-p[0] * q[0] + p[2] * f.where(q[0], v[0], 0.0)])
+    for w, extra in ((1.0, 0.0), (2.0, 0.0), (1.5, np.nan)):
+        start = (1.0, 0.0)
+        parameters = np.array([w * w, np.nan, 0.0 * extra])
+        if np.isnan(extra):
+            with pytest.raises(NumericalError):
+                samples(body, method, start, Grid(0.0, 0.5, 9), parameters=parameters, **fine(method))
+            continue
+        times, states, integrator = samples(body, method, start, Grid(0.0, 0.5, 9), parameters=parameters, **fine(method))
+        assert largest(states - systems.oscillator(w).exact(times)) < 1e-8
+        parameters[0] = 77.0
+        assert integrator.p[0] == w * w, "the caller's array is his own"
+    with pytest.raises(ValueError, match="the system has 3 parameters, got 1"):
+        Integrator(body, method, [1.0])
+
+
+# -- counters and limits ------------------------------------------------------------------------------------
+@each_method
+def test_counters_add_up(method: str) -> None:
+    case = systems.kepler()
+    options = {"rtol": 1e-6, "atol": 1e-8} if methods[method].adaptive else {"step": 0.01}
+    integrator = advance(case, method, **options)
+    counters = integrator.counters
+    assert counters.steps > 5 and counters.events == 0 and counters.projections == 0
+    assert counters.evaluations >= counters.steps + counters.rejected
+    stages = getattr(methods[method], "table", None)
+    if stages is not None and hasattr(stages, "b"):
+        width = methods[method].stages  # type: ignore[attr-defined]
+        assert counters.evaluations == width * (counters.steps + counters.rejected)
+    assert set(counters.as_dict()) == {"steps", "rejected", "evaluations", "projections", "events"}
+    for limit in (1, 5, counters.steps - 1):
+        with pytest.raises(NumericalError, match=f"more than {limit} steps, stopped at t = ") as caught:
+            advance(case, method, **options, max_steps=limit)
+        assert 0.0 <= caught.value.details["time"] < case.end
+    again = advance(case, method, **options, max_steps=counters.steps + counters.rejected)
+    assert again.counters == counters
+
+
+@each_adaptive
+def test_the_longest_step_is_kept(method: str) -> None:
+    case = systems.oscillator()
+    integrator = advance(case, method, 10.0, rtol=1e-3, atol=1e-3, max_step=0.05)
+    assert integrator.counters.steps >= 200
+    assert end_error(case, integrator) < 1e-4
+
+
+def test_fixed_steps_are_counted_exactly() -> None:
+    case = systems.oscillator()
+    for method in METHODS:
+        if methods[method].adaptive:
+            continue
+        for duration, step, expected in ((1.0, 0.1, 10), (1.0, 0.3, 4), (10.0, 1e-3, 10_000), (0.05, 0.1, 1), (0.7, 0.1, 7)):
+            assert advance(case, method, duration, step=step).counters.steps == expected
+        assert advance(case, method, 1.0).counters.steps == 1000  # without a step: a thousandth of the run
+
+
+@each_method
+def test_a_step_may_be_suggested_to_any_method(method: str) -> None:
+    case = systems.oscillator()
+    assert end_error(case, advance(case, method, 5.0, rtol=1e-9, atol=1e-9, step=0.01)) < 1e-7
+
+
+# -- failures -----------------------------------------------------------------------------------------------
+@each_adaptive
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-10])
+def test_a_blow_up_in_finite_time_is_caught_where_it_happens(method: str, tolerance: float) -> None:
+    integrator = Integrator(BLOW_UP, method)
+    integrator.reset(0.0, (1.0, 1.0), Options(tolerance, tolerance, max_steps=200_000))
+    with pytest.raises(NumericalError) as caught:
+        integrator.advance(2.0)
+    assert abs(caught.value.details["time"] - 1.0) < 100 * tolerance
+    assert np.all(np.isfinite(integrator.state))
+
+
+@each_method
+def test_samples_before_a_failure_are_kept(method: str) -> None:
+    integrator = Integrator(BLOW_UP, method)
+    options = fine(method)
+    integrator.reset(0.0, (1.0, 1.0), Options(**options, max_steps=200_000))
+    blocks: list[tuple[Any, Any]] = []
+    with pytest.raises(NumericalError):
+        integrator.run(2.0, Grid(0.0, 0.01, 201), lambda t, x: blocks.append((t, x)), block=10)
+    times, states = (np.concatenate([b[k] for b in blocks]) for k in (0, 1))
+    assert 0.98 <= times[-1] <= 1.05
+    np.testing.assert_allclose(states[times < 0.9, 0], 1 / (1 - times[times < 0.9]), rtol=1e-6)
+
+
+FAILING = {
+    "from the start": (lambda t, q, v, z, p: [f.sqrt(q[0] - 2.0)], 0.0),
+    "at a time": (lambda t, q, v, z, p: [f.log(1.0 - t)], 1.0),
+    "beyond a place": (lambda t, q, v, z, p: [-q[0] + 0.0 * t + 1e-3 * f.asin(q[0])], None),
+    "in the second equation": (lambda t, q, v, z, p: [-q[0], f.sqrt(1.5 - t)], 1.5),
+}
+
+
+@each_method
+@pytest.mark.parametrize("kind", FAILING)
+def test_rates_that_are_no_numbers_are_never_accepted(method: str, kind: str) -> None:
+    rates, where = FAILING[kind]
+    nv = 2 if kind.startswith("in the") else 1
+    body = system(nv, rates)
+    integrator = Integrator(body, method)
+    options = {"rtol": 1e-6, "atol": 1e-6} if methods[method].adaptive else {"step": 0.01}
+    integrator.reset(0.0, [0.9, 0.1, 1.5, 0.0][: 2 * nv] if nv == 2 else [0.9, 1.5], Options(**options))
+    with pytest.raises(NumericalError) as caught:
+        integrator.advance(3.0)
+    assert np.all(np.isfinite(integrator.state)) and np.isfinite(integrator.time)
+    if where is not None:
+        assert abs(caught.value.details["time"] - where) <= 0.02
+    if where == 0.0:
+        assert "finite" in caught.value.message
+
+
+@each_method
+@pytest.mark.parametrize("place", [0, 1])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_start_that_is_no_number_is_caught(method: str, place: int, value: float) -> None:
+    integrator = Integrator(systems.oscillator().system, method)
+    start = [1.0, 0.0]
+    start[place] = value
+    integrator.reset(0.0, start, Options())
+    with pytest.raises(NumericalError, match="finite"):
+        integrator.advance(1.0)
+
+
+def test_a_state_of_the_wrong_length_is_an_error() -> None:
+    with pytest.raises(ValueError, match="2 components"):
+        Integrator(systems.oscillator().system).reset(0.0, [1.0], Options())
+
+
+# -- scales -------------------------------------------------------------------------------------------------
+@each_adaptive
+@pytest.mark.parametrize("rate", [1e-8, 1e-3, 1e4, 1e9])
+@pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
+def test_units_do_not_matter(method: str, rate: float, size: float) -> None:
+    """The same motion in other units of length and time takes the same steps and has the same relative error."""
+    w = rate
+
+    def pendulum(t: Any, q: Any, v: Any, z: Any, p: Any) -> list[Any]:
+        return [-(w * w * size) * f.sin(q[0] / size)]
+
+    integrator = Integrator(system(1, pendulum), method)
+    integrator.reset(0.0, (1.5 * size, 0.0), Options(1e-9, 1e-9 * min(size, size * w)))
+    integrator.advance(10.0 / w)
+    got = integrator.state / [size, size * w]
+    expected = systems.pendulums(1.5).exact(np.array([10.0]))[0]
+    assert largest(got - expected) < 1e-6
+    # the tolerance is absolute for positions and velocities alike, so one of the two may be held tighter
+    assert integrator.counters.steps < 40 * advance(systems.pendulums(1.5), method, 10.0, rtol=1e-9, atol=1e-9).counters.steps
+
+
+@each_adaptive
+@pytest.mark.parametrize("duration", [1e-12, 1e-9, 1e-6])
+def test_short_runs(method: str, duration: float) -> None:
+    case = systems.pendulums(1.0)
+    grid = Grid.over(duration, 11)
+    times, states, integrator = samples(case.system, method, case.start, grid)
+    assert len(times) == 11 and integrator.time == times[-1]
+    np.testing.assert_allclose(states[:, 1], -np.sin(1.0) * times, rtol=1e-12)
+
+
+@each_adaptive
+@pytest.mark.parametrize("start", [-1e6, 1e6])
+def test_far_from_time_zero(method: str, start: float) -> None:
+    body = system(1, lambda t, q, v, z, p: [-q[0] + f.sin(3.0 * (t - start))])
+    case = systems.forced()
+    times, states, _ = samples(body, method, case.start, Grid(start, 0.125, 81), rtol=1e-9, atol=1e-9)
+    # a time near 1e6 is known to 1e-10
+    assert largest(states - case.exact(times - start)) < 2e-7
+
+
+@each_adaptive
+def test_a_tolerance_of_zero_for_what_is_zero(method: str) -> None:
+    """atol = 0 with components that start at zero, pass it, or stay there."""
+    case = systems.oscillator()
+    for start in ((1.0, 0.0), (0.0, 1.0)):
+        integrator = Integrator(case.system, method)
+        integrator.reset(0.0, start, Options(1e-9, 0.0, max_steps=100_000))
+        integrator.advance(10.0)
+        expected = case.exact(np.array([10.0]))[0] if start[0] else [np.sin(10.0), np.cos(10.0)]
+        assert largest(integrator.state - expected) < 1e-7
+    idle = system(2, lambda t, q, v, z, p: [-q[0], -q[1] * (1.0 + q[0])])
+    integrator = Integrator(idle, method)
+    integrator.reset(0.0, (1.0, 0.0, 0.0, 0.0), Options(1e-9, 0.0, max_steps=100_000))
+    integrator.advance(10.0)
+    assert largest(integrator.state[[0, 2]] - case.exact(np.array([10.0]))[0]) < 1e-7
+    np.testing.assert_array_equal(integrator.state[[1, 3]], 0.0)
+
+
+@each_adaptive
+def test_a_quadrature_faster_than_the_motion_is_resolved(method: str) -> None:
+    body = system(1, lambda t, q, v, z, p: ([-q[0]], [f.cos(20.0 * t)]), nz=1)
+    for tolerance in (1e-4, 1e-7, 1e-10):
+        integrator = Integrator(body, method)
+        integrator.reset(0.0, (1.0, 0.0, 0.0), Options(tolerance, tolerance))
+        integrator.advance(20.0)
+        assert abs(integrator.state[2] - np.sin(400.0) / 20.0) < 100 * tolerance
+
+
+# -- projection ---------------------------------------------------------------------------------------------
+def constrained_pendulum() -> Any:
+    """A point mass on a bar in Cartesian coordinates: x'' = -lambda x, y'' = -g - lambda y."""
+    g = 9.81
+
+    def rates(t: Any, q: Any, v: Any, z: Any, p: Any) -> list[Any]:
+        x, y = q
+        multiplier = (v[0] * v[0] + v[1] * v[1] - g * y) / (x * x + y * y)
+        return [-multiplier * x, -g - multiplier * y]
+
+    body = system(2, rates)
+    graph = next(a for a in body.acceleration).graph  # type: ignore[union-attr]
+    (x, y), (u, w) = graph.symbols(["q0", "q1"], "q"), graph.symbols(["v0", "v1"], "v")
+    r2 = x * x + y * y
+    gap = (r2 - 1.0) / (2.0 * r2)
+    drift = (x * u + y * w) / r2
+    return dataclasses.replace(
+        body,
+        position_correction=(x - gap * x, y - gap * y),
+        velocity_correction=(u - drift * x, w - drift * y),
+    )
+
+
+@each_method
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-10])
+def test_projection_keeps_the_constraints(method: str, tolerance: float) -> None:
+    body = constrained_pendulum()
+    integrator = Integrator(body, method)
+    options = {"rtol": tolerance, "atol": tolerance} if methods[method].adaptive else {"step": 0.2 * tolerance**0.25}
+    integrator.reset(0.0, (-1.0, 0.0, 0.0, 0.0), Options(**options))
+    for stop in np.linspace(0.05, 10.0, 120):
+        integrator.advance(float(stop))
+        x, y, u, w = integrator.state
+        assert abs(x * x + y * y - 1.0) < 1e-14
+        assert abs(x * u + y * w) < 2e-14
+    assert integrator.counters.projections >= integrator.counters.steps
+    exact = (-0.27508746257611686, -0.961419205099125064, 4.17559810095172884, -1.19474905456047527)
+    assert largest(integrator.state - exact) < max(2e4 * tolerance, 3e-9)
+
+
+# -- geometry of the flow -------------------------------------------------------------------------------------
+def test_gauss_does_not_lose_energy() -> None:
+    """Symplectic with constant steps: over 10^4 periods the energy error stays at rounding and does not drift."""
+    case = systems.pendulums(2.0)
+    period = 4 * float(systems.ellipk(np.sin(1.0) ** 2))
+    integrator = Integrator(case.system, "gauss")
+    integrator.reset(0.0, case.start, Options(1e-13, 1e-13, max_step=period / 12))
+    energies = []
+    for k in range(1, 101):
+        integrator.advance(100 * k * period)
+        q, v = integrator.state
+        energies.append(0.5 * v * v - np.cos(q))
+    errors = np.array(energies) + np.cos(2.0)
+    assert integrator.counters.steps == pytest.approx(12 * 10_000, rel=1e-2)
+    assert largest(errors) < 5e-12
+    # rounding wanders as the root of time; truncation of a method that is not symplectic would go on one way
+    assert abs(np.polyfit(np.arange(100), errors, 1)[0] * 100) < 5e-12
+
+
+@pytest.mark.parametrize("case", [systems.kepler(), systems.pendulums(2.0, 1.0), systems.chain(4)], ids=str)
+def test_gauss_runs_backwards_to_where_it_came_from(case: Case) -> None:
+    n = case.system.nv
+    integrator = Integrator(case.system, "gauss")
+    integrator.reset(0.0, case.start, Options(1e-14, 1e-14, max_step=0.25))
+    integrator.advance(10.0)
+    state = integrator.state
+    integrator.reset(0.0, [*state[:n], *-state[n:]], Options(1e-14, 1e-14, max_step=0.25))
+    integrator.advance(10.0)
+    back = integrator.state * np.repeat([1.0, -1.0], n)
+    assert largest(back - case.start) < 2e-12
+
+
+# -- shape of the code ----------------------------------------------------------------------------------------
+@each_method
+def test_long_equations_are_called_and_give_the_same(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROBODYN_CACHE", "off")
+    body = dataclasses.replace(constrained_pendulum())
+    x = body.acceleration[0].graph.symbol("q0", "q", 0)
+    body = dataclasses.replace(body, events=(EventFunction("middle", x, 0, False),))
+    grid = Grid(0.0, 0.02, 101)
+    runs = []
+    for limit in (loop.INLINE_LIMIT, 0):
+        monkeypatch.setattr(loop, "INLINE_LIMIT", limit)
+        monkeypatch.setattr(compiler, "_loaded", {})
+        runs.append(samples(body, method, (-1.0, 0.0, 0.0, 0.0), grid, on_event=lambda e: True, **fine(method)))
+    (_, inline, a), (_, called, b) = runs
+    np.testing.assert_allclose(called, inline, rtol=0, atol=1e-11)
+    assert a.counters.events == b.counters.events == 2
+    assert abs(a.counters.steps - b.counters.steps) <= 2
+
+
+@each_method
+def test_without_fused_multiply_add_too(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROBODYN_CACHE", "off")
+    monkeypatch.setattr(compiler, "_loaded", {})
+    host = compiler.machine()
+    monkeypatch.setattr(module, "machine", lambda: dataclasses.replace(host, fused=False))
+    case = systems.pendulums(0.5, 1.5)
+    assert end_error(case, advance(case, method, 5.0, **fine(method))) < 1e-7
+
+
+@each_method
+def test_steppers_state_what_they_are(method: str) -> None:
+    kind = methods[method]
+    assert issubclass(kind, Stepper) and kind.name == method
+    assert kind.order >= 1 and 1 <= kind.dense_order <= kind.order
+    assert (kind.__doc__ or "").strip()
+    assert kind().dense_size(systems.chain(4).system) > 0
+
+
+def test_integrate_in_one_call() -> None:
+    case = systems.forced(work=True)
+    times, states, counters = integrate(case.system, "gauss", case.start, Grid.over(case.end, 51))
+    np.testing.assert_array_equal(times, np.arange(51) * (case.end / 50))
+    assert largest(states - case.exact(times)) < 1e-9 and counters.steps > 0
