@@ -170,9 +170,9 @@ sys.path.insert(0, {folder!r})
 import llvmlite.binding
 import double_pendulum as bench
 system, start = bench.{system}()
-start = time.perf_counter()
+start = time.process_time()
 bench.Integrator(system, {method!r})
-print(time.perf_counter() - start)
+print(time.process_time() - start)
 """
 
 
@@ -180,9 +180,9 @@ READY_HEYOKA = """
 import sys, time
 sys.path.insert(0, {folder!r})
 import heyoka, numpy, peers
-start = time.perf_counter()
+start = time.process_time()
 next(peers.heyoka_runs(numpy.array([-1.5, 0.8, 0.0, 0.0]), (1e-9,)))
-print(time.perf_counter() - start)
+print(time.process_time() - start)
 """
 
 

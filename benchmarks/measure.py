@@ -29,6 +29,9 @@ def alternate(
 ) -> dict[str, list[float]]:
     """Time actions in turn, again and again, so that a busy machine slows all of them alike.
 
+    Times are of the processor, not by the clock: the same for one busy thread, but waiting for other people's
+    programs does not count.
+
     Parameters
     ----------
     repeats : how many times each is timed.
@@ -41,16 +44,16 @@ def alternate(
     calls = {}
     for name, action in actions.items():
         action()  # memory touched, code loaded
-        start = time.perf_counter()
+        start = time.process_time()
         action()
-        calls[name] = max(1, round(least / max(time.perf_counter() - start, 1e-7)))
+        calls[name] = max(1, round(least / max(time.process_time() - start, 1e-7)))
     found: dict[str, list[float]] = {name: [] for name in actions}
     for _ in range(repeats):
         for name, action in actions.items():
-            start = time.perf_counter()
+            start = time.process_time()
             for _ in range(calls[name]):
                 action()
-            found[name].append((time.perf_counter() - start) / calls[name])
+            found[name].append((time.process_time() - start) / calls[name])
     return found
 
 

@@ -32,9 +32,9 @@ import sys, time
 from robodyn_cli import ForwardDynamics, InverseDynamics, load_scene_text
 import llvmlite.binding
 scene = load_scene_text(sys.stdin.read())
-start = time.perf_counter()
+start = time.process_time()
 {kind}(scene)
-print(time.perf_counter() - start)
+print(time.process_time() - start)
 """
 
 

@@ -78,7 +78,9 @@ def _frame(
 
 
 def vanishes(row: Row) -> bool:
-    """Tell whether a row is identically zero (a planar loop out of its plane)."""
+    """Tell whether a row is identically zero (a planar loop out of its plane), and closed as it is meant."""
+    if not isinstance(row.cosine, Expr) and row.cosine < 0.5:
+        return False  # nothing moves the links out of the wrong attitude: assembly says so
     return not any(isinstance(x, Expr) or x != 0.0 for x in (row.eta, row.gamma, row.eta_t, *row.psi))
 
 

@@ -4,7 +4,20 @@ from __future__ import annotations
 
 import typer
 
-from robodyn_cli.cli import check, compare, deploy, inverse, new, plan, run, schema, simulate, validate, work_precision
+from robodyn_cli.cli import (
+    check,
+    compare,
+    deploy,
+    info,
+    inverse,
+    new,
+    plan,
+    run,
+    schema,
+    simulate,
+    validate,
+    work_precision,
+)
 from robodyn_cli.version import __version__
 
 app = typer.Typer(
@@ -22,6 +35,7 @@ app.command("deploy")(deploy.command)
 app.command("plan")(plan.command)
 app.command("check")(check.command)
 app.command("compare")(compare.command)
+app.command("info")(info.command)
 app.command("new")(new.command)
 app.command("run")(run.command)
 app.command("schema")(schema.command)

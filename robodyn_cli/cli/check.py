@@ -13,11 +13,18 @@ from robodyn_cli.cli.options import AsJson, Quiet
 
 def command(
     result: Annotated[
-        Path, typer.Argument(metavar="RESULT", help="Output directory of a run, or its result.h5.", show_default=False)
+        Path,
+        typer.Argument(
+            metavar="RESULT", help="Output directory of a run, or its result.h5.", show_default=False
+        ),
     ],
     scene: Annotated[
         Path | None,
-        typer.Argument(metavar="[SCENE.yaml]", help="Scene with the criteria; default: the result's own.", show_default=False),
+        typer.Argument(
+            metavar="[SCENE.yaml]",
+            help="Scene with the criteria; default: the result's own.",
+            show_default=False,
+        ),
     ] = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
@@ -39,9 +46,13 @@ def command(
         elif text is not None:
             expect = load_scene_text(text, str(result)).expect
         else:
-            raise SceneError(f"{result}: there is no scene with it, only a summary; name the scene: check RESULT SCENE")
+            raise SceneError(
+                f"{result}: there is no scene with it, only a summary; name the scene: check RESULT SCENE"
+            )
         if not expect:
-            raise SceneError(f"{scene or result}: there are no criteria; add 'expect' to the scene, or name one that has it")
+            raise SceneError(
+                f"{scene or result}: there are no criteria; add 'expect' to the scene, or name one that has it"
+            )
         outcomes = judge(expect, summary, f"{scene or result}: ")
         failed = sum(not outcome.holds for outcome in outcomes)
         for outcome in outcomes:

@@ -16,13 +16,21 @@ if TYPE_CHECKING:
 
 def command(
     result: Annotated[
-        Path, typer.Argument(metavar="RESULT", help="Output directory of a run, or its result.h5.", show_default=False)
+        Path,
+        typer.Argument(
+            metavar="RESULT", help="Output directory of a run, or its result.h5.", show_default=False
+        ),
     ],
     baseline: Annotated[
-        Path, typer.Argument(metavar="BASELINE", help="What it is compared with, likewise.", show_default=False)
+        Path,
+        typer.Argument(metavar="BASELINE", help="What it is compared with, likewise.", show_default=False),
     ],
-    rtol: Annotated[float, typer.Option("--rtol", min=0.0, help="Allowed part of the column's largest magnitude.")] = 1e-9,
-    atol: Annotated[float, typer.Option("--atol", min=0.0, help="Allowed in addition, in the dataset's unit.")] = 1e-12,
+    rtol: Annotated[
+        float, typer.Option("--rtol", min=0.0, help="Allowed part of the column's largest magnitude.")
+    ] = 1e-9,
+    atol: Annotated[
+        float, typer.Option("--atol", min=0.0, help="Allowed in addition, in the dataset's unit.")
+    ] = 1e-12,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
@@ -46,7 +54,9 @@ def command(
             console.say(f"{item.verdict:<8} {item.path:<{width}}  {describe(item)}".rstrip())
         bad = sum(item.verdict not in ("equal", "extra") for item in found.differences)
         count = len(found.differences)
-        console.say(f"{count} datasets: {f'{bad} differ' if bad else 'all agree'} (rtol {rtol:g}, atol {atol:g})")
+        console.say(
+            f"{count} datasets: {f'{bad} differ' if bad else 'all agree'} (rtol {rtol:g}, atol {atol:g})"
+        )
         return 0 if found.agrees else 1
 
     guarded(console, action)

@@ -10,6 +10,8 @@ INTERRUPTED = 130
 
 def main() -> None:
     """Run the command line; the exit code is the contract's (docs/cli.md)."""
+    # imports and graphs make a hundred thousand objects and hardly any garbage: look for it less often
+    gc.set_threshold(200_000, 20, 20)
     try:
         from robodyn_cli.cli.app import app
         from robodyn_cli.cli.quick import run_plain

@@ -15,11 +15,14 @@ def command(
     kind: Annotated[
         str,
         typer.Argument(
-            metavar="KIND", help="inverse, joint, waypoints, table, path, simulate, loop or deploy.", show_default=False
+            metavar="KIND",
+            help="inverse, joint, waypoints, table, path, simulate, loop or deploy.",
+            show_default=False,
         ),
     ],
     file: Annotated[
-        Path | None, typer.Argument(metavar="[FILE]", help="File to write; default: KIND.yaml.", show_default=False)
+        Path | None,
+        typer.Argument(metavar="[FILE]", help="File to write; default: KIND.yaml.", show_default=False),
     ] = None,
     quiet: Quiet = False,
 ) -> None:

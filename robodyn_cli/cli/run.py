@@ -13,15 +13,19 @@ from robodyn_cli.cli.options import AsJson, NoPlots, Quiet
 
 def command(
     scenes: Annotated[
-        list[str], typer.Argument(metavar="SCENE...|GLOB|DIR", help="Scenes, patterns, folders.", show_default=False)
+        list[str],
+        typer.Argument(metavar="SCENE...|GLOB|DIR", help="Scenes, patterns, folders.", show_default=False),
     ],
     jobs: Annotated[
-        int | None, typer.Option("--jobs", "-j", metavar="N", min=1, help="Processes at a time. [default: one a core]")
+        int | None,
+        typer.Option("--jobs", "-j", metavar="N", min=1, help="Processes at a time. [default: one a core]"),
     ] = None,
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="DIR", help="Results go to DIR/<scene>/<command>.")
     ] = Path("outputs"),
-    junit: Annotated[Path | None, typer.Option("--junit", metavar="FILE", help="Write a JUnit XML report.")] = None,
+    junit: Annotated[
+        Path | None, typer.Option("--junit", metavar="FILE", help="Write a JUnit XML report.")
+    ] = None,
     markdown: Annotated[
         Path | None, typer.Option("--markdown", metavar="FILE", help="Write a summary in Markdown.")
     ] = None,
@@ -49,7 +53,9 @@ def command(
         start = time.perf_counter()
         found = entries(gather(scenes), out)
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-        batch = Batch(found, jobs or cores, functools.partial(command_line, not no_plots), not no_plots, force)
+        batch = Batch(
+            found, jobs or cores, functools.partial(command_line, not no_plots), not no_plots, force
+        )
         width = max(len(e.name) for e in found)
         try:
             for e in batch.run():

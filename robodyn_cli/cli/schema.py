@@ -11,8 +11,8 @@ def command() -> None:
     def action() -> int:
         import json
 
-        from robodyn_cli.schema.json_schema import json_schema
         from robodyn_cli.scene.types import Scene
+        from robodyn_cli.schema.json_schema import json_schema
 
         console.data(json.dumps(json_schema(Scene, "Scene of robodyn"), ensure_ascii=False, indent=2))
         return 0

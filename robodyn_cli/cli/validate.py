@@ -12,7 +12,9 @@ from robodyn_cli.cli.options import AsJson, Quiet, Strict
 
 
 def command(
-    scenes: Annotated[list[Path], typer.Argument(metavar="SCENE...", help="Scenes to check.", show_default=False)],
+    scenes: Annotated[
+        list[Path], typer.Argument(metavar="SCENE...", help="Scenes to check.", show_default=False)
+    ],
     as_json: AsJson = False,
     quiet: Quiet = False,
     strict: Strict = False,
@@ -38,7 +40,9 @@ def command(
                 console.say(f"  {finding.severity}: {finding.message}")
         total = worst([int(str(r["exit_code"])) for r in report])
         status = "ok" if total == 0 else "failed"
-        console.data(json.dumps({"status": status, "exit_code": total, "scenes": report}, ensure_ascii=False, indent=2))
+        console.data(
+            json.dumps({"status": status, "exit_code": total, "scenes": report}, ensure_ascii=False, indent=2)
+        )
         return total
 
     guarded(console, action)

@@ -33,7 +33,14 @@ def main() -> None:
             guarded(
                 console,
                 lambda: run_scene(
-                    command, Path(scene), Path(directory), None, "--no-plots" in options, False, console, lambda _: ""
+                    command,
+                    Path(scene),
+                    Path(directory),
+                    None,
+                    "--no-plots" in options,
+                    False,
+                    console,
+                    lambda _: "",
                 ),
             )
         except typer.Exit as done:

@@ -26,7 +26,7 @@ from robodyn_cli.expr.functions import interpolate
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.build import build_model
-from robodyn_cli.model.model import FixedFrame, Model
+from robodyn_cli.model.model import Body, FixedFrame, JointForce, Model
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, zeros
 
@@ -196,6 +196,13 @@ class Problem:
         """Those of ``switches`` that depend on more than time."""
         return [(key, switch) for key, switch in self.switches if not is_of_time(switch, self.t)]
 
+    def _element_torque(self, body: Body, force: JointForce, smooth: bool) -> Scalar:
+        try:
+            torque: Scalar = force.element.torque(self.q[body.q], self.v[body.v], body.gear_ratio, smooth)
+        except CapabilityError as error:
+            raise CapabilityError(f"joint {body.joint_name}: {error.message}") from error
+        return torque
+
     def joint_forces(self, smooth: bool) -> dict[str, Vector]:
         """Return the torques of springs, dampers (``passive``) and friction (``friction``) on the joints.
 
@@ -205,10 +212,7 @@ class Problem:
         for body in self.model.bodies:
             for force in body.forces:
                 term = terms.setdefault(force.element.term, zeros(self.model.nv))
-                try:
-                    torque = force.element.torque(self.q[body.q], self.v[body.v], body.gear_ratio, smooth)
-                except CapabilityError as error:
-                    raise CapabilityError(f"joint {body.joint_name}: {error.message}") from error
+                torque = self._element_torque(body, force, smooth)
                 term[body.v] = term[body.v] + torque
         return terms
 
@@ -227,7 +231,7 @@ class Problem:
         for body in self.model.bodies:
             for force in body.forces:
                 if force.element.dissipative:
-                    torque = force.element.torque(self.q[body.q], self.v[body.v], body.gear_ratio, True)
+                    torque = self._element_torque(body, force, True)
                     found.append((body.v, torque))
         return found
 

@@ -22,7 +22,7 @@ class Expectation:
     low: float = -math.inf
     high: float = math.inf
     strict: bool = False
-    value: None | bool | str = None
+    value: bool | str | None = None
     numeric: bool = False
 
     def holds(self, found: Any) -> bool:
@@ -36,7 +36,7 @@ class Expectation:
         return self.low <= found <= self.high
 
 
-def parse_expectation(value: None | bool | int | float | str) -> Expectation:
+def parse_expectation(value: bool | int | float | str | None) -> Expectation:
     """Return the expectation that a YAML scalar stands for.
 
     Raises
@@ -48,7 +48,9 @@ def parse_expectation(value: None | bool | int | float | str) -> Expectation:
     if not isinstance(value, str):
         if not math.isfinite(value):
             raise SceneError(f"is not finite (value {value}); {FORMS}")
-        return Expectation(f"{value:.17g}" if isinstance(value, float) else str(value), value, value, numeric=True)
+        return Expectation(
+            f"{value:.17g}" if isinstance(value, float) else str(value), value, value, numeric=True
+        )
     text = " ".join(value.replace("\N{PLUS-MINUS SIGN}", "+-").split())
     if match := _BOUND.match(text):
         sign, limit = match.group(1), _number(match.group(2), text)

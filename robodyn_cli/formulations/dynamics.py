@@ -86,7 +86,10 @@ class Dynamics(Protocol):
         """Emit the rates at time t (lanes) and state x = (q, v, z)."""
 
     def values(self, groups: Groups) -> Numbers:
-        """Return the rates (nv + nz,) at one state, slowly; not finite where there are none."""
+        """Return the rates (nv + nz,) at one state, slowly; inputs are arrays (1,), by group.
+
+        Not finite where there are none.
+        """
 
 
 @dataclasses.dataclass(frozen=True)
@@ -124,7 +127,8 @@ class Expanded:
 
     def values(self, groups: Groups) -> Numbers:
         with np.errstate(all="ignore"):
-            return np.array([float(x) for x in evaluate([*self.acceleration, *self.z_rate], groups)])
+            found = evaluate([*self.acceleration, *self.z_rate], groups)
+        return np.array([np.broadcast_to(x, 1)[0] for x in found])
 
 
 class Rolled:
@@ -216,11 +220,13 @@ class Rolled:
         return f
 
     def values(self, groups: Groups) -> Numbers:
-        rows = {name: [float(np.ravel(x)[0]) for x in entries] for name, entries in groups.items()}
-        numbers = [float(x) for x in evaluate([*self.forces, *self.z_rate], rows)]
+        with np.errstate(all="ignore"):
+            found = evaluate([*self.forces, *self.z_rate], groups)
+        numbers = [float(np.broadcast_to(x, 1)[0]) for x in found]
         nv = self.model.nv
+        q, v = ([float(x[0]) for x in groups[name]] for name in "qv")
         try:
-            a = aba(self.model, rows["q"], rows["v"], numbers[:nv], self.model.gravity)
+            a = aba(self.model, q, v, numbers[:nv], self.model.gravity)
         except ArithmeticError:
             return np.full(len(numbers), np.nan)
         return np.array([*(float(x) for x in a), *numbers[nv:]])

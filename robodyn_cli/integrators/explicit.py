@@ -6,9 +6,11 @@ from collections.abc import Sequence
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.layout import Real, Whole
-from robodyn_cli.integrators.loop import SLACK, Attempt, Stepper, Writer
+from robodyn_cli.integrators.loop import SLACK, Attempt, Stepper
 from robodyn_cli.integrators.tableaus import DOP853, DOP853_DENSE, DOPRI5, DOPRI5_DENSE, RK4, ExplicitTable
-from robodyn_cli.kernels.ir import Value
+from robodyn_cli.integrators.writer import Writer
+from robodyn_cli.kernels.arrays import Array, Total
+from robodyn_cli.kernels.ir import Int, Value
 from robodyn_cli.kernels.mathematics import rough_power
 
 SAFETY = 0.9
@@ -20,54 +22,56 @@ class ExplicitRungeKutta(Stepper):
     table: ExplicitTable
     stages: int
 
+    def prepare(self, w: Writer) -> None:
+        self.K = [w.array(2, 1) for _ in range(self.stages)]
+        self.x = w.array(2, 1)
+
     def attempt(self, w: Writer, t: Value, h: Value, failed: str) -> Attempt:
-        f, s = w.f, w.system
-        self.x0 = [f.load(a) for a in w.state]
-        self.K: list[list[Value]] = []
+        f = w.f
         for i in range(self.stages):
             self._stage(w, t, h, i)
         w.count(Whole.EVALUATIONS, self.stages)
-        x1 = [f.muladd(h, self._sum(w, self.table.b, c), self.x0[c]) for c in range(s.size)]
-        for k in range(s.size):
-            f.store(x1[k], w.new[k])
-        return self._judge(w, h, x1)
+        for c in w.each(w.size):
+            w.new[c] = f.muladd(h, self._sum(w, self.table.b, c), w.state[c])
+        return self._judge(w, h)
 
     def _stage(self, w: Writer, t: Value, h: Value, i: int) -> None:
         f = w.f
         row = self.table.A[i]
-        x = self.x0
+        x = w.state
         if any(row):
-            x = [f.muladd(h, self._sum(w, row, c), self.x0[c]) for c in range(w.system.size)]
-        self.K.append(w.rate(f.muladd(h, self.table.c[i], t), x))
+            x = self.x
+            for c in w.each(w.size):
+                x[c] = f.muladd(h, self._sum(w, row, c), w.state[c])
+        w.rate(f.muladd(h, self.table.c[i], t), x, self.K[i])
 
-    def _sum(self, w: Writer, weights: Sequence[float], component: int) -> Value:
+    def _sum(self, w: Writer, weights: Sequence[float], component: Int | int) -> Value:
         """Return the weighted sum of the stages' rates of one component."""
         f = w.f
         total: Value | None = None
-        for i, weight in enumerate(weights):
-            if weight != 0.0 and i < len(self.K):
-                k = self.K[i][component]
+        for weight, rates in zip(weights, self.K):
+            if weight != 0.0:
+                k = rates[component]
                 total = k * weight if total is None else f.muladd(k, weight, total)
         return f.constant(0.0) if total is None else total
 
-    def _judge(self, w: Writer, h: Value, x1: list[Value]) -> Attempt:
-        f, s = w.f, w.system
-        n = s.size
+    def _judge(self, w: Writer, h: Value) -> Attempt:
+        f = w.f
         with f.strict():
             rtol, atol = w.get(Real.RTOL), w.get(Real.ATOL)
-            sums: list[Value | None] = [None] * len(self.table.errors)
-            for c in range(n):
-                scale = 1.0 / f.muladd(f.max(f.abs(self.x0[c]), f.abs(x1[c])), rtol, atol)
-                for j, weights in enumerate(self.table.errors):
+            sums = [Total(f) for _ in self.table.errors]
+            for c in w.each(w.size):
+                scale = 1.0 / f.muladd(f.max(f.abs(w.state[c]), f.abs(w.new[c])), rtol, atol)
+                for total, weights in zip(sums, self.table.errors):
                     e = self._sum(w, weights, c) * scale
-                    part = sums[j]
-                    sums[j] = e * e if part is None else f.muladd(e, e, part)
-            totals = [x for x in sums if x is not None]
+                    total.add_product(e, e)
+            totals = [x.value for x in sums]
+            n = w.number(w.size)
             h2 = h * h
             if len(totals) == 2:
-                error = h2 * totals[0] * totals[0] / (f.muladd(totals[1], 0.01, totals[0]) * float(n) + 1e-300)
+                error = h2 * totals[0] * totals[0] / (f.muladd(totals[1], 0.01, totals[0]) * n + 1e-300)
             else:
-                error = h2 * totals[0] * (1.0 / n)
+                error = h2 * totals[0] / n
             bounded = f.max(error, 1e-20)
             q = self.table.error_order
             gain = MEMORY_GAIN / q
@@ -92,11 +96,11 @@ class ExplicitRungeKutta(Stepper):
     def _store_dense(self, w: Writer, t: Value, h: Value) -> None:
         raise NotImplementedError
 
-    def _put(self, w: Writer, row: int, component: int, value: Value) -> None:
-        w.f.store(value, w.f.offset("%dense", row * w.system.size + component))
+    def _put(self, w: Writer, row: int, component: Int | int, value: Value) -> None:
+        w.f.store(value, w.f.offset("%dense", w.size * row + component))
 
-    def _get(self, w: Writer, row: int, component: int) -> Value:
-        return w.f.load(w.f.offset("%dense", row * w.system.size + component))
+    def _get(self, w: Writer, row: int, component: Int | int) -> Value:
+        return w.f.load(w.f.offset("%dense", w.size * row + component))
 
 
 class Dop853(ExplicitRungeKutta):
@@ -108,36 +112,36 @@ class Dop853(ExplicitRungeKutta):
     table = DOP853
     stages = 12
 
+    def prepare(self, w: Writer) -> None:
+        super().prepare(w)
+        # dense output takes four more stages
+        self.K += [w.array(2, 1) for _ in range(4)]
+
     def dense_size(self, system: System) -> int:
         return 8 * system.size
 
     def _store_dense(self, w: Writer, t: Value, h: Value) -> None:
         f = w.f
-        kept = list(self.K)
-        x1 = [f.load(a) for a in w.new]
-        self.K.append(w.rate(t + h, x1))
+        w.rate(t + h, w.new, self.K[12])
         for i in range(13, 16):
             self._stage(w, t, h, i)
         w.count(Whole.EVALUATIONS, 4)
-        for c in range(w.system.size):
-            delta = x1[c] - self.x0[c]
+        for c in w.each(w.size):
+            delta = w.new[c] - w.state[c]
             first, last = h * self.K[0][c], h * self.K[12][c]
-            rows = [self.x0[c], delta, first - delta, 2.0 * delta - (first + last)]
+            rows = [w.state[c], delta, first - delta, 2.0 * delta - (first + last)]
             rows += [h * self._sum(w, weights, c) for weights in DOP853_DENSE]
             for k, value in enumerate(rows):
                 self._put(w, k, c, value)
-        self.K = kept
 
-    def dense(self, w: Writer, u: Value, h: Value) -> list[Value]:
+    def dense(self, w: Writer, u: Value, h: Value, out: Array) -> None:
         f = w.f
         x = u + 1.0
-        out = []
-        for c in range(w.system.size):
+        for c in w.each(w.size):
             value = f.splat(self._get(w, 7, c), u.width) * x
             for k in range(6, 0, -1):
                 value = (value + f.splat(self._get(w, k, c), u.width)) * (x if k % 2 else -u)
-            out.append(value + f.splat(self._get(w, 0, c), u.width))
-        return out
+            out[c] = value + f.splat(self._get(w, 0, c), u.width)
 
 
 class Dopri5(ExplicitRungeKutta):
@@ -153,21 +157,19 @@ class Dopri5(ExplicitRungeKutta):
         return 5 * system.size
 
     def _store_dense(self, w: Writer, t: Value, h: Value) -> None:
-        for c in range(w.system.size):
-            self._put(w, 0, c, self.x0[c])
+        for c in w.each(w.size):
+            self._put(w, 0, c, w.state[c])
             for k in range(4):
                 self._put(w, k + 1, c, h * self._sum(w, [row[k] for row in DOPRI5_DENSE], c))
 
-    def dense(self, w: Writer, u: Value, h: Value) -> list[Value]:
+    def dense(self, w: Writer, u: Value, h: Value, out: Array) -> None:
         f = w.f
         x = u + 1.0
-        out = []
-        for c in range(w.system.size):
+        for c in w.each(w.size):
             value = f.splat(self._get(w, 4, c), u.width)
             for k in (3, 2, 1, 0):
                 value = f.muladd(value, x, f.splat(self._get(w, k, c), u.width))
-            out.append(value)
-        return out
+            out[c] = value
 
 
 class ClassicalRungeKutta(ExplicitRungeKutta):
@@ -183,32 +185,29 @@ class ClassicalRungeKutta(ExplicitRungeKutta):
     def dense_size(self, system: System) -> int:
         return 4 * system.size
 
-    def _judge(self, w: Writer, h: Value, x1: list[Value]) -> Attempt:
+    def _judge(self, w: Writer, h: Value) -> Attempt:
         """Accept every step; only a state that is not finite is refused."""
         f = w.f
-        total = x1[0] * 0.0
-        for x in x1[1:]:
-            total = f.muladd(x, 0.0, total)
         with f.strict():
-            finite = f.compare("ord", total, 0.0)
-            error = f.select(finite, f.constant(0.0), total)
+            total = Total(f)
+            for c in w.each(w.size):
+                total.add_product(w.new[c], 0.0)
+            finite = f.compare("ord", total.value, 0.0)
+            error = f.select(finite, f.constant(0.0), total.value)
         return Attempt(error, f.constant(1.0))
 
     def _store_dense(self, w: Writer, t: Value, h: Value) -> None:
-        f = w.f
-        x1 = [f.load(a) for a in w.new]
-        last = w.rate(t + h, x1)
+        last = w.array(2, 1)
+        w.rate(t + h, w.new, last)
         w.count(Whole.EVALUATIONS)
-        for c in range(w.system.size):
-            for k, value in enumerate((self.x0[c], x1[c], h * self.K[0][c], h * last[c])):
+        for c in w.each(w.size):
+            for k, value in enumerate((w.state[c], w.new[c], h * self.K[0][c], h * last[c])):
                 self._put(w, k, c, value)
 
-    def dense(self, w: Writer, u: Value, h: Value) -> list[Value]:
+    def dense(self, w: Writer, u: Value, h: Value, out: Array) -> None:
         f = w.f
         x = u + 1.0
-        out = []
-        for c in range(w.system.size):
+        for c in w.each(w.size):
             a, b, da, db = (f.splat(self._get(w, k, c), u.width) for k in range(4))
             # x^2 (3 - 2 x) goes from 0 to 1; the slopes enter with x (1 - x)
-            out.append(a + (b - a) * x * x * (3.0 - 2.0 * x) - x * u * (-u * da - x * db))
-        return out
+            out[c] = a + (b - a) * x * x * (3.0 - 2.0 * x) - x * u * (-u * da - x * db)

@@ -7,13 +7,17 @@ symmetric; the iteration limits the step on stiff problems, where a linearly imp
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.gauss_dense import WIDTH, dense_table
 from robodyn_cli.integrators.gauss_tables import gauss_table
 from robodyn_cli.integrators.layout import Real, Whole
-from robodyn_cli.integrators.loop import SLACK, Attempt, Stepper, Writer
+from robodyn_cli.integrators.loop import SLACK, Attempt, Stepper
+from robodyn_cli.integrators.writer import Writer
+from robodyn_cli.kernels.arrays import Array, Total
 from robodyn_cli.kernels.ir import Int, Value, literal
 from robodyn_cli.kernels.mathematics import rough_power
 
@@ -40,34 +44,38 @@ class Gauss(Stepper):
         return self.stages * rates + system.size + 2 * WIDTH * rates + rates
 
     def prepare(self, w: Writer) -> None:
-        f, s = w.f, w.system
+        f = w.f
         self.table = gauss_table(self.stages)
-        self.guess = [f.slot(self.stages) for _ in range(s.nv + s.nz)]
-        self.weight = [f.slot() for _ in range(s.nv + s.nz)]
+        self.guess = w.array(1, 1, self.stages)
+        self.drift = w.array(1, 0, self.stages)
+        self.x = w.array(2, 1, self.stages)
+        self.fresh = w.array(1, 1, self.stages)
+        self.weight = w.array(1, 1)
+        self.sizes = w.array(1, 1)
         self.before = f.slot()
         self.round = f.int_slot()
         self.primed = f.int_slot()
 
-    def _polynomial(self, w: Writer, j: int) -> str:
+    def _polynomial(self, w: Writer, j: Int | int) -> str:
         """Return the address of the monomial coefficients of rate j (accelerations, then z rates)."""
         return w.f.offset("%dense", j * self.stages)
 
-    def _end(self, w: Writer, k: int) -> str:
-        """Return the address of component k of the state at the end of the step, before projection."""
-        return w.f.offset("%dense", (w.system.nv + w.system.nz) * self.stages + k)
+    def _end(self, w: Writer) -> Array:
+        """Return the state at the end of the step, before projection."""
+        return Array(w.f, w.f.offset("%dense", w.rates * self.stages))
 
     def attempt(self, w: Writer, t: Value, h: Value, failed: str) -> Attempt:
-        f, s, T = w.f, w.system, self.table
-        n = s.nv + s.nz
+        f, T = w.f, self.table
         lanes = self.stages
         nodes = f.constant(list(T.c))
-        x0 = [f.load(a) for a in w.state]
-        q0, v0, z0 = x0[: s.nq], x0[s.nq : s.nq + s.nv], x0[s.nq + s.nv :]
-        self._weigh(w, h, x0, [f.load(self._size(w, j)) for j in range(n)])
+        rms = self._rms(w)
+        self._weigh(w, h, lambda j: rms[j])
         self._predict(w, h)
         wide_h, wide_h2 = f.splat(h, lanes), f.splat(h * h, lanes)
         times = f.muladd(wide_h, nodes, f.splat(t, lanes))
-        drift = [f.muladd(wide_h * nodes, f.splat(v, lanes), f.splat(q, lanes)) for q, v in zip(q0, v0)]
+        for j in w.each(w.nv):
+            q, v = f.splat(w.state[j], lanes), f.splat(w.state[w.nv + j], lanes)
+            self.drift[j] = f.muladd(wide_h * nodes, v, q)
         f.store(1e300, self.before)
         # the first step of a run knows no rates yet: one round shows them, then they take part in the weights
         known = f.compare_int("sgt", f.load_int(w.whole(Whole.ACCEPTED)), 0)
@@ -76,21 +84,23 @@ class Gauss(Stepper):
         iterate, onward, enough = f.label("iterate"), f.label("onward"), f.label("solved")
         f.jump(iterate)
         f.place(iterate)
-        old = [f.load(a, lanes, 64) for a in self.guess]
-        Q = [self._combine(w, old[j], T.A2, wide_h2, drift[j]) for j in range(s.nv)]
-        V = [self._combine(w, old[j], T.A, wide_h, f.splat(v0[j], lanes)) for j in range(s.nv)]
-        Z = [self._combine(w, old[s.nv + j], T.A, wide_h, f.splat(z0[j], lanes)) for j in range(s.nz)]
-        a, zr = w.dynamics(times, [*Q, *V, *Z], lanes)
-        fresh = [f.splat(x, lanes) for x in [*a, *zr]]
+        for j in w.each(w.nv):
+            old = self.guess[j]
+            self.x[j] = self._combine(w, old, T.A2, wide_h2, self.drift[j])
+            self.x[w.nv + j] = self._combine(w, old, T.A, wide_h, f.splat(w.state[w.nv + j], lanes))
+        for j in range(w.system.nz):
+            start = f.splat(w.state[w.nv * 2 + j], lanes)
+            self.x[w.nv * 2 + j] = self._combine(w, self.guess[w.nv + j], T.A, wide_h, start)
+        w.dynamics(times, self.x, self.fresh)
         w.count(Whole.EVALUATIONS)
         with f.strict():
-            square: Value | None = None
-            for j in range(n):
-                d = (fresh[j] - old[j]) * f.splat(f.load(self.weight[j]), lanes)
-                square = d * d if square is None else f.fma(d, d, square)
-                f.store(fresh[j], self.guess[j], 64)
-            assert square is not None
-            update = f.sqrt(f.reduce("add", square))
+            square = Total(f, lanes)
+            for j in w.each(w.rates):
+                fresh = self.fresh[j]
+                d = (fresh - self.guess[j]) * f.splat(self.weight[j], lanes)
+                square.add_product(d, d)
+                self.guess[j] = fresh
+            update = f.sqrt(f.reduce("add", square.value))
             last = f.load(self.before)
             f.store(update, self.before)
             ratio = f.min(update / last, 1.0)
@@ -113,7 +123,7 @@ class Gauss(Stepper):
         f.store_int(1, self.primed)
         f.store_int(0, self.round)
         f.store(1e300, self.before)
-        self._weigh(w, h, x0, [f.sqrt(f.reduce("add", x * x) * (1.0 / lanes)) for x in fresh])
+        self._weigh(w, h, lambda j: self._mean(w, self.guess[j]))
         f.jump(iterate)
         f.place(stuck)
         # an update that no longer shrinks is rounding when it is well below the tolerance
@@ -122,29 +132,38 @@ class Gauss(Stepper):
         w.put(Real.H, h * f.select(f.compare("ord", update, 0.0), f.constant(0.5), f.constant(0.1)))
         f.jump(failed)
         f.place(enough)
-        final = [f.load(x, lanes, 64) for x in self.guess]
-        self._advance(w, h, x0, final)
-        return self._judge(w, final, [f.load(x) for x in self.weight])
+        self._advance(w, h)
+        return self._judge(w)
 
-    def _weigh(self, w: Writer, h: Value, x0: list[Value], sizes: list[Value]) -> None:
+    def _mean(self, w: Writer, x: Value) -> Value:
+        """Return the root mean square over the stages."""
+        f = w.f
+        return f.sqrt(f.reduce("add", x * x) * (1.0 / self.stages))
+
+    def _weigh(self, w: Writer, h: Value, size_of: Callable[[Int | int], Value]) -> None:
         """Set what an error of each rate means for the state over this step, in units of the tolerance.
 
         A velocity counts as at least what its rate makes of it in the step, so that one that passes zero is not
         held to an absolute standard; a position sets the standard where the motion is slow.
         """
-        f, s = w.f, w.system
+        f = w.f
         rtol, atol = w.get(Real.RTOL), w.get(Real.ATOL)
-        with f.strict():
-            for j, size in enumerate(sizes):
-                speed, gained = f.abs(x0[s.nq + j]), h * size
-                largest = f.select(f.compare("ogt", speed, gained), speed, gained)
-                weight = h / f.muladd(largest, rtol, atol)
-                if j < s.nv:
-                    other = h * h / f.muladd(f.abs(x0[j]), rtol, atol)
-                    weight = f.select(f.compare("ogt", other, weight), other, weight)
-                f.store(weight, self.weight[j])
 
-    def _combine(self, w: Writer, a: Value, matrix: np.ndarray, factor: Value, start: Value) -> Value:
+        def weight(j: Int | int) -> Value:
+            speed, gained = f.abs(w.state[w.nv + j]), h * size_of(j)
+            largest = f.select(f.compare("ogt", speed, gained), speed, gained)
+            return h / f.muladd(largest, rtol, atol)
+
+        with f.strict():
+            for j in w.each(w.nv):
+                one, other = weight(j), h * h / f.muladd(f.abs(w.state[j]), rtol, atol)
+                self.weight[j] = f.select(f.compare("ogt", other, one), other, one)
+            for j in range(w.system.nz):
+                self.weight[w.nv + j] = weight(w.nv + j)
+
+    def _combine(
+        self, w: Writer, a: Value, matrix: np.ndarray, factor: Value | None, start: Value
+    ) -> Value:
         """Return start + factor (matrix a), lanes being stages; two sums to shorten the chain."""
         f = w.f
         sums: list[Value | None] = [None, None]
@@ -154,7 +173,8 @@ class Gauss(Stepper):
             part = sums[i & 1]
             sums[i & 1] = x * column if part is None else f.muladd(x, column, part)
         assert sums[0] is not None and sums[1] is not None
-        return f.muladd(factor, sums[0] + sums[1], start)
+        total = sums[0] + sums[1]
+        return total if factor is None else f.muladd(factor, total, start)
 
     def _predict(self, w: Writer, h: Value) -> None:
         """Extrapolate the previous step's rates to the new stages."""
@@ -163,45 +183,43 @@ class Gauss(Stepper):
         old_h = w.get(Real.H_OLD)
         stretch = h / old_h
         u = f.splat(stretch, lanes) * f.constant(list(self.table.c))
-        for j, slot in enumerate(self.guess):
+        for j in w.each(w.rates):
             address = self._polynomial(w, j)
             p = f.splat(f.load(f.offset(address, self.stages - 1)), lanes)
             for k in reversed(range(self.stages - 1)):
                 p = f.muladd(p, u, f.splat(f.load(f.offset(address, k)), lanes))
-            f.store(p, slot, 64)
+            self.guess[j] = p
 
-    def _advance(self, w: Writer, h: Value, x0: list[Value], rates: list[Value]) -> None:
-        f, s, T = w.f, w.system, self.table
+    def _advance(self, w: Writer, h: Value) -> None:
+        f, T = w.f, self.table
         b, b_bar = f.constant(list(T.b)), f.constant(list(T.b_bar))
-        for j in range(s.nv):
-            q, v = x0[j], x0[s.nq + j]
-            f.store(f.muladd(h * h, f.reduce("add", rates[j] * b_bar), f.muladd(h, v, q)), w.new[j])
-            f.store(f.muladd(h, f.reduce("add", rates[j] * b), v), w.new[s.nq + j])
-        for j in range(s.nz):
-            z = x0[s.nq + s.nv + j]
-            rate = f.reduce("add", rates[s.nv + j] * b)
-            f.store(f.muladd(h, rate, z), w.new[s.nq + s.nv + j])
+        for j in w.each(w.nv):
+            rate, v = self.guess[j], w.state[w.nv + j]
+            w.new[j] = f.muladd(h * h, f.reduce("add", rate * b_bar), f.muladd(h, v, w.state[j]))
+            w.new[w.nv + j] = f.muladd(h, f.reduce("add", rate * b), v)
+        for j in range(w.system.nz):
+            place = w.nv * 2 + j
+            w.new[place] = f.muladd(h, f.reduce("add", self.guess[w.nv + j] * b), w.state[place])
 
-    def _judge(self, w: Writer, rates: list[Value], weight: list[Value]) -> Attempt:
+    def _judge(self, w: Writer) -> Attempt:
         """Estimate the error: the square of the top Legendre coefficients relative to the rate itself.
 
         The coefficients fall geometrically, and superconvergence squares what they say about a smooth solution.
         """
-        f, s, T = w.f, w.system, self.table
+        f, T = w.f, self.table
         top = f.constant([float(x) for x in T.legendre[-1]])
         below = f.constant([float(x) for x in T.legendre[-2]])
         with f.strict():
-            total: Value | None = None
-            self.sizes = []
-            for j in range(s.nv + s.nz):
-                c = f.reduce("add", rates[j] * top)
-                d = f.reduce("add", rates[j] * below)
-                size = f.sqrt(f.reduce("add", rates[j] * rates[j]) * (1.0 / self.stages))
-                self.sizes.append(size)
-                e = f.muladd(d * d, SECOND, c * c) * weight[j] / (size + 1e-300)
-                total = e * e if total is None else f.muladd(e, e, total)
-            assert total is not None
-            error = f.sqrt(total * (SCALE * SCALE / len(rates)))
+            total = Total(f)
+            for j in w.each(w.rates):
+                rate = self.guess[j]
+                c = f.reduce("add", rate * top)
+                d = f.reduce("add", rate * below)
+                size = self._mean(w, rate)
+                self.sizes[j] = size
+                e = f.muladd(d * d, SECOND, c * c) * self.weight[j] / (size + 1e-300)
+                total.add_product(e, e)
+            error = f.sqrt(total.value * (SCALE * SCALE) / w.number(w.rates))
             bounded = f.max(error, 1e-14)
             factor = rough_power(f, bounded, -1.0 / (2 * self.stages - 1)) * SAFETY
             ratio = w.get(Real.MEMORY)
@@ -210,66 +228,64 @@ class Gauss(Stepper):
         return Attempt(error * (1.0 / ACCEPT), factor)
 
     def save_dense(self, w: Writer, t: Value, h: Value) -> None:
-        f, s, T = w.f, w.system, self.table
+        f, T = w.f, self.table
         # samples beyond the step's end are not this step's business
         with f.when(w.due(t + h, 2.0 * SLACK)):
             self._refine(w, t, h)
-        for j in range(s.nv + s.nz):
-            a = f.load(self.guess[j], self.stages, 64)
-            sums: list[Value | None] = [None, None]
-            for i in range(self.stages):
-                column = f.constant([float(x) for x in T.M[:, i]])
-                x = f.broadcast(a, i)
-                part = sums[i & 1]
-                sums[i & 1] = x * column if part is None else f.muladd(x, column, part)
-            assert sums[0] is not None and sums[1] is not None
-            f.store(sums[0] + sums[1], self._polynomial(w, j))
-        for k in range(s.size):
-            f.store(f.load(w.new[k]), self._end(w, k))
-        for j, size in enumerate(self.sizes):
-            f.store(size, self._size(w, j))
+        for j in w.each(w.rates):
+            nothing = f.constant(0.0, self.stages)
+            f.store(self._combine(w, self.guess[j], T.M, None, nothing), self._polynomial(w, j))
+        end, rms = self._end(w), self._rms(w)
+        for k in w.each(w.size):
+            end[k] = w.new[k]
+        for j in w.each(w.rates):
+            rms[j] = self.sizes[j]
 
-    def dense(self, w: Writer, u: Value, h: Value) -> list[Value]:
-        """q = q1 + h u v1 + h^2 u^2 sum d_k u^k / ((k+1)(k+2)), and so on, from the end of the step."""
-        f, s = w.f, w.system
-        m = self.stages
+    def _once(self, w: Writer, j: Int | int, u: Value, h: Value) -> Value:
+        """Return the velocity or z of rate j at u: from the end of the step, plus h u sum d_k u^k / (k+1)."""
+        f, d = w.f, self._coefficients(w, j)
+        total = self._horner(w, [x * (1.0 / (k + 1)) for k, x in enumerate(d)], u)
+        return f.muladd(u * h, total, self._end(w)[w.nv + j])
+
+    def _twice(self, w: Writer, j: Int | int, u: Value, h: Value) -> Value:
+        """Return position j at u: q1 + h u v1 + h^2 u^2 sum d_k u^k / ((k+1) (k+2))."""
+        f, d, end = w.f, self._coefficients(w, j), self._end(w)
         hu = u * h
-        q, v, z = [], [], []
-        for j in range(s.nv + s.nz):
-            d = [f.load(f.offset(self._polynomial(w, j), k)) for k in range(m)]
-            once = self._horner(w, [d[k] * (1.0 / (k + 1)) for k in range(m)], u)
-            if j >= s.nv:
-                z.append(f.muladd(hu, once, f.load(self._end(w, s.nq + s.nv + j - s.nv))))
-                continue
-            twice = self._horner(w, [d[k] * (1.0 / ((k + 1) * (k + 2))) for k in range(m)], u)
-            q1, v1 = f.load(self._end(w, j)), f.load(self._end(w, s.nq + j))
-            v.append(f.muladd(hu, once, v1))
-            q.append(f.muladd(hu * hu, twice, f.muladd(hu, v1, q1)))
-        return [*q, *v, *z]
+        total = self._horner(w, [x * (1.0 / ((k + 1) * (k + 2))) for k, x in enumerate(d)], u)
+        return f.muladd(hu * hu, total, f.muladd(hu, end[w.nv + j], end[j]))
 
-    def sample(self, w: Writer, u: Value, h: Value) -> list[Value]:
+    def _coefficients(self, w: Writer, j: Int | int) -> list[Value]:
+        f = w.f
+        address = self._polynomial(w, j)
+        return [f.load(f.offset(address, k)) for k in range(self.stages)]
+
+    def dense(self, w: Writer, u: Value, h: Value, out: Array) -> None:
+        for j in w.each(w.nv):
+            out[j] = self._twice(w, j, u, h)
+        for j in w.each(w.rates):
+            out[w.nv + j] = self._once(w, j, u, h)
+
+    def sample(self, w: Writer, u: Value, h: Value, out: Array) -> None:
         """Dense output plus the correction that ``_refine`` left behind."""
-        f, s = w.f, w.system
+        f = w.f
         x = u * 2.0 + 1.0
-        out = self.dense(w, u, h)
-        for j in range(s.nv + s.nz):
-            once = [f.load(f.offset(self._correction(w, j), k)) for k in range(2 * self.stages + 1)]
-            place = s.nq + j
-            out[place] = f.muladd(h, self._horner(w, once, x), out[place])
-            if j < s.nv:
-                twice = [f.load(f.offset(self._correction(w, j), WIDTH + k)) for k in range(2 * self.stages + 2)]
-                out[j] = f.muladd(h * h, self._horner(w, twice, x), out[j])
-        return out
 
-    def _correction(self, w: Writer, j: int) -> str:
+        def correction(j: Int | int, first: int, count: int) -> Value:
+            address = self._correction(w, j)
+            return self._horner(w, [f.load(f.offset(address, first + k)) for k in range(count)], x)
+
+        for j in w.each(w.nv):
+            out[j] = f.muladd(h * h, correction(j, WIDTH, 2 * self.stages + 2), self._twice(w, j, u, h))
+        for j in w.each(w.rates):
+            out[w.nv + j] = f.muladd(h, correction(j, 0, 2 * self.stages + 1), self._once(w, j, u, h))
+
+    def _correction(self, w: Writer, j: Int | int) -> str:
         """Return the address of the correction of rate j: its integral's coefficients, then the double integral's."""
-        s = w.system
-        return w.f.offset("%dense", (s.nv + s.nz) * self.stages + s.size + 2 * WIDTH * j)
+        return w.f.offset("%dense", w.rates * self.stages + w.size + j * (2 * WIDTH))
 
-    def _size(self, w: Writer, j: int) -> str:
-        """Return the address of the root mean square of rate j over the last step."""
-        s = w.system
-        return w.f.offset("%dense", (s.nv + s.nz) * (self.stages + 2 * WIDTH) + s.size + j)
+    def _rms(self, w: Writer) -> Array:
+        """Return the root mean squares of the rates over the last step."""
+        return Array(w.f, w.f.offset("%dense", w.rates * (self.stages + 2 * WIDTH) + w.size))
 
     def _table(self, w: Writer, name: str, data: np.ndarray) -> str:
         """Keep a table in memory, columns one after the other, and return its address."""
@@ -302,9 +318,8 @@ class Gauss(Stepper):
 
     def _refine(self, w: Writer, t: Value, h: Value) -> None:
         """Correct the collocation polynomial by its residual: between the stages, at them, between them again."""
-        f, s, m = w.f, w.system, self.stages
+        f, m = w.f, self.stages
         T, D = self.table, dense_table(m)
-        rates = s.nv + s.nz
 
         def columns(*blocks: np.ndarray) -> np.ndarray:
             return np.concatenate([b.T.ravel() for b in blocks])
@@ -319,51 +334,56 @@ class Gauss(Stepper):
         inner_once = self._table(w, "dense.inner1", pairs(D.inner_once))
         inner_twice = self._table(w, "dense.inner2", pairs(D.inner_twice))
         # addressed by a running index, so apart from the iterates, which are to stay in registers
-        stages = [f.slot(m) for _ in range(rates)]
-        for slot, guess in zip(stages, self.guess):
-            f.store(f.load(guess, m, 64), slot, 64)
-        residual = [[f.slot(m) for _ in range(rates)] for _ in range(2)]
-        for slot in (*residual[0], *residual[1]):
-            f.store(f.constant(0.0, m), slot, 64)
-        x0 = [f.splat(f.load(a), m) for a in w.state]
+        stages, known = w.array(1, 1, m), w.array(1, 1, m)
+        residual = [w.array(1, 1, m) for _ in range(2)]
+        for j in w.each(w.rates):
+            stages[j] = self.guess[j]
+            residual[0][j] = residual[1][j] = 0.0
         wide_h, wide_h2 = f.splat(h, m), f.splat(h * h, m)
         with f.count(3) as round_:
             group = (round_ + 1) & 1  # 1, 0, 1
             c = f.load(f.offset(nodes, group * m), m, 64)
             inner = group * 2
-            q: list[Value] = []
-            v: list[Value] = []
-            z: list[Value] = []
-            known: list[Value] = []
-            for j in range(rates):
-                sources = [stages[j], residual[0][j], residual[1][j]]
-                tables = [
-                    [(value, group)],
-                    [(once, group), (inner_once, inner), (inner_once, inner + 1)],
-                    [(twice, group), (inner_twice, inner), (inner_twice, inner + 1)],
-                ]
-                found = self._products(w, sources, tables[: 3 if j < s.nv else 2])
-                known.append(found[0])
-                (v if j < s.nv else z).append(f.muladd(wide_h, found[1], x0[s.nq + j]))
-                if j < s.nv:
-                    q.append(f.muladd(wide_h2, found[2], f.muladd(wide_h * c, x0[s.nq + j], x0[j])))
-            acceleration, z_rate = w.dynamics(f.muladd(wide_h, c, f.splat(t, m)), [*q, *v, *z], m)
+            tables = [
+                [(value, group)],
+                [(once, group), (inner_once, inner), (inner_once, inner + 1)],
+                [(twice, group), (inner_twice, inner), (inner_twice, inner + 1)],
+            ]
+
+            def correct(j: Int | int, results: int) -> list[Value]:
+                sources = [stages.at(j), residual[0].at(j), residual[1].at(j)]
+                found = self._products(w, sources, tables[:results])
+                known[j] = found[0]
+                self.x[w.nv + j] = f.muladd(wide_h, found[1], f.splat(w.state[w.nv + j], m))
+                return found
+
+            for j in w.each(w.nv):
+                found = correct(j, 3)
+                q, v = f.splat(w.state[j], m), f.splat(w.state[w.nv + j], m)
+                self.x[j] = f.muladd(wide_h2, found[2], f.muladd(wide_h * c, v, q))
+            for j in range(w.system.nz):
+                correct(w.nv + j, 2)
+            w.dynamics(f.muladd(wide_h, c, f.splat(t, m)), self.x, self.fresh)
             w.count(Whole.EVALUATIONS)
             inside = f.compare_int("eq", group, 0)
-            for j, fresh in enumerate([*acceleration, *z_rate]):
-                d = f.splat(fresh, m) - known[j]
-                for k, slot in enumerate((residual[0][j], residual[1][j])):
-                    kept = f.load(slot, m, 64)
-                    f.store(f.select(inside, kept if k else d, d if k else kept), slot, 64)
+            for j in w.each(w.rates):
+                d = self.fresh[j] - known[j]
+                for k, kept in enumerate((residual[0][j], residual[1][j])):
+                    residual[k][j] = f.select(inside, kept if k else d, d if k else kept)
         rows = WIDTH // m
         once_rows = self._table(w, "dense.rows1", self._row_blocks(D.once_coefficients))
         twice_rows = self._table(w, "dense.rows2", self._row_blocks(D.twice_coefficients))
         zero = f.emit_int("add i64 0, 0")
-        for j in range(rates):
-            names = [once_rows, twice_rows] if j < s.nv else [once_rows]
-            tables = [[(name, zero + k), (name, zero + (rows + k))] for name in names for k in range(rows)]
-            for k, total in enumerate(self._products(w, [residual[0][j], residual[1][j]], tables)):
+
+        def store(j: Int | int, names: list[str]) -> None:
+            blocks = [[(name, zero + k), (name, zero + (rows + k))] for name in names for k in range(rows)]
+            for k, total in enumerate(self._products(w, [residual[0].at(j), residual[1].at(j)], blocks)):
                 f.store(total, f.offset(self._correction(w, j), k * m))
+
+        for j in w.each(w.nv):
+            store(j, [once_rows, twice_rows])
+        for j in range(w.system.nz):
+            store(w.nv + j, [once_rows])
 
     def _row_blocks(self, coefficients: np.ndarray) -> np.ndarray:
         """Return the tables (group, 24, 8) as 8 x 8 blocks, each stored by columns."""

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.errors import NumericalError
-from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.system import GROUPS, System
 from robodyn_cli.integrators.events import Event as Event
 from robodyn_cli.integrators.events import Found, crosses, first_roots
@@ -22,6 +21,8 @@ from robodyn_cli.integrators.grid import Grid as Grid
 from robodyn_cli.integrators.layout import Real, Status, Whole
 from robodyn_cli.integrators.loop import Stepper, write_run
 from robodyn_cli.integrators.registry import methods
+from robodyn_cli.integrators.writer import ARGUMENTS
+from robodyn_cli.kernels.arrays import aligned_zeros
 from robodyn_cli.kernels.compiler import compile_module, machine
 from robodyn_cli.kernels.samples import SampleKernel
 
@@ -80,12 +81,14 @@ class Integrator:
         compiled = compile_module(
             f"run {method} {system.digest}", lambda: write_run(system, methods[method](), host.fused)
         )
-        self._run = compiled.function("run", *[ctypes.c_void_p] * 6, result=ctypes.c_int64)
+        self._run = compiled.function("run", *[ctypes.c_void_p] * len(ARGUMENTS), result=ctypes.c_int64)
+        room = compiled.function("memory", ctypes.c_int64, result=ctypes.c_int64)(system.nv)
+        self._fixed = (*system.dynamics.memory(), aligned_zeros(room))
         self._switching = (
             SampleKernel({"g": [e.value for e in system.events]}, GROUPS) if system.events else None
         )
-        programs = (system.dynamics, system.positions, system.velocities, system.switching)
-        needed = max(p.inputs.get("p", 0) for p in programs if p is not None)
+        programs = (system.positions, system.velocities, system.switching)
+        needed = max([system.dynamics.parameters, *(p.inputs.get("p", 0) for p in programs if p is not None)])
         if len(parameters) < needed:
             raise ValueError(f"the system has {needed} parameters, got {len(parameters)}")
         self.p = np.array(parameters, dtype=float) if len(parameters) else np.zeros(1)
@@ -100,6 +103,7 @@ class Integrator:
         self.options = options
         self.w = np.zeros(Real.SIZE + max(1, len(self.system.events)))
         self.n = np.zeros(Whole.SIZE, dtype=np.int64)
+        self.n[Whole.VELOCITIES] = self.system.nv
         self.y = np.array(state, dtype=float)
         if self.y.shape != (self.system.size,):
             raise ValueError(f"the state has {self.system.size} components, got {self.y.shape}")
@@ -115,7 +119,7 @@ class Integrator:
 
     def _bind(self) -> None:
         """Note where the arrays lie; they are only ever written in place."""
-        arrays = (self.w, self.n, self.y, self.p, self.memory, self._out)
+        arrays = (self.w, self.n, self.y, self.p, self.memory, self._out, *self._fixed)
         self._addresses = tuple(a.ctypes.data for a in arrays)
 
     @property
@@ -376,10 +380,11 @@ class Integrator:
     def _rates(self) -> Array:
         """Return accelerations and z rates at the current state (slowly, without a compiler)."""
         s, y = self.system, self.y[:, None]
-        groups = {"t": [np.array([self.time])], "q": y[: s.nq], "v": y[s.nq : s.nq + s.nv], "z": y[s.nq + s.nv :],
-                  "p": self.p[:, None]}  # fmt: skip
-        with np.errstate(all="ignore"):
-            return np.array([np.broadcast_to(x, 1)[0] for x in evaluate([*s.acceleration, *s.z_rate], groups)])
+        groups = {
+            "t": np.array([[self.time]]), "q": y[: s.nq], "v": y[s.nq : s.nq + s.nv], "z": y[s.nq + s.nv :],
+            "p": self.p[:, None],
+        }  # fmt: skip
+        return s.dynamics.values(groups)
 
 
 def integrate(

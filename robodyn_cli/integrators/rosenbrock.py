@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.layout import Real, Whole
-from robodyn_cli.integrators.loop import SLACK, Attempt, Stepper, Writer
+from robodyn_cli.integrators.loop import SLACK, Attempt, Stepper
 from robodyn_cli.integrators.rosenbrock_tables import RODAS5P, RosenbrockTable
+from robodyn_cli.integrators.writer import Writer
+from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Value
 from robodyn_cli.kernels.mathematics import rough_power
 
@@ -24,9 +26,9 @@ class Rosenbrock(Stepper):
     def attempt(self, w: Writer, t: Value, h: Value, failed: str) -> Attempt:
         f, s, T = w.f, w.system, self.table
         n, stages = s.nv + s.nz, len(T.m)
-        x0 = [f.load(a) for a in w.state]
+        x0 = [w.state[c] for c in range(s.size)]
         g = (1.0 / T.gamma) / h
-        found = w.evaluate(s.linearisation, t, x0, 1, g=[g])
+        found = w.evaluate(s.linearisation, t, w.state, g=[g])
         w.count(Whole.EVALUATIONS, stages + 1)
         self.lu = found["lu"]
         self.zero = [isinstance(e, float) and e == 0.0 for e in s.linearisation.outputs["lu"]]
@@ -39,7 +41,7 @@ class Rosenbrock(Stepper):
         self.rate0: list[Value] = []
         for i in range(stages):
             x = [self._sum(w, T.a[i], U, c, x0[c]) for c in range(s.size)]
-            rate = w.rate(f.muladd(h, float(T.alpha[i]), t), x)
+            rate = self._rate(w, f.muladd(h, float(T.alpha[i]), t), x)
             if i == 0:
                 self.rate0 = rate
             r = [f.muladd(per_h, self._sum(w, T.C[i], U, c, None), rate[c]) if i else rate[c] for c in range(s.size)]
@@ -56,11 +58,21 @@ class Rosenbrock(Stepper):
             k_x = self._solve(w, right, n)
             k_q = [(r_q[k] + k_x[k]) * per_g for k in range(s.nq)]
             U.append([*k_q, *k_x])
-        x1 = [self._sum(w, T.m, U, c, x0[c]) for c in range(s.size)]
+        # increments apart: in short steps dense output would lose their digits in the difference of two states
+        self.increments = [self._sum(w, T.m, U, c, None) for c in range(s.size)]
+        x1 = [x + d for x, d in zip(x0, self.increments)]
         for k in range(s.size):
-            f.store(x1[k], w.new[k])
+            w.new[k] = x1[k]
         self.x0 = x0
         return self._judge(w, x0, x1, [self._sum(w, T.e, U, c, None) for c in range(s.size)])
+
+    def _rate(self, w: Writer, t: Value, x: list[Value]) -> list[Value]:
+        """Return x-dot at a state that is not in memory."""
+        here, rates = w.array(2, 1), w.array(2, 1)
+        for k, value in enumerate(x):
+            here[k] = value
+        w.rate(t, here, rates)
+        return [rates[k] for k in range(len(x))]
 
     def _sum(self, w: Writer, weights: tuple[float, ...], U: list[list[Value]], c: int, start: Value | None) -> Value:
         f = w.f
@@ -107,10 +119,10 @@ class Rosenbrock(Stepper):
         wanted = f.compare_int("sle", f.load_int(w.whole(Whole.NEXT_SAMPLE)), f.load_int(w.whole(Whole.LAST_SAMPLE)))
         watched = f.compare_int("ne", f.load_int(w.whole(Whole.WATCH)), 0)
         with f.when(wanted | watched), f.when(w.due(t + h, 2.0 * SLACK) | watched):
-            x1 = [f.load(a) for a in w.new]
-            rate1 = w.rate(t + h, x1)
+            x1 = [w.new[k] for k in range(s.size)]
+            rate1 = self._rate(w, t + h, x1)
             w.count(Whole.EVALUATIONS)
-            kept = [*self.x0, *x1, *self.rate0[s.nq :], *rate1[s.nq :]]
+            kept = [*self.x0, *self.increments, *self.rate0[s.nq :], *rate1[s.nq :]]
             for k, value in enumerate(kept):
                 f.store(value, f.offset("%dense", k))
             self._probe(w, t, h, len(kept))
@@ -122,15 +134,16 @@ class Rosenbrock(Stepper):
             return
         for j in range(s.nz):
             f.store(0.0, f.offset("%dense", place + j))
-        there = self.dense(w, f.constant(PROBE - 1.0), h)
-        _, rates = w.dynamics(f.muladd(h, PROBE, t), there)
+        there, rates = w.array(2, 1), w.array(1, 1)
+        self.dense(w, f.constant(PROBE - 1.0), h, there)
+        w.dynamics(f.muladd(h, PROBE, t), there, rates)
         w.count(Whole.EVALUATIONS)
         x = PROBE
         for j in range(s.nz):
             (z0, z1), (r0, r1) = self._ends(w, s.nv + j, h, 1)
             slope = 6.0 * x * (1.0 - x) * (z1 - z0)
             slope = slope + (1.0 - x) * (1.0 - 3.0 * x) * r0 + x * (3.0 * x - 2.0) * r1
-            missed = (h * rates[j] - slope) * (1.0 / (2.0 * x * (1.0 - x) * (1.0 - 2.0 * x)))
+            missed = (h * rates[s.nv + j] - slope) * (1.0 / (2.0 * x * (1.0 - x) * (1.0 - 2.0 * x)))
             f.store(missed, f.offset("%dense", place + j))
 
     def _ends(self, w: Writer, j: int, h: Value, width: int) -> tuple[tuple[Value, Value], tuple[Value, Value]]:
@@ -141,7 +154,7 @@ class Rosenbrock(Stepper):
         y0, y1, r0, r1 = (f.splat(f.load(f.offset("%dense", k)), width) for k in at)
         return (y0, y1), (r0 * h, r1 * h)
 
-    def dense(self, w: Writer, u: Value, h: Value) -> list[Value]:
+    def dense(self, w: Writer, u: Value, h: Value, out: Array) -> None:
         """Hermite polynomials of degree 5 for q (from q, v, a), their derivatives for v, and of degree 4 for z."""
         f, s = w.f, w.system
         n = s.nv + s.nz
@@ -150,8 +163,6 @@ class Rosenbrock(Stepper):
         def get(k: int) -> Value:
             return f.splat(f.load(f.offset("%dense", k)), u.width)
 
-        out: list[Value] = []
-        velocities: list[Value] = []
         for j in range(s.nq):
             q0, q1 = get(j), get(s.size + j)
             (v0, v1), (a0, a1) = self._ends(w, j, h, u.width)
@@ -164,15 +175,13 @@ class Rosenbrock(Stepper):
             c4 = 7.0 * e - 15.0 * d - c
             c5 = 6.0 * d - 3.0 * e + 0.5 * c
             tail = f.muladd(f.muladd(c5, x, c4), x, c3)
-            out.append(f.muladd(f.muladd(f.muladd(tail, x, 0.5 * a0), x, v0), x, q0))
+            out[j] = f.muladd(f.muladd(f.muladd(tail, x, 0.5 * a0), x, v0), x, q0)
             slope = f.muladd(f.muladd(5.0 * c5, x, 4.0 * c4), x, 3.0 * c3)
-            velocities.append(f.muladd(f.muladd(slope, x, a0), x, v0) * (1.0 / h))
-        out += velocities
+            out[s.nq + j] = f.muladd(f.muladd(slope, x, a0), x, v0) * (1.0 / h)
         for j in range(s.nv, n):
             (y0, y1), (r0, r1) = self._ends(w, j, h, u.width)
             cubic = y0 + (y1 - y0) * x * x * (3.0 - 2.0 * x) - x * u * (-u * r0 - x * r1)
-            out.append(cubic + get(2 * (s.size + n) + j - s.nv) * (x * x) * (u * u))
-        return out
+            out[s.nq + j] = cubic + get(2 * (s.size + n) + j - s.nv) * (x * x) * (u * u)
 
 
 class Rodas5P(Rosenbrock):

@@ -4,7 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+from numpy.typing import NDArray
+
 from robodyn_cli.kernels.ir import Function, Int, Value
+
+ALIGNMENT = 64  # bytes, of the widest vector
+
+
+def aligned_zeros(count: int) -> NDArray[np.float64]:
+    """Return memory for so many doubles, aligned for vectors."""
+    memory = np.zeros(count + ALIGNMENT // 8)
+    skip = (-memory.ctypes.data // 8) % (ALIGNMENT // 8)
+    return memory[skip : skip + count]
 
 
 class Array:

@@ -12,6 +12,7 @@ from robodyn_cli.algorithms.kinematics import Motion
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
 from robodyn_cli.joints.base import Joint
+from robodyn_cli.kernels.arrays import aligned_zeros
 from robodyn_cli.kernels.rolled_loops import Header, Layout, Row
 from robodyn_cli.kernels.rolled_recursion import make_recursion, structure_of
 from robodyn_cli.kernels.rolled_steps import constants_of
@@ -19,7 +20,6 @@ from robodyn_cli.model.model import BASE, Body, Model
 from robodyn_cli.spatial.algebra import Transform, Vector
 
 Array = NDArray[np.float64]
-ALIGNMENT = 64  # bytes, of the widest vector
 
 
 def depth_first(model: Model) -> list[int]:
@@ -114,10 +114,7 @@ class RolledPlan:
 
     def scratch(self, width: int) -> Array:
         """Return aligned scratch memory for ``width`` lanes."""
-        size = Layout(self.recursion).vectors(self.bodies, self.slots) * width
-        memory = np.zeros(size + ALIGNMENT // 8)
-        skip = (-memory.ctypes.data // 8) % (ALIGNMENT // 8)
-        return memory[skip : skip + size]
+        return aligned_zeros(Layout(self.recursion).vectors(self.bodies, self.slots) * width)
 
 
 def _numbers(body: Body, row: Sequence[Scalar], needed: set[int]) -> list[float]:

@@ -17,8 +17,8 @@ class LoopFrame:
     """One end of a closure.
 
     p, R : origin [m] and axes (columns). Jv, Jw : (3, nv) Jacobians of the origin's velocity and of the
-    angular velocity. w : angular velocity. a, wd : linear and angular acceleration for qdd = 0; both ends' a may
-    contain the same further acceleration (gravity), so only their difference has a meaning. qd : (nv,) rates.
+    angular velocity. w : angular velocity. a, wd : linear and angular acceleration for qdd = 0; both ends' a
+    may contain the same further acceleration (gravity): only their difference has a meaning. qd : (nv,) rates.
     """
 
     p: Vector

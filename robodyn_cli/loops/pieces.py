@@ -65,8 +65,8 @@ def on_line(name: str, axis: Sequence[float], first: LoopFrame, second: LoopFram
 def distance(name: str, length: float, first: LoopFrame, second: LoopFrame) -> Row:
     """Return the row of a constant distance L, in metres and without a root: eta = (d.d - L^2) / (2 L).
 
-    With d = p1 - p2: Psi = d^T (Jv1 - Jv2) / L, gamma = (d.(a1 - a2) + |v1 - v2|^2) / L. The multiplier is the
-    force in the bar, positive where it pushes the points apart.
+    With d = p1 - p2: Psi = d^T (Jv1 - Jv2) / L, gamma = (d.(a1 - a2) + |v1 - v2|^2) / L. The multiplier is
+    the force in the bar, positive where it pushes the points apart.
     """
     d, v = first.p - second.p, first.v - second.v
     eta = (dot(d, d) - length * length) * (0.5 / length)
@@ -101,7 +101,7 @@ def parallel(
 def aligned(name: str, rpy: Sequence[float], first: LoopFrame, second: LoopFrame) -> list[Row]:
     """Return the rows turn_x, turn_y, turn_z of no relative rotation.
 
-    With e the axes of the attitude wanted (``rpy`` in the first body) and f those of the second body: e_y.f_z,
+    With e the axes of the attitude wanted (``rpy`` in the first body) and f those of the second: e_y.f_z,
     e_z.f_x and e_x.f_y vanish. They do so half a turn away as well; the rows' cosines tell that apart.
     """
     e, f = first.R @ rotation_rpy(rpy), second.R

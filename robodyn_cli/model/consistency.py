@@ -17,10 +17,12 @@ def body_problems(link: Link) -> list[str]:
     """List what no body can have: what is wrong, and by how much."""
     I = link.inertia
     moments = {k: getattr(I, k) for k in ("xx", "yy", "zz")}
-    texts = [f"inertia.{k} = {v:g} kg m^2 is negative" for k, v in moments.items() if v is not None and v < 0.0]
+    texts = [
+        f"inertia.{k} = {v:g} kg m^2 is negative" for k, v in moments.items() if v is not None and v < 0.0
+    ]
     if link.mass == 0.0 and any(v for v in moments.values() if v is not None):
         texts.append("has inertia but no mass")
-    if texts or any(v is None for v in moments.values()) or I == Inertia():
+    if texts or any(v is None for v in moments.values()) or Inertia() == I:
         return texts
     import numpy as np
 

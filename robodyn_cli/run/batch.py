@@ -103,7 +103,8 @@ def unique_names(paths: Sequence[Path]) -> list[str]:
     full = [Path(os.path.abspath(path)).with_suffix("") for path in paths]
     root = os.path.commonpath([path.parent for path in full])
     return [
-        stem if stems.count(stem) == 1 else path.relative_to(root).as_posix() for stem, path in zip(stems, full)
+        stem if stems.count(stem) == 1 else path.relative_to(root).as_posix()
+        for stem, path in zip(stems, full)
     ]
 
 
@@ -166,7 +167,11 @@ class Batch:
     """
 
     def __init__(
-        self, scenes: Sequence[Entry], jobs: int, worker: Callable[[str, Path, Path], list[str]], drawn: bool,
+        self,
+        scenes: Sequence[Entry],
+        jobs: int,
+        worker: Callable[[str, Path, Path], list[str]],
+        drawn: bool,
         force: bool,
     ) -> None:
         self.scenes = list(scenes)
@@ -183,7 +188,9 @@ class Batch:
         """Yield each scene when it is done; interrupted, stop the workers and mark what is not."""
         waiting = iter(self.scenes)
         open_scenes = {id(entry): entry for entry in self.scenes}
-        threads = [threading.Thread(target=self._serve, args=(waiting,), daemon=True) for _ in range(self.jobs)]
+        threads = [
+            threading.Thread(target=self._serve, args=(waiting,), daemon=True) for _ in range(self.jobs)
+        ]
         try:
             for thread in threads:
                 thread.start()
@@ -251,7 +258,12 @@ class Batch:
             if self._stopping:
                 return CRASHED, ""
             process = subprocess.Popen(
-                words, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env=environment, **own
+                words,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                env=environment,
+                **own,
             )
             self._running.add(process)
         assert process.stderr is not None and process.stdin is not None
@@ -266,7 +278,10 @@ class Batch:
                 process.stdin.close()
         said = lines[-1].removeprefix("robodyn: error: ") if lines else ""
         if code < 0:
-            return CRASHED, f"the process of this scene was ended by signal {-code} ({signal.strsignal(-code)})"
+            return (
+                CRASHED,
+                f"the process of this scene was ended by signal {-code} ({signal.strsignal(-code)})",
+            )
         if code not in (0, 1, 2, 3, 4, 5, 70, 74, 130):
             return CRASHED, f"the process of this scene ended with code {code}: {said}"
         return code, said

@@ -14,7 +14,10 @@ _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 def tally(entries: Sequence[Entry]) -> str:
     """Return ``9 scenes: 7 ok (2 unchanged), 1 failed, 1 error``."""
-    count = {verdict: sum(e.verdict == verdict for e in entries) for verdict in ("ok", "failed", "error", "stopped")}
+    count = {
+        verdict: sum(e.verdict == verdict for e in entries)
+        for verdict in ("ok", "failed", "error", "stopped")
+    }
     unchanged = sum(e.unchanged for e in entries)
     parts = [f"{n} {verdict}" for verdict, n in count.items() if n]
     note = f" ({unchanged} unchanged)" if unchanged else ""
@@ -23,7 +26,9 @@ def tally(entries: Sequence[Entry]) -> str:
 
 def junit(entries: Sequence[Entry]) -> bytes:
     """Return a JUnit report: a test case a scene; criteria are failures, everything else that is wrong an error."""
-    count = {verdict: sum(e.verdict == verdict for e in entries) for verdict in ("failed", "error", "stopped")}
+    count = {
+        verdict: sum(e.verdict == verdict for e in entries) for verdict in ("failed", "error", "stopped")
+    }
     totals = {
         "tests": str(len(entries)), "failures": str(count["failed"]), "errors": str(count["error"]),
         "skipped": str(count["stopped"]), "time": f"{sum(e.seconds for e in entries):.3f}",
@@ -71,7 +76,9 @@ def markdown(entries: Sequence[Entry]) -> str:
         lines += ["", "## Criteria", "", "| scene | key | found | expected | |", "|---|---|---|---|---|"]
         for e in entries:
             for o in e.criteria:
-                lines.append(_row(e.name, f"`{o.key}`", o.shown, o.expected, "ok" if o.holds else "**failed**"))
+                lines.append(
+                    _row(e.name, f"`{o.key}`", o.shown, o.expected, "ok" if o.holds else "**failed**")
+                )
     return "\n".join(lines) + "\n"
 
 

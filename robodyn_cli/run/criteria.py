@@ -68,8 +68,12 @@ def judge(expect: Mapping[str, Expectation], summary: Mapping[str, Any], place: 
             found.append(Outcome(key, expected.text, None, False, "not there, since the run failed"))
             continue
         if isinstance(value, (Mapping, list)):
-            inner = ", ".join(f"{key}.{name}" for name in (value if isinstance(value, Mapping) else range(len(value))))
-            raise SceneError(f"{place}expect.{key}: holds several values; name one: {inner}", key=f"expect.{key}")
+            inner = ", ".join(
+                f"{key}.{name}" for name in (value if isinstance(value, Mapping) else range(len(value)))
+            )
+            raise SceneError(
+                f"{place}expect.{key}: holds several values; name one: {inner}", key=f"expect.{key}"
+            )
         found.append(Outcome(key, expected.text, value, expected.holds(value)))
     return found
 

@@ -48,7 +48,12 @@ class Finding:
 
     def as_dict(self) -> dict[str, Any]:
         """Return what ``--json`` shows."""
-        return {"severity": self.severity, "message": self.message, "exit_code": self.exit_code, **self.details}
+        return {
+            "severity": self.severity,
+            "message": self.message,
+            "exit_code": self.exit_code,
+            **self.details,
+        }
 
 
 def findings(path: Path, strict: bool = False) -> list[Finding]:

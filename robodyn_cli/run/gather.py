@@ -24,7 +24,9 @@ def gather(words: Sequence[str]) -> list[Path]:
         here = list(_of(word))
         if not here:
             what = "there is no scene in it" if os.path.isdir(word) else "no file matches"
-            raise SceneError(f"{word}: {what}; allowed: scenes, folders with scenes, patterns such as 'configs/*.yaml'")
+            raise SceneError(
+                f"{word}: {what}; allowed: scenes, folders with scenes, patterns such as 'configs/*.yaml'"
+            )
         for path in here:
             found.setdefault(os.path.realpath(path), path)
     return list(found.values())

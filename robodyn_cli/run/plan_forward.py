@@ -79,7 +79,7 @@ class Forward:
         """Describe the compiled programs."""
         s = self.system
         held = "stages" if self.choice.method == "gauss" else "state"
-        found = [stepped("accelerations", s.dynamics, held)]
+        found = [stepped("accelerations", s.dynamics.program, held)]
         if self.choice.method == "rodas5p":
             found.append(stepped("accelerations and their derivatives", s.linearisation, "state"))
         if s.positions is not None and s.velocities is not None:

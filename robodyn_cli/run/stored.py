@@ -24,7 +24,9 @@ def result_path(path: Path) -> Path:
         return path
     inside = path / RESULT_NAME
     if not inside.exists():
-        raise ResultFileError(f"{path}: there is no {RESULT_NAME} in it; name the output directory of one run")
+        raise ResultFileError(
+            f"{path}: there is no {RESULT_NAME} in it; name the output directory of one run"
+        )
     return inside
 
 

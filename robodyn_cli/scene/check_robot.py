@@ -59,7 +59,9 @@ def _connect(robot: Robot, check: Check, joints: list[Path], links: list[Path]) 
         with check:
             link = joint.link
             if link is None and k >= len(names):
-                check.fail(joints[k], f"joint {joint.name!r} moves no link: there are only {len(names)} links")
+                check.fail(
+                    joints[k], f"joint {joint.name!r} moves no link: there are only {len(names)} links"
+                )
             if link is None:
                 link = names[k]
             elif link == BASE:

@@ -158,14 +158,24 @@ expect: # what `robodyn run` and `robodyn check` ask of the summary
 """
 
 STARTERS = {
-    "inverse": Starter("Arm tracing a circle", "Torques that a motion of the tip needs.", "inverse", _ARM + _CIRCLE),
+    "inverse": Starter(
+        "Arm tracing a circle", "Torques that a motion of the tip needs.", "inverse", _ARM + _CIRCLE
+    ),
     "joint": Starter("Arm on sines", "Torques that a motion of the joints needs.", "inverse", _ARM + _JOINT),
-    "waypoints": Starter("Arm through way points", "Torques on the way through points.", "inverse", _ARM + _WAY_POINTS),
+    "waypoints": Starter(
+        "Arm through way points", "Torques on the way through points.", "inverse", _ARM + _WAY_POINTS
+    ),
     "table": Starter("Arm after a table", "Torques that a sampled motion needs.", "inverse", _ARM + _TABLE),
     "path": Starter("Arm along a path", "Torques along a path of the tip.", "inverse", _ARM + _PATH),
-    "simulate": Starter("Arm swinging", "Motion that torques and gravity give.", "simulate", _ARM + _SIMULATE),
+    "simulate": Starter(
+        "Arm swinging", "Motion that torques and gravity give.", "simulate", _ARM + _SIMULATE
+    ),
     "loop": Starter("Four-bar mechanism", "Motion of a closed mechanism.", "simulate", _FOUR_BAR + _CLOSED),
     "deploy": Starter(
-        "Four-bar deploying", "A mechanism unfolds until it locks.", "deploy", _FOUR_BAR + _DEPLOY, "[0, 0, 0]"
+        "Four-bar deploying",
+        "A mechanism unfolds until it locks.",
+        "deploy",
+        _FOUR_BAR + _DEPLOY,
+        "[0, 0, 0]",
     ),
 }

@@ -222,7 +222,9 @@ class SimulateOptions:
         Integer(minimum=2, maximum=100_000_000), default=1001, doc="Number of uniform samples."
     )
     integrator: str = key(
-        Choice(("auto", "gauss", "dop853", "dopri5", "rk4", "rodas5p")), default="auto", doc="Method of integration."
+        Choice(("auto", "gauss", "dop853", "dopri5", "rk4", "rodas5p")),
+        default="auto",
+        doc="Method of integration.",
     )
     rtol: float = key(Number(minimum=1e-15, maximum=0.1), default=1e-10, unit="1", doc="Relative tolerance.")
     atol: float = key(Number(minimum=0.0), default=1e-12, unit="rad, m", doc="Absolute tolerance.")

@@ -148,7 +148,9 @@ def _check_runs(scene: Scene, check: Check) -> None:
     options = scene.simulate
     with check:
         if options.integrator == "rk4" and options.step is None:
-            message = "has a fixed step: key 'step' is missing beside it (value 'rk4'); allowed: a number > 0 [s]"
+            message = (
+                "has a fixed step: key 'step' is missing beside it (value 'rk4'); allowed: a number > 0 [s]"
+            )
             check.fail(("simulate", "integrator"), message)
         if options.integrator != "rk4" and options.step is not None:
             message = f"does not go with integrator {options.integrator!r}, which chooses its own"
@@ -161,4 +163,6 @@ def _check_runs(scene: Scene, check: Check) -> None:
                 check.known(name, [*links, BASE], "link", path)
         with check:
             if between[0] == between[1]:
-                check.fail(("deploy", "latch", "between"), f"both are {between[0]!r}; a latch joins two links")
+                check.fail(
+                    ("deploy", "latch", "between"), f"both are {between[0]!r}; a latch joins two links"
+                )

@@ -91,7 +91,10 @@ class _Maker:
         if tag:
             properties[tag[0]] = {"const": tag[1]}
         if included:
-            properties["include"] = {"type": "string", "description": "Path of a YAML file whose keys are taken over."}
+            properties["include"] = {
+                "type": "string",
+                "description": "Path of a YAML file whose keys are taken over.",
+            }
             required = ["include"]
         found: Schema = {"type": "object", "properties": properties, "additionalProperties": False}
         if _doc(cls):

@@ -57,6 +57,7 @@ class _Numbers:
         self._eta = Evaluator([row.eta for row in self.rows])
         self._eta_t = Evaluator([row.eta_t for row in self.rows])
         self._psi = Evaluator([x for row in self.rows for x in row.psi])
+        self._cosines = Evaluator([row.cosine for row in self.rows])
         self.parameters = list(parameters)
         self.sizes = np.ones(len(self.rows))  # of the rows: 1 rad, or the size of the mechanism [m]
 
@@ -71,6 +72,11 @@ class _Numbers:
 
     def psi(self, q: Array, t: float = 0.0) -> Array:
         return self._evaluate(self._psi, q, t).reshape(len(self.rows), self.nv)
+
+    def turned(self, q: Array) -> list[str]:
+        """Return the loops that a closed configuration closes half a turn away from what is meant."""
+        cosines = self._evaluate(self._cosines, q, 0.0)
+        return sorted({row.name.rsplit(".", 1)[0] for row, cosine in zip(self.rows, cosines) if cosine < 0.5})
 
     def eta_t(self, q: Array, t: float = 0.0) -> Array:
         return self._evaluate(self._eta_t, q, t)
@@ -231,7 +237,7 @@ def _close_from(
             start, _ = _newton(numbers, start, task.missing, task.lengths)
         closed, residual = _newton(numbers, start, task.free, task.lengths)
         tried.append((residual, closed))
-        if residual > CLOSED:
+        if residual > CLOSED or numbers.turned(closed):
             continue
         wrapped = closed.copy()
         wrapped[task.turning] = (closed[task.turning] + np.pi) % (2 * np.pi) - np.pi
@@ -268,6 +274,12 @@ def _open_loop(numbers: _Numbers, task: _Closing, tried: list[tuple[float, Array
             best = (sum_of_squares, q)
     assert best is not None
     eta = numbers.eta(best[1])
+    if np.abs(eta / numbers.sizes).max() <= CLOSED:
+        names = ", ".join(numbers.turned(best[1]))
+        raise GeometryError(
+            f"the loops close only with {names} in another attitude than asked for; check its rpy",
+            loop=names, gap=0.0, q=best[1].tolist(),
+        )  # fmt: skip
     gaps: dict[str, float] = {}
     for value, row in zip(eta, numbers.rows):
         if row.kind == "force":

@@ -26,13 +26,18 @@ inverse: {{samples: {samples}}}
 
 
 def arm(
-    path: Path, rest: str = "", motion: str = "sin(t)", command: str = "command: inverse", samples: int = 21,
+    path: Path,
+    rest: str = "",
+    motion: str = "sin(t)",
+    command: str = "command: inverse",
+    samples: int = 21,
     duration: float = 2,
 ) -> Path:
     """Write a scene that runs in no time."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(
-        ARM.format(rest=rest, motion=motion, command=command, samples=samples, duration=duration), encoding="utf-8"
+        ARM.format(rest=rest, motion=motion, command=command, samples=samples, duration=duration),
+        encoding="utf-8",
     )
     return path
 

@@ -140,7 +140,9 @@ def test_gather(tmp_path: Path) -> None:
     assert gather([str(tmp_path / "*.yaml")]) == [a]
     assert gather([str(tmp_path / "**" / "*.y*ml")]) == [a, b]
     assert gather([str(a), str(tmp_path), str(a)]) == [a, b]
-    assert gather([str(tmp_path / "robot.yaml")]) == [tmp_path / "robot.yaml"], "a file that is named is meant"
+    assert gather([str(tmp_path / "robot.yaml")]) == [tmp_path / "robot.yaml"], (
+        "a file that is named is meant"
+    )
     assert gather([str(tmp_path / "absent.yaml")]) == [tmp_path / "absent.yaml"]
     (tmp_path / "empty").mkdir()
     for word in (tmp_path / "empty", tmp_path / "*.json"):
@@ -217,9 +219,21 @@ posix = pytest.mark.skipif(sys.platform == "win32", reason="signals")
 
 
 def start(tmp_path: Path, *options: object) -> subprocess.Popen[str]:
-    words = [sys.executable, "-m", "robodyn_cli", "run", tmp_path / "scenes", "--out", tmp_path / "out", "--no-plots"]
+    words = [
+        sys.executable,
+        "-m",
+        "robodyn_cli",
+        "run",
+        tmp_path / "scenes",
+        "--out",
+        tmp_path / "out",
+        "--no-plots",
+    ]
     return subprocess.Popen(
-        [str(w) for w in [*words, "-j", 2, *options]], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [str(w) for w in [*words, "-j", 2, *options]],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
     )
 
 
@@ -236,7 +250,9 @@ def check_whole_or_none(out: Path) -> int:
 
 
 @posix
-@pytest.mark.parametrize("kind", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM] if os.name == "posix" else [])
+@pytest.mark.parametrize(
+    "kind", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM] if os.name == "posix" else []
+)
 def test_killed_at_any_moment(kind: signal.Signals, tmp_path: Path) -> None:
     for k in range(4):
         arm(tmp_path / "scenes" / f"s{k}.yaml", PASSES, samples=20_001, motion=f"sin({k + 1}*t)")

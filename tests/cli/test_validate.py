@@ -86,7 +86,8 @@ def test_errors_between_keys_come_with_those_of_single_keys(tmp_path: Path) -> N
     path = changed(
         tmp_path, "four_bar_deploy",
         ("actuated: [theta1]", "actuated: [theta9]"), ("between: [coupler, follower]", "between: [cupler, follower]"),
-        ("growth: 1000", "growth: 0"), ("duration: 20", "duratoin: 20"), ("coupler.end, follower", "coupler.end, folower"),
+        ("growth: 1000", "growth: 0"), ("duration: 20", "duratoin: 20"),
+        ("coupler.end, follower", "coupler.end, folower"),
     )  # fmt: skip
     keys = [error.details["key"] for error in examine(path).errors]
     assert keys == [
@@ -160,7 +161,9 @@ def test_bodies_that_cannot_exist(tmp_path: Path) -> None:
 def test_the_worst_file_decides(tmp_path: Path) -> None:
     bad = tmp_path / "bad.yaml"
     bad.write_text(BAD)
-    open_loop = changed(tmp_path, "four_bar_deploy", ("theta1: 0.01, phi1: 0.0102", "theta1: 3.0, phi1: 0.0102"))
+    open_loop = changed(
+        tmp_path, "four_bar_deploy", ("theta1: 0.01, phi1: 0.0102", "theta1: 3.0, phi1: 0.0102")
+    )
     good = CONFIGS / "2r_circle.yaml"
     assert report(good, bad)[0] == 2
     code, data = report(bad, open_loop, good)

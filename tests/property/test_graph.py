@@ -342,6 +342,13 @@ def test_derivatives_at_the_knots_of_a_table_are_right_continuous() -> None:
         assert float(evaluate([slope], {"x": [at]})[0]) == pytest.approx(slopes[expected])
 
 
+def test_numbers_stay_numbers() -> None:
+    g = Graph()
+    got = [g.add(7.0, 2.0), g.sub(7.0, 2.0), g.mul(7.0, 2.0), g.div(7.0, 2.0), g.neg(7.0), g.power(7.0, 2.0)]
+    assert got == [9.0, 5.0, 14.0, 3.5, -7.0, 49.0]
+    assert not g.nodes
+
+
 def test_zero_to_a_power_has_no_slope() -> None:
     x = Graph().symbol("x", "x")
     e = f.power(0.0, x + 1.0)

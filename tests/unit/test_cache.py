@@ -199,7 +199,7 @@ def test_another_version_of_the_writer_does_not_use_old_code(tmp_path: Path) -> 
     other = tmp_path / "other"
     shutil.copytree(ROOT / "robodyn_cli", other / "robodyn_cli", ignore=shutil.ignore_patterns("__pycache__"))
     assert finish(start(tmp_path / "cache", root=other))[:2] == (0, 1), "a copy is the same version"
-    for folder in ("kernels", "integrators"):
+    for folder in ("kernels", "formulations", "integrators"):
         source = next((other / "robodyn_cli" / folder).glob("*.py"))
         source.write_text(source.read_text() + "\n# changed\n")
         assert finish(start(tmp_path / "cache", root=other))[:2] == (1, 0)

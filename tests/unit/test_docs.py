@@ -207,7 +207,8 @@ def test_shell_examples_are_possible(page: str, line: str) -> None:
         found = list(ROOT.glob(scene))
         assert found, scene
         for path in found:
-            load_scene(path, overrides)
+            for file in sorted(path.glob("*.yaml")) if path.is_dir() else [path]:
+                load_scene(file, overrides)
 
 
 def test_files_named_in_commands_exist() -> None:
@@ -327,6 +328,13 @@ def test_links_lead_somewhere(page: Path) -> None:
         assert other.exists(), target
         if anchor:
             assert anchor in anchors(other), target
+
+
+def test_the_script_of_the_results_fits_the_readme() -> None:
+    page, script = text("README.md"), text("docs/make_results.py")
+    for _, scene in RUNS.values():
+        assert f'"{scene}"' in script and f"configs/{scene}.yaml" in page
+        assert f"```text\n{load_scene(ROOT / 'configs' / f'{scene}.yaml').title}\n" in page
 
 
 def test_images_are_used_and_small() -> None:

@@ -42,7 +42,9 @@ def test_expectations(text: Any, good: list[Any], bad: list[Any]) -> None:
     assert not any(expected.holds(value) for value in bad)
 
 
-@pytest.mark.parametrize("text", ["< ", "< abc", "a +- b", "1 +- -1", "2 .. 1", "1 ..", "> t", math.inf, "1 +- 2 +- 3"])
+@pytest.mark.parametrize(
+    "text", ["< ", "< abc", "a +- b", "1 +- -1", "2 .. 1", "1 ..", "> t", math.inf, "1 +- 2 +- 3"]
+)
 def test_what_is_no_expectation(text: Any) -> None:
     with pytest.raises(SceneError, match="allowed"):
         parse_expectation(text)
@@ -58,7 +60,9 @@ def test_nested_maps_are_dots() -> None:
     nested = load_scene_text(SCENE + "expect: {lock: {time: < 3, kind: dead_point}, status: locked}\n")
     flat = load_scene_text(SCENE + "expect: {lock.time: < 3, lock.kind: dead_point, status: locked}\n")
     assert nested.expect == flat.expect and list(flat.expect) == ["lock.time", "lock.kind", "status"]
-    assert load_scene_text(SCENE, overrides=["expect.lock.time=< 3"]).expect == {"lock.time": flat.expect["lock.time"]}
+    assert load_scene_text(SCENE, overrides=["expect.lock.time=< 3"]).expect == {
+        "lock.time": flat.expect["lock.time"]
+    }
     assert load_scene_text(flat.text).expect == flat.expect
 
 

@@ -122,7 +122,7 @@ class Recorder:
 
         def note_integrator(integrator: Integrator, system: Any, *args: Any, **named: Any) -> None:
             make_integrator(integrator, system, *args, **named)
-            for p in (system.dynamics, system.positions, system.velocities, system.switching):
+            for p in (system.dynamics.program, system.positions, system.velocities, system.switching):
                 if p is not None:
                     self.digests.add(p.digest[:12])
 

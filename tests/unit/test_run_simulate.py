@@ -822,7 +822,7 @@ def test_all_joints_prescribed_is_inverse_dynamics() -> None:
 def test_prescribed_motion_that_cannot_be(old: str, new: str, code: int, words: tuple[str, ...]) -> None:
     text = DRIVEN.format(robot=CONFIGS / "robots" / "planar_2r.yaml")
     assert text.count(old) == 1
-    error = failure(text.replace(old, new))
+    error = failure(text.replace(old, new), "simulate.max_steps=20000")
     assert error.exit_code == code, error.message
     for word in words:
         assert word in error.message

@@ -82,7 +82,13 @@ def arm() -> dict[str, Any]:
             "initial": {"q": {"j1": "30 deg"}},
             "expect": {"status": "ok", "energy_drift": "< 1e-9"},
             "simulate": {"rtol": 1e-9},
-            "trajectory": {"type": "circle", "point": "l1.end", "center": [1, 1], "radius": 0.1, "duration": 1},
+            "trajectory": {
+                "type": "circle",
+                "point": "l1.end",
+                "center": [1, 1],
+                "radius": 0.1,
+                "duration": 1,
+            },
         }
     )
 
@@ -102,7 +108,8 @@ def spoil(where: str, value: Any) -> dict[str, Any]:
 
 BAD = [
     ("schema", 2), ("schema", ...), ("robot", ...), ("gravity", [0, 1]), ("gravity", "down"), ("gravty", 1),
-    ("robot.joints", []), ("robot.joints.0.name", "1a"), ("robot.joints.0.name", "a-b"), ("robot.joints.0.type", "hinge"),
+    ("robot.joints", []), ("robot.joints.0.name", "1a"), ("robot.joints.0.name", "a-b"),
+    ("robot.joints.0.type", "hinge"),
     ("robot.joints.0.alpa", 0), ("robot.links.0.mass", -1), ("robot.links.0.mass", "heavy"), ("robot.convention", "dh"),
     ("initial.q", [1]), ("initial.q.j1", True), ("simulate.rtol", 1.0), ("simulate.samples", 1.5),
     ("simulate.integrator", "euler"), ("simulate.stabilisation", {"alpha": 1}), ("simulate.stabilisation", "baumgarte"),

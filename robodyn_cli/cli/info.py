@@ -1,0 +1,112 @@
+"""``robodyn info``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+import typer
+
+from robodyn_cli.cli.console import Console, guarded
+from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, SceneFile
+
+
+def command(
+    scene: SceneFile,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--at", metavar="q=[...], qd=[...]", help="State, joints in their order or q.NAME=... each."
+        ),
+    ] = None,
+    out: OutDir = None,
+    overrides: Overrides = None,
+    no_plots: NoPlots = False,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Kinematic tree, frames, mass matrix, Coriolis matrix, gravity and Jacobians at a state."""
+    console = Console(as_json, quiet)
+
+    def action() -> int:
+        import json
+
+        from robodyn_cli.cli.runner import default_directory
+        from robodyn_cli.results.output_dir import OutputDirectory
+        from robodyn_cli.results.summary import jsonable
+        from robodyn_cli.run.info import info
+
+        found, result = info(scene, overrides or (), at or ())
+        report = {"status": "ok", "command": "info", **found}
+        if not no_plots:
+            from robodyn_cli.report.plot_state import FILE, save
+
+            with OutputDirectory(out or default_directory(scene, "info"), (FILE,)) as directory:
+                frames = {
+                    name: (frame["position"], frame["rotation"]) for name, frame in found["frames"].items()
+                }
+                directory.record([save(result, frames, directory.path)])
+                directory.write_summary(report)
+        console.data(json.dumps(jsonable(report), ensure_ascii=False, indent=2))
+        console.say(describe(found))
+        if not no_plots:
+            console.say(f"results: {directory.path}  ({', '.join(directory.outputs)})")
+        return 0
+
+    guarded(console, action)
+
+
+def describe(found: Mapping[str, Any]) -> str:
+    """Return the report for the terminal."""
+    from robodyn_cli.run.info import tree
+
+    joints = found["state"]["q"]
+    lines = [str(found["title"]), *("  " + line for line in tree(found["joints"], found["links"]))]
+    lines.append("  state              " + ", ".join(f"{name} {q:.6g}" for name, q in joints.items()))
+    lines.append(
+        "  rates              " + ", ".join(f"{name} {v:.6g}" for name, v in found["state"]["qd"].items())
+    )
+    lines += ["  frames in the world (origin [m]; x, y and z axes)"]
+    for name, frame in found["frames"].items():
+        axes = "  ".join(vector(frame["rotation"][:, k]) for k in range(3))
+        lines.append(f"    {name:<12} {vector(frame['position'])}; {axes}")
+    lines += matrix("mass matrix M", found["mass_matrix"])
+    lines.append(f"    singular values  {values(found['mass_matrix_singular_values'])}")
+    lines += matrix("Coriolis matrix C", found["coriolis_matrix"])
+    gravity = found["gravity_torques"].items()
+    lines.append("  gravity torques G  " + ", ".join(f"{name} {cell(x)}" for name, x in gravity))
+    for name, point in found["points"].items():
+        lines.append(
+            f"  point {name:<12} at {vector(point['position'])} m, velocity {vector(point['velocity'])} m/s"
+        )
+        lines += matrix(f"Jacobian of {name}", point["jacobian"])
+        lines.append(f"    singular values  {values(point['singular_values'])}")
+    if "constraints" in found:
+        lines += matrix(
+            f"constraint Jacobian Psi ({', '.join(found['constraints']['rows'])})",
+            found["constraints"]["psi"],
+        )
+        lines.append(f"    singular values  {values(found['constraints']['singular_values'])}")
+    return "\n".join(lines)
+
+
+def cell(x: float) -> str:
+    """Return a number for reading; what is not known is a question mark."""
+    return "?" if x != x else f"{x + 0.0:.6g}" if abs(x) > 1e-12 else "0"
+
+
+def vector(x: Any) -> str:
+    """Return a vector in brackets."""
+    return "[" + ", ".join(cell(float(v)) for v in x) + "]"
+
+
+def values(x: list[float] | None) -> str:
+    """Return singular values, or why there are none."""
+    return "not known: data are missing" if x is None else ", ".join(cell(v) for v in x)
+
+
+def matrix(name: str, m: Any) -> list[str]:
+    """Return a matrix as aligned lines below its name."""
+    cells = [[cell(float(x)) for x in row] for row in m]
+    width = max((len(x) for row in cells for x in row), default=1)
+    return [f"  {name}", *("    " + "  ".join(x.rjust(width) for x in row) for row in cells)]
