@@ -86,7 +86,7 @@ def run_scene(
         directory.write_summary(summary)
     text = (directory.path / "summary.json").read_text(encoding="utf-8")
     if failure is not None:
-        console.say(f"results until then: {directory.path}")
+        console.note(f"results until then: {directory.path}")
         console.fail(failure, failure.exit_code, failure.message, text.rstrip())
     console.data(text.rstrip())
     console.say(describe(summary))

@@ -10,7 +10,9 @@ from typing import Any
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr import formula as fm
 
-FORMS = "allowed: a value, 'a +- b', 'a +- b %', 'a .. b', '< a', '<= a', '> a', '>= a' (in quotes where it begins with >)"
+FORMS = (
+    "allowed: a value, 'a +- b', 'a +- b %', 'a .. b', '< a', '<= a', '> a', '>= a' (the last two in quotes)"
+)
 _BOUND = re.compile(r"(<=|>=|<|>)(.*)", re.DOTALL)
 
 
@@ -54,8 +56,8 @@ def parse_expectation(value: bool | int | float | str | None) -> Expectation:
     text = " ".join(value.replace("\N{PLUS-MINUS SIGN}", "+-").split())
     if match := _BOUND.match(text):
         sign, limit = match.group(1), _number(match.group(2), text)
-        side = {"low": limit} if sign.startswith(">") else {"high": limit}
-        return Expectation(text, strict="=" not in sign, numeric=True, **side)
+        bounds = (limit, math.inf) if sign.startswith(">") else (-math.inf, limit)
+        return Expectation(text, *bounds, strict="=" not in sign, numeric=True)
     if "+-" in text:
         return _around(text)
     if ".." in text:

@@ -140,19 +140,19 @@ class Rosenbrock(Stepper):
         w.count(Whole.EVALUATIONS)
         x = PROBE
         for j in range(s.nz):
-            (z0, z1), (r0, r1) = self._ends(w, s.nv + j, h, 1)
-            slope = 6.0 * x * (1.0 - x) * (z1 - z0)
+            (_, gained), (r0, r1) = self._ends(w, s.nv + j, h, 1)
+            slope = 6.0 * x * (1.0 - x) * gained
             slope = slope + (1.0 - x) * (1.0 - 3.0 * x) * r0 + x * (3.0 * x - 2.0) * r1
             missed = (h * rates[s.nv + j] - slope) * (1.0 / (2.0 * x * (1.0 - x) * (1.0 - 2.0 * x)))
             f.store(missed, f.offset("%dense", place + j))
 
     def _ends(self, w: Writer, j: int, h: Value, width: int) -> tuple[tuple[Value, Value], tuple[Value, Value]]:
-        """Return rate-like state j (v, then z) and h times its rate, at both ends of the step."""
+        """Return state j (of v, then z) at the start and what it gains, and h times its rate at both ends."""
         f, s = w.f, w.system
         n = s.nv + s.nz
         at = (s.nq + j, s.size + s.nq + j, 2 * s.size + j, 2 * s.size + n + j)
-        y0, y1, r0, r1 = (f.splat(f.load(f.offset("%dense", k)), width) for k in at)
-        return (y0, y1), (r0 * h, r1 * h)
+        y0, gained, r0, r1 = (f.splat(f.load(f.offset("%dense", k)), width) for k in at)
+        return (y0, gained), (r0 * h, r1 * h)
 
     def dense(self, w: Writer, u: Value, h: Value, out: Array) -> None:
         """Hermite polynomials of degree 5 for q (from q, v, a), their derivatives for v, and of degree 4 for z."""
@@ -164,12 +164,12 @@ class Rosenbrock(Stepper):
             return f.splat(f.load(f.offset("%dense", k)), u.width)
 
         for j in range(s.nq):
-            q0, q1 = get(j), get(s.size + j)
-            (v0, v1), (a0, a1) = self._ends(w, j, h, u.width)
-            v0, v1, a0, a1 = v0 * h, v1 * h, a0 * h, a1 * h
+            q0, gained = get(j), get(s.size + j)
+            (v0, faster), (a0, a1) = self._ends(w, j, h, u.width)
+            v0, a0, a1 = v0 * h, a0 * h, a1 * h
             # Taylor's polynomial at the start, and what it misses at the end in x^3, x^4, x^5
-            d = q1 - (q0 + v0 + 0.5 * a0)
-            e = v1 - (v0 + a0)
+            d = gained - (v0 + 0.5 * a0)
+            e = faster * h - a0
             c = a1 - a0
             c3 = 10.0 * d - 4.0 * e + 0.5 * c
             c4 = 7.0 * e - 15.0 * d - c
@@ -179,8 +179,8 @@ class Rosenbrock(Stepper):
             slope = f.muladd(f.muladd(5.0 * c5, x, 4.0 * c4), x, 3.0 * c3)
             out[s.nq + j] = f.muladd(f.muladd(slope, x, a0), x, v0) * (1.0 / h)
         for j in range(s.nv, n):
-            (y0, y1), (r0, r1) = self._ends(w, j, h, u.width)
-            cubic = y0 + (y1 - y0) * x * x * (3.0 - 2.0 * x) - x * u * (-u * r0 - x * r1)
+            (z0, gained), (r0, r1) = self._ends(w, j, h, u.width)
+            cubic = z0 + gained * x * x * (3.0 - 2.0 * x) - x * u * (-u * r0 - x * r1)
             out[s.nq + j] = cubic + get(2 * (s.size + n) + j - s.nv) * (x * x) * (u * u)
 
 

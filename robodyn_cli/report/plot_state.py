@@ -55,12 +55,12 @@ def draw(result: Result, frames: dict[str, tuple[Array, Array]]) -> Figure:
     look: dict[str, Any] = {"textcoords": "offset points", "bbox": box, "zorder": 6}
     near = 0.2 * length
     for place, text in _together({name: p[plane] for name, (p, _) in frames.items()}, near):
-        ax.annotate(text, place, xytext=(5, -11), color=style.GREY, **look)
+        ax.annotate(text, (place[0], place[1]), xytext=(5, -11), color=style.GREY, **look)
     for place, text in _together(
         {name: item.data[0][plane] for name, item in result.group("points").items()}, near
     ):
         ax.plot(*place[:, None], marker="x", color="black", linestyle="none", zorder=7)
-        ax.annotate(text, place, xytext=(6, 6), **look)
+        ax.annotate(text, (place[0], place[1]), xytext=(6, 6), **look)
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.12)
     ax.set_xlabel(f"{AXES[plane[0]]} [m]")

@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 # smallest singular value of the passive block, relative to the largest of Psi, that is still worth reporting
 NEAR_SINGULAR = 1e-3
 
+TRUSTED = 0.01  # relative error of a lock's time beyond which it is not reported as a lock
+
 
 def deploy(
     scene: Scene,
@@ -81,6 +83,15 @@ def deploy(
         with watch.stage("lock"):
             summary["lock"] = describe_lock(run, found, stop, criterion, recorder, watch)
         conclude(result, run, found, stop, criterion)
+        error = summary["lock"]["time_error"]
+        if error is not None and error > TRUSTED * stop:
+            doubt = NumericalError(
+                f"a dead point at t = {stop:.4g} s, but a second, tighter integration puts it {error:.2g} s away: the "
+                "motion is too sensitive to say when it locks",
+                time=stop,
+                time_error=error,
+            )
+            raise fail(result, doubt, watch)
     summary["wall_time_s"] = watch.report()
     return result
 

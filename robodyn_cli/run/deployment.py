@@ -26,6 +26,7 @@ from robodyn_cli.run.singularity import (
     passive_determinant,
     rank_loss_ahead,
     rank_loss_event,
+    refuse_singular_start,
     refuse_dependent_rows,
 )
 from robodyn_cli.run.stopwatch import Stopwatch
@@ -80,6 +81,7 @@ class Deployment:
             self.start = np.concatenate(
                 [self.setup.assembled.q, self.setup.assembled.v, np.zeros(self.system.nz)]
             )
+        refuse_singular_start(self.problem, self.setup.assembled.q, self.passive)
         with watch.stage("method"):
             self.choice = choose(scene, self.problem, self.system, self.start, self.options)
             self.method = self.choice.method

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import NumericalError, RobodynError, SceneError, SingularConfigurationError
-from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.formulations.system import EventFunction, System
 from robodyn_cli.integrators.integrator import Counters, Event, Grid, Integrator, Options
@@ -19,6 +18,7 @@ from robodyn_cli.results.writer import ResultWriter
 from robodyn_cli.run.mass_matrix import nearly_singular, refuse_singular
 from robodyn_cli.run.method import Choice, Run
 from robodyn_cli.run.observe import Observer, Recorder
+from robodyn_cli.run.prescribed import check_prescribed, prescribed_starts
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.singularity import driven_dead_point, rank_loss_event, stop_at_rank_loss
 from robodyn_cli.run.stopwatch import Stopwatch
@@ -51,21 +51,17 @@ def prepare(scene: Scene, watch: Stopwatch | None = None) -> Setup:
     watch = watch or Stopwatch()
     with watch.stage("equations"):
         problem = Problem(scene)
-        given = dict(scene.initial.q or {})
-        for name, formula in (scene.prescribed or {}).items():
-            env = {"t": 0.0, **{f"p.{n}": x for n, x in (scene.parameters or {}).items()}}
-            start = float(formula.evaluate(env))
-            _check_prescribed(scene, name, start)
-            given[name] = start
-        if not problem.model.loops:
-            for name in problem.model.joint_names:
-                if name not in given:
-                    raise SceneError(
-                        f"{scene.path}: initial.q: joint {name!r} has no initial position (an open chain "
-                        "needs one for each joint)", file=scene.path, key="initial.q",
-                    )  # fmt: skip
+        given = {**(scene.initial.q or {}), **prescribed_starts(scene)}
+        loops = bool(problem.model.loops)
+        for name in scene.initial.hold if loops else problem.model.joint_names:
+            if name not in given:
+                why = "`initial.hold` keeps it at its value" if loops else "an open chain needs one for each joint"
+                raise SceneError(
+                    f"{scene.path}: initial.q: joint {name!r} has no initial position ({why})",
+                    file=scene.path, key="initial.q",
+                )  # fmt: skip
     with watch.stage("assemble"):
-        _check_rates(problem)
+        check_prescribed(problem)
         hold = [*scene.initial.hold, *(n for n in scene.prescribed or {} if n not in scene.initial.hold)]
         assembled = assemble(problem, given, dict(scene.initial.qd or {}), hold)
         refuse_singular(problem.model, assembled.q)
@@ -95,35 +91,6 @@ def tighter(options: Options, mean_step: float) -> tuple[Options, str]:
 def other_steps(options: Options, mean_step: float) -> tuple[Options, str]:
     """Return the options of a second run with shorter steps, and how it differs in words."""
     return dataclasses.replace(options, max_step=0.6 * mean_step), "steps 0.6 times as long"
-
-
-def _check_rates(problem: Problem) -> None:
-    """Refuse a prescribed motion that starts with a rate or an acceleration that is not finite."""
-    constraints = problem.constraints
-    for name, i in zip(problem.scene.prescribed or {}, constraints.prescribed):
-        row = constraints.rows[i]
-        for what, entry in (("rate", row.eta_t), ("acceleration", row.gamma)):
-            try:
-                value = float(evaluate([entry], {"t": [0.0]})[0])
-            except (ArithmeticError, ValueError):
-                value = np.nan
-            if not np.isfinite(value):
-                formula = problem.scene.prescribed[name]
-                raise NumericalError(
-                    f"{formula.where or f'prescribed.{name}'}: the motion {formula.text!r} has no finite {what} at t = 0",
-                    time=0.0, joint=name, status="not_finite",
-                )  # fmt: skip
-
-
-def _check_prescribed(scene: Scene, name: str, start: float) -> None:
-    """Refuse an initial position that is not where the prescribed motion starts."""
-    given = (scene.initial.q or {}).get(name)
-    if given is not None and abs(given - start) > 1e-9 * max(1.0, abs(start)):
-        raise SceneError(
-            f"{scene.path}: initial.q.{name}: {given:.9g} contradicts prescribed.{name}, which starts at {start:.9g}; "
-            "leave it out of initial.q, or make them agree",
-            file=scene.path, key=f"initial.q.{name}",
-        )  # fmt: skip
 
 
 def integrate_states(

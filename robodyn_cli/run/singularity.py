@@ -27,6 +27,7 @@ from robodyn_cli.spatial.algebra import zeros
 Array = NDArray[Any]
 RANK = 1e-6  # ratio of singular values below which a located pose counts as having lost rank
 NEAR = 0.02  # ratio from which on a loss of rank is looked for ahead
+START = 1e-9  # the same at the start, where only rounding stands between a pose and a singular one
 NEAR_RANK_LOSS = "near_rank_loss"
 
 
@@ -211,6 +212,33 @@ def refuse_dependent_rows(problem: Problem, q: Array, time: float) -> None:
         "the loops do not lose rank; start closer to that configuration, or model the loop in its plane",
         time=time, status="dependent_rows",
     )  # fmt: skip
+
+
+def starts_at_dead_point(problem: Problem, q: Array, passive: Sequence[int]) -> bool:
+    """Tell whether the passive block is singular, to rounding, in the configuration that the loops closed in."""
+    if not len(passive) or not problem.constraints.rows:
+        return False
+    psi = psi_at(problem, q)
+    block = np.linalg.svd(psi[:, list(passive)], compute_uv=False)
+    return bool(block[-1] < START * np.linalg.norm(psi, 2))
+
+
+def refuse_singular_start(problem: Problem, q: Array, passive: Sequence[int]) -> None:
+    """Raise if a deployment would start where it is to end: the determinant there is rounding noise.
+
+    Raises
+    ------
+    SingularConfigurationError : the start is a dead point.
+    """
+    if not starts_at_dead_point(problem, q, passive):
+        return
+    angles = ", ".join(f"{n} {x:.6g}" for n, x in zip(problem.model.joint_names, q))
+    raise SingularConfigurationError(
+        f"the start is a dead point already ({angles}): its passive block of Psi is singular, so the input cannot "
+        "move the mechanism; start a little away from it (initial.q)",
+        kind="dead_point",
+        q=q.tolist(),
+    )
 
 
 def stop_at_rank_loss(problem: Problem, system: System, method: str, event: Event, options: Options) -> None:

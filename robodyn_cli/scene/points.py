@@ -33,6 +33,11 @@ def spot_problem(robot: Robot, link: str, at: str) -> str | None:
             f"{link!r} has no 'end', because joint {joint.name!r} has no D-H parameters; "
             f"define a named point: points: {{tip: {{link: {link}, at: [x, y, z]}}}}"
         )
+    if at == "end" and joint is not None and robot.convention == "modified":
+        return (
+            f"{link!r} has no 'end': with modified D-H parameters the link frame lies at the link's own joint, and "
+            f"its far end is nowhere given; define a named point: points: {{tip: {{link: {link}, at: [x, y, z]}}}}"
+        )
     if at == "com" and next(x for x in robot.links if x.name == link).com is None:
         return f"the centre of mass of {link!r} is not given; add 'com' to that link"
     return None

@@ -8,6 +8,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from typer.testing import CliRunner
+
+from robodyn_cli.cli.app import app
+
 ROOT = Path(__file__).parents[2]
 
 ARM = """\
@@ -50,9 +54,9 @@ def robodyn(command: str, *rest: object, cwd: Path | None = None) -> subprocess.
     return subprocess.run(words(command, *rest), capture_output=True, text=True, cwd=cwd, timeout=120)
 
 
-def run(*rest: object, cwd: Path | None = None) -> tuple[int, dict[str, Any]]:
+def run(*rest: object) -> tuple[int, dict[str, Any]]:
     """Run a batch without drawings; return its exit code and report by the names of the scenes."""
-    done = robodyn("run", *rest, "--no-plots", "--json", cwd=cwd)
+    done = CliRunner().invoke(app, ["run", *map(str, rest), "--no-plots", "--json"])
     report = json.loads(done.stdout)
-    assert report.get("exit_code", done.returncode) == done.returncode
-    return done.returncode, {scene["name"]: scene for scene in report.get("scenes", [])}
+    assert report.get("exit_code", done.exit_code) == done.exit_code
+    return done.exit_code, {scene["name"]: scene for scene in report.get("scenes", [])}

@@ -817,6 +817,9 @@ def test_all_joints_prescribed_is_inverse_dynamics() -> None:
         ("0.5*sin(2*t) - 1", "t^1.5", 3, ("prescribed.theta1", "acceleration")),
         ("{theta2: 0.3}}", "{theta2: 0.3}, qd: {theta1: 5}}", 5, ("rates", "prescribed.theta1", "rad/s")),
         ("0.5*sin(2*t) - 1", "1/(t - 2)^2", 3, ("t = ",)),
+        ("0.5*sin(2*t) - 1", "abs(t - 1)", 2, ("prescribed.theta1", "rate", "t = 1 s", "from -1 to 1")),
+        ("0.5*sin(2*t) - 1", "if(t < 1.5, 0, 0.2)", 2, ("prescribed.theta1", "position", "t = 1.5 s")),
+        ("0.5*sin(2*t) - 1", "min(t, 3)", 2, ("rate", "t = 3 s")),
     ],
 )
 def test_prescribed_motion_that_cannot_be(old: str, new: str, code: int, words: tuple[str, ...]) -> None:
@@ -826,6 +829,14 @@ def test_prescribed_motion_that_cannot_be(old: str, new: str, code: int, words: 
     assert error.exit_code == code, error.message
     for word in words:
         assert word in error.message
+
+
+@pytest.mark.parametrize("motion", ["if(t < 1, 0, (t - 1)^2)", "max(t - 1, 0)^3", "abs(sin(t))^3", "abs(t - 5)"])
+def test_prescribed_motions_may_have_kinks_in_their_acceleration(motion: str) -> None:
+    text = DRIVEN.format(robot=CONFIGS / "robots" / "planar_2r.yaml").replace("0.5*sin(2*t) - 1", motion)
+    result = run(text)
+    assert result.summary["energy_drift"] < 1e-7 * max(1.0, np.abs(result["energy/work"]).max())
+    assert result.summary["error_estimate"]["state_max"] < 1e-8
 
 
 def test_a_crank_driven_through_the_dead_point_names_it() -> None:

@@ -1,0 +1,86 @@
+"""Prescribed motions that a simulation can follow: they agree with the start, and nothing jumps."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robodyn_cli.equations.kinks import is_of_time, switches, switching_times
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import NumericalError, SceneError
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.loops.base import Row
+from robodyn_cli.scene.types import Scene
+
+BESIDE = 1e-9  # part of the duration by which a jump is looked at from both sides
+JUMP = 1e-6  # rad, rad/s, m or m/s
+
+
+def prescribed_starts(scene: Scene) -> dict[str, float]:
+    """Return where the prescribed joints are at t = 0.
+
+    Raises
+    ------
+    SceneError : initial.q says something else. NumericalError : a formula has no value there.
+    """
+    starts = {}
+    for name, formula in (scene.prescribed or {}).items():
+        env = {"t": 0.0, **{f"p.{n}": x for n, x in (scene.parameters or {}).items()}}
+        start = float(formula.evaluate(env))
+        given = (scene.initial.q or {}).get(name)
+        if given is not None and abs(given - start) > 1e-9 * max(1.0, abs(start)):
+            raise SceneError(
+                f"{scene.path}: initial.q.{name}: {given:.9g} contradicts prescribed.{name}, which starts at "
+                f"{start:.9g}; leave it out of initial.q, or make them agree",
+                file=scene.path, key=f"initial.q.{name}",
+            )  # fmt: skip
+        starts[name] = start
+    return starts
+
+
+def check_prescribed(problem: Problem) -> None:
+    """Refuse motions that no finite torque can follow.
+
+    Raises
+    ------
+    NumericalError : the rate or the acceleration at t = 0 is not finite. SceneError : position or rate jump.
+    """
+    constraints = problem.constraints
+    for name, i in zip(problem.scene.prescribed or {}, constraints.prescribed):
+        formula, row = problem.scene.prescribed[name], constraints.rows[i]
+        where = f"{formula.where or f'prescribed.{name}'}: the motion {formula.text!r}"
+        for what, entry in (("rate", row.eta_t), ("acceleration", row.gamma)):
+            if not np.isfinite(_at(entry, 0.0)):
+                raise NumericalError(
+                    f"{where} has no finite {what} at t = 0", time=0.0, joint=name, status="not_finite"
+                )
+        for time in _kinks(problem, row):
+            step = BESIDE * problem.scene.simulate.duration
+            slack = JUMP + 10.0 * step * max(abs(_at(row.gamma, t)) for t in (time - step, time + step))
+            for what, entry in (("position", row.eta), ("rate", row.eta_t)):
+                before, after = -_at(entry, time - step), -_at(entry, time + step)
+                if abs(after - before) > slack + 10.0 * step * abs(_at(row.eta_t, time + step)):
+                    raise SceneError(
+                        f"{where} jumps at t = {time:.9g} s: its {what} goes from {before:.6g} to {after:.6g}, which "
+                        "takes an infinite torque; let it go there in finite time",
+                        joint=name, time=time,
+                    )  # fmt: skip
+
+
+def _kinks(problem: Problem, row: Row) -> list[float]:
+    found = [s for s in switches([row.eta, row.eta_t, row.gamma]) if is_of_time(s, problem.t)]
+    duration = problem.scene.simulate.duration
+    return sorted({time for s in found for time in switching_times(s, problem.t, duration)})
+
+
+def _at(entry: Scalar, time: float) -> float:
+    """Return an entry of a prescribed row, which depends on q (taken as 0) and time."""
+    try:
+        return float(evaluate([entry], {"t": [time], "q": _Zeros()})[0])
+    except (ArithmeticError, ValueError):
+        return float("nan")
+
+
+class _Zeros:
+    def __getitem__(self, index: int) -> float:
+        return 0.0
