@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
 
 from robodyn_cli.algorithms.kinematics import Velocity, slice_q, slice_v, transforms, velocities
 from robodyn_cli.model.model import BASE, Body, Model

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
 
 from robodyn_cli.model.model import BASE, Body, FixedFrame, Model
 from robodyn_cli.spatial.algebra import (

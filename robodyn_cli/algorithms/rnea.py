@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from robodyn_cli.algorithms.kinematics import Motion, slice_q, slice_v, step_motion, transforms
 from robodyn_cli.model.model import BASE, Body, Model

@@ -13,10 +13,11 @@ def main() -> None:
     # imports and graphs make a hundred thousand objects and hardly any garbage: look for it less often
     gc.set_threshold(200_000, 20, 20)
     try:
-        from robodyn_cli.cli.app import app
         from robodyn_cli.cli.quick import run_plain
 
-        run_plain(app, sys.argv[1:])
+        run_plain(sys.argv[1:])
+        from robodyn_cli.cli.app import app
+
         app()
     except KeyboardInterrupt:
         print("robodyn: error: interrupted", file=sys.stderr)

@@ -1,12 +1,14 @@
 """Read plain command lines without Typer's conversion of values.
 
 Typer converts them with pydantic, and that takes longer than a small run. What is read here calls a command
-with the same values; whatever is not plain (help, completion, mistakes, kinds of parameter that this file
-does not know) is left to Typer. The root callback, which has nothing to do but ``--version``, is not called.
+with the same values, and imports no other command; whatever is not plain (help, completion, mistakes, kinds of
+parameter that this file does not know) is left to Typer. The root callback, which has nothing to do but
+``--version``, is not called.
 """
 
 from __future__ import annotations
 
+import importlib
 import inspect
 import typing
 from collections.abc import Callable, Sequence
@@ -29,10 +31,21 @@ class NotPlain(Exception):
     """Typer has to look at this command line."""
 
 
-def run_plain(app: typer.Typer, words: Sequence[str]) -> None:
+def find_command(word: str) -> Callable[..., Any] | None:
+    """Return the function of a command, ``command`` in the file of that name; None where there is none."""
+    name = word.replace("-", "_")
+    if not word.islower() or not name.isidentifier() or word != name.replace("_", "-"):
+        return None
+    try:
+        module = importlib.import_module(f"robodyn_cli.cli.{name}")
+    except ModuleNotFoundError:
+        return None
+    return getattr(module, "command", None)
+
+
+def run_plain(words: Sequence[str]) -> None:
     """Run the command that the words call, and exit; return where they are not plain."""
-    named = {info.name: info.callback for info in app.registered_commands}
-    function = named.get(words[0]) if words else None
+    function = find_command(words[0]) if words else None
     if function is None:
         return
     try:

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 Values = Callable[[float], Array]
 
 TRIALS = 200
-BISECT_EVERY = 4  # trial in so many halves the bracket, whatever the secant says
+PATIENCE = 3  # secant trials that may fail to halve the bracket before it is bisected; fewer each time
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,14 +104,21 @@ def _resolution(a: float, b: float) -> float:
 def _root(index: int, values: Values, a: float, g_a: float, b: float, g_b: float) -> Root | None:
     """Bracket the sign change between a and b by regula falsi (Illinois variant); None where there is none."""
     sign, side, exact = float(np.sign(g_a)), 0, False
-    if values(a)[index] * sign <= 0.0:
+    g_a = float(values(a)[index])
+    if g_a * sign <= 0.0:
         return Root(index, a, a, -sign)  # it stood at zero all along
     resolution = _resolution(a, b)
-    for trial in range(TRIALS):
+    goal, patience, wasted = 0.5 * (b - a), PATIENCE, 0
+    for _ in range(TRIALS):
         if b - a <= resolution or exact:
             break
+        if b - a <= goal:
+            goal, wasted = 0.5 * (b - a), 0
         middle = 0.5 * (a + b)
-        if trial % BISECT_EVERY < BISECT_EVERY - 1 and np.isfinite(g_b) and g_b != g_a:
+        if wasted >= patience:
+            patience, wasted = max(patience - 1, 1), 0
+        elif np.isfinite(g_b) and g_b != g_a:
+            wasted += 1
             secant = b - g_b * (b - a) / (g_b - g_a)
             # never so close to an end that nothing is learned
             middle = min(max(secant, a + 0.5 * resolution), b - 0.5 * resolution)

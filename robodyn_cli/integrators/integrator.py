@@ -32,6 +32,7 @@ SMALLEST_ATOL = 1e-300  # keeps weights finite where the tolerance is zero
 # the compiled loop runs for about this long [s] at a time; the number of steps adapts itself
 SLICE_TIME = 0.02
 FIRST_SLICE = 256
+RESTART = 1 / 16  # first step after a jump, as a part of the time since the last one
 # so many steps with events within this part of the time so far (or of a second) get nowhere
 CROWD = 200
 CROWDED = 1e-9
@@ -114,6 +115,7 @@ class Integrator:
         self.w[Real.MEMORY] = self.w[Real.MEMORY_2] = 1.0
         self.n[Whole.LAST_SAMPLE] = -1
         self.events_seen = 0
+        self._since, self._restart = time, np.inf
         self._armed = False
         self._bind()
 
@@ -141,6 +143,12 @@ class Integrator:
     def set_state(self, state: Any) -> None:
         """Replace the state in the middle of a run (a jump); the time stays."""
         self.y[:] = state
+        if self._switching is not None:
+            # the next event may come sooner than the last one did, so the step starts short again
+            if self.time > self._since:
+                self._restart = RESTART * (self.time - self._since)
+                self._since = self.time
+            self.w[Real.H] = min(self.w[Real.H], self._restart)
         self._forget()
         self._watch({})
 

@@ -271,6 +271,11 @@ class Function:
             return address
         return self.name(f"getelementptr double, ptr {address}, i64 {ref_of(index)}")
 
+    def prefetch(self, address: str, write: bool) -> None:
+        """Ask for the memory at an address, which need not exist, before it is read (or written)."""
+        self.declarations.add("declare void @llvm.prefetch.p0(ptr, i32, i32, i32)")
+        self.raw(f"call void @llvm.prefetch.p0(ptr {address}, i32 {int(write)}, i32 2, i32 1)")
+
     def bump(self, address: str, by: int = 1) -> Int:
         """Add to a counter in memory and return its new value."""
         n = self.load_int(address) + by

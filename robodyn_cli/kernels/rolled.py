@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 CROSSOVER = 16
 # A block of samples visits every column of its arrays, each on a page of its own. With more columns than the
 # processor translates pages for, samples are first copied to arrays of CHUNK rows, several columns a page.
-MANY_COLUMNS = 1400
+MANY_COLUMNS = 2500
 CHUNK = 64
 
 

@@ -20,6 +20,11 @@ from robodyn_cli.kernels.program import Program
 from robodyn_cli.kernels.rolled_recursion import Recursion, Step, Sweep
 from robodyn_cli.kernels.rolled_steps import BODY_CONSTANTS, DOWN, UP, Place
 
+# Columns of samples lie far apart, and no processor foresees a visit to each in turn. Asking for the samples of a
+# later block keeps the kernel's pace where they do not fit into the cache next to everybody else's data (measured
+# on a busy machine, 30 joints, 10 000 samples: 0.18 us a sample instead of 0.6; one block ahead is too late).
+BLOCKS_AHEAD = 4
+
 ARGUMENTS = ("tables", "q", "v", "x", "out", "scratch")
 
 
@@ -242,7 +247,9 @@ def write_sample_kernel(recursion: Recursion, serial: bool, lanes: int, fused: b
     start = f.int_slot()
 
     def at(group: str, column: Int) -> str:
-        return f.offset(f"%{group}", samples * column + f.load_int(start))
+        address = f.offset(f"%{group}", samples * column + f.load_int(start))
+        f.prefetch(f.offset(address, BLOCKS_AHEAD * lanes), write=group == "out")
+        return address
 
     loops = Loops(f, recursion, serial, lanes, fused, at)
     with f.count(samples, step=lanes) as t:

@@ -84,7 +84,7 @@ def deploy(
             summary["lock"] = describe_lock(run, found, stop, criterion, recorder, watch)
         conclude(result, run, found, stop, criterion)
         error = summary["lock"]["time_error"]
-        if error is not None and error > TRUSTED * stop:
+        if criterion == "dead_point" and error is not None and error > TRUSTED * stop:
             doubt = NumericalError(
                 f"a dead point at t = {stop:.4g} s, but a second, tighter integration puts it {error:.2g} s away: the "
                 "motion is too sensitive to say when it locks",

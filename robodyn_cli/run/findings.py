@@ -12,6 +12,7 @@ import numpy as np
 from robodyn_cli.equations.plan_facts import listed_data, unknown_data
 from robodyn_cli.errors import GeometryError, RobodynError, SceneError
 from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.formulations.dynamics import Rolled
 from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.model.consistency import body_problems
 from robodyn_cli.model.model import Model
@@ -154,4 +155,7 @@ def _forward(scene: Scene, command: str) -> tuple[Model, list[Scalar]]:
     problem = prepare(scene).problem
     if command == "deploy" and scene.deploy.criterion != "multipliers":
         passive_determinant(problem, passive_coordinates(problem) or [])
-    return problem.model, list(index1(problem, "none", work=False).acceleration)
+    dynamics = index1(problem, "none", work=False).dynamics
+    # loops over bodies have asked for what they need when they were made
+    outputs = dynamics.forces if isinstance(dynamics, Rolled) else dynamics.expressions()[0]
+    return problem.model, list(outputs)

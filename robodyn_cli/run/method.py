@@ -14,6 +14,7 @@ from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import Expr, free_symbols
 from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.formulations.dynamics import Rolled
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.integrator import Counters, Event, Grid, Integrator, Options
 from robodyn_cli.scene.types import Scene
@@ -89,7 +90,7 @@ def choose(scene: Scene, problem: Problem, system: System, start: Array, options
     if asked != "auto":
         return Choice(asked, "asked for in simulate.integrator")
     usual = Choice(DEFAULT, "collocation of order 16: the fastest at every accuracy where the motion is not stiff")
-    if not can_be_stiff(problem):
+    if isinstance(system.dynamics, Rolled) or not can_be_stiff(problem):
         return usual
     decay = fastest_decay(system, 0.0, start)
     duration = scene.simulate.duration
@@ -122,7 +123,10 @@ class Run:
         self.switches: list[dict[str, Any]] = []
         self.integrator = Integrator(system, self.choice.method)
         self._watchful = (
-            scene.simulate.integrator == "auto" and self.choice.method == DEFAULT and can_be_stiff(problem)
+            scene.simulate.integrator == "auto"
+            and self.choice.method == DEFAULT
+            and not isinstance(system.dynamics, Rolled)
+            and can_be_stiff(problem)
         )
         self._done = Counters()
         self.tick = tick

@@ -12,12 +12,15 @@ from numpy.typing import NDArray
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.formulations.dynamics import Rolled
 from robodyn_cli.formulations.index1 import residuals
 from robodyn_cli.formulations.system import GROUPS, System
+from robodyn_cli.kernels.rolled import RolledForwardDynamics
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import Model
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.writer import ResultWriter
+from robodyn_cli.run.evaluation import SampleFunction
 from robodyn_cli.run.places import place_dataset, place_outputs
 from robodyn_cli.run.units import unit_text
 
@@ -35,14 +38,15 @@ class Column:
     names: tuple[str, ...] = ()
 
 
-def observed(problem: Problem) -> dict[str, Sequence[Scalar]]:
+def observed(problem: Problem, accelerations: bool = True) -> dict[str, Sequence[Scalar]]:
     """Return what is evaluated at the samples of a simulation, by output."""
-    forward = problem.forward
     outputs: dict[str, Sequence[Scalar]] = {
-        "qdd": list(forward.qdd),
         "tau": _actuator_torques(problem),
         "energy": [problem.kinetic, problem.potential],
     }
+    if accelerations:
+        forward = problem.forward
+        outputs["qdd"] = list(forward.qdd)
     if problem.constraints.rows:
         found = residuals(problem)
         outputs["lam"] = list(forward.lam)
@@ -62,6 +66,29 @@ def _actuator_torques(problem: Problem) -> list[Scalar]:
     return tau
 
 
+class _Rolled:
+    """What is observed of a long chain: accelerations by loops over its bodies, the rest from expressions.
+
+    These grow with the length only, and are interpreted where that takes less time than compiling them.
+    """
+
+    def __init__(self, problem: Problem, dynamics: Rolled, samples: int) -> None:
+        self.places = list(dynamics.places)
+        forces = [dynamics.forces[k] for k in self.places]
+        outputs = {**observed(problem, accelerations=False), "forces": forces}
+        self.function = SampleFunction(outputs, GROUPS, samples)
+        self.forward = RolledForwardDynamics(problem.model)
+
+    def evaluate(self, samples: int, groups: dict[str, Array]) -> dict[str, Array]:
+        # parameters are no samples, and simulations have none
+        columns = {name: np.reshape(x, (samples, -1)) for name, x in groups.items() if name != "p"}
+        found = self.function(**columns)
+        tau = np.zeros(columns["v"].shape, order="F")
+        tau[:, self.places] = found["forces"]
+        found["qdd"] = self.forward(columns["q"], columns["v"], tau)
+        return found
+
+
 class Observer:
     """Evaluates accelerations, torques, multipliers, residuals, energies and places at sampled states."""
 
@@ -69,9 +96,14 @@ class Observer:
         self.problem = problem
         self.system = system
         self.passive = singular
-        outputs = observed(problem)
+        self.kernel: _Rolled | SampleKernel
+        if isinstance(system.dynamics, Rolled):
+            self.kernel = _Rolled(problem, system.dynamics, problem.scene.simulate.samples)
+            outputs = self.kernel.function.outputs
+        else:
+            outputs = {name: list(entries) for name, entries in observed(problem).items()}
+            self.kernel = SampleKernel(outputs, GROUPS)
         self.places = [path for path in outputs if path.startswith(("points/", "skeleton/", "frames/"))]
-        self.kernel = SampleKernel(outputs, GROUPS)
         self.correct_q = (
             SampleKernel({"q": system.position_correction}, GROUPS) if system.position_correction else None
         )

@@ -6,34 +6,23 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.errors import GeometryError, SingularConfigurationError
 from robodyn_cli.expr.graph import Expr
-from robodyn_cli.expr.rebuild import Evaluator
-from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import Model
+from robodyn_cli.solve.closure import Equations, Numbers, newton
 
 Array = NDArray[Any]
 ATTEMPTS = 24  # random starts
-MOST_STEP = 0.7  # rad, or part of the size of the mechanism
 CLOSED = 1e-11  # rad, or part of the size of the mechanism
-RANK_TOLERANCE = 1e-9
+RANK_TOLERANCE = 1e-6  # ratio of singular values below which a configuration counts as singular
 MOTION_SAMPLES = 80  # configurations on each side of the start at which a choice of rows is judged
 MOTION_STEP = 0.1  # rad, or part of the size of the mechanism, between them
 MOST_CHOICES = 3000  # choices of rows that are all looked at
-
-
-class Equations(Protocol):
-    """What assembly needs of the equations (satisfied by ``equations.problem.Problem``)."""
-
-    model: Model
-
-    @property
-    def constraint_rows(self) -> tuple[Row, ...]: ...
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,77 +37,6 @@ class Assembled:
     redundant: tuple[str, ...]
 
 
-class _Numbers:
-    """eta, Psi and eta_t on numbers."""
-
-    def __init__(self, equations: Equations, parameters: Sequence[float]) -> None:
-        self.rows = equations.constraint_rows
-        self.nv = equations.model.nv
-        self._eta = Evaluator([row.eta for row in self.rows])
-        self._eta_t = Evaluator([row.eta_t for row in self.rows])
-        self._psi = Evaluator([x for row in self.rows for x in row.psi])
-        self._cosines = Evaluator([row.cosine for row in self.rows])
-        self.parameters = list(parameters)
-        self.sizes = np.ones(len(self.rows))  # of the rows: 1 rad, or the size of the mechanism [m]
-
-    def _evaluate(self, outputs: Evaluator, q: Array, t: float) -> Array:
-        return np.array(outputs({"q": q.tolist(), "t": [t], "p": self.parameters}), dtype=float)
-
-    def eta(self, q: Array, t: float = 0.0) -> Array:
-        return self._evaluate(self._eta, q, t)
-
-    def relative(self, q: Array) -> Array:
-        return self.eta(q) / self.sizes
-
-    def psi(self, q: Array, t: float = 0.0) -> Array:
-        return self._evaluate(self._psi, q, t).reshape(len(self.rows), self.nv)
-
-    def turned(self, q: Array) -> list[str]:
-        """Return the loops that a closed configuration closes half a turn away from what is meant."""
-        cosines = self._evaluate(self._cosines, q, 0.0)
-        return sorted({row.name.rsplit(".", 1)[0] for row, cosine in zip(self.rows, cosines) if cosine < 0.5})
-
-    def eta_t(self, q: Array, t: float = 0.0) -> Array:
-        return self._evaluate(self._eta_t, q, t)
-
-
-def _newton(
-    numbers: _Numbers, q: Array, free: Sequence[int], lengths: Array, iterations: int = 60
-) -> tuple[Array, float]:
-    """Solve eta = 0 in the free coordinates by damped Gauss-Newton steps; returns q and the largest residual.
-
-    Steps are of least norm in q / lengths (nq,), which makes rad and m comparable. Residuals are relative to
-    the sizes of the rows.
-    """
-    q = q.copy()
-    residual = numbers.relative(q)
-    size = float(np.abs(residual).max(initial=0.0))
-    stalled = 0
-    for _ in range(iterations):
-        if size < 1e-300 or stalled > 3:
-            break
-        J = numbers.psi(q)[:, free] * lengths[free] / numbers.sizes[:, None]
-        if not np.all(np.isfinite(J)):
-            break
-        step, *_ = np.linalg.lstsq(J, -residual, rcond=1e-12)
-        largest = float(np.abs(step).max(initial=0.0))
-        if largest > MOST_STEP:
-            step *= MOST_STEP / largest
-        scale = 1.0
-        for _ in range(12):
-            trial = q.copy()
-            trial[free] += scale * step * lengths[free]
-            new = numbers.relative(trial)
-            if np.abs(new).max() < size:
-                break
-            scale *= 0.5
-        else:
-            break
-        stalled = stalled + 1 if np.abs(new).max() > 0.5 * size else 0
-        q, residual, size = trial, new, float(np.abs(new).max())
-    return q, size
-
-
 def mechanism_size(model: Model) -> float:
     """Return a length that stands for the size of the mechanism [m]."""
     total = 0.0
@@ -126,7 +44,8 @@ def mechanism_size(model: Model) -> float:
         total += float(np.linalg.norm([x if not isinstance(x, Expr) else 0.0 for x in body.X_tree.r]))
     for frame in (*model.points.values(), *(f for loop in model.loops for f in (loop.first, loop.second))):
         total = max(total, float(np.linalg.norm([x if not isinstance(x, Expr) else 0.0 for x in frame.p])))
-    return max(total, 1e-12)
+    total = max([total, *(getattr(loop.element, "length", 0.0) for loop in model.loops)])
+    return total if total > 0.0 else 1.0
 
 
 def assemble(
@@ -150,7 +69,7 @@ def assemble(
     SingularConfigurationError : the start is a singular configuration.
     """
     model = equations.model
-    numbers = _Numbers(equations, parameters)
+    numbers = Numbers(equations, parameters)
     place = {b.joint_name: b.q for b in model.bodies}
     rate_place = {b.joint_name: b.v for b in model.bodies}
     q = np.zeros(model.nq)
@@ -198,7 +117,7 @@ class _Closing:
     held: dict[str, float]
 
 
-def _close(numbers: _Numbers, q: Array, task: _Closing) -> Array:
+def _close(numbers: Numbers, q: Array, task: _Closing) -> Array:
     """Return the closed configuration nearest to q; first from q itself, then from starts around it.
 
     Missing coordinates may be anywhere. The others are moved further and further only if that does not close.
@@ -227,15 +146,15 @@ def _starts(q: Array, coordinates: list[int], lengths: Array, spread: float, see
 
 
 def _close_from(
-    numbers: _Numbers, q: Array, task: _Closing, starts: list[Array]
+    numbers: Numbers, q: Array, task: _Closing, starts: list[Array]
 ) -> tuple[list[tuple[float, Array]], list[tuple[float, Array]]]:
     """Return what closes, with its distance from q, and all that was reached, with its residual."""
     given = [k for k in range(len(q)) if k not in task.missing]
     found, tried = [], []
     for start in starts:
         if task.missing:  # first the unknown coordinates alone, so that the given ones pick the branch
-            start, _ = _newton(numbers, start, task.missing, task.lengths)
-        closed, residual = _newton(numbers, start, task.free, task.lengths)
+            start, _ = newton(numbers, start, task.missing, task.lengths)
+        closed, residual = newton(numbers, start, task.free, task.lengths)
         tried.append((residual, closed))
         if residual > CLOSED or numbers.turned(closed):
             continue
@@ -249,7 +168,7 @@ def _close_from(
     return found, tried
 
 
-def _open_loop(numbers: _Numbers, task: _Closing, tried: list[tuple[float, Array]]) -> GeometryError:
+def _open_loop(numbers: Numbers, task: _Closing, tried: list[tuple[float, Array]]) -> GeometryError:
     """Return the error of a loop that cannot close, with the smallest gap that is possible."""
     from scipy.optimize import minimize  # takes 0.4 s to import: only where something is already wrong
 
@@ -303,7 +222,7 @@ def _open_loop(numbers: _Numbers, task: _Closing, tried: list[tuple[float, Array
 
 
 def _close_rates(
-    numbers: _Numbers, q: Array, v: Array, given: list[int], hold: list[int]
+    numbers: Numbers, q: Array, v: Array, given: list[int], hold: list[int]
 ) -> tuple[Array, float]:
     """Return rates that satisfy Psi v + eta_t = 0, changing as few of the given ones as possible."""
     psi, eta_t = numbers.psi(q), numbers.eta_t(q)
@@ -338,7 +257,7 @@ def _rank(psi: Array) -> tuple[int, Array]:
     return int((sigma > RANK_TOLERANCE * max(float(sigma[0]), 1e-300)).sum()), sigma
 
 
-def _independent_rows(numbers: _Numbers, q: Array, lengths: Array) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def _independent_rows(numbers: Numbers, q: Array, lengths: Array) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Tell rows that always depend on the others (redundant) from a loss of rank at this configuration alone."""
     psi = numbers.psi(q)
     here, _ = _rank(psi)
@@ -350,7 +269,7 @@ def _independent_rows(numbers: _Numbers, q: Array, lengths: Array) -> tuple[tupl
     generic, example = here, psi
     for _ in range(6):
         start = q + 0.05 * rng.normal(size=len(q)) * lengths
-        moved, residual = _newton(numbers, start, list(range(len(q))), lengths)
+        moved, residual = newton(numbers, start, list(range(len(q))), lengths)
         if residual < 1e-9:
             rank, _ = _rank(numbers.psi(moved))
             if rank > generic:
@@ -364,7 +283,7 @@ def _independent_rows(numbers: _Numbers, q: Array, lengths: Array) -> tuple[tupl
     return _best_rows([example, *_along_the_motion(numbers, q, lengths)], generic, m)
 
 
-def _along_the_motion(numbers: _Numbers, q: Array, lengths: Array) -> list[Array]:
+def _along_the_motion(numbers: Numbers, q: Array, lengths: Array) -> list[Array]:
     """Return Psi at closed configurations on both sides of q along the mechanism's motion."""
     rng = np.random.default_rng(11)
     everything = list(range(len(q)))
@@ -380,7 +299,7 @@ def _along_the_motion(numbers: _Numbers, q: Array, lengths: Array) -> list[Array
             if not np.any(step):
                 break
             last = step / np.abs(step).max()
-            here, residual = _newton(numbers, here + MOTION_STEP * last * lengths, everything, lengths)
+            here, residual = newton(numbers, here + MOTION_STEP * last * lengths, everything, lengths)
             if residual > CLOSED:
                 break
             found.append(numbers.psi(here))

@@ -11,7 +11,7 @@ import typer
 from typer.main import get_command
 
 from robodyn_cli.cli.app import app
-from robodyn_cli.cli.quick import NotPlain, read, run_plain
+from robodyn_cli.cli.quick import NotPlain, find_command, read, run_plain
 
 COMMANDS = {str(info.name): info.callback for info in app.registered_commands if info.callback}
 
@@ -82,11 +82,25 @@ def test_several_scenes() -> None:
     assert read(COMMANDS["validate"], ["a.yaml", "b.yaml"])["scenes"] == [Path("a.yaml"), Path("b.yaml")]
 
 
-@pytest.mark.parametrize(
-    "words", [[], ["--version"], ["nonsense"], ["--help"], ["inverse"], ["inverse", "-h"]]
-)
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_is_found_by_its_file(name: str) -> None:
+    assert find_command(name) is COMMANDS[name]
+
+
+OTHER_WORDS = ["", "nonsense", "console", "app", "main", "quick", "work_precision", "..", "a b", "Inverse"]
+
+
+@pytest.mark.parametrize("word", OTHER_WORDS)
+def test_no_other_word_is_a_command(word: str) -> None:
+    assert find_command(word) is None
+
+
+NOTHING = [[], ["--version"], ["nonsense"], ["--help"], ["inverse"], ["inverse", "-h"]]
+
+
+@pytest.mark.parametrize("words", NOTHING, ids=" ".join)
 def test_nothing_runs(words: list[str]) -> None:
-    assert run_plain(app, words) is None
+    assert run_plain(words) is None
 
 
 def _checked(file: Annotated[Path, typer.Argument(exists=True)]) -> None: ...
@@ -113,9 +127,8 @@ def _fail(code: Annotated[str, typer.Argument()]) -> None:
     raise typer.Exit(int(code))
 
 
-def test_exit_code_is_the_command_s() -> None:
-    other = typer.Typer()
-    other.command("fail")(_fail)
+def test_exit_code_is_the_command_s(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robodyn_cli.cli.inverse.command", _fail)
     with pytest.raises(SystemExit) as end:
-        run_plain(other, ["fail", "5"])
+        run_plain(["inverse", "5"])
     assert end.value.code == 5

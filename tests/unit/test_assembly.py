@@ -60,7 +60,7 @@ def test_the_lectures_start() -> None:
         ("{theta1: 1, phi2: -1}", 1),
         ("{theta1: 1, phi2: 2.6}", -1),
         # guesses from which a plain Newton iteration does not arrive
-        ("{theta1: 1, phi1: 3, phi2: 1.6}", -1),
+        ("{theta1: 1, phi1: 3, phi2: 1.6}", None),
         ("{theta1: 0.3, phi1: 2.0, phi2: -3.0}", None),
         ("{theta1: 2.6, phi1: 0, phi2: 0}", None),
     ],
@@ -166,7 +166,7 @@ def test_rates_follow_from_the_one_that_is_given() -> None:
 
 def test_consistent_rates_are_kept() -> None:
     free = four_bar("initial={q: {theta1: 1}, qd: {theta1: 2}, hold: [theta1]}").v
-    text = f"{{theta1: 2, phi2: {free[1]!r}, phi1: {free[2]!r}}}"
+    text = f"{{theta1: 2, phi2: {float(free[1])!r}, phi1: {float(free[2])!r}}}"
     np.testing.assert_allclose(four_bar(f"initial={{q: {{theta1: 1}}, qd: {text}, hold: [theta1]}}").v, free, atol=1e-12)
 
 
@@ -182,13 +182,13 @@ def test_a_prescribed_joint_brings_its_rate() -> None:
 
 
 # -- singular and redundant --------------------------------------------------------------------------------
-@pytest.mark.parametrize("angle", ["0", "180 deg"])
-def test_a_start_in_a_bifurcation(angle: str) -> None:
-    error = failure(f"initial={{q: {{theta1: {angle}, phi2: 0, phi1: {angle}}}, hold: [theta1]}}", name="parallelogram")
-    if angle == "0":
-        assert isinstance(error, SingularConfigurationError) and error.exit_code == 4
-        assert (error.details["rank"], error.details["generic_rank"]) == (1, 2)
-        assert "start away from it" in error.message
+@pytest.mark.parametrize("angles", ["theta1: 0, phi2: 0, phi1: 0", "theta1: 180 deg, phi2: -180 deg, phi1: 180 deg",
+                                    "theta1: 180 deg"])  # fmt: skip
+def test_a_start_in_a_bifurcation(angles: str) -> None:
+    error = failure(f"initial={{q: {{{angles}}}, hold: [theta1]}}", name="parallelogram")
+    assert isinstance(error, SingularConfigurationError) and error.exit_code == 4
+    assert (error.details["rank"], error.details["generic_rank"]) == (1, 2)
+    assert "start away from it" in error.message
 
 
 def test_close_to_a_bifurcation_is_no_bifurcation() -> None:

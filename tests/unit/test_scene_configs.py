@@ -17,7 +17,7 @@ from robodyn_cli.scene import load_scene, load_scene_text
 from robodyn_cli.scene.types import Link, Scene
 
 CONFIGS = Path(__file__).parents[2] / "configs"
-SCENES = sorted(CONFIGS.glob("*.yaml"))
+SCENES = sorted([*CONFIGS.glob("*.yaml"), *CONFIGS.glob("benchmarks/*.yaml")])
 
 
 def load(name: str) -> Scene:

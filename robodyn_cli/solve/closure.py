@@ -1,0 +1,96 @@
+"""The closure equations on numbers, and the damped Newton steps that solve them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.expr.rebuild import Evaluator
+from robodyn_cli.loops.base import Row
+from robodyn_cli.model.model import Model
+
+Array = NDArray[Any]
+MOST_STEP = 0.7  # rad, or part of the size of the mechanism
+
+
+class Equations(Protocol):
+    """What assembly needs of the equations (satisfied by ``equations.problem.Problem``)."""
+
+    model: Model
+
+    @property
+    def constraint_rows(self) -> tuple[Row, ...]: ...
+
+
+class Numbers:
+    """eta, Psi and eta_t on numbers."""
+
+    def __init__(self, equations: Equations, parameters: Sequence[float]) -> None:
+        self.rows = equations.constraint_rows
+        self.nv = equations.model.nv
+        self._eta = Evaluator([row.eta for row in self.rows])
+        self._eta_t = Evaluator([row.eta_t for row in self.rows])
+        self._psi = Evaluator([x for row in self.rows for x in row.psi])
+        self._cosines = Evaluator([row.cosine for row in self.rows])
+        self.parameters = list(parameters)
+        self.sizes = np.ones(len(self.rows))  # of the rows: 1 rad, or the size of the mechanism [m]
+
+    def _evaluate(self, outputs: Evaluator, q: Array, t: float) -> Array:
+        return np.array(outputs({"q": q.tolist(), "t": [t], "p": self.parameters}), dtype=float)
+
+    def eta(self, q: Array, t: float = 0.0) -> Array:
+        return self._evaluate(self._eta, q, t)
+
+    def relative(self, q: Array) -> Array:
+        return self.eta(q) / self.sizes
+
+    def psi(self, q: Array, t: float = 0.0) -> Array:
+        return self._evaluate(self._psi, q, t).reshape(len(self.rows), self.nv)
+
+    def turned(self, q: Array) -> list[str]:
+        """Return the loops that a closed configuration closes half a turn away from what is meant."""
+        cosines = self._evaluate(self._cosines, q, 0.0)
+        return sorted({row.name.rsplit(".", 1)[0] for row, cosine in zip(self.rows, cosines) if cosine < 0.5})
+
+    def eta_t(self, q: Array, t: float = 0.0) -> Array:
+        return self._evaluate(self._eta_t, q, t)
+
+
+def newton(
+    numbers: Numbers, q: Array, free: Sequence[int], lengths: Array, iterations: int = 60
+) -> tuple[Array, float]:
+    """Solve eta = 0 in the free coordinates by damped Gauss-Newton steps; returns q and the largest residual.
+
+    Steps are of least norm in q / lengths (nq,), which makes rad and m comparable. Residuals are relative to
+    the sizes of the rows.
+    """
+    q = q.copy()
+    residual = numbers.relative(q)
+    size = float(np.abs(residual).max(initial=0.0))
+    stalled = 0
+    for _ in range(iterations):
+        if size < 1e-300 or stalled > 3:
+            break
+        J = numbers.psi(q)[:, free] * lengths[free] / numbers.sizes[:, None]
+        if not np.all(np.isfinite(J)):
+            break
+        step, *_ = np.linalg.lstsq(J, -residual, rcond=1e-12)
+        largest = float(np.abs(step).max(initial=0.0))
+        if largest > MOST_STEP:
+            step *= MOST_STEP / largest
+        scale = 1.0
+        for _ in range(12):
+            trial = q.copy()
+            trial[free] += scale * step * lengths[free]
+            new = numbers.relative(trial)
+            if np.abs(new).max() < size:
+                break
+            scale *= 0.5
+        else:
+            break
+        stalled = stalled + 1 if np.abs(new).max() > 0.5 * size else 0
+        q, residual, size = trial, new, float(np.abs(new).max())
+    return q, size

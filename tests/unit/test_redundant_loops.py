@@ -1,0 +1,114 @@
+"""Closures that say things twice: overconstrained linkages, and planar ones whose plane lies obliquely in space."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robodyn_cli import load_scene, load_scene_text, simulate
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import GeometryError
+from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.results.result import Result
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.spatial.algebra import rotation_rpy
+from tests.numeric import assert_close
+
+BENCHMARKS = Path(__file__).parents[2] / "configs" / "benchmarks"
+
+# opposite links alike; it moves only because a / sin(alpha) = b / sin(beta). The fourth link is the base.
+BENNETT = """
+schema: 1
+gravity: [1, -9, -4]
+robot:
+  convention: standard
+  joints:
+    - {name: t1, type: revolute, a: 1, alpha: 30 deg, d: 0}
+    - {name: t2, type: revolute, a: BLENGTH, alpha: 60 deg, d: 0}
+    - {name: t3, type: revolute, a: 1, alpha: 30 deg, d: 0}
+  links:
+    - {name: A, mass: 1, com: [0.5, 0, 0], com_frame: joint, inertia: {xx: 0.01, yy: 0.1, zz: 0.1}}
+    - {name: B, mass: 2, com: [0.8, 0, 0], com_frame: joint, inertia: {xx: 0.01, yy: 0.5, zz: 0.5}}
+    - {name: C, mass: 1, com: [0.5, 0, 0], com_frame: joint, inertia: {xx: 0.01, yy: 0.1, zz: 0.1}}
+  points: {pivot: {link: base, at: [-BLENGTH, 0, 0]}}
+loops:
+  - {name: last, type: revolute, between: [pivot, C.end], axis: [0, sqrt(3)/2, 1/2], axis2: [0, 0, 1]}
+initial: {q: {t1: 80 deg}, qd: {t1: 2}, hold: [t1]}
+simulate: {duration: 0.4, samples: 41, rtol: 1e-12, atol: 1e-12}
+"""
+
+
+def bennett(length: str = "sqrt(3)") -> Scene:
+    return load_scene_text(BENNETT.replace("BLENGTH", length))
+
+
+@lru_cache
+def moved() -> Result:
+    return simulate(bennett())
+
+
+def test_redundant_rows_of_a_bennett_linkage_are_named() -> None:
+    found = moved()
+    redundant = found.summary["assembly"]["redundant_rows"]
+    kept = found.variables["constraints/multipliers"].names
+    assert len(redundant) == 3 and len(kept) == 2
+    assert {*redundant, *kept} == {f"last.{row}" for row in ("x", "y", "z", "axis1", "axis2")}
+
+
+def test_a_bennett_linkage_satisfies_the_rows_left_out() -> None:
+    problem = Problem(bennett())
+    found = moved()
+    for q, v in zip(found["q"], found["qd"]):
+        at = {"q": q.tolist(), "v": v.tolist()}
+        assert np.abs(evaluate(problem.constraints.eta, at)).max() < 1e-13
+        psi = np.reshape(evaluate(list(problem.psi.ravel()), at), (5, 3))
+        assert np.abs(psi @ v).max() < 1e-12
+
+
+def test_a_bennett_linkage_moves_as_bennett_says() -> None:
+    """t3 = -t1 and tan(t1/2) tan(t2/2) = sin((beta + alpha)/2) / sin((beta - alpha)/2); energy gives the rate."""
+    found = moved()
+    t1, t2, t3 = found["q"].T
+    assert np.ptp(t1) > 0.4
+    assert_close(np.sin((t1 + t3) / 2), np.zeros_like(t1), 1e-13, 1.0)
+    expected = np.sin(np.pi / 4) / np.sin(np.pi / 12)
+    ratio = np.sin(t1 / 2) * np.sin(t2 / 2) - expected * np.cos(t1 / 2) * np.cos(t2 / 2)
+    assert_close(ratio, np.zeros_like(t1), 1e-12, 1.0)
+    assert found.summary["energy_drift"] < 1e-10
+    residual = found.summary["constraint_residual"]
+    assert residual["position"] < 1e-14 and residual["velocity"] < 1e-13
+
+
+def test_a_linkage_with_other_lengths_is_a_structure() -> None:
+    with pytest.raises(GeometryError):
+        simulate(
+            load_scene_text(
+                BENNETT.replace("BLENGTH", "1.7").replace("t1: 2}, hold: [t1]", "t1: 0}, hold: [t1]")
+            )
+        )
+
+
+def oblique() -> Scene:
+    """Return Drake's four-bar in a plane that no coordinate plane is parallel to."""
+    rpy = (0.4, -0.7, 1.1)
+    R = np.array(rotation_rpy(rpy), dtype=float)
+    text = (BENCHMARKS / "drake_four_bar.yaml").read_text(encoding="utf-8")
+    place = "origin: {{xyz: {}, rpy: {}}}".format
+    text = text.replace("origin: {xyz: [2, 0, 0]}", place((R @ [2, 0, 0]).tolist(), list(rpy)))
+    text = text.replace("parent: base, a: 4", f"parent: base, {place([0, 0, 0], list(rpy))}, a: 4", 1)
+    return load_scene_text(text.replace("[0, -9.8, 0]", str((R @ [0, -9.8, 0]).tolist())))
+
+
+def test_a_planar_mechanism_modelled_in_space_moves_as_in_its_plane() -> None:
+    space, plane = simulate(oblique()), simulate(load_scene(BENCHMARKS / "drake_four_bar.yaml"))
+    assert len(space.summary["assembly"]["redundant_rows"]) == 3
+    assert plane.summary["assembly"]["redundant_rows"] == []
+    assert_close(space["q"], plane["q"], 1e-10)
+    assert_close(space["qd"], plane["qd"], 1e-10)
+    assert_close(space["qdd"], plane["qdd"], 1e-9)
+    assert_close(space["energy/total"], plane["energy/total"], 1e-10, 1e3)
+    residual = space.summary["constraint_residual"]
+    assert residual["position"] < 6e-12 and residual["velocity"] < 6e-12 * np.abs(space["qd"]).max()
