@@ -27,20 +27,28 @@ def symbols(count: int, group: str = "x") -> list[Expr]:
     return Graph().symbols([f"{group}{k}" for k in range(count)], group)
 
 
-def at_width(program: Program, width: int, x: np.ndarray, fused: bool = True, level: int = 1) -> dict[str, np.ndarray]:
+def at_width(
+    program: Program, width: int, x: np.ndarray, fused: bool = True, level: int = 1
+) -> dict[str, np.ndarray]:
     """Compile a program of the inputs ``x`` for a lane width and evaluate it at the samples x (T, n)."""
     text = write_sample_kernel(program, width, fused)
     key = f"test {width} {fused} {hashlib.sha256(text.encode()).hexdigest()}"
     count = len(program.inputs) + len(program.outputs)
-    call = compile_module(key, lambda: text, level).function("kernel", *[ctypes.c_void_p] * count, ctypes.c_int64)
+    call = compile_module(key, lambda: text, level).function(
+        "kernel", *[ctypes.c_void_p] * count, ctypes.c_int64
+    )
     samples = len(x)
     padded = np.asfortranarray(np.concatenate([x, np.repeat(x[-1:], max(0, width - samples), axis=0)]))
     results = {k: np.empty((len(padded), len(v)), order="F") for k, v in program.outputs.items()}
-    call(*[padded.ctypes.data for _ in program.inputs], *[r.ctypes.data for r in results.values()], len(padded))
+    call(
+        *[padded.ctypes.data for _ in program.inputs], *[r.ctypes.data for r in results.values()], len(padded)
+    )
     return {k: r[:samples] for k, r in results.items()}
 
 
-def compiled(outputs: Mapping[str, Sequence[Scalar]], width: int, x: np.ndarray, **options: Any) -> dict[str, np.ndarray]:
+def compiled(
+    outputs: Mapping[str, Sequence[Scalar]], width: int, x: np.ndarray, **options: Any
+) -> dict[str, np.ndarray]:
     return at_width(make_program(dict(outputs), ["x"]), width, x, **options)
 
 

@@ -78,7 +78,11 @@ def forced(work: bool = False) -> Case:
         q = np.cos(t) + 3 / 8 * np.sin(t) - np.sin(3 * t) / 8
         v = -np.sin(t) + 3 / 8 * np.cos(t) - 3 / 8 * np.cos(3 * t)
         z = -(np.sin(2 * t) / 2 - np.sin(4 * t) / 4) / 2
-        z = z + 3 / 16 * ((1 - np.cos(4 * t)) / 4 + (1 - np.cos(2 * t)) / 2) - 3 / 16 * (1 - np.cos(6 * t)) / 6
+        z = (
+            z
+            + 3 / 16 * ((1 - np.cos(4 * t)) / 4 + (1 - np.cos(2 * t)) / 2)
+            - 3 / 16 * (1 - np.cos(6 * t)) / 6
+        )
         return _columns(q, v, z) if work else _columns(q, v)
 
     force: Callable[..., Any] = lambda t, q, v, z, p: [-q[0] + f.sin(3 * t)]  # noqa: E731
@@ -161,13 +165,22 @@ def advance(case: Case, method: str, end: float | None = None, **options: Any) -
 
 
 def samples(
-    body: System, method: str, start: Sequence[float], grid: Grid, end: float | None = None, block: int = 65536,
-    parameters: Any = (), on_event: Any = None, **options: Any,
+    body: System,
+    method: str,
+    start: Sequence[float],
+    grid: Grid,
+    end: float | None = None,
+    block: int = 65536,
+    parameters: Any = (),
+    on_event: Any = None,
+    **options: Any,
 ) -> tuple[Array, Array, Integrator]:
     """Integrate over a grid; returns times, states and the integrator."""
     integrator = Integrator(body, method, parameters)
     integrator.reset(grid.start, start, Options(**options))
-    times, states = collect(integrator, grid.times(0, grid.count)[-1] if end is None else end, grid, block, on_event)
+    times, states = collect(
+        integrator, grid.times(0, grid.count)[-1] if end is None else end, grid, block, on_event
+    )
     return times, states, integrator
 
 
@@ -183,8 +196,13 @@ def collect(
 
 
 def events_of(
-    body: System, method: str, start: Sequence[float], end: float, at: float = 0.0,
-    react: Callable[[Integrator, Event], bool] | None = None, **options: Any,
+    body: System,
+    method: str,
+    start: Sequence[float],
+    end: float,
+    at: float = 0.0,
+    react: Callable[[Integrator, Event], bool] | None = None,
+    **options: Any,
 ) -> tuple[list[Event], Integrator]:
     """Integrate and gather the events; they do not stop the run unless ``react`` returns False."""
     integrator = Integrator(body, method)

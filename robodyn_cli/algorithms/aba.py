@@ -141,9 +141,7 @@ class ArticulatedFactor:
         return x
 
 
-def aba(
-    model: Model, q: Values, qd: Values, tau: Values, gravity: Vector | None = None
-) -> Vector:
+def aba(model: Model, q: Values, qd: Values, tau: Values, gravity: Vector | None = None) -> Vector:
     """Return the joint accelerations for given torques: M^-1 (tau - h).
 
     The velocity and gravity terms come from one Newton-Euler pass with qdd = 0; the articulated-body

@@ -74,9 +74,7 @@ def subspace_rate(body: Body, q: Vector, qd: Vector, S: Matrix, velocity: Veloci
     return out
 
 
-def coriolis(
-    model: Model, q: Values, qd: Values, X: Sequence[Transform] | None = None
-) -> Matrix:
+def coriolis(model: Model, q: Values, qd: Values, X: Sequence[Transform] | None = None) -> Matrix:
     """Return the Coriolis matrix C (nv, nv); C qd are the velocity terms of the joint torques [N m or N].
 
     Over all material points with Jacobian J, C = sum dm J^T J-dot. So C + C^T = M-dot, which makes

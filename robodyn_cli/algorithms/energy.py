@@ -22,9 +22,7 @@ def rotor_kinetic_energy(body: Body, qd: Vector) -> Any:
     return 0.5 * body.armature * dot(qd, qd)
 
 
-def kinetic_energy(
-    model: Model, q: Values, qd: Values, X: Sequence[Transform] | None = None
-) -> Any:
+def kinetic_energy(model: Model, q: Values, qd: Values, X: Sequence[Transform] | None = None) -> Any:
     """Return the kinetic energy of bodies and rotors, qd^T M qd / 2 [J], in O(N).
 
     Parameters

@@ -112,9 +112,7 @@ def step_velocity(body: Body, X: Transform, q: Vector, qd: Vector, parent: Veloc
     return Velocity(X.E @ parent.w + S[:3] @ qd, X.E @ (parent.v + cross(parent.w, X.r)) + S[3:] @ qd)
 
 
-def velocities(
-    model: Model, X: Sequence[Transform], q: Values, qd: Values
-) -> dict[int, Velocity]:
+def velocities(model: Model, X: Sequence[Transform], q: Values, qd: Values) -> dict[int, Velocity]:
     """Return the velocity of each body, the base included."""
     found = {BASE: Velocity.at_rest()}
     for k, body in enumerate(model.bodies):

@@ -14,7 +14,8 @@ def command(
     scene: SceneFile,
     overrides: Overrides = None,
     for_command: Annotated[
-        str | None, typer.Option("--for", metavar="COMMAND", help="Command to plan. [default: the scene's own]")
+        str | None,
+        typer.Option("--for", metavar="COMMAND", help="Command to plan. [default: the scene's own]"),
     ] = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
@@ -32,7 +33,9 @@ def command(
         console.data(json.dumps(found, indent=2, ensure_ascii=False))
         console.say(render(found))
         if found.get("missing"):
-            console.note(f"robodyn: error: {scene}: the equations need {', '.join(found['missing'])}, which is not given")
+            console.note(
+                f"robodyn: error: {scene}: the equations need {', '.join(found['missing'])}, which is not given"
+            )
             return 2
         return 0
 

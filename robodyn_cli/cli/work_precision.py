@@ -25,12 +25,16 @@ def command(
     out: OutDir = None,
     overrides: Overrides = None,
     methods: Annotated[
-        str | None, typer.Option("--methods", metavar="A,B", help="Methods to compare. [default: all that can]")
+        str | None,
+        typer.Option("--methods", metavar="A,B", help="Methods to compare. [default: all that can]"),
     ] = None,
     tolerances: Annotated[
-        str | None, typer.Option("--tolerances", metavar="T,T", help="Tolerances to run. [default: 1e-2 to 1e-13]")
+        str | None,
+        typer.Option("--tolerances", metavar="T,T", help="Tolerances to run. [default: 1e-2 to 1e-13]"),
     ] = None,
-    repeats: Annotated[int, typer.Option("--repeats", min=1, max=1000, help="Runs that a median is taken of.")] = 7,
+    repeats: Annotated[
+        int, typer.Option("--repeats", min=1, max=1000, help="Runs that a median is taken of.")
+    ] = 7,
     no_plots: NoPlots = False,
     as_json: AsJson = False,
     quiet: Quiet = False,
@@ -48,10 +52,17 @@ def command(
 
         loaded = load_scene(scene, list(overrides or ()))
         names = methods.split(",") if methods else None
-        with OutputDirectory(out or default_directory(scene, "work-precision"), ("work_precision.png",)) as directory:
+        with OutputDirectory(
+            out or default_directory(scene, "work-precision"), ("work_precision.png",)
+        ) as directory:
             result = work_precision(loaded, names, numbers(tolerances), repeats, console.progress)
             console.clear()
-            result.summary = {"status": "ok", "command": "work-precision", "title": result.title, **result.summary}
+            result.summary = {
+                "status": "ok",
+                "command": "work-precision",
+                "title": result.title,
+                **result.summary,
+            }
             write(result, directory.result_path)
             write_bytes(directory.path / "runs.csv", as_csv(result.summary["runs"]).encode())
             directory.record(["runs.csv"])
@@ -75,7 +86,9 @@ def numbers(text: str | None) -> list[float] | None:
     try:
         found = [float(x) for x in text.split(",")]
     except ValueError:
-        raise SceneError(f"--tolerances {text!r}: not a list of numbers; allowed: for example 1e-6,1e-9") from None
+        raise SceneError(
+            f"--tolerances {text!r}: not a list of numbers; allowed: for example 1e-6,1e-9"
+        ) from None
     if not all(1e-15 <= x <= 0.1 for x in found):
         raise SceneError(f"--tolerances {text!r}: out of range; allowed: 1e-15 to 0.1")
     return found
@@ -104,7 +117,17 @@ def describe(summary: Mapping[str, Any]) -> str:
             f"  chaotic            a small change of the start has grown {summary['perturbation_growth']:.1e} times "
             f"by then; nothing is compared after t = {until:.4g} s"
         )
-    rows = [["error below", "best method", "formulation", "tolerance or step", "error", "time [ms]", "evaluations"]]
+    rows = [
+        [
+            "error below",
+            "best method",
+            "formulation",
+            "tolerance or step",
+            "error",
+            "time [ms]",
+            "evaluations",
+        ]
+    ]
     for best in summary["best"]:
         setting = best["tolerance"] if best["tolerance"] is not None else best["step"]
         rows.append(
@@ -114,6 +137,8 @@ def describe(summary: Mapping[str, Any]) -> str:
     lines.append(table(rows))
     bad = [r for r in summary["runs"] if r["status"] not in ("ok", "unsupported")]
     if bad:
-        kinds = ", ".join(f"{sum(r['status'] == k for r in bad)} {k}" for k in sorted({r["status"] for r in bad}))
+        kinds = ", ".join(
+            f"{sum(r['status'] == k for r in bad)} {k}" for k in sorted({r["status"] for r in bad})
+        )
         lines.append(f"  not usable         {kinds} of {len(summary['runs'])} runs (see runs.csv)")
     return "\n".join(lines)

@@ -88,7 +88,10 @@ class Problem:
     """
 
     def __init__(
-        self, scene: sc.Scene, symbolic: Sequence[str] = (), keep_rows: Sequence[int] | None = None,
+        self,
+        scene: sc.Scene,
+        symbolic: Sequence[str] = (),
+        keep_rows: Sequence[int] | None = None,
         model: Model | None = None,
     ) -> None:
         self.scene = scene
@@ -273,9 +276,7 @@ class Problem:
     @cached_property
     def elimination_order(self) -> list[int]:
         """Velocity coordinates, leaves of the tree first."""
-        return [
-            body.v + j for body in reversed(self.model.bodies) for j in range(body.joint.nv)
-        ]
+        return [body.v + j for body in reversed(self.model.bodies) for j in range(body.joint.nv)]
 
     # -- forward dynamics -----------------------------------------------------------------------------
     @cached_property

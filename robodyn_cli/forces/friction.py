@@ -14,9 +14,13 @@ from robodyn_cli.schema.fields import Choice, Either, Number, Section, key
 class CoulombPair:
     """Coulomb friction that differs with the direction; both values are magnitudes or carry their own sign."""
 
-    positive: float = key(Number(), unit="N m or N", doc="Level for qd > 0 (opposes the motion when positive).")
+    positive: float = key(
+        Number(), unit="N m or N", doc="Level for qd > 0 (opposes the motion when positive)."
+    )
     negative: float = key(
-        Number(), unit="N m or N", doc="Level for qd < 0 (opposes the motion when negative, as in Puma's Tc-)."
+        Number(),
+        unit="N m or N",
+        doc="Level for qd < 0 (opposes the motion when negative, as in Puma's Tc-).",
     )
 
 
@@ -32,7 +36,9 @@ class Friction:
     term: ClassVar[str] = "friction"
     dissipative: ClassVar[bool] = True
 
-    viscous: float = key(Number(minimum=0.0), default=0.0, unit="N m s/rad or N s/m", doc="Viscous coefficient b.")
+    viscous: float = key(
+        Number(minimum=0.0), default=0.0, unit="N m s/rad or N s/m", doc="Viscous coefficient b."
+    )
     coulomb: Any = key(
         Either((Number(minimum=0.0), Section(CoulombPair))),
         default=0.0,

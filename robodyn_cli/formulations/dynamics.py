@@ -33,7 +33,7 @@ from robodyn_cli.model.model import Model
 
 GROUPS = ("t", "q", "v", "z", "p")
 LANES = 8  # the most that an integrator evaluates at once
-Groups = Mapping[str, Sequence[Any]]
+Groups = Mapping[str, Any]
 Numbers = NDArray[np.float64]
 
 
@@ -49,9 +49,7 @@ class Emission(Protocol):
     nv: Int | int
     functions: dict[str, Function]
 
-    def evaluate(
-        self, program: Program, t: Value, x: Array, **more: list[Value]
-    ) -> dict[str, list[Value]]:
+    def evaluate(self, program: Program, t: Value, x: Array, **more: list[Value]) -> dict[str, list[Value]]:
         """Emit a program at time t and state x = (q, v, z)."""
 
     def workspace(self, name: str, velocities: int, others: int, width: int) -> Array:
@@ -197,8 +195,8 @@ class Rolled:
             w.functions[name] = rolled_function(
                 name, self.plan.recursion, self.plan.serial, width, w.fused, attributes="noinline"
             )
-        arguments = ("%tables", x.base, v.base, forces.base, rates.base, "%scratch")
-        f.raw(f"call void @{name}({', '.join(f'ptr {a}' for a in arguments)})")
+        tree = ("%tables", x.base, v.base, forces.base, rates.base, "%scratch")
+        f.raw(f"call void @{name}({', '.join(f'ptr {a}' for a in tree)})")
 
     def _force_function(self, name: str, width: int, fused: bool) -> Function:
         """Return ``name(t, q, v, z, p, f, r)``: forces at their joints, and the rates of z."""

@@ -82,7 +82,9 @@ def is_rolled(problem: Problem) -> bool:
 
 def kinks(problem: Problem) -> tuple[EventFunction, ...]:
     """Return the events of formulas that switch with the state (times are breakpoints)."""
-    return tuple(EventFunction(key, switch, terminal=False, kink=True) for key, switch in problem.state_switches)
+    return tuple(
+        EventFunction(key, switch, terminal=False, kink=True) for key, switch in problem.state_switches
+    )
 
 
 def _velocity_residual(problem: Problem) -> list[Scalar]:

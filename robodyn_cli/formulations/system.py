@@ -124,7 +124,8 @@ class System:
         """Key of everything that decides the compiled code."""
         parts = [self.dynamics, self.positions, self.velocities, self.switching]
         size = "any" if self.dynamics.any_size else f"{self.nq} {self.nv}"
-        return " ".join([f"{size} {self.nz}", *("-" if p is None else p.digest for p in parts)]) + " ".join(str(e.direction) for e in self.events)
+        code = ["-" if p is None else p.digest for p in parts]
+        return " ".join([size, str(self.nz), *code, *(str(e.direction) for e in self.events)])
 
 
 def _program(**outputs: Sequence[Scalar]) -> Program:

@@ -14,7 +14,9 @@ from robodyn_cli.kernels.ir import Int, Value
 from robodyn_cli.kernels.mathematics import rough_power
 
 SAFETY = 0.9
-MEMORY_GAIN = 0.32  # of the step controller that also looks at the previous error (Hairer and Wanner 1996, IV.2)
+# of the step controller that also looks at the previous error (Hairer and Wanner 1996, IV.2)
+MEMORY_GAIN = 0.32
+
 
 class ExplicitRungeKutta(Stepper):
     """Explicit Runge-Kutta pair given by its tableau."""
@@ -79,8 +81,11 @@ class ExplicitRungeKutta(Stepper):
             factor = rough_power(f, bounded, -0.5 * (1.0 / q - 0.75 * gain))
             factor = factor * rough_power(f, f.max(previous, 1e-8), 0.5 * gain) * SAFETY
             self.last_error = bounded
-            growth = f.select(f.compare_int("sgt", f.load_int(w.whole(Whole.REJECTED_IN_ROW)), 0), f.constant(1.0),
-                              f.constant(10.0))
+            growth = f.select(
+                f.compare_int("sgt", f.load_int(w.whole(Whole.REJECTED_IN_ROW)), 0),
+                f.constant(1.0),
+                f.constant(10.0),
+            )
             factor = f.min(f.max(factor, 0.2), growth)
         return Attempt(error, factor)
 
@@ -88,7 +93,9 @@ class ExplicitRungeKutta(Stepper):
         f = w.f
         if self.adaptive:
             w.put(Real.MEMORY_2, f.max(self.last_error, 1e-8))
-        wanted = f.compare_int("sle", f.load_int(w.whole(Whole.NEXT_SAMPLE)), f.load_int(w.whole(Whole.LAST_SAMPLE)))
+        wanted = f.compare_int(
+            "sle", f.load_int(w.whole(Whole.NEXT_SAMPLE)), f.load_int(w.whole(Whole.LAST_SAMPLE))
+        )
         watched = f.compare_int("ne", f.load_int(w.whole(Whole.WATCH)), 0)
         with f.when(wanted | watched), f.when(w.due(t + h, 2.0 * SLACK) | watched):
             self._store_dense(w, t, h)
@@ -121,7 +128,6 @@ class Dop853(ExplicitRungeKutta):
         return 8 * system.size
 
     def _store_dense(self, w: Writer, t: Value, h: Value) -> None:
-        f = w.f
         w.rate(t + h, w.new, self.K[12])
         for i in range(13, 16):
             self._stage(w, t, h, i)

@@ -161,9 +161,7 @@ class Gauss(Stepper):
             for j in range(w.system.nz):
                 self.weight[w.nv + j] = weight(w.nv + j)
 
-    def _combine(
-        self, w: Writer, a: Value, matrix: np.ndarray, factor: Value | None, start: Value
-    ) -> Value:
+    def _combine(self, w: Writer, a: Value, matrix: np.ndarray, factor: Value | None, start: Value) -> Value:
         """Return start + factor (matrix a), lanes being stages; two sums to shorten the chain."""
         f = w.f
         sums: list[Value | None] = [None, None]
@@ -294,9 +292,7 @@ class Gauss(Stepper):
         f.globals.append(f"@{name} = private unnamed_addr constant [{data.size} x double] [{flat}], align 64")
         return f"@{name}"
 
-    def _products(
-        self, w: Writer, sources: list[str], tables: list[list[tuple[str, Int]]]
-    ) -> list[Value]:
+    def _products(self, w: Writer, sources: list[str], tables: list[list[tuple[str, Int]]]) -> list[Value]:
         """Return, for each result, the sum over sources of (8 x 8 block of its table) times source.
 
         ``tables[r][k]`` is the address and block of the table that result r applies to source k, or result r has

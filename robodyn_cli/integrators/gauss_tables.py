@@ -100,7 +100,14 @@ def gauss_table(s: int) -> GaussTable:
         return np.array(x, dtype=float)
 
     table = GaussTable(
-        s, array(c), array(A), array(A2), array(b), array([w * (1 - x) for w, x in zip(b, c)]), array(M), array(L)
+        s,
+        array(c),
+        array(A),
+        array(A2),
+        array(b),
+        array([w * (1 - x) for w, x in zip(b, c)]),
+        array(M),
+        array(L),
     )
     check(table)
     return table

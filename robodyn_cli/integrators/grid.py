@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.integrators.loop import SLACK
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 
 
 @dataclasses.dataclass(frozen=True)

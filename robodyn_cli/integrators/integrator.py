@@ -6,7 +6,7 @@ import ctypes
 import dataclasses
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
+from functools import cache
 from time import perf_counter
 from typing import Any
 
@@ -20,6 +20,8 @@ from robodyn_cli.integrators.events import Found, crosses, first_roots
 from robodyn_cli.integrators.grid import Grid as Grid
 from robodyn_cli.integrators.layout import Real, Status, Whole
 from robodyn_cli.integrators.loop import Stepper, write_run
+from robodyn_cli.integrators.options import Counters as Counters
+from robodyn_cli.integrators.options import Options as Options
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.writer import ARGUMENTS
 from robodyn_cli.kernels.arrays import aligned_zeros
@@ -36,31 +38,6 @@ RESTART = 1 / 16  # first step after a jump, as a part of the time since the las
 # so many steps with events within this part of the time so far (or of a second) get nowhere
 CROWD = 200
 CROWDED = 1e-9
-
-
-@dataclasses.dataclass
-class Counters:
-    """What a run took."""
-
-    steps: int = 0
-    rejected: int = 0
-    evaluations: int = 0
-    projections: int = 0
-    events: int = 0
-
-    def as_dict(self) -> dict[str, int]:
-        return dataclasses.asdict(self)
-
-
-@dataclasses.dataclass(frozen=True)
-class Options:
-    """How to integrate; ``step`` is for methods without step control."""
-
-    rtol: float = 1e-10
-    atol: float = 1e-12
-    step: float | None = None
-    max_step: float = np.inf
-    max_steps: int = 10_000_000
 
 
 class Integrator:
@@ -99,7 +76,7 @@ class Integrator:
         self.reset(0.0, np.zeros(system.size))
 
     # -- state ----------------------------------------------------------------------------------------
-    def reset(self, time: float, state: Any, options: Options = Options()) -> None:  # noqa: B008
+    def reset(self, time: float, state: Any, options: Options = Options()) -> None:
         """Start a run from ``state`` = (q, v, z) at ``time``."""
         self.options = options
         self.w = np.zeros(Real.SIZE + max(1, len(self.system.events)))
@@ -336,7 +313,7 @@ class Integrator:
         high = min(float(self.w[Real.EVENT_HIGH]), stop)
         low = min(max(float(self.w[Real.EVENT_LOW]), t0), high)
 
-        @lru_cache(maxsize=None)
+        @cache
         def values(time: float) -> Array:
             self._restore(start)
             self.n[Whole.LAST_SAMPLE] = -1
@@ -396,7 +373,12 @@ class Integrator:
 
 
 def integrate(
-    system: System, method: str, state: Any, grid: Grid, options: Options = Options(), parameters: Any = ()  # noqa: B008
+    system: System,
+    method: str,
+    state: Any,
+    grid: Grid,
+    options: Options = Options(),
+    parameters: Any = (),
 ) -> tuple[Array, Array, Counters]:
     """Integrate over a grid and return times (T,), states (T, nx) and counters."""
     integrator = Integrator(system, method, parameters)

@@ -22,7 +22,6 @@ import numpy as np
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.layout import Real, Status, Whole
-from robodyn_cli.integrators.writer import INLINE_LIMIT as INLINE_LIMIT
 from robodyn_cli.integrators.writer import LANES, Writer
 from robodyn_cli.kernels.arrays import Array, Total
 from robodyn_cli.kernels.ir import Condition, Value, module
@@ -80,7 +79,9 @@ def write_run(system: System, method: Stepper, fused: bool) -> str:
     w = Writer(system, fused)
     f = w.f
     method.prepare(w)
-    loop, accepted, rejected, samples, leave = (f.label(x) for x in ("step", "accept", "reject", "samples", "leave"))
+    loop, accepted, rejected, samples, leave = (
+        f.label(x) for x in ("step", "accept", "reject", "samples", "leave")
+    )
     retry = f.label("retry")
     status = f.int_slot()
     f.store_int(Status.DONE, status)
@@ -108,7 +109,11 @@ def write_run(system: System, method: Stepper, fused: bool) -> str:
         # a last step that would leave almost nothing is stretched to the end; two even ones replace a long and a stub
         last = f.compare("oge", wanted * 1.0001, left)
         even = f.compare("ogt", wanted * 2.0, left)
-        h = f.select(last, left, f.select(even, left * 0.5, wanted)) if method.adaptive else f.select(last, left, wanted)
+        h = (
+            f.select(last, left, f.select(even, left * 0.5, wanted))
+            if method.adaptive
+            else f.select(last, left, wanted)
+        )
     h_slot, full_slot = f.slot(), f.slot()
     f.store(h, h_slot)
     f.store(f.select(last, f.constant(1.0), f.constant(0.0)), full_slot)
@@ -254,7 +259,8 @@ def _find_event(w: Writer, method: Stepper, t: Value, h: Value, status: str, lea
         order = "i32 " + f"{width}, " + ", ".join(f"i32 {j}" for j in range(width - 1))
         vec = f"<{width} x double>"
         shifted = f.emit(
-            f"shufflevector {vec} {g.ref}, {vec} {f.splat(before, width).ref}, <{width} x i32> <{order}>", width
+            f"shufflevector {vec} {g.ref}, {vec} {f.splat(before, width).ref}, <{width} x i32> <{order}>",
+            width,
         )
         rising = f.compare("ole", shifted, 0.0) & f.compare("ogt", g, 0.0)
         falling = f.compare("oge", shifted, 0.0) & f.compare("olt", g, 0.0)

@@ -44,7 +44,10 @@ class Rosenbrock(Stepper):
             rate = self._rate(w, f.muladd(h, float(T.alpha[i]), t), x)
             if i == 0:
                 self.rate0 = rate
-            r = [f.muladd(per_h, self._sum(w, T.C[i], U, c, None), rate[c]) if i else rate[c] for c in range(s.size)]
+            r = [
+                f.muladd(per_h, self._sum(w, T.C[i], U, c, None), rate[c]) if i else rate[c]
+                for c in range(s.size)
+            ]
             r_q, r_x = r[: s.nq], r[s.nq :]
             right = []
             for row in range(n):
@@ -74,7 +77,9 @@ class Rosenbrock(Stepper):
         w.rate(t, here, rates)
         return [rates[k] for k in range(len(x))]
 
-    def _sum(self, w: Writer, weights: tuple[float, ...], U: list[list[Value]], c: int, start: Value | None) -> Value:
+    def _sum(
+        self, w: Writer, weights: tuple[float, ...], U: list[list[Value]], c: int, start: Value | None
+    ) -> Value:
         f = w.f
         total = start
         for weight, u in zip(weights, U):
@@ -116,7 +121,9 @@ class Rosenbrock(Stepper):
 
     def save_dense(self, w: Writer, t: Value, h: Value) -> None:
         f, s = w.f, w.system
-        wanted = f.compare_int("sle", f.load_int(w.whole(Whole.NEXT_SAMPLE)), f.load_int(w.whole(Whole.LAST_SAMPLE)))
+        wanted = f.compare_int(
+            "sle", f.load_int(w.whole(Whole.NEXT_SAMPLE)), f.load_int(w.whole(Whole.LAST_SAMPLE))
+        )
         watched = f.compare_int("ne", f.load_int(w.whole(Whole.WATCH)), 0)
         with f.when(wanted | watched), f.when(w.due(t + h, 2.0 * SLACK) | watched):
             x1 = [w.new[k] for k in range(s.size)]
@@ -146,7 +153,9 @@ class Rosenbrock(Stepper):
             missed = (h * rates[s.nv + j] - slope) * (1.0 / (2.0 * x * (1.0 - x) * (1.0 - 2.0 * x)))
             f.store(missed, f.offset("%dense", place + j))
 
-    def _ends(self, w: Writer, j: int, h: Value, width: int) -> tuple[tuple[Value, Value], tuple[Value, Value]]:
+    def _ends(
+        self, w: Writer, j: int, h: Value, width: int
+    ) -> tuple[tuple[Value, Value], tuple[Value, Value]]:
         """Return state j (of v, then z) at the start and what it gains, and h times its rate at both ends."""
         f, s = w.f, w.system
         n = s.nv + s.nz

@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import dataclasses
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Row = tuple[float, ...]
-Array = NDArray[np.float64]
+Array = NDArray[Any]
+Tree = Any  # a tree is the sorted tuple of its branches
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,14 +60,14 @@ class RosenbrockTable:
         B = A + self.Gamma
         b = np.array(self.m) @ self.Gamma
 
-        def phi(tree: tuple[object, ...]) -> Array:
+        def phi(tree: Tree) -> Array:
             if not tree:
                 return np.ones(len(b))
             if len(tree) == 1:
-                return np.asarray(B @ phi(tree[0]))  # type: ignore[arg-type]
+                return np.asarray(B @ phi(tree[0]))
             product = np.ones(len(b))
             for child in tree:
-                product = product * (A @ phi(child))  # type: ignore[arg-type]
+                product = product * (A @ phi(child))
             return product
 
         for n in range(1, self.order + 1):
@@ -74,13 +76,13 @@ class RosenbrockTable:
                     raise ArithmeticError(f"a condition of order {n} fails")
 
 
-def rooted_trees(n: int) -> list[tuple[object, ...]]:
+def rooted_trees(n: int) -> list[Tree]:
     """Return the rooted trees with n nodes, a tree being the sorted tuple of its branches."""
     if n == 1:
         return [()]
-    found: set[tuple[object, ...]] = set()
+    found: set[Tree] = set()
 
-    def fill(left: int, largest: int, chosen: tuple[object, ...]) -> None:
+    def fill(left: int, largest: int, chosen: Tree) -> None:
         if left == 0:
             found.add(tuple(sorted(chosen, key=repr)))
         for k in range(min(left, largest), 0, -1):
@@ -91,16 +93,16 @@ def rooted_trees(n: int) -> list[tuple[object, ...]]:
     return sorted(found, key=repr)
 
 
-def nodes(tree: tuple[object, ...]) -> int:
+def nodes(tree: Tree) -> int:
     """Return the number of nodes."""
-    return 1 + sum(nodes(t) for t in tree)  # type: ignore[arg-type]
+    return 1 + sum(nodes(t) for t in tree)
 
 
-def density(tree: tuple[object, ...]) -> int:
+def density(tree: Tree) -> int:
     """Return the tree's density: the product of the sizes of all its subtrees."""
     total = nodes(tree)
     for branch in tree:
-        total *= density(branch)  # type: ignore[arg-type]
+        total *= density(branch)
     return total
 
 
@@ -135,4 +137,3 @@ RODAS5P = RosenbrockTable(
     m=(*_LAST, 1.0, 1.0, 1.0),
     e=(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0),
 )
-

@@ -26,9 +26,7 @@ class Writer:
     def __init__(self, system: System, fused: bool) -> None:
         self.system = system
         self.fused = fused
-        self.f = f = Function(
-            "run", [f"ptr noalias %{a}" for a in ARGUMENTS], result="i64", flags=RELAXED
-        )
+        self.f = f = Function("run", [f"ptr noalias %{a}" for a in ARGUMENTS], result="i64", flags=RELAXED)
         self.functions: dict[str, Function] = {}
         self._named: dict[str, Array] = {}
         # doubles taken so far in the caller's memory: so many per (padded) velocity, and so many beside
@@ -104,12 +102,12 @@ class Writer:
         with f.strict():
             time = start + f.to_double(k) * self.get(Real.SAMPLE_STEP)
             bound = limit + (f.abs(limit) + f.abs(start)) * slack
-        return f.compare("ole", time, bound) & f.compare_int("sle", k, f.load_int(self.whole(Whole.LAST_SAMPLE)))
+        return f.compare("ole", time, bound) & f.compare_int(
+            "sle", k, f.load_int(self.whole(Whole.LAST_SAMPLE))
+        )
 
     # -- programs -------------------------------------------------------------------------------------
-    def evaluate(
-        self, program: Program, t: Value, x: Array, **more: list[Value]
-    ) -> dict[str, list[Value]]:
+    def evaluate(self, program: Program, t: Value, x: Array, **more: list[Value]) -> dict[str, list[Value]]:
         """Emit a program of the system at time t and state x = (q, v, z), with ``more`` input groups."""
         f, width = self.f, x.width
         used = {i.value for i in program.instructions if i.op == "sym"}

@@ -44,7 +44,9 @@ def machine() -> Machine:
         lanes = 4
     else:
         lanes = 2
-    return Machine(triple, llvm.get_host_cpu_name(), features.flatten(), lanes, arm or bool(features.get("fma")))
+    return Machine(
+        triple, llvm.get_host_cpu_name(), features.flatten(), lanes, arm or bool(features.get("fma"))
+    )
 
 
 @lru_cache(maxsize=1)
@@ -147,13 +149,17 @@ def compile_module(key: str, write: Callable[[], str], level: int = 1) -> Compil
     """
     start = time.perf_counter()
     m = machine()
-    text = "\n".join([key, str(level), m.triple, m.cpu, m.features, str(m.lanes), str(m.fused), code_version()])
+    text = "\n".join(
+        [key, str(level), m.triple, m.cpu, m.features, str(m.lanes), str(m.fused), code_version()]
+    )
     digest = hashlib.sha256(text.encode()).hexdigest()
     found = _loaded.get(digest)
     if found is not None:
         return found
     llvm = _llvm()
-    target = llvm.Target.from_triple(m.triple).create_target_machine(cpu=m.cpu, features=m.features, opt=level)
+    target = llvm.Target.from_triple(m.triple).create_target_machine(
+        cpu=m.cpu, features=m.features, opt=level
+    )
     folder = cache_directory()
     path = folder / f"{digest[:40]}.o" if folder else None
     code = _read(path) if path else None

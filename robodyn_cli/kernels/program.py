@@ -108,4 +108,7 @@ def unknown_data(names: Sequence[str]) -> SceneError:
     hint = ""
     if any("inertia.x" in n or "inertia.y" in n or n.startswith("com[2]") for n in names):
         hint = " (the motion or the load leaves the plane)"
-    return SceneError(f"the equations of motion need {listed}, which the scene does not give{hint}", missing=sorted(set(names)))
+    return SceneError(
+        f"the equations of motion need {listed}, which the scene does not give{hint}",
+        missing=sorted(set(names)),
+    )

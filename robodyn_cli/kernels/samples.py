@@ -95,7 +95,8 @@ class SampleKernel:
             keep.append(array)
             arguments.append(array.ctypes.data)
         results = {
-            name: np.empty((padded, len(entries)), order="F") for name, entries in self.program.outputs.items()
+            name: np.empty((padded, len(entries)), order="F")
+            for name, entries in self.program.outputs.items()
         }
         arguments += [r.ctypes.data for r in results.values()]
         if samples:

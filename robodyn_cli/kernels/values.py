@@ -84,11 +84,15 @@ class Int:
     def __add__(self, other: Int | int) -> Int:
         return self._op("add", other)
 
+    __radd__ = __add__
+
     def __sub__(self, other: Int | int) -> Int:
         return self._op("sub", other)
 
     def __mul__(self, other: Int | int) -> Int:
         return self._op("mul", other)
+
+    __rmul__ = __mul__
 
     def __and__(self, other: Int | int) -> Int:
         return self._op("and", other)

@@ -112,10 +112,7 @@ def _joint_placement(
 
     offset = get("offset", joint.offset)
     if not has_dh(joint):
-        if joint.axis is not None:
-            R = rotation_to_z(joint.axis)
-        else:
-            R = identity()
+        R = rotation_to_z(joint.axis) if joint.axis is not None else identity()
         to_axis = Transform(R.T, zeros(3))
         back = Transform(R, zeros(3))
         shift = one
@@ -344,17 +341,19 @@ def _outlines(
 ) -> dict[str, tuple[FixedFrame, ...]]:
     """Return, for each moving link, its joint, the joints it carries (at zero), its far end, its named points."""
     outlines: dict[str, tuple[FixedFrame, ...]] = {}
+    carried: dict[str, list[int]] = {}
+    for k in range(len(robot.joints)):
+        carried.setdefault(parent_link(robot, k), []).append(k)
     for k in range(len(robot.joints)):
         name = moved_link(robot, k)
         where = placed[name]
         if where.body == BASE:
             continue
         spots = [where.joint_frame.r]
-        for other in range(len(robot.joints)):
-            if parent_link(robot, other) == name:
-                child = placed[moved_link(robot, other)]
-                merged = child.body == where.body  # by a fixed joint
-                spots.append(child.joint_frame.r if merged else bodies[child.body]["X_tree"].r)
+        for other in carried.get(name, []):
+            child = placed[moved_link(robot, other)]
+            merged = child.body == where.body  # by a fixed joint
+            spots.append(child.joint_frame.r if merged else bodies[child.body]["X_tree"].r)
         spots.append(where.link_frame.r)
         spots.extend(points[p].p for p, spec in (robot.points or {}).items() if spec.link == name)
         unique: list[Vector] = []

@@ -63,7 +63,9 @@ def draw(result: Result) -> Figure:
     axes[0].set_ylabel("largest error of q or qd [rad, m; per s]")
     axes[1].tick_params(labelleft=False)
     handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="lower left", bbox_to_anchor=(0.07, 0.0), ncols=3, frameon=False, fontsize=8)
+    figure.legend(
+        handles, labels, loc="lower left", bbox_to_anchor=(0.07, 0.0), ncols=3, frameon=False, fontsize=8
+    )
     figure.text(0.09, 0.945, result.title, fontsize=12, fontweight="bold")
     summary = result.summary
     figure.text(

@@ -26,8 +26,8 @@ from robodyn_cli.run.singularity import (
     passive_determinant,
     rank_loss_ahead,
     rank_loss_event,
-    refuse_singular_start,
     refuse_dependent_rows,
+    refuse_singular_start,
 )
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene

@@ -24,6 +24,11 @@ _COMPILER, _OPERATION = 35e-3, 80e-6
 BLOCK = 2048  # samples interpreted at a time, so that the intermediate results stay in the cache
 
 
+def worth_compiling(operations: int, samples: int) -> bool:
+    """Tell whether compiling so many operations takes less time than interpreting them at so many samples."""
+    return operations * (_CALL + _ENTRY * samples) > _COMPILER + _OPERATION * operations
+
+
 class SampleFunction:
     """Named expressions as a function of samples.
 
@@ -44,8 +49,7 @@ class SampleFunction:
         if missing:
             raise unknown_data(missing)
         self.operations = count_operations(entries)
-        interpreting = self.operations * (_CALL + _ENTRY * samples)
-        self.compiled = interpreting > _COMPILER + _OPERATION * self.operations
+        self.compiled = worth_compiling(self.operations, samples)
         if self.compiled:
             from robodyn_cli.kernels.samples import SampleKernel
 

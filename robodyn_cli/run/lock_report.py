@@ -88,7 +88,9 @@ def describe_lock(
         "time_error_method": "difference from a second, tighter integration; for growth, one grid interval",
         "angles": dict(zip(problem.model.joint_names, q.tolist())),
         "angles_deg": {
-            n: float(np.degrees(x)) for n, x, u in zip(problem.model.joint_names, q, problem.model.q_units) if u == "rad"
+            name: float(np.degrees(x))
+            for name, x, unit in zip(problem.model.joint_names, q, problem.model.q_units)
+            if unit == "rad"
         },
         "rates": dict(zip(problem.model.joint_names, qd.tolist())) if not found.driven else None,
         "kind": kind,

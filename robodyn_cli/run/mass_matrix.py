@@ -31,8 +31,9 @@ class Lightest:
     carries: bool
 
 
+@np.errstate(all="ignore")
 def lightest_joint(model: Model, q: Array) -> Lightest | None:
-    """Return the joint whose pivot of the mass matrix at q is smallest; None where data are unknown.
+    """Return the joint whose pivot of the mass matrix at q is smallest; None where that cannot be told.
 
     The pivots of M, leaves eliminated first, are the articulated inertias about the joints. They are compared
     with the composite inertias, which are the diagonal of M.
@@ -49,7 +50,7 @@ def lightest_joint(model: Model, q: Array) -> Lightest | None:
             felt, carried = (
                 S[:, j] @ inertia.column(S[:, j]) + body.armature for inertia in (free[k], locked[k])
             )
-            if not (is_number(felt) and is_number(carried)):
+            if not (is_number(felt) and is_number(carried) and np.isfinite(float(carried))):
                 return None
             share = float(felt) / float(carried) if carried > 0.0 else 0.0
             if share < found.share:

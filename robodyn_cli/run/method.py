@@ -59,8 +59,13 @@ def fastest_decay(system: System, t: float, x: Array) -> float:
     J = np.zeros((system.nq + system.nv, system.nq + system.nv))
     J[: system.nq, system.nq :] = np.eye(system.nq)
     s = system
-    values = {"t": [t], "q": x[: s.nq].tolist(), "v": x[s.nq : s.nq + s.nv].tolist(), "z": x[s.nq + s.nv :].tolist(),
-              "p": [0.0]}
+    values = {
+        "t": [t],
+        "q": x[: s.nq].tolist(),
+        "v": x[s.nq : s.nq + s.nv].tolist(),
+        "z": x[s.nq + s.nv :].tolist(),
+        "p": [0.0],
+    }
     for i, row in enumerate(rows):
         for k, entry in zip(row, evaluate(list(row.values()), values)):
             J[system.nq + i, columns[k][0]] = entry
@@ -89,7 +94,9 @@ def choose(scene: Scene, problem: Problem, system: System, start: Array, options
     asked = scene.simulate.integrator
     if asked != "auto":
         return Choice(asked, "asked for in simulate.integrator")
-    usual = Choice(DEFAULT, "collocation of order 16: the fastest at every accuracy where the motion is not stiff")
+    usual = Choice(
+        DEFAULT, "collocation of order 16: the fastest at every accuracy where the motion is not stiff"
+    )
     if isinstance(system.dynamics, Rolled) or not can_be_stiff(problem):
         return usual
     decay = fastest_decay(system, 0.0, start)
@@ -112,7 +119,12 @@ class Run:
     """One integration of a scene, which may change its method on the way (``auto`` only)."""
 
     def __init__(
-        self, scene: Scene, problem: Problem, system: System, start: Array, options: Options,
+        self,
+        scene: Scene,
+        problem: Problem,
+        system: System,
+        start: Array,
+        options: Options,
         tick: Callable[[float], None],
     ) -> None:
         self.scene = scene
@@ -145,7 +157,10 @@ class Run:
         return Counters(**{k: v + getattr(self._done, k) for k, v in now.items()})
 
     def run(
-        self, end: float, grid: Grid, emit: Callable[[Array, Array], None],
+        self,
+        end: float,
+        grid: Grid,
+        emit: Callable[[Array, Array], None],
         on_event: Callable[[Event], bool] | None = None,
     ) -> None:
         """Integrate to ``end`` as ``Integrator.run`` does."""

@@ -17,7 +17,6 @@ from robodyn_cli.formulations.index1 import residuals
 from robodyn_cli.formulations.system import GROUPS, System
 from robodyn_cli.kernels.rolled import RolledForwardDynamics
 from robodyn_cli.kernels.samples import SampleKernel
-from robodyn_cli.model.model import Model
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.writer import ResultWriter
 from robodyn_cli.run.evaluation import SampleFunction
@@ -199,8 +198,12 @@ class Observer:
         kinds = [r.kind for r in self.problem.constraints.rows]
         force = "N" if all(k == "force" for k in kinds) else "N or N m"
         table["constraints/multipliers"] = Column(force, "Lagrange multipliers", constraint, rows)
-        table["constraints/position_residual"] = Column("m", "residual of position constraints", constraint, rows)
-        table["constraints/velocity_residual"] = Column("m/s", "residual of velocity constraints", constraint, rows)
+        table["constraints/position_residual"] = Column(
+            "m", "residual of position constraints", constraint, rows
+        )
+        table["constraints/velocity_residual"] = Column(
+            "m/s", "residual of velocity constraints", constraint, rows
+        )
         return table
 
 
@@ -224,6 +227,7 @@ class Recorder:
         self._start: float | None = None
         self._last = -np.inf
 
+    @np.errstate(all="ignore")  # a run that blows up reports its last states, infinite ones too
     def emit(self, t: Array, x: Array, project: bool = True, extra: bool = False) -> None:
         """Observe and keep a block of states; ``extra`` marks one off the uniform grid, which is always kept."""
         data = self.observer.observe(t, x, project)
@@ -231,8 +235,9 @@ class Recorder:
         if self._start is None:
             self._start = float(balance[0])
         self.drift = max(self.drift, float(np.abs(balance - self._start).max()))
-        self.energy_scale = max(self.energy_scale, float(np.ptp(data["energy/potential"])),
-                                float(data["energy/kinetic"].max()))
+        self.energy_scale = max(
+            self.energy_scale, float(np.ptp(data["energy/potential"])), float(data["energy/kinetic"].max())
+        )
         if "constraints/position_residual" in data:
             self.position_residual = max(
                 self.position_residual, float(np.abs(data["constraints/position_residual"]).max(initial=0.0))
@@ -257,7 +262,12 @@ class Recorder:
             self.writer.append(path, block)
         else:
             self.writer.append(
-                path, block, units=column.units, long_name=column.long_name, dims=column.dims, names=column.names
+                path,
+                block,
+                units=column.units,
+                long_name=column.long_name,
+                dims=column.dims,
+                names=column.names,
             )
 
     def make_last_least_norm(self, time: float) -> None:
@@ -266,9 +276,17 @@ class Recorder:
         nv = problem.model.nv
         q, qd = self.blocks["q"][-1][-1], self.blocks["qd"][-1][-1]
         values = {"q": q.tolist(), "v": qd.tolist(), "t": [time], "p": []}
-        entries = [*problem.mass_matrix.ravel(), *(problem.applied - problem.bias), *problem.constraints.gamma]
+        entries = [
+            *problem.mass_matrix.ravel(),
+            *(problem.applied - problem.bias),
+            *problem.constraints.gamma,
+        ]
         numbers = np.array(evaluate(entries, values), dtype=float)
-        M, f, gamma = numbers[: nv * nv].reshape(nv, nv), numbers[nv * nv : nv * nv + nv], numbers[nv * nv + nv :]
+        M, f, gamma = (
+            numbers[: nv * nv].reshape(nv, nv),
+            numbers[nv * nv : nv * nv + nv],
+            numbers[nv * nv + nv :],
+        )
         psi = np.array(evaluate(list(problem.psi.ravel()), values), dtype=float).reshape(len(gamma), nv)
         spread = np.linalg.solve(M, psi.T)
         lam, *_ = np.linalg.lstsq(psi @ spread, -(gamma + spread.T @ f), rcond=1e-9)
@@ -299,5 +317,10 @@ class Recorder:
                 result.add(path, data)
             else:
                 result.add(
-                    path, data, units=column.units, long_name=column.long_name, dims=column.dims, names=column.names
+                    path,
+                    data,
+                    units=column.units,
+                    long_name=column.long_name,
+                    dims=column.dims,
+                    names=column.names,
                 )

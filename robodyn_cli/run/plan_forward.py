@@ -15,14 +15,16 @@ from robodyn_cli.equations.plan_terms import Ledger, drive_terms
 from robodyn_cli.equations.plan_variants import Symbols, serial_chain, without_loops
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar, count_operations
+from robodyn_cli.formulations.dynamics import Expanded, Rolled
 from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.formulations.system import GROUPS
-from robodyn_cli.integrators.loop import INLINE_LIMIT
+from robodyn_cli.integrators.writer import INLINE_LIMIT
 from robodyn_cli.kernels.program import make_program
 from robodyn_cli.run.deployment import Deployment
+from robodyn_cli.run.evaluation import worth_compiling
 from robodyn_cli.run.method import Choice, choose
 from robodyn_cli.run.observe import observed
-from robodyn_cli.run.plan_kernels import sampled, stepped
+from robodyn_cli.run.plan_kernels import rolled, rolled_step, sampled, stepped
 from robodyn_cli.run.simulate import options_for, prepare
 from robodyn_cli.run.singularity import loop_rows, rank_loss_event
 from robodyn_cli.run.stopwatch import Stopwatch
@@ -71,7 +73,7 @@ class Forward:
         """Return the right-hand side that is integrated: accelerations and the work's rate."""
         wanted = problem.scene.simulate.stabilisation
         # projection is a program of its own; the accelerations are the same without it
-        system = index1(problem, "none" if wanted == PROJECTION else wanted, work=work)
+        system = index1(problem, "none" if wanted == PROJECTION else wanted, work=work, expanded=True)
         return [*system.acceleration, *system.z_rate]
 
     # -- kernels --------------------------------------------------------------------------------------
@@ -79,6 +81,9 @@ class Forward:
         """Describe the compiled programs."""
         s = self.system
         held = "stages" if self.choice.method == "gauss" else "state"
+        if isinstance(s.dynamics, Rolled):
+            return self._rolled_kernels(s.dynamics, held)
+        assert isinstance(s.dynamics, Expanded)
         found = [stepped("accelerations", s.dynamics.program, held)]
         if self.choice.method == "rodas5p":
             found.append(stepped("accelerations and their derivatives", s.linearisation, "state"))
@@ -91,6 +96,17 @@ class Forward:
         if self.command == "deploy":
             lam = [self.problem.forward.lam[i] for i in loop_rows(self.problem)]
             found.append(sampled("multipliers on the 1 ms grid", make_program({"lam": lam}, GROUPS)))
+        return found
+
+    def _rolled_kernels(self, dynamics: Rolled, held: str) -> list[dict[str, Any]]:
+        """Describe the loops over the bodies of a long chain, and what goes with them."""
+        found = [rolled_step("accelerations", dynamics, held)]
+        if self.system.switching is not None:
+            found.append(stepped("events", self.system.switching, "times"))
+        found.append(rolled("accelerations at the samples", dynamics.plan, dynamics.program.operations))
+        program = make_program(observed(self.problem, accelerations=False), GROUPS)
+        compiled = worth_compiling(program.operations, self.problem.scene.simulate.samples)
+        found.append(sampled("observation", program, compiled))
         return found
 
     # -- terms ----------------------------------------------------------------------------------------
@@ -221,6 +237,14 @@ class Forward:
                 "operations": {"factored mass matrix": dense, "articulated bodies": articulated},
             })  # fmt: skip
         found.append({"choice": "integrator", "taken": self.choice.method, "reason": self.choice.reason})
+        dynamics = self.system.dynamics
+        if isinstance(dynamics, Rolled):
+            found.append({
+                "choice": "right-hand side in the stepping loop", "taken": "loops over the bodies",
+                "reason": f"{model.nv} joints: straight-line code would take longer to compile than to run",
+                "operations": {"loops over the bodies": dynamics.operations},
+            })  # fmt: skip
+            return found
         size = count_operations([*self.system.acceleration, *self.system.z_rate])
         inline = size <= INLINE_LIMIT
         found.append({

@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 from typing import Any
 
-from robodyn_cli.integrators.loop import INLINE_LIMIT, LANES
+from robodyn_cli.formulations.dynamics import Rolled
+from robodyn_cli.integrators.writer import INLINE_LIMIT, LANES
 from robodyn_cli.kernels.compiler import machine
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.kernels.rolled_tables import RolledPlan
@@ -47,6 +48,21 @@ def rolled(name: str, table: RolledPlan, extra: int) -> dict[str, Any]:
         "lanes_hold": "samples",
         "digest": hashlib.sha256(table.digest.encode()).hexdigest()[:12],
     }
+
+
+def rolled_step(name: str, dynamics: Rolled, lanes_hold: str) -> dict[str, Any]:
+    """Describe loops over the bodies in the integrator's loop, with the program of the forces on the joints."""
+    found = rolled(name, dynamics.plan, dynamics.program.operations)
+    forces = {k: n for k, n in dynamics.program.inputs.items() if k not in found["inputs"]}
+    found.update(
+        inputs={"q": dynamics.plan.nq, "v": dynamics.plan.nv, **forces},
+        outputs={"a": dynamics.plan.nv, **({"z": len(dynamics.z_rate)} if dynamics.z_rate else {})},
+        lanes=1 if lanes_hold == "state" else LANES,
+        lanes_hold=lanes_hold,
+        placed="function",
+        digest=hashlib.sha256(dynamics.digest.encode()).hexdigest()[:12],
+    )
+    return found
 
 
 def stepped(name: str, program: Program, lanes_hold: str) -> dict[str, Any]:

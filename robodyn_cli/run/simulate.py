@@ -55,7 +55,11 @@ def prepare(scene: Scene, watch: Stopwatch | None = None) -> Setup:
         loops = bool(problem.model.loops)
         for name in scene.initial.hold if loops else problem.model.joint_names:
             if name not in given:
-                why = "`initial.hold` keeps it at its value" if loops else "an open chain needs one for each joint"
+                why = (
+                    "`initial.hold` keeps it at its value"
+                    if loops
+                    else "an open chain needs one for each joint"
+                )
                 raise SceneError(
                     f"{scene.path}: initial.q: joint {name!r} has no initial position ({why})",
                     file=scene.path, key="initial.q",
@@ -79,7 +83,9 @@ def options_for(scene: Scene) -> Options:
 def tighter(options: Options, mean_step: float) -> tuple[Options, str]:
     """Return the options of the second run of the error estimate, and how it differs in words."""
     if options.step is not None:
-        return dataclasses.replace(options, step=options.step / 2), "step halved"
+        # a step longer than the run is as long as the run
+        taken = options.step if options.step < 2.0 * mean_step else mean_step
+        return dataclasses.replace(options, step=taken / 2), "step halved"
     if options.rtol >= 1e-12:
         rtol = max(options.rtol / TIGHTER, TIGHTEST_RTOL)
         atol = options.atol * rtol / options.rtol
@@ -96,7 +102,7 @@ def other_steps(options: Options, mean_step: float) -> tuple[Options, str]:
 def integrate_states(
     system: System, method: str, start: Array, grid: Grid, end: float, options: Options
 ) -> tuple[Array, Counters]:
-    """Integrate without observing, looking for kinks only; returns states (T, nx) at the grid up to ``end`` and the counters."""
+    """Integrate without observing, looking for kinks only; returns states (T, nx) up to ``end`` and the counters."""
     kinks = tuple(event for event in system.events if event.kink)
     if kinks and len(kinks) < len(system.events):
         system = dataclasses.replace(system, events=kinks)
@@ -108,8 +114,15 @@ def integrate_states(
 
 
 def estimate_error(
-    setup: Setup, system: System, method: str, start: Array, grid: Grid, end: float, options: Options,
-    recorder: Recorder, counters: Counters,
+    setup: Setup,
+    system: System,
+    method: str,
+    start: Array,
+    grid: Grid,
+    end: float,
+    options: Options,
+    recorder: Recorder,
+    counters: Counters,
 ) -> dict[str, Any]:
     """Estimate the global error by a second integration that is more accurate than the first.
 
@@ -159,7 +172,10 @@ def rounding_floor(q: Array, qd: Array, steps: int) -> float:
 
 
 def simulate(
-    scene: Scene, progress: Progress = no_progress, watch: Stopwatch | None = None, writer: ResultWriter | None = None
+    scene: Scene,
+    progress: Progress = no_progress,
+    watch: Stopwatch | None = None,
+    writer: ResultWriter | None = None,
 ) -> Result:
     """Integrate the scene over its duration.
 
@@ -189,7 +205,9 @@ def simulate(
     options = options_for(scene)
     start = np.concatenate([setup.assembled.q, setup.assembled.v, np.zeros(system.nz)])
     with watch.stage("method"):
-        run = Run(scene, problem, system, start, options, lambda time: progress(time, scene.simulate.duration))
+        run = Run(
+            scene, problem, system, start, options, lambda time: progress(time, scene.simulate.duration)
+        )
     recorder = Recorder(observer, writer, kept_every(scene, writer))
     found: list[dict[str, Any]] = []
 
@@ -222,7 +240,15 @@ def simulate(
     if scene.simulate.error_estimate:
         with watch.stage("error_estimate"):
             result.summary["error_estimate"] = estimate_error(
-                setup, system, integrator.stepper.name, start, grid, integrator.time, options, recorder, run.counters
+                setup,
+                system,
+                integrator.stepper.name,
+                start,
+                grid,
+                integrator.time,
+                options,
+                recorder,
+                run.counters,
             )
     result.summary["wall_time_s"] = watch.report()
     return result
@@ -256,7 +282,12 @@ def passive_coordinates(problem: Problem) -> list[int] | None:
         return None
     actuated = list(scene.actuated) if scene.actuated is not None else list(scene.torques or {})
     driven = {*actuated, *(scene.prescribed or {})}
-    return [b.v + j for b in sorted(model.bodies, key=lambda b: b.v) if b.joint_name not in driven for j in range(b.joint.nv)]
+    return [
+        b.v + j
+        for b in sorted(model.bodies, key=lambda b: b.v)
+        if b.joint_name not in driven
+        for j in range(b.joint.nv)
+    ]
 
 
 def kept_every(scene: Scene, writer: ResultWriter | None) -> int:
@@ -294,8 +325,12 @@ def describe_run(
     summary["samples"] = recorder.samples
     summary["error_estimate"] = None
     summary["energy_drift"] = recorder.drift
-    summary["energy_drift_relative"] = recorder.drift / recorder.energy_scale if recorder.energy_scale else 0.0
-    summary["energy_balance"] = "kinetic + potential - work" if integrator.system.nz else "kinetic + potential"
+    summary["energy_drift_relative"] = (
+        recorder.drift / recorder.energy_scale if recorder.energy_scale else 0.0
+    )
+    summary["energy_balance"] = (
+        "kinetic + potential - work" if integrator.system.nz else "kinetic + potential"
+    )
     if setup.problem.constraints.rows:
         summary["constraint_residual"] = {
             "position": recorder.position_residual, "velocity": recorder.velocity_residual,

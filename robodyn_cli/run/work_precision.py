@@ -30,7 +30,9 @@ SAMPLES = 257  # instants at which solutions are compared
 TOLERANCES = tuple(10.0**-k for k in range(2, 14))
 STEPS = 10  # step sizes tried for a method without step control, each half the one before
 LONGEST = 400_000  # steps after which a run counts as too slow
-VOUCHED = 1e-9  # relative agreement that the references must keep; beyond the time they lose it nothing is compared
+VOUCHED = (
+    1e-9  # relative agreement that the references must keep; beyond the time they lose it nothing is compared
+)
 
 
 @dataclasses.dataclass
@@ -67,7 +69,9 @@ class Reference:
     methods: tuple[str, str]
 
 
-def _solve(system: System, method: str, start: Array, grid: Grid, options: Options) -> tuple[Array, Integrator]:
+def _solve(
+    system: System, method: str, start: Array, grid: Grid, options: Options
+) -> tuple[Array, Integrator]:
     integrator = Integrator(system, method)
     integrator.reset(0.0, start, options)
     rows: list[Array] = []
@@ -98,7 +102,9 @@ def reference(system: System, start: Array, duration: float) -> Reference:
         if len(found) == 2:
             break
     if len(found) < 2:
-        raise NumericalError("no two methods get through this scene at tight tolerance, so nothing can vouch for a reference")
+        raise NumericalError(
+            "no two methods get through this scene at tight tolerance, so nothing can vouch for a reference"
+        )
     (first, x), (second, y) = found
     scale = np.maximum(np.ptp(x, axis=0), 1e-12)
     apart = np.max(np.abs(x - y) / scale, axis=1)
@@ -108,7 +114,12 @@ def reference(system: System, start: Array, duration: float) -> Reference:
     agreement = max(float(running[last]), 1e-16)
     times = grid.times(0, SAMPLES)
     return Reference(
-        times[: last + 1], x[: last + 1], scale, float(times[last]), float(-np.log10(agreement)), (first, second)
+        times[: last + 1],
+        x[: last + 1],
+        scale,
+        float(times[last]),
+        float(-np.log10(agreement)),
+        (first, second),
     )
 
 
@@ -140,9 +151,7 @@ def formulations(scene: Scene, problem: Problem, duration: float) -> dict[str, S
     }
 
 
-def run_entry(
-    system: System, entry: Entry, start: Array, ref: Reference, repeats: int
-) -> Entry:
+def run_entry(system: System, entry: Entry, start: Array, ref: Reference, repeats: int) -> Entry:
     """Fill in an entry: error over the comparable time, median run time without output, counters."""
     tolerance = entry.tolerance or 1e-10
     options = Options(tolerance, tolerance, entry.step, max_steps=LONGEST)
@@ -185,7 +194,11 @@ def best_at(entries: Sequence[Entry], levels: Sequence[float]) -> list[dict[str,
     """Return, for each error level, the run that reaches it in the least time."""
     table = []
     for level in levels:
-        able = [e for e in entries if e.status == "ok" and e.error is not None and e.error <= level and e.run_time_s]
+        able = [
+            e
+            for e in entries
+            if e.status == "ok" and e.error is not None and e.error <= level and e.run_time_s
+        ]
         if able:
             best = min(able, key=lambda e: e.run_time_s or np.inf)
             table.append({"level": level, **best.as_dict()})
@@ -237,7 +250,9 @@ def work_precision(
                     plan.append((system, Entry(method, formulation, None, ref.until / 100.0 / 2**k)))
     with watch.stage("runs"):
         for k, (system, entry) in enumerate(plan):
-            entries.append(entry if entry.status == "unsupported" else run_entry(system, entry, start, ref, repeats))
+            entries.append(
+                entry if entry.status == "unsupported" else run_entry(system, entry, start, ref, repeats)
+            )
             progress(k + 1, len(plan))
     return _result(scene, ref, growth, entries, watch, repeats)
 
@@ -263,7 +278,9 @@ def _result(
         "wall_time_s": watch.report(),
     }
     names = ["tolerance", "step", "error", "run_time_s", "compile_time_s", "evaluations", "steps"]
-    table = np.array([[np.nan if getattr(e, n) is None else float(getattr(e, n)) for n in names] for e in entries])
+    table = np.array(
+        [[np.nan if getattr(e, n) is None else float(getattr(e, n)) for n in names] for e in entries]
+    )
     result.add(
         "work_precision/runs", table.reshape(len(entries), len(names)), units="1, s, rad or m, s, s, 1, 1",
         long_name="runs in the order of summary.runs", dims=("run", "quantity"), names=tuple(names),

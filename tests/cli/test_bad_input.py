@@ -137,10 +137,14 @@ def test_one_line_with_the_place(
         ("robot=missing.yaml", "robot", ("missing.yaml", "no such file")),
     ],
 )
-def test_options_are_checked_alike(override: str, key: str, fragments: tuple[str, ...], tmp_path: Path) -> None:
+def test_options_are_checked_alike(
+    override: str, key: str, fragments: tuple[str, ...], tmp_path: Path
+) -> None:
     scene = tmp_path / "scene.yaml"
     scene.write_text(SCENE)
-    message = refused(invoke("simulate", scene, "--set", override, "--out", tmp_path / "out"), tmp_path / "out")
+    message = refused(
+        invoke("simulate", scene, "--set", override, "--out", tmp_path / "out"), tmp_path / "out"
+    )
     assert message.startswith(f"--set {override}: " + (f"{key}: " if key else "")), message
     for fragment in fragments:
         assert fragment in message
@@ -157,7 +161,9 @@ def test_an_alias_bomb(tmp_path: Path) -> None:
     bomb = "a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n"
     for k in range(1, 10):
         bomb += f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)}]\n"
-    message = refused(invoke("simulate", write(tmp_path, scene=bomb), "--out", tmp_path / "o"), tmp_path / "o")
+    message = refused(
+        invoke("simulate", write(tmp_path, scene=bomb), "--out", tmp_path / "o"), tmp_path / "o"
+    )
     assert "aliases expand to more than" in message and ":" in message
 
 
@@ -179,7 +185,11 @@ def test_includes_in_a_circle(tmp_path: Path) -> None:
 def test_an_error_in_an_included_file_is_placed_there(tmp_path: Path) -> None:
     robot = SCENE.split("robot:\n")[1].split("initial:")[0]
     robot = "\n".join(line[2:] for line in robot.splitlines())
-    scene = write(tmp_path, scene="schema: 1\ngravity: [0, 0, 0]\nrobot: arm.yaml\n", arm=robot.replace("mass: 1", "mass: x", 1))
+    scene = write(
+        tmp_path,
+        scene="schema: 1\ngravity: [0, 0, 0]\nrobot: arm.yaml\n",
+        arm=robot.replace("mass: 1", "mass: x", 1),
+    )
     message = refused(invoke("simulate", scene, "--out", tmp_path / "o"), tmp_path / "o")
     assert message.startswith(f"{tmp_path / 'arm.yaml'}:6:") and "robot.links.0.mass" in message
 
@@ -199,7 +209,19 @@ def test_an_error_in_an_included_file_is_placed_there(tmp_path: Path) -> None:
         (b"a: " * 5 + b"1\n", "not YAML"),
         (b"%YAML 9.9\n---\nschema: 1\n", ""),
     ],
-    ids=["empty", "comment", "list", "text", "two documents", "bytes", "zero byte", "braces", "dashes", "colons", "future"],
+    ids=[
+        "empty",
+        "comment",
+        "list",
+        "text",
+        "two documents",
+        "bytes",
+        "zero byte",
+        "braces",
+        "dashes",
+        "colons",
+        "future",
+    ],
 )
 def test_files_that_are_no_scene(content: bytes, fragment: str, tmp_path: Path) -> None:
     scene = tmp_path / "scene.yaml"
@@ -210,7 +232,9 @@ def test_files_that_are_no_scene(content: bytes, fragment: str, tmp_path: Path) 
 
 def test_a_cycle_of_links(tmp_path: Path) -> None:
     text = SCENE.replace("type: revolute, a: 1.0", "type: revolute, parent: l2, a: 1.0", 1)
-    message = refused(invoke("simulate", write(tmp_path, scene=text), "--out", tmp_path / "o"), tmp_path / "o")
+    message = refused(
+        invoke("simulate", write(tmp_path, scene=text), "--out", tmp_path / "o"), tmp_path / "o"
+    )
     assert "cycle" in message and "l1" in message and "l2" in message
 
 
@@ -224,11 +248,19 @@ def test_two_hundred_joints_in_one_wrong_order(tmp_path: Path) -> None:
     q = ", ".join(f"j{k}: 0.1" for k in range(40))
     text = "schema: 1\ngravity: [0, 0, 0]\nrobot:\n  joints:\n" + "\n".join(reversed(joints)) + "\n  links:\n"
     tail = f"\ninitial: {{q: {{{q}}}}}\nsimulate: {{duration: 0.01, samples: 2}}\n"
-    done = invoke("simulate", write(tmp_path, scene=text + "\n".join(links) + tail), "--no-plots", "--out", tmp_path / "o")
+    done = invoke(
+        "simulate",
+        write(tmp_path, scene=text + "\n".join(links) + tail),
+        "--no-plots",
+        "--out",
+        tmp_path / "o",
+    )
     assert done.code == 0 and "result.h5" in files(tmp_path / "o")
     stray = "\n    - {name: stray, mass: 1}"
     message = refused(
-        invoke("simulate", write(tmp_path, scene=text + "\n".join(links) + stray + tail), "--out", tmp_path / "p"),
+        invoke(
+            "simulate", write(tmp_path, scene=text + "\n".join(links) + stray + tail), "--out", tmp_path / "p"
+        ),
         tmp_path / "p",
     )
     assert "'stray'" in message and "scene.yaml:" in message

@@ -236,7 +236,9 @@ def test_no_space_left(scene: Path, tmp_path: Path) -> None:
     """A file system without room: nothing half-written stays behind."""
     small = tmp_path / "small"
     small.mkdir()
-    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(small)], capture_output=True)
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(small)], capture_output=True
+    )
     if mounted.returncode != 0:
         pytest.skip("cannot mount")
     try:
@@ -282,7 +284,15 @@ def test_a_scene_that_cannot_be_read_creates_no_directory(tmp_path: Path) -> Non
 
 
 def test_results_do_not_depend_on_where_the_command_is_given(tmp_path: Path) -> None:
-    from_root = run("inverse", "configs/2r_circle.yaml", "--no-plots", "--json", "--out", tmp_path / "a", cwd=CONFIGS.parent)
+    from_root = run(
+        "inverse",
+        "configs/2r_circle.yaml",
+        "--no-plots",
+        "--json",
+        "--out",
+        tmp_path / "a",
+        cwd=CONFIGS.parent,
+    )
     elsewhere = run("inverse", CIRCLE, "--no-plots", "--json", "--out", "b", cwd=tmp_path)
     assert from_root.code == elsewhere.code == 0
     first, second = (read(tmp_path / d / "result.h5") for d in "ab")
@@ -290,5 +300,7 @@ def test_results_do_not_depend_on_where_the_command_is_given(tmp_path: Path) -> 
 
 
 def test_python_with_all_warnings_as_errors(scene: Path) -> None:
-    done = run("simulate", scene, cwd=scene.parent, env=environment(PYTHONWARNINGS="error", PYTHONDEVMODE="1"))
+    done = run(
+        "simulate", scene, cwd=scene.parent, env=environment(PYTHONWARNINGS="error", PYTHONDEVMODE="1")
+    )
     assert done.code == 0, done.err

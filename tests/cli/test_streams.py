@@ -18,7 +18,13 @@ from tests.cli.tool import CONFIGS, PENDULUM, Done, environment, files, invoke, 
 
 # a run of minutes: long enough to be stopped in the middle on any machine
 LONG = ["--set", "simulate.duration=1e8", "--set", "simulate.samples=3", "--no-plots"]
-STREAMED = ["--set", "simulate.duration=1e6", "--set", "simulate.samples=50_000_000".replace("_", ""), "--no-plots"]
+STREAMED = [
+    "--set",
+    "simulate.duration=1e6",
+    "--set",
+    "simulate.samples=50_000_000".replace("_", ""),
+    "--no-plots",
+]
 
 
 @pytest.fixture
@@ -31,7 +37,9 @@ def scene(tmp_path: Path) -> Path:
 # -- streams -----------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("command", ["simulate", "inverse", "deploy", "plan"])
 @pytest.mark.parametrize("options", [["--json"], ["--json", "--quiet"]], ids=" ".join)
-def test_json_is_alone_on_standard_output_also_on_failure(command: str, options: list[str], tmp_path: Path) -> None:
+def test_json_is_alone_on_standard_output_also_on_failure(
+    command: str, options: list[str], tmp_path: Path
+) -> None:
     where = [] if command == "plan" else ["--out", tmp_path]
     done = invoke(command, "missing.yaml", *options, *where)
     assert done.code == 2
@@ -82,7 +90,9 @@ def test_closed_streams(closed: str, scene: Path) -> None:
     import sys
 
     line = f"{sys.executable} -m robodyn_cli simulate {scene} --no-plots {closed}"
-    done = subprocess.run(line, shell=True, cwd=scene.parent, env=environment(), capture_output=True, text=True)
+    done = subprocess.run(
+        line, shell=True, cwd=scene.parent, env=environment(), capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
 
 
@@ -104,7 +114,16 @@ def on_a_terminal(words: list[str], seconds: float = 30.0) -> tuple[str, str]:
 
 
 def test_progress_on_a_terminal(scene: Path, tmp_path: Path) -> None:
-    words = ["simulate", str(scene), "--set", "simulate.duration=5e5", "--no-plots", "--json", "--out", str(tmp_path)]
+    words = [
+        "simulate",
+        str(scene),
+        "--set",
+        "simulate.duration=5e5",
+        "--no-plots",
+        "--json",
+        "--out",
+        str(tmp_path),
+    ]
     seen, out = on_a_terminal(words)
     shares = [float(x) for x in re.findall(r"([0-9.]+) %", seen)]
     assert len(shares) >= 3 and max(shares) > 50.0
@@ -113,7 +132,16 @@ def test_progress_on_a_terminal(scene: Path, tmp_path: Path) -> None:
 
 
 def test_no_progress_when_quiet(scene: Path, tmp_path: Path) -> None:
-    words = ["simulate", str(scene), "--set", "simulate.duration=1e5", "--no-plots", "--quiet", "--out", str(tmp_path)]
+    words = [
+        "simulate",
+        str(scene),
+        "--set",
+        "simulate.duration=1e5",
+        "--no-plots",
+        "--quiet",
+        "--out",
+        str(tmp_path),
+    ]
     assert on_a_terminal(words) == ("", "")
 
 
@@ -140,7 +168,9 @@ def stopped(words: list[str], with_signal: int, when: Path, cwd: Path) -> tuple[
 @pytest.mark.parametrize("options", [LONG, STREAMED], ids=["few samples", "many samples"])
 def test_130_interrupted(options: list[str], scene: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    done, waited = stopped(["simulate", str(scene), *options, "--out", str(out)], signal.SIGINT, out / ".lock", tmp_path)
+    done, waited = stopped(
+        ["simulate", str(scene), *options, "--out", str(out)], signal.SIGINT, out / ".lock", tmp_path
+    )
     assert done.code == 130 and done.out == "" and done.err == "robodyn: error: interrupted\n"
     assert waited < 5.0
     assert files(out) == set(), "nothing half-written"
@@ -182,7 +212,9 @@ def test_an_early_interrupt_has_no_traceback(delay: float, scene: Path) -> None:
 @pytest.mark.parametrize("kill", [signal.SIGKILL, signal.SIGTERM])
 def test_killed_leaves_nothing_under_a_final_name(kill: int, scene: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    done, _ = stopped(["simulate", str(scene), *STREAMED, "--out", str(out)], kill, out / ".result.h5*", tmp_path)
+    done, _ = stopped(
+        ["simulate", str(scene), *STREAMED, "--out", str(out)], kill, out / ".result.h5*", tmp_path
+    )
     assert done.code == -kill
     assert all(name.startswith(".") for name in files(out))
     # the next run takes over the directory and sweeps

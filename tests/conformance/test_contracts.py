@@ -12,8 +12,8 @@ from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.formulations.dynamics import Expanded
+from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.formulations.system import EventFunction, System
 from robodyn_cli.integrators.integrator import Event, Grid, Integrator, Options
 from robodyn_cli.kernels.compiler import REPORT
@@ -90,9 +90,7 @@ def test_parameters_reach_the_stepping_loop() -> None:
         integrator = Integrator(system, parameters=[gravity])
         integrator.reset(0.0, start, Options(1e-12, 1e-13))
         integrator.advance(2.0)
-        folded = Integrator(
-            index1(Problem(load_scene(path, [f"gravity=[0, {gravity}, 0]"])), work=False)
-        )
+        folded = Integrator(index1(Problem(load_scene(path, [f"gravity=[0, {gravity}, 0]"])), work=False))
         folded.reset(0.0, start, Options(1e-12, 1e-13))
         folded.advance(2.0)
         assert np.abs(integrator.state - folded.state).max() < 1e-9
@@ -101,7 +99,7 @@ def test_parameters_reach_the_stepping_loop() -> None:
 
 
 def test_a_symbolic_name_that_means_nothing_is_an_error() -> None:
-    with pytest.raises(SceneError, match="links.link9.mass"):
+    with pytest.raises(SceneError, match=r"links\.link9\.mass"):
         Problem(load_scene(CONFIGS / "double_pendulum.yaml"), ["links.link9.mass"])
 
 

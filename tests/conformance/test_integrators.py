@@ -165,7 +165,9 @@ def test_samples_are_continuous_across_steps(method: str) -> None:
 @each_method
 @pytest.mark.parametrize(("start", "step", "count"), [(0.0, 0.1, 101), (0.0, 1 / 3, 31), (-7.3, 0.73, 11), (1e5, 1e-3, 50),
                                                       (-10.0, 0.01, 1001), (0.0, 10.0, 2), (2.5, 1e-4, 7)])  # fmt: skip
-def test_sample_times_are_the_grid_and_nothing_else(method: str, start: float, step: float, count: int) -> None:
+def test_sample_times_are_the_grid_and_nothing_else(
+    method: str, start: float, step: float, count: int
+) -> None:
     case = systems.oscillator()
     grid = Grid(start, step, count)
     for options in ({"rtol": 1e-3, "atol": 1e-3}, {"rtol": 1e-11, "atol": 1e-13}):
@@ -258,7 +260,9 @@ def test_integrators_of_the_same_code_share_nothing(method: str) -> None:
     alone = advance(case, method, 4.0, **fine(method)).state
     pair = [Integrator(case.system, method) for _ in range(2)]
     for k, integrator in enumerate(pair):
-        integrator.reset(0.0, case.start, Options(**({**fine(method), "atol": 1e-3 * k} if k else fine(method))))
+        integrator.reset(
+            0.0, case.start, Options(**({**fine(method), "atol": 1e-3 * k} if k else fine(method)))
+        )
     for stop in (1.0, 2.0, 4.0):
         for integrator in reversed(pair):
             integrator.advance(stop)
@@ -276,9 +280,7 @@ TABLE = (0.0, 0.37, 1.1, 2.9, 4.0), (0.0, 2.0, -1.0, 1.5, 0.0)
 
 def table_case(breakpoints: tuple[float, ...]) -> Case:
     """q'' = -q + piecewise linear torque."""
-    body = system(
-        1, lambda t, q, v, z, p: [-q[0] + f.interpolate(t, *TABLE)], breakpoints=breakpoints
-    )
+    body = system(1, lambda t, q, v, z, p: [-q[0] + f.interpolate(t, *TABLE)], breakpoints=breakpoints)
 
     def exact(t: np.ndarray) -> np.ndarray:
         out = np.zeros((len(t), 2))
@@ -290,7 +292,9 @@ def table_case(breakpoints: tuple[float, ...]) -> Case:
 
             def piece(s: np.ndarray, a: float = a, b: float = b, x: np.ndarray = x) -> np.ndarray:
                 c, d = x[0] - a, x[1] - b
-                return np.array([a + b * s + c * np.cos(s) + d * np.sin(s), b - c * np.sin(s) + d * np.cos(s)]).T
+                return np.array(
+                    [a + b * s + c * np.cos(s) + d * np.sin(s), b - c * np.sin(s) + d * np.cos(s)]
+                ).T
 
             inside = (t >= start) & (t < knots[k + 1])
             out[inside] = piece(t[inside] - start)
@@ -322,7 +326,9 @@ def test_without_breakpoints_kinks_are_found_by_the_step_control(method: str) ->
 
 
 @each_method
-@pytest.mark.parametrize("points", [(0.0,), (6.0,), (7.0, 8.0), (-1.0,), (3.0, 3.0), (1e-300,), (3.0, 3.0 + 4e-16)])
+@pytest.mark.parametrize(
+    "points", [(0.0,), (6.0,), (7.0, 8.0), (-1.0,), (3.0, 3.0), (1e-300,), (3.0, 3.0 + 4e-16)]
+)
 def test_breakpoints_in_odd_places_do_no_harm(method: str, points: tuple[float, ...]) -> None:
     case = systems.oscillator()
     body = dataclasses.replace(case.system, breakpoints=points)
@@ -342,7 +348,9 @@ def test_parameters(method: str) -> None:
             with pytest.raises(NumericalError):
                 samples(body, method, start, Grid(0.0, 0.5, 9), parameters=parameters, **fine(method))
             continue
-        times, states, integrator = samples(body, method, start, Grid(0.0, 0.5, 9), parameters=parameters, **fine(method))
+        times, states, integrator = samples(
+            body, method, start, Grid(0.0, 0.5, 9), parameters=parameters, **fine(method)
+        )
         assert largest(states - systems.oscillator(w).exact(times)) < 1e-8
         parameters[0] = 77.0
         assert integrator.p[0] == w * w, "the caller's array is his own"
@@ -385,7 +393,13 @@ def test_fixed_steps_are_counted_exactly() -> None:
     for method in METHODS:
         if methods[method].adaptive:
             continue
-        for duration, step, expected in ((1.0, 0.1, 10), (1.0, 0.3, 4), (10.0, 1e-3, 10_000), (0.05, 0.1, 1), (0.7, 0.1, 7)):
+        for duration, step, expected in (
+            (1.0, 0.1, 10),
+            (1.0, 0.3, 4),
+            (10.0, 1e-3, 10_000),
+            (0.05, 0.1, 1),
+            (0.7, 0.1, 7),
+        ):
             assert advance(case, method, duration, step=step).counters.steps == expected
         assert advance(case, method, 1.0).counters.steps == 1000  # without a step: a thousandth of the run
 
@@ -482,7 +496,10 @@ def test_units_do_not_matter(method: str, rate: float, size: float) -> None:
     expected = systems.pendulums(1.5).exact(np.array([10.0]))[0]
     assert largest(got - expected) < 1e-6
     # the tolerance is absolute for positions and velocities alike, so one of the two may be held tighter
-    assert integrator.counters.steps < 40 * advance(systems.pendulums(1.5), method, 10.0, rtol=1e-9, atol=1e-9).counters.steps
+    assert (
+        integrator.counters.steps
+        < 40 * advance(systems.pendulums(1.5), method, 10.0, rtol=1e-9, atol=1e-9).counters.steps
+    )
 
 
 @each_adaptive
@@ -561,7 +578,11 @@ def constrained_pendulum() -> Any:
 def test_projection_keeps_the_constraints(method: str, tolerance: float) -> None:
     body = constrained_pendulum()
     integrator = Integrator(body, method)
-    options = {"rtol": tolerance, "atol": tolerance} if methods[method].adaptive else {"step": 0.2 * tolerance**0.25}
+    options = (
+        {"rtol": tolerance, "atol": tolerance}
+        if methods[method].adaptive
+        else {"step": 0.2 * tolerance**0.25}
+    )
     integrator.reset(0.0, (-1.0, 0.0, 0.0, 0.0), Options(**options))
     for stop in np.linspace(0.05, 10.0, 120):
         integrator.advance(float(stop))
@@ -615,7 +636,9 @@ def test_long_equations_are_called_and_give_the_same(method: str, monkeypatch: p
     for limit in (loop.INLINE_LIMIT, 0):
         monkeypatch.setattr(loop, "INLINE_LIMIT", limit)
         monkeypatch.setattr(compiler, "_loaded", {})
-        runs.append(samples(body, method, (-1.0, 0.0, 0.0, 0.0), grid, on_event=lambda e: True, **fine(method)))
+        runs.append(
+            samples(body, method, (-1.0, 0.0, 0.0, 0.0), grid, on_event=lambda e: True, **fine(method))
+        )
     (_, inline, a), (_, called, b) = runs
     np.testing.assert_allclose(called, inline, rtol=0, atol=1e-11)
     assert a.counters.events == b.counters.events == 2

@@ -106,7 +106,9 @@ ROD_TABLE = {
 def rods(stop: bool = False) -> System:
     problem = Problem(load_scene_text(RODS))
     body = index1(problem)
-    return dataclasses.replace(body, events=(EventFunction("stop", problem.t - 5.5, 0, True),)) if stop else body
+    return (
+        dataclasses.replace(body, events=(EventFunction("stop", problem.t - 5.5, 0, True),)) if stop else body
+    )
 
 
 def rod_errors(states: np.ndarray, step: float = 0.5) -> dict[float, float]:
@@ -123,7 +125,9 @@ def rod_errors(states: np.ndarray, step: float = 0.5) -> dict[float, float]:
 @pytest.mark.parametrize("tolerance", [10.0**-k for k in range(3, 14)])
 def test_a_start_where_derivatives_vanish(method: str, tolerance: float, duration: float) -> None:
     """At rest and stretched out, many derivatives are zero: no tolerance, and no long run, may be fooled by it."""
-    states, integrator = run(rods(stop=True), method, np.zeros(4), Grid(0.0, 0.5, 12), options(method, tolerance), duration)
+    states, integrator = run(
+        rods(stop=True), method, np.zeros(4), Grid(0.0, 0.5, 12), options(method, tolerance), duration
+    )
     assert integrator.time == pytest.approx(5.5, abs=1e-12)
     errors = rod_errors(states)
     # small motions amplify an error about 2 times by 3 s and 6 times by 5 s
@@ -154,11 +158,15 @@ def test_rods_keep_their_energy(method: str) -> None:
 LECTURE = (-1.62889639534037, 0.477493006480734, -1.42990244445507, 2.56888649044476)
 
 
-@pytest.mark.parametrize(("rtol", "atol", "bound"), [(1e-10, 1e-12, 1e-8), (1e-10, 1e-10, 1e-8), (3e-14, 3e-14, 1e-11)])
+@pytest.mark.parametrize(
+    ("rtol", "atol", "bound"), [(1e-10, 1e-12, 1e-8), (1e-10, 1e-10, 1e-8), (3e-14, 3e-14, 1e-11)]
+)
 def test_the_lectures_double_pendulum(rtol: float, atol: float, bound: float) -> None:
     scene = load_scene(CONFIGS / "double_pendulum.yaml")
     start = (-np.pi / 2, np.pi / 4, 0.0, 0.0)
-    states, integrator = run(index1(Problem(scene)), "gauss", start, Grid(0.0, 0.01, 1001), Options(rtol, atol))
+    states, integrator = run(
+        index1(Problem(scene)), "gauss", start, Grid(0.0, 0.01, 1001), Options(rtol, atol)
+    )
     assert largest(integrator.state - LECTURE) < bound
     assert largest(states[-1] - LECTURE) < bound
     assert integrator.counters.evaluations < 3000

@@ -101,7 +101,9 @@ def test_other_mechanisms_close_to_rounding(text: str) -> None:
 
 
 def test_a_bad_guess_for_two_loops() -> None:
-    found = assembled(SIX_BAR, "initial={q: {crank: 1.0, c1: 2, rocker: 0.2, c2: 2.5, out: -2}, hold: [crank]}")
+    found = assembled(
+        SIX_BAR, "initial={q: {crank: 1.0, c1: 2, rocker: 0.2, c2: 2.5, out: -2}, hold: [crank]}"
+    )
     assert found.position_residual < 1e-14 and found.q[0] == 1.0
 
 
@@ -167,7 +169,9 @@ def test_rates_follow_from_the_one_that_is_given() -> None:
 def test_consistent_rates_are_kept() -> None:
     free = four_bar("initial={q: {theta1: 1}, qd: {theta1: 2}, hold: [theta1]}").v
     text = f"{{theta1: 2, phi2: {float(free[1])!r}, phi1: {float(free[2])!r}}}"
-    np.testing.assert_allclose(four_bar(f"initial={{q: {{theta1: 1}}, qd: {text}, hold: [theta1]}}").v, free, atol=1e-12)
+    np.testing.assert_allclose(
+        four_bar(f"initial={{q: {{theta1: 1}}, qd: {text}, hold: [theta1]}}").v, free, atol=1e-12
+    )
 
 
 def test_rates_that_contradict() -> None:
@@ -192,7 +196,9 @@ def test_a_start_in_a_bifurcation(angles: str) -> None:
 
 
 def test_close_to_a_bifurcation_is_no_bifurcation() -> None:
-    found = four_bar("initial={q: {theta1: 1e-4, phi2: -1e-4, phi1: 1e-4}, hold: [theta1]}", name="parallelogram")
+    found = four_bar(
+        "initial={q: {theta1: 1e-4, phi2: -1e-4, phi1: 1e-4}, hold: [theta1]}", name="parallelogram"
+    )
     assert found.position_residual < 1e-14 and found.q[0] == 1e-4
 
 

@@ -103,7 +103,9 @@ DAMAGE = {
 
 
 @pytest.mark.parametrize("kind", DAMAGE)
-def test_damaged_files_are_compiled_again_and_mended(kind: str, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_damaged_files_are_compiled_again_and_mended(
+    kind: str, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert build() == (1, 0)
     (path,) = cache.glob("*.o")
     whole = path.read_bytes()
@@ -115,7 +117,9 @@ def test_damaged_files_are_compiled_again_and_mended(kind: str, cache: Path, mon
     assert build() == (0, 1)
 
 
-def test_a_directory_in_the_place_of_a_file_is_no_obstacle(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_directory_in_the_place_of_a_file_is_no_obstacle(
+    cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     build()
     (path,) = cache.glob("*.o")
     path.unlink()
@@ -131,7 +135,11 @@ def test_where_nothing_can_be_kept_everything_works(
 ) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("in the way")
-    target = {"a file": blocked, "below a file": blocked / "x", "a name that is too long": tmp_path / ("x" * 300)}[place]
+    target = {
+        "a file": blocked,
+        "below a file": blocked / "x",
+        "a name that is too long": tmp_path / ("x" * 300),
+    }[place]
     monkeypatch.setenv("ROBODYN_CACHE", str(target))
     forget(monkeypatch)
     assert compiler.cache_directory() is None
@@ -140,7 +148,9 @@ def test_where_nothing_can_be_kept_everything_works(
 
 
 @pytest.mark.parametrize("function", ["tempfile.mkstemp", "os.replace", "os.fdopen"])
-def test_a_full_or_read_only_disk_is_no_error(function: str, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_or_read_only_disk_is_no_error(
+    function: str, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def fail(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
@@ -206,14 +216,21 @@ def test_another_version_of_the_writer_does_not_use_old_code(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("field", ["cpu", "features", "lanes", "fused"])
-def test_another_processor_does_not_use_it_either(field: str, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_processor_does_not_use_it_either(
+    field: str, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     import dataclasses
 
     keys: list[str] = []
     monkeypatch.setattr(compiler, "_read", lambda path: keys.append(path.name))
     build()
     host = compiler.machine()
-    value = {"cpu": "generic", "features": host.features + ",-fma", "lanes": host.lanes + 1, "fused": not host.fused}
+    value = {
+        "cpu": "generic",
+        "features": host.features + ",-fma",
+        "lanes": host.lanes + 1,
+        "fused": not host.fused,
+    }
     other = dataclasses.replace(host, **{field: value[field]})
     monkeypatch.setattr(compiler, "machine", lambda: other)
     forget(monkeypatch)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 RUN = {"inverse": inverse, "simulate": simulate, "deploy": deploy}
 
 
-@lru_cache(maxsize=None)
+@cache
 def ran(name: str, *overrides: str) -> Result:
     scene = load_scene(CONFIGS / f"{name}.yaml", overrides)
     assert scene.command is not None
@@ -42,7 +42,9 @@ def planar_2r(q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
     ("branch", "low", "high"),
     [("elbow_up", (71.868, 62.908), (168.285, 71.606)), ("elbow_down", (209.9, None), (242.1, None))],
 )
-def test_torques_of_the_circle(branch: str, low: tuple[float | None, ...], high: tuple[float | None, ...]) -> None:
+def test_torques_of_the_circle(
+    branch: str, low: tuple[float | None, ...], high: tuple[float | None, ...]
+) -> None:
     tau = ran("2r_circle", f"trajectory.ik.branch={branch}")["tau"]
     assert tau.shape == (1001, 2)
     for k in range(2):
@@ -75,7 +77,9 @@ def test_the_tip_stays_on_the_circle() -> None:
     tip = result["points/tip"]
     np.testing.assert_allclose(np.hypot(tip[:, 0] - 1.2, tip[:, 1] - 1.2), 0.2, rtol=0, atol=1e-14)
     q = result["q"]
-    by_hand = np.column_stack([np.cos(q[:, 0]) + np.cos(q.sum(axis=1)), np.sin(q[:, 0]) + np.sin(q.sum(axis=1))])
+    by_hand = np.column_stack(
+        [np.cos(q[:, 0]) + np.cos(q.sum(axis=1)), np.sin(q[:, 0]) + np.sin(q.sum(axis=1))]
+    )
     np.testing.assert_allclose(tip[:, :2], by_hand, rtol=0, atol=1e-14)
 
 
@@ -92,7 +96,9 @@ def test_rates_of_the_circle_are_derivatives() -> None:
 def test_what_the_arms_show() -> None:
     plane, weightless = ran("arm_in_plane"), ran("arm_weightless")
     assert "torque_terms/gravity" in plane and "torque_terms/gravity" not in weightless
-    np.testing.assert_allclose(plane["tau"] - plane["torque_terms/gravity"], weightless["tau"], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        plane["tau"] - plane["torque_terms/gravity"], weightless["tau"], rtol=0, atol=1e-12
+    )
 
 
 def test_seven_joints_have_all_terms() -> None:

@@ -57,13 +57,20 @@ def test_all_zeros_of_a_sine(method: str, direction: int, tolerance: float) -> N
     found, integrator = events_of(body, method, (0.0, 1.0), 31.0, **options(method, tolerance))
     expected = [k * np.pi for k in range(1, 10) if direction == 0 or (direction < 0) == (k % 2 == 1)]
     assert len(found) == len(expected)
-    bound = {"dopri5": 30.0, "rodas5p": 30.0}.get(method, 3.0) * tolerance if methods[method].adaptive else 2e-8
+    bound = (
+        {"dopri5": 30.0, "rodas5p": 30.0}.get(method, 3.0) * tolerance if methods[method].adaptive else 2e-8
+    )
     for event, time in zip(found, expected):
         assert abs(event.time - time) < bound + 1e-13 * time
         assert abs(event.state[0]) <= 1e-15 * max(1.0, time) + 4e-16 * time
         assert 0.0 <= event.time_error <= 1e-15 * time
     assert integrator.time == 31.0
     assert integrator.counters.events == len(found)
+    plain = Integrator(body, method)
+    plain.reset(0.0, (0.0, 1.0), Options(**options(method, tolerance)))
+    plain.advance(31.0)
+    # the trials are counted too
+    assert integrator.counters.evaluations > plain.counters.evaluations + 3 * len(found)
 
 
 @each_method
@@ -84,12 +91,16 @@ def test_events_close_together_come_in_the_order_of_time(method: str, gap: float
     body = oscillator(*((lambda t, q, v, k=k: t - (1.0 + (3 - k) * gap), 0) for k in range(3)))
     found, _ = events_of(body, method, (0.0, 1.0), 3.0, **options(method, 1e-3))
     assert [e.name for e in found] == ["e2", "e1", "e0"]
-    np.testing.assert_allclose([e.time for e in found], [1.0 + gap, 1.0 + 2 * gap, 1.0 + 3 * gap], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(
+        [e.time for e in found], [1.0 + gap, 1.0 + 2 * gap, 1.0 + 3 * gap], rtol=0, atol=1e-15
+    )
 
 
 @each_method
 def test_simultaneous_events_are_all_told(method: str) -> None:
-    body = oscillator((lambda t, q, v: q, 0), (lambda t, q, v: -2.0 * q, 0), (lambda t, q, v: q, 1), (lambda t, q, v: q, -1))
+    body = oscillator(
+        (lambda t, q, v: q, 0), (lambda t, q, v: -2.0 * q, 0), (lambda t, q, v: q, 1), (lambda t, q, v: q, -1)
+    )
     found, _ = events_of(body, method, (0.0, 1.0), 7.0, **options(method))
     assert [e.name for e in found] == ["e0", "e1", "e3", "e0", "e1", "e2"]
     times = np.array([e.time for e in found]).reshape(2, 3)
@@ -110,7 +121,9 @@ def test_balls_that_land_together_all_bounce(method: str) -> None:
         integrator.set_state(state)
         return True
 
-    found, integrator = events_of(body, method, (5.0, 5.0, 5.0, 0.0, 0.0, 0.0), 2.6, react=bounce, **options(method))
+    found, integrator = events_of(
+        body, method, (5.0, 5.0, 5.0, 0.0, 0.0, 0.0), 2.6, react=bounce, **options(method)
+    )
     assert [e.index for e in found] == [0, 1, 2, 0, 1, 2, 0, 1, 2]
     np.testing.assert_allclose([e.time for e in found], np.repeat([1.0, 2.0, 2.5], 3), atol=accuracy(method))
     assert np.ptp(integrator.state[:3]) < 1e-12 and integrator.state[0] > 0.0
@@ -156,7 +169,9 @@ def test_samples_around_a_jump_belong_to_their_side(method: str) -> None:
     np.testing.assert_allclose(states[:, 0], expected, atol=accuracy(method))
     late = Integrator(body, method)
     late.reset(0.0, (0.0, 1.0), Options(**options(method)))
-    times, states = collect(late, 2.0, Grid(0.0, 0.35, 6), on_event=lambda e: (late.set_state(e.state + [1.0, 0.0]), True)[1])
+    times, states = collect(
+        late, 2.0, Grid(0.0, 0.35, 6), on_event=lambda e: (late.set_state(e.state + [1.0, 0.0]), True)[1]
+    )
     # the sample at the very time of the jump shows the state before it
     assert states[3, 0] == pytest.approx(np.sin(1.05), abs=1e-7)
     assert states[4, 0] == pytest.approx(np.sin(1.4) + np.cos(0.35), abs=1e-7)
@@ -187,7 +202,9 @@ def test_starting_at_zero_is_no_event(method: str, speed: float) -> None:
 
 @each_method
 def test_staying_at_zero_is_no_event(method: str) -> None:
-    body = oscillator((lambda t, q, v: 0.0 * t, 0), (lambda t, q, v: q, 0), (lambda t, q, v: f.maximum(q, 0.0), 0))
+    body = oscillator(
+        (lambda t, q, v: 0.0 * t, 0), (lambda t, q, v: q, 0), (lambda t, q, v: f.maximum(q, 0.0), 0)
+    )
     found, _ = events_of(body, method, (0.0, 0.0), 5.0, **options(method))
     assert found == []
 
@@ -253,7 +270,9 @@ def test_a_grazing_touch(method: str, offset: float) -> None:
 def test_a_jumping_event_function_is_located_too(method: str) -> None:
     body = oscillator((lambda t, q, v: f.sign(q - 0.25), 0))
     found, _ = events_of(body, method, (0.0, 1.0), 4.0, **options(method))
-    np.testing.assert_allclose([e.time for e in found], [np.arcsin(0.25), np.pi - np.arcsin(0.25)], atol=accuracy(method))
+    np.testing.assert_allclose(
+        [e.time for e in found], [np.arcsin(0.25), np.pi - np.arcsin(0.25)], atol=accuracy(method)
+    )
 
 
 # -- stops -------------------------------------------------------------------------------------------------
@@ -261,7 +280,9 @@ def test_a_jumping_event_function_is_located_too(method: str) -> None:
 @pytest.mark.parametrize("terminal", [True, False])
 def test_terminal_events_end_the_run_unless_someone_says_otherwise(method: str, terminal: bool) -> None:
     body = system(
-        1, lambda t, q, v, z, p: [-q[0]], events=lambda t, q, v, z, p: [EventFunction("zero", q[0], -1, terminal)]
+        1,
+        lambda t, q, v, z, p: [-q[0]],
+        events=lambda t, q, v, z, p: [EventFunction("zero", q[0], -1, terminal)],
     )
     integrator = Integrator(body, method)
     integrator.reset(0.0, (0.0, 1.0), Options(**options(method)))

@@ -19,7 +19,9 @@ widths = pytest.mark.parametrize("width", WIDTHS)
 levels = pytest.mark.parametrize("level", [0, 1, 2])
 
 
-def run(write: Callable[[Function], None], x: np.ndarray, size: int, level: int = 1, n: int = 0) -> np.ndarray:
+def run(
+    write: Callable[[Function], None], x: np.ndarray, size: int, level: int = 1, n: int = 0
+) -> np.ndarray:
     """Run ``f(x, out, n)`` where ``write`` emits the body; returns ``out``."""
     f = Function("f", ["ptr %x", "ptr %out", "i64 %n"])
     write(f)
@@ -62,7 +64,10 @@ def test_lanes_travel_where_they_are_sent(width: int) -> None:
         f.store(f.pack(scalars, width), f.offset("%out", width))
         f.store(f.reduce("add", a), f.offset("%out", 2 * width))
         f.store(f.reduce("max", a), f.offset("%out", 2 * width + 1))
-        f.store(f.constant([float(k) for k in range(width)] if width > 1 else 0.0, width), f.offset("%out", 2 * width + 2))
+        f.store(
+            f.constant([float(k) for k in range(width)] if width > 1 else 0.0, width),
+            f.offset("%out", 2 * width + 2),
+        )
 
     x = np.arange(1.0, width + 1) ** 2
     got = run(body, x, 3 * width + 2)
@@ -92,8 +97,12 @@ def test_comparisons_and_masks_with_nan(predicate: str, width: int) -> None:
         f.store(f.splat(f.select(c, 1.0, f.constant(0.0, width)), width), "%out")
         f.store(f.to_double(c.mask()), f.offset("%out", width))
         f.store(f.select(c.any(), f.constant(1.0), 0.0), f.offset("%out", width + 1))
-        f.store(f.select(~c & f.compare("ord", a, a), 1.0, f.constant(0.0, width)), f.offset("%out", width + 2))
-        f.store(f.select(c | f.compare("uno", a, a), 1.0, f.constant(0.0, width)), f.offset("%out", 2 * width + 2))
+        f.store(
+            f.select(~c & f.compare("ord", a, a), 1.0, f.constant(0.0, width)), f.offset("%out", width + 2)
+        )
+        f.store(
+            f.select(c | f.compare("uno", a, a), 1.0, f.constant(0.0, width)), f.offset("%out", 2 * width + 2)
+        )
 
     pool = [np.nan, 0.0, 1.0, -1.0, np.inf, -0.0]
     rng = np.random.default_rng(0)
@@ -111,7 +120,9 @@ def test_comparisons_and_masks_with_nan(predicate: str, width: int) -> None:
 
 @pytest.mark.parametrize("mask", [1, 2, 8, 0b1010000, 1 << 40, (1 << 62) + 16])
 def test_lowest_bit(mask: int) -> None:
-    got = run(lambda f: f.store(f.to_double(f.lowest_bit(f.int_argument("n"))), "%out"), np.zeros(1), 1, n=mask)
+    got = run(
+        lambda f: f.store(f.to_double(f.lowest_bit(f.int_argument("n"))), "%out"), np.zeros(1), 1, n=mask
+    )
     assert got[0] == (mask & -mask).bit_length() - 1
 
 
@@ -140,11 +151,10 @@ def test_nested_loops_branches_and_state_in_slots(level: int) -> None:
         f.store(0.0, total)
         f.store_int(0, odd)
         n = f.int_argument("n")
-        with f.count(n) as i, f.count(n) as j:
-            with f.when(f.compare_int("sgt", i, j)):
-                f.store(f.load(total) + f.to_double(i * j), total)
-                with f.when(f.compare_int("eq", (i + j) & 1, 1)):
-                    f.bump(odd, 2)
+        with f.count(n) as i, f.count(n) as j, f.when(f.compare_int("sgt", i, j)):
+            f.store(f.load(total) + f.to_double(i * j), total)
+            with f.when(f.compare_int("eq", (i + j) & 1, 1)):
+                f.bump(odd, 2)
         f.store(f.load(total), "%out")
         f.store(f.to_double(f.load_int(odd)), f.offset("%out", 1))
         f.store(f.to_double(f.select_int(f.compare_int("slt", n, 5), n - 1, n | 1)), f.offset("%out", 2))
@@ -152,7 +162,12 @@ def test_nested_loops_branches_and_state_in_slots(level: int) -> None:
 
     for n in (0, 4, 7):
         pairs = [(i, j) for i in range(n) for j in range(i)]
-        expected = [sum(i * j for i, j in pairs), 2 * sum((i + j) % 2 for i, j in pairs), n - 1 if n < 5 else n | 1, -2]
+        expected = [
+            sum(i * j for i, j in pairs),
+            2 * sum((i + j) % 2 for i, j in pairs),
+            n - 1 if n < 5 else n | 1,
+            -2,
+        ]
         assert run(body, np.zeros(1), 4, level, n).tolist() == expected
 
 
@@ -176,8 +191,12 @@ def test_strict_arithmetic_is_not_reordered(width: int, level: int) -> None:
     a, b = rng.standard_normal(width), rng.standard_normal(width) * 1e-5
     got = run(body, np.concatenate([a, b]), 3 * width, level).reshape(3, width)
     pairs = list(zip(a.tolist(), b.tolist()))
-    np.testing.assert_array_equal(got[0], [float(Fraction(x) + Fraction(y) - Fraction(x + y)) for x, y in pairs])
-    np.testing.assert_array_equal(got[1], [float(Fraction(x) * Fraction(y) - Fraction(x * y)) for x, y in pairs])
+    np.testing.assert_array_equal(
+        got[0], [float(Fraction(x) + Fraction(y) - Fraction(x + y)) for x, y in pairs]
+    )
+    np.testing.assert_array_equal(
+        got[1], [float(Fraction(x) * Fraction(y) - Fraction(x * y)) for x, y in pairs]
+    )
     assert np.all(got[:2] != 0.0)
     np.testing.assert_array_equal(got[2], (a + 1e16) - 1e16)
 

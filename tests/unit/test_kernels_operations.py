@@ -53,7 +53,9 @@ def test_exact_operations(op: str, width: int) -> None:
 @widths
 def test_where_takes_the_second_branch_at_zero_and_at_nan(width: int) -> None:
     x, a, b = symbols(3)
-    rows = np.array([(s, 1.0, 2.0) for s in SPECIAL] + [(1.0, np.nan, 3.0), (-1.0, np.inf, 4.0), (-1.0, 5.0, np.nan)])
+    rows = np.array(
+        [(s, 1.0, 2.0) for s in SPECIAL] + [(1.0, np.nan, 3.0), (-1.0, np.inf, 4.0), (-1.0, 5.0, np.nan)]
+    )
     got = compiled({"r": [f.where(x, a, b)], "s": [f.step(x)]}, width, rows)
     same(got["r"][:, 0], np.where(rows[:, 0] > 0, rows[:, 1], rows[:, 2]))
     # a step is 1 wherever x is not below zero

@@ -88,7 +88,9 @@ def test_memory_order_and_number_types_do_not_matter(count: int) -> None:
         np.testing.assert_array_equal(got["a"], kernel(**data)["a"], err_msg=name)
         np.testing.assert_array_equal(q, before, err_msg="inputs stay as they are")
     single = np.float32(0.5) * np.ones((count, 3), dtype=np.float32)
-    np.testing.assert_array_equal(kernel(**{**data, "q": single})["a"], kernel(**{**data, "q": 0.5 + 0 * data["q"]})["a"])
+    np.testing.assert_array_equal(
+        kernel(**{**data, "q": single})["a"], kernel(**{**data, "q": 0.5 + 0 * data["q"]})["a"]
+    )
 
 
 def test_results_are_columns_and_belong_to_the_caller() -> None:
@@ -113,8 +115,14 @@ def test_not_a_number_stays_in_its_own_sample() -> None:
 
 def test_what_the_scene_does_not_say_is_an_error_that_names_it() -> None:
     graph = Graph()
-    q, mass, xx = graph.symbol("q", "q"), graph.symbol("mass of link2", "unknown"), graph.symbol("inertia.xx of link1", "unknown")
-    with pytest.raises(SceneError, match=r"need inertia\.xx of link1, mass of link2.*leaves the plane") as caught:
+    q, mass, xx = (
+        graph.symbol("q", "q"),
+        graph.symbol("mass of link2", "unknown"),
+        graph.symbol("inertia.xx of link1", "unknown"),
+    )
+    with pytest.raises(
+        SceneError, match=r"need inertia\.xx of link1, mass of link2.*leaves the plane"
+    ) as caught:
         SampleKernel({"r": [q * mass, xx + mass]}, KNOWN)
     assert caught.value.details["missing"] == ["inertia.xx of link1", "mass of link2"]
     with pytest.raises(SceneError, match=r"need mass of link2, which the scene does not give$"):

@@ -43,4 +43,6 @@ def test_no_evaluation_of_text() -> None:
 
 @pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda p: str(p.relative_to(PACKAGE)))
 def test_files_stay_short(path: Path) -> None:
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= 400, f"{path} is longer than 400 lines: split it"
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 400, (
+        f"{path} is longer than 400 lines: split it"
+    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ GROUND_LINK = CRANK = 1.241
 ROD = 1.2
 
 
-@lru_cache(maxsize=None)
+@cache
 def four_bar(*overrides: str, name: str = "four_bar_deploy") -> Result:
     return deploy(load_scene(CONFIGS / f"{name}.yaml", overrides))
 
@@ -94,9 +94,13 @@ def time_by_energy(branch: int) -> float:
         return float(np.sqrt(inertia(theta) / (2 * work)))
 
     middle = 1.3
-    first = quad(lambda s: 2 * s * slowness(start + s * s), 0, np.sqrt(middle - start), epsabs=1e-11, limit=200)[0]
+    first = quad(
+        lambda s: 2 * s * slowness(start + s * s), 0, np.sqrt(middle - start), epsabs=1e-11, limit=200
+    )[0]
     tail = 1e-4
-    second = quad(lambda u: 2 * u * slowness(end - u * u), tail, np.sqrt(end - middle), epsabs=1e-10, limit=200)[0]
+    second = quad(
+        lambda u: 2 * u * slowness(end - u * u), tail, np.sqrt(end - middle), epsabs=1e-10, limit=200
+    )[0]
     # towards the end the integrand tends to a constant
     return float(first + second + 2 * tail * tail * slowness(end - tail * tail))
 
@@ -256,7 +260,9 @@ def test_latch_against_an_independent_impulse(growth: float | None) -> None:
     rates = [latch["rates_after"][name] for name in ("theta1", "phi2", "phi1")]
     np.testing.assert_allclose(rates, [after[2], after[5] - after[2], after[8]], atol=1e-8)
     assert latch["angular_impulse"] == pytest.approx(abs(impulse[-1]), rel=1e-6)
-    np.testing.assert_allclose([latch["impulse"]["pin.x"], latch["impulse"]["pin.y"]], impulse[6:8], rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(
+        [latch["impulse"]["pin.x"], latch["impulse"]["pin.y"]], impulse[6:8], rtol=1e-6, atol=1e-8
+    )
     M = bodies.mass_matrix()
     assert latch["energy_lost"] == pytest.approx(0.5 * v @ M @ v - 0.5 * after @ M @ after, abs=1e-7)
     assert latch["energy_lost"] >= 0.0
@@ -338,7 +344,9 @@ def test_a_mechanism_at_rest_without_load_meets_nothing() -> None:
 
 def test_load_that_sets_in_late_is_no_growth() -> None:
     """The multipliers are zero at first; nothing is a multiple of a median that is zero."""
-    result = four_bar('torques.theta1="if(t < 1, 0, 1)"', "simulate.duration=1.5", "deploy.criterion=multipliers")
+    result = four_bar(
+        'torques.theta1="if(t < 1, 0, 1)"', "simulate.duration=1.5", "deploy.criterion=multipliers"
+    )
     assert result.status == "no_lock"
 
 
@@ -446,7 +454,9 @@ def test_open_chains_do_not_deploy() -> None:
 
 
 @pytest.mark.parametrize(
-    "overrides", [("actuated=null", "torques=null"), ("actuated=[theta1, phi1]", "torques=null")], ids=["none", "two"]
+    "overrides",
+    [("actuated=null", "torques=null"), ("actuated=[theta1, phi1]", "torques=null")],
+    ids=["none", "two"],
 )
 def test_a_dead_point_needs_as_many_actuators_as_freedoms(overrides: tuple[str, ...]) -> None:
     with pytest.raises(CapabilityError, match="degrees of freedom") as caught:

@@ -1,0 +1,31 @@
+"""How a run is asked to go, and what it took."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+
+@dataclasses.dataclass
+class Counters:
+    """What a run took."""
+
+    steps: int = 0
+    rejected: int = 0
+    evaluations: int = 0
+    projections: int = 0
+    events: int = 0
+
+    def as_dict(self) -> dict[str, int]:
+        return dataclasses.asdict(self)
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """How to integrate; ``step`` is for methods without step control."""
+
+    rtol: float = 1e-10
+    atol: float = 1e-12
+    step: float | None = None
+    max_step: float = math.inf
+    max_steps: int = 10_000_000
