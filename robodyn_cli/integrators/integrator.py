@@ -29,6 +29,7 @@ from robodyn_cli.kernels.compiler import compile_module, machine
 from robodyn_cli.kernels.samples import SampleKernel
 
 Array = NDArray[Any]
+DEFAULTS = Options()
 Snapshot = tuple[Array, NDArray[np.int64], Array, Array]
 SMALLEST_ATOL = 1e-300  # keeps weights finite where the tolerance is zero
 # the compiled loop runs for about this long [s] at a time; the number of steps adapts itself
@@ -76,7 +77,7 @@ class Integrator:
         self.reset(0.0, np.zeros(system.size))
 
     # -- state ----------------------------------------------------------------------------------------
-    def reset(self, time: float, state: Any, options: Options = Options()) -> None:
+    def reset(self, time: float, state: Any, options: Options = DEFAULTS) -> None:
         """Start a run from ``state`` = (q, v, z) at ``time``."""
         self.options = options
         self.w = np.zeros(Real.SIZE + max(1, len(self.system.events)))
@@ -377,7 +378,7 @@ def integrate(
     method: str,
     state: Any,
     grid: Grid,
-    options: Options = Options(),
+    options: Options = DEFAULTS,
     parameters: Any = (),
 ) -> tuple[Array, Array, Counters]:
     """Integrate over a grid and return times (T,), states (T, nx) and counters."""

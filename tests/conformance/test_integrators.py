@@ -13,7 +13,7 @@ from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr import functions as f
 from robodyn_cli.formulations.system import EventFunction
 from robodyn_cli.integrators import integrator as module
-from robodyn_cli.integrators import loop
+from robodyn_cli.integrators import writer
 from robodyn_cli.integrators.integrator import Grid, Integrator, Options, integrate
 from robodyn_cli.integrators.loop import Attempt, Stepper, Writer
 from robodyn_cli.integrators.registry import methods
@@ -633,8 +633,8 @@ def test_long_equations_are_called_and_give_the_same(method: str, monkeypatch: p
     body = dataclasses.replace(body, events=(EventFunction("middle", x, 0, False),))
     grid = Grid(0.0, 0.02, 101)
     runs = []
-    for limit in (loop.INLINE_LIMIT, 0):
-        monkeypatch.setattr(loop, "INLINE_LIMIT", limit)
+    for limit in (writer.INLINE_LIMIT, 0):
+        monkeypatch.setattr(writer, "INLINE_LIMIT", limit)
         monkeypatch.setattr(compiler, "_loaded", {})
         runs.append(
             samples(body, method, (-1.0, 0.0, 0.0, 0.0), grid, on_event=lambda e: True, **fine(method))
