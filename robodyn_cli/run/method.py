@@ -22,6 +22,7 @@ from robodyn_cli.scene.types import Scene
 Array = NDArray[Any]
 DEFAULT = "gauss"
 STIFF = "rodas5p"
+PASSING = "dop853"
 LARGEST = 12  # velocities up to which an exact Jacobian is worth its code
 FAST_DECAYS = 2e3  # decays of the fastest mode within the run from which on stiffness is looked into
 TRIAL = 0.02  # part of the run over which two methods are compared
@@ -94,6 +95,10 @@ def choose(scene: Scene, problem: Problem, system: System, start: Array, options
     asked = scene.simulate.integrator
     if asked != "auto":
         return Choice(asked, "asked for in simulate.integrator")
+    if problem.model.loops and scene.simulate.singular == "pass":
+        return Choice(
+            PASSING, "loops may pass a singular configuration: close to one, implicit iterations may leave the branch"
+        )
     usual = Choice(
         DEFAULT, "collocation of order 16: the fastest at every accuracy where the motion is not stiff"
     )
