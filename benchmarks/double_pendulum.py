@@ -12,7 +12,6 @@ they are installed Pinocchio (with scipy), MuJoCo and heyoka.
 from __future__ import annotations
 
 import argparse
-import importlib.util
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -176,30 +175,15 @@ print(time.process_time() - start)
 """
 
 
-READY_HEYOKA = """
-import sys, time
-sys.path.insert(0, {folder!r})
-import heyoka, numpy, peers
-start = time.process_time()
-next(peers.heyoka_runs(numpy.array([-1.5, 0.8, 0.0, 0.0]), (1e-9,)))
-print(time.process_time() - start)
-"""
-
-
 def compile_rows() -> list[dict[str, Any]]:
     """Return the seconds from equations to a run ready to start, by problem and method."""
     rows = []
     folder = str(measure.ROOT / "benchmarks")
     for work, system in ((PENDULUM, "pendulum"), (FOUR_BAR, "four_bar")):
-        codes = {
-            f"robodyn {method}": READY.format(folder=folder, system=system, method=method)
-            for method in methods()
-        }
-        if work == PENDULUM and importlib.util.find_spec("heyoka"):
-            codes["heyoka Taylor"] = READY_HEYOKA.format(folder=folder)
-        for engine, code in codes.items():
+        for method in methods():
+            code = READY.format(folder=folder, system=system, method=method)
             cold, cached = measure.cold_and_cached(code)
-            rows.append({"work": work, "engine": engine, "cold_s": cold, "cached_s": cached})
+            rows.append({"work": work, "engine": f"robodyn {method}", "cold_s": cold, "cached_s": cached})
     return rows
 
 

@@ -97,7 +97,8 @@ def choose(scene: Scene, problem: Problem, system: System, start: Array, options
         return Choice(asked, "asked for in simulate.integrator")
     if problem.model.loops and scene.simulate.singular == "pass":
         return Choice(
-            PASSING, "loops may pass a singular configuration: close to one, implicit iterations may leave the branch"
+            PASSING,
+            "loops may pass a singular configuration: close to one, implicit iterations may leave the branch",
         )
     usual = Choice(
         DEFAULT, "collocation of order 16: the fastest at every accuracy where the motion is not stiff"
