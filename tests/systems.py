@@ -102,7 +102,7 @@ def damped() -> Case:
     return Case("damped", body, (1.0, 0.0), exact, 12.0)
 
 
-def _linear(name: str, A: Array, body: System, start: Sequence[float], end: float) -> Case:
+def linear(name: str, A: Array, body: System, start: Sequence[float], end: float) -> Case:
     values, vectors = np.linalg.eig(A)
     weights = np.linalg.solve(vectors, np.array(start, dtype=complex))
 
@@ -116,7 +116,7 @@ def controlled() -> Case:
     """A state z that feeds back into the acceleration: an integral controller."""
     body = system(1, lambda t, q, v, z, p: ([-4 * q[0] - v[0] - 1.5 * z[0]], [q[0] - 0.5 * z[0]]), nz=1)
     A = np.array([[0.0, 1.0, 0.0], [-4.0, -1.0, -1.5], [1.0, 0.0, -0.5]])
-    return _linear("controlled", A, body, (1.0, 0.0, 0.3), 12.0)
+    return linear("controlled", A, body, (1.0, 0.0, 0.3), 12.0)
 
 
 def chain(n: int = 5) -> Case:
@@ -129,7 +129,7 @@ def chain(n: int = 5) -> Case:
     K = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
     A = np.block([[np.zeros((n, n)), np.eye(n)], [-K, np.zeros((n, n))]])
     start = [0.1 * (k + 1) * (-1) ** k for k in range(n)] + [0.0] * n
-    return _linear(f"chain of {n}", A, system(n, rates), start, 15.0)
+    return linear(f"chain of {n}", A, system(n, rates), start, 15.0)
 
 
 def pendulums(*amplitudes: float) -> Case:

@@ -7,7 +7,7 @@ end where something switches. What depends on time alone switches at times that 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,30 +45,27 @@ def is_of_time(switch: Expr, t: Expr) -> bool:
 def switching_times(switch: Expr, t: Expr, duration: float) -> list[float]:
     """Return the times in (0, duration) at which an expression of time changes its sign or touches zero."""
 
-    def value(time: float) -> float:
+    def values(times: Array) -> Array:
         with np.errstate(all="ignore"):
-            return float(np.asarray(evaluate([switch], {"t": [np.array([time])]})[0]).item())
+            found: Array = np.broadcast_to(evaluate([switch], {"t": [times]})[0], times.shape)
+        return found
 
     slope = jacobian([switch], [t])[0].get(0, 0.0)
     if not isinstance(slope, Expr):
-        root = -value(0.0) / slope if slope != 0.0 else -1.0
+        root = -float(values(np.zeros(1))[0]) / slope if slope != 0.0 else -1.0
         return [root] if 0.0 < root < duration else []
     times = np.linspace(0.0, duration, GRID)
-    with np.errstate(all="ignore"):
-        g = np.broadcast_to(evaluate([switch], {"t": [times]})[0], times.shape)
-    side = np.sign(g)
+    side = np.sign(values(times))
     found = set(times[side == 0.0].tolist())
-    for k in np.flatnonzero(side[:-1] * side[1:] < 0.0):
-        found.add(_bisect(value, float(times[k]), float(times[k + 1]), float(side[k])))
-    return sorted(x for x in found if 0.0 < x < duration)
-
-
-def _bisect(value: Callable[[float], float], low: float, high: float, side: float) -> float:
+    (crossing,) = np.nonzero(side[:-1] * side[1:] < 0.0)
+    low, high = times[crossing], times[crossing + 1]
     while True:
         middle = 0.5 * (low + high)
-        if not low < middle < high:
-            return high
-        if value(middle) * side > 0.0:
-            low = middle
-        else:
-            high = middle
+        inside = (low < middle) & (middle < high)
+        if not inside.any():
+            break
+        before = values(middle) * side[crossing] > 0.0
+        low = np.where(inside & before, middle, low)
+        high = np.where(inside & ~before, middle, high)
+    found.update(high.tolist())
+    return sorted(x for x in found if 0.0 < x < duration)

@@ -62,6 +62,10 @@ class Dynamics(Protocol):
     any_size: bool
 
     @property
+    def program(self) -> Program:
+        """The part of the rates that is written as expressions."""
+
+    @property
     def digest(self) -> str:
         """Key of everything that decides the code."""
 

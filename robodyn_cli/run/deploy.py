@@ -13,6 +13,7 @@ from robodyn_cli.run.deployment import Deployment, Found
 from robodyn_cli.run.lock_report import bifurcation, conclude, criteria, describe_lock, events
 from robodyn_cli.run.observe import Observer, Recorder
 from robodyn_cli.run.progress import Progress, no_progress
+from robodyn_cli.run.redundancy import check_redundant
 from robodyn_cli.run.simulate import (
     describe_run,
     estimate_error,
@@ -62,6 +63,9 @@ def deploy(
     recorder, integrator = _record(run, found, met, progress, watch, writer)
     result = new_result(scene, "deploy", recorder, events(run, found))
     describe_run(result, run.setup, recorder, integrator, run.choice)
+    violated = check_redundant(run.problem, run.setup.assembled, recorder, result.summary)
+    if violated is not None:
+        raise fail(result, violated, watch)
     summary = result.summary
     summary["criteria"] = criteria(run, found)
     if bifurcated and found.bifurcation is not None:

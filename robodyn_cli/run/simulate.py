@@ -20,6 +20,7 @@ from robodyn_cli.run.method import Choice, Run
 from robodyn_cli.run.observe import Observer, Recorder
 from robodyn_cli.run.prescribed import check_prescribed, prescribed_starts
 from robodyn_cli.run.progress import Progress, no_progress
+from robodyn_cli.run.redundancy import check_redundant
 from robodyn_cli.run.singularity import driven_dead_point, rank_loss_event, stop_at_rank_loss
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
@@ -231,6 +232,7 @@ def simulate(
     integrator = run.integrator
     result = new_result(scene, "simulate", recorder, found)
     describe_run(result, setup, recorder, integrator, run.choice)
+    failure = check_redundant(problem, setup.assembled, recorder, result.summary) or failure
     result.summary["counters"] = run.counters.as_dict()
     if run.switches:
         result.summary["switches"] = run.switches

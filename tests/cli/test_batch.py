@@ -275,6 +275,8 @@ def test_killed_at_any_moment(kind: signal.Signals, tmp_path: Path) -> None:
 
 @posix
 def test_interrupted(tmp_path: Path) -> None:
+    from robodyn_cli.results.hdf5 import read
+
     arm(tmp_path / "scenes" / "short.yaml", PASSES)
     for k in range(2):
         arm(tmp_path / "scenes" / f"x{k}.yaml", samples=3_000_000)
@@ -287,4 +289,6 @@ def test_interrupted(tmp_path: Path) -> None:
     assert process.returncode == 130 and "interrupted" in said
     suite = ElementTree.parse(xml).getroot()[0]
     assert (suite.get("skipped"), suite.get("errors")) == ("2", "0")
-    assert len(list((tmp_path / "out").rglob("result.h5"))) == 1
+    # a worker may have been at its last word just then: what is there is whole
+    found = {path.parents[1].name: read(path).status for path in (tmp_path / "out").rglob("result.h5")}
+    assert "short" in found and set(found.values()) == {"ok"}

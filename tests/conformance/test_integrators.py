@@ -337,6 +337,31 @@ def test_breakpoints_in_odd_places_do_no_harm(method: str, points: tuple[float, 
     assert largest(states - case.exact(times)) < 1e-8
 
 
+FRONTS = {
+    "friction at the turn of a joint": lambda width: (
+        lambda t, q, v, z, p: [-q[0] - 0.05 * f.tanh(v[0] / width)]
+    ),
+    "a stop": lambda width: lambda t, q, v, z, p: [-q[0] - 0.5 * f.tanh(q[0] / width)],
+    "a switch in time": lambda width: lambda t, q, v, z, p: [-q[0] + f.tanh((t - 3.3) / width)],
+}
+
+
+@each_adaptive
+@pytest.mark.parametrize("width", [1e-2, 1e-3, 1e-4, 1e-5])
+@pytest.mark.parametrize("kind", FRONTS)
+def test_steep_fronts_are_not_stepped_over(method: str, kind: str, width: float) -> None:
+    """Smooth, but so steep that all of it fits between two stages, or between a stage and the end of a step."""
+    body = system(1, FRONTS[kind](width))
+    exact = Integrator(body, "dop853")
+    exact.reset(0.0, (1.0, 0.0), Options(1e-13, 1e-14, max_step=0.01))
+    exact.advance(10.0)
+    integrator = Integrator(body, method)
+    for tolerance in (1e-4, 1e-6, 1e-8, 1e-10):
+        integrator.reset(0.0, (1.0, 0.0), Options(tolerance, tolerance * 1e-2))
+        integrator.advance(10.0)
+        assert largest(integrator.state - exact.state) < 1e3 * tolerance
+
+
 # -- parameters -------------------------------------------------------------------------------------------
 @each_method
 def test_parameters(method: str) -> None:
@@ -548,6 +573,91 @@ def test_a_quadrature_faster_than_the_motion_is_resolved(method: str) -> None:
         integrator.reset(0.0, (1.0, 0.0, 0.0), Options(tolerance, tolerance))
         integrator.advance(20.0)
         assert abs(integrator.state[2] - np.sin(400.0) / 20.0) < 100 * tolerance
+
+
+# -- stiffness --------------------------------------------------------------------------------------------
+def stiff(k: float, c: float) -> Case:
+    """Two masses, the first a pendulum for small angles, tied by a stiff spring and damper."""
+
+    def rates(t: Any, q: Any, v: Any, z: Any, p: Any) -> list[Any]:
+        pull = k * (q[0] - q[1]) + c * (v[0] - v[1])
+        return [-q[0] - 1e-3 * pull, pull]
+
+    A = np.zeros((4, 4))
+    A[:2, 2:] = np.eye(2)
+    A[2], A[3] = [-1.0 - 1e-3 * k, 1e-3 * k, -1e-3 * c, 1e-3 * c], [k, -k, c, -c]
+    return systems.linear(
+        f"spring {k:g}, damper {c:g}", A, system(2, rates), (1.0, 1.0 + 1e-3, 0.0, 0.0), 0.05
+    )
+
+
+@each_adaptive
+@pytest.mark.parametrize(
+    ("k", "c"), [(1e6, 0.0), (1e6, 1e2), (1e6, 1e4), (1e8, 1e4), (1e9, 0.0), (1e9, 1e6), (0.0, 1e9)]
+)
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-8])
+def test_stiff_motion_is_right_or_refused(method: str, k: float, c: float, tolerance: float) -> None:
+    case = stiff(k, c)
+    integrator = Integrator(case.system, method)
+    limit = 40_000
+    integrator.reset(0.0, case.start, Options(tolerance, tolerance, max_steps=limit))
+    try:
+        integrator.advance(case.end)
+    except NumericalError as error:
+        counters = integrator.counters
+        assert "more than" in error.message and counters.steps + counters.rejected == limit
+        assert counters.evaluations < 30 * limit
+        assert c >= 1e6 and method != "rodas5p"
+        return
+    q, v = integrator.state[:2], integrator.state[2:]
+    exact = case.exact(np.array([case.end]))[0]
+    cycles = 1.0 if c else 1.0 + np.sqrt(k) * case.end  # an undamped oscillation adds up its errors of phase
+    assert largest(q - exact[:2]) < 100 * tolerance * cycles
+    assert largest(v - exact[2:]) < 100 * tolerance * cycles * max(1.0, 1e-3 * np.sqrt(k))
+
+
+@each_adaptive
+def test_a_stiff_pendulum_agrees_with_radau(method: str) -> None:
+    from scipy.integrate import solve_ivp
+
+    def pull(x: Any, u: Any) -> Any:
+        return 1e6 * (x[0] - x[1]) + 1e4 * (u[0] - u[1])
+
+    body = system(2, lambda t, q, v, z, p: [-f.sin(q[0]) - 1e-3 * pull(q, v), pull(q, v)])
+    grid = Grid(0.0, 0.1, 6)
+    _, states, _ = samples(body, method, (1.0, 1.001, 0.0, 0.0), grid, rtol=1e-8, atol=1e-10)
+    reference = solve_ivp(
+        lambda t, y: [y[2], y[3], -np.sin(y[0]) - 1e-3 * pull(y[:2], y[2:]), pull(y[:2], y[2:])],
+        (0.0, 0.5), (1.0, 1.001, 0.0, 0.0), method="Radau", rtol=1e-10, atol=1e-12, t_eval=grid.times(0, 6),
+    )  # fmt: skip
+    assert largest(states - reference.y.T) < 1e-6
+
+
+@each_method
+def test_fixed_or_not_no_method_returns_what_is_not_finite(method: str) -> None:
+    """A step far beyond stability makes an explicit method explode; that is an error, not a result."""
+    case = stiff(1e9, 0.0)
+    integrator = Integrator(case.system, method)
+    integrator.reset(0.0, case.start, Options(1e-6, 1e-6, step=0.01, max_steps=100_000))
+    try:
+        integrator.advance(5.0)
+    except NumericalError as error:
+        assert np.all(np.isfinite(integrator.state)) and error.details["time"] < 5.0
+    else:
+        assert methods[method].adaptive and largest(integrator.state[:2]) < 2.0
+
+
+@each_adaptive
+@pytest.mark.parametrize("duration", [1e6, 1e12])
+def test_a_very_long_run_starts_well(method: str, duration: float) -> None:
+    """The first trial step is a part of the duration, and may be absurd."""
+    case = systems.pendulums(1.5)
+    integrator = Integrator(case.system, method)
+    integrator.reset(0.0, case.start, Options(1e-7, 1e-7, max_steps=3000))
+    with pytest.raises(NumericalError, match="more than 3000 steps"):
+        integrator.advance(duration)
+    assert end_error(case, integrator) < 1e-2
+    assert integrator.time > 20.0
 
 
 # -- projection ---------------------------------------------------------------------------------------------

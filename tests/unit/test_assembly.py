@@ -11,7 +11,7 @@ from robodyn_cli import load_scene, load_scene_text
 from robodyn_cli.errors import GeometryError, RobodynError, SceneError, SingularConfigurationError
 from robodyn_cli.run.simulate import prepare
 from robodyn_cli.solve.assembly import Assembled
-from tests.unit.test_run_simulate import BENNETT, LONG, SIX_BAR, SKEW, SLIDER, TWIST
+from tests.mechanisms import BENNETT, LONG, SIX_BAR, SKEW, SLIDER, TWIST
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 CRANK, ROD = 1.241, 1.2

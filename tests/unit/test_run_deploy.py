@@ -426,7 +426,7 @@ def test_a_slider_crank_locks_where_crank_and_rod_align() -> None:
 
 
 def test_a_six_bar_locks_at_the_dead_point_of_its_second_loop() -> None:
-    from tests.unit.test_run_simulate import SIX_BAR
+    from tests.mechanisms import SIX_BAR
 
     text = "schema: 1\n" + SIX_BAR.replace("gravity: [0, -9.81, 0]", "gravity: [0, 0, 0]")
     for old, new in (
