@@ -8,15 +8,18 @@ is as accurate as the states themselves.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.system import EventFunction
 
 Array = NDArray[np.float64]
-Values = Callable[[float], Array]
+Numbers = Sequence[float] | Array
+Values = Callable[[float], Numbers]
 
 TRIALS = 200
 PATIENCE = 3  # secant trials that may fail to halve the bracket before it is bisected; fewer each time
@@ -31,6 +34,15 @@ class Event:
     time: float
     state: Array
     time_error: float
+
+
+def chatter(event: EventFunction, time: float) -> NumericalError:
+    """Return the error of a function that changes its sign again and again, getting nowhere."""
+    advice = "; make its jump a steep slope, as in tanh(x/0.001) for sign(x)" if event.kink else ""
+    return NumericalError(
+        f"{event.name} switches to and fro without end at t = {time:.6g} s{advice}",
+        time=time, status="chatter",
+    )  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,7 +73,7 @@ def crosses(event: EventFunction, before: float, after: float) -> bool:
 def first_roots(
     events: Sequence[EventFunction],
     values: Values,
-    armed: Array,
+    armed: Numbers,
     seen: int,
     times: tuple[float, float, float],
 ) -> Found:
@@ -80,7 +92,7 @@ def first_roots(
         if b <= a:
             continue
         after = values(b)
-        lost = bool(np.isnan(after[seen]))
+        lost = math.isnan(after[seen])
         roots = []
         for k, event in enumerate(events):
             if crosses(event, before[k], after[k]) or (lost and k == seen and before[k] != 0.0):
@@ -93,7 +105,7 @@ def first_roots(
             bound = min(r.high for r in roots) + 2.0 * _resolution(start, high)
             together = tuple(r for r in roots if r.high <= bound)
             return Found(max(r.high for r in together), together)
-        before = np.where(after == 0.0, before, after)
+        before = [x if y == 0.0 else y for x, y in zip(before, after)]
     return Found(high)
 
 
@@ -103,7 +115,7 @@ def _resolution(a: float, b: float) -> float:
 
 def _root(index: int, values: Values, a: float, g_a: float, b: float, g_b: float) -> Root | None:
     """Bracket the sign change between a and b by regula falsi (Illinois variant); None where there is none."""
-    sign, side, exact = float(np.sign(g_a)), 0, False
+    sign, side, exact = math.copysign(1.0, g_a) if g_a else 0.0, 0, False
     g_a = float(values(a)[index])
     if g_a * sign <= 0.0:
         return Root(index, a, a, -sign)  # it stood at zero all along
@@ -117,7 +129,7 @@ def _root(index: int, values: Values, a: float, g_a: float, b: float, g_b: float
         middle = 0.5 * (a + b)
         if wasted >= patience:
             patience, wasted = max(patience - 1, 1), 0
-        elif np.isfinite(g_b) and g_b != g_a:
+        elif math.isfinite(g_b) and g_b != g_a:
             wasted += 1
             secant = b - g_b * (b - a) / (g_b - g_a)
             # never so close to an end that nothing is learned
@@ -133,7 +145,7 @@ def _root(index: int, values: Values, a: float, g_a: float, b: float, g_b: float
             b, g_b, exact = middle, g, g == 0.0
             g_a *= 0.5 if side > 0 else 1.0
             side = 1
-    return Root(index, a, b, -sign) if np.isfinite(g_b) else None
+    return Root(index, a, b, -sign) if math.isfinite(g_b) else None
 
 
 def _last_followed(index: int, values: Values, a: float, g_a: float, b: float) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import dataclasses
+import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
@@ -14,23 +15,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.errors import NumericalError
-from robodyn_cli.formulations.system import GROUPS, System
+from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.events import Event as Event
-from robodyn_cli.integrators.events import Found, crosses, first_roots
+from robodyn_cli.integrators.events import Found, chatter, crosses, first_roots
 from robodyn_cli.integrators.grid import Grid as Grid
 from robodyn_cli.integrators.layout import Real, Status, Whole
 from robodyn_cli.integrators.loop import Stepper, write_run
+from robodyn_cli.integrators.memory import Memory
 from robodyn_cli.integrators.options import Counters as Counters
 from robodyn_cli.integrators.options import Options as Options
 from robodyn_cli.integrators.registry import methods
+from robodyn_cli.integrators.trial import COUNTERS, bind
 from robodyn_cli.integrators.writer import ARGUMENTS
 from robodyn_cli.kernels.arrays import aligned_zeros
 from robodyn_cli.kernels.compiler import compile_module, machine
-from robodyn_cli.kernels.samples import SampleKernel
 
 Array = NDArray[Any]
 DEFAULTS = Options()
-Snapshot = tuple[Array, NDArray[np.int64], Array, Array]
 SMALLEST_ATOL = 1e-300  # keeps weights finite where the tolerance is zero
 # the compiled loop runs for about this long [s] at a time; the number of steps adapts itself
 SLICE_TIME = 0.02
@@ -63,15 +64,19 @@ class Integrator:
         self._run = compiled.function("run", *[ctypes.c_void_p] * len(ARGUMENTS), result=ctypes.c_int64)
         room = compiled.function("memory", ctypes.c_int64, result=ctypes.c_int64)(system.nv)
         self._fixed = (*system.dynamics.memory(), aligned_zeros(room))
-        self._switching = (
-            SampleKernel({"g": [e.value for e in system.events]}, GROUPS) if system.events else None
-        )
+        self._switching: Callable[..., None] | None = None
+        if system.events:
+            self._switching, self._trial = bind(compiled)
         programs = (system.positions, system.velocities, system.switching)
         needed = max([system.dynamics.parameters, *(p.inputs.get("p", 0) for p in programs if p is not None)])
         if len(parameters) < needed:
             raise ValueError(f"the system has {needed} parameters, got {len(parameters)}")
         self.p = np.array(parameters, dtype=float) if len(parameters) else np.zeros(1)
-        self._out = np.zeros(0)
+        self.memory = Memory(len(system.events), system.size, self.stepper.dense_size(system))
+        self.w, self.n, self.y = self.memory.w, self.memory.n, self.memory.y
+        self._values = np.zeros(len(system.events))
+        self._values_at = self._values.ctypes.data
+        self._make_room(0)
         self._slice = FIRST_SLICE
         self.tick: Callable[[float], None] | None = None
         self.reset(0.0, np.zeros(system.size))
@@ -79,28 +84,29 @@ class Integrator:
     # -- state ----------------------------------------------------------------------------------------
     def reset(self, time: float, state: Any, options: Options = DEFAULTS) -> None:
         """Start a run from ``state`` = (q, v, z) at ``time``."""
+        state = np.asarray(state, dtype=float)
+        if state.shape != self.y.shape:
+            raise ValueError(f"the state has {self.system.size} components, got {state.shape}")
         self.options = options
-        self.w = np.zeros(Real.SIZE + max(1, len(self.system.events)))
-        self.n = np.zeros(Whole.SIZE, dtype=np.int64)
-        self.n[Whole.VELOCITIES] = self.system.nv
-        self.y = np.array(state, dtype=float)
-        if self.y.shape != (self.system.size,):
-            raise ValueError(f"the state has {self.system.size} components, got {self.y.shape}")
-        self.memory = np.zeros(max(1, self.stepper.dense_size(self.system)))
-        self.w[Real.T] = time
-        self.w[Real.RTOL], self.w[Real.ATOL] = options.rtol, max(options.atol, SMALLEST_ATOL)
-        self.w[Real.H_MAX] = options.max_step
-        self.w[Real.MEMORY] = self.w[Real.MEMORY_2] = 1.0
-        self.n[Whole.LAST_SAMPLE] = -1
+        self.memory.clear()
+        w, n = self.w, self.n
+        n[Whole.VELOCITIES] = self.system.nv
+        self.y[:] = state
+        w[Real.T] = time
+        w[Real.RTOL], w[Real.ATOL] = options.rtol, max(options.atol, SMALLEST_ATOL)
+        w[Real.H_MAX] = options.max_step
+        w[Real.MEMORY] = w[Real.MEMORY_2] = 1.0
+        n[Whole.LAST_SAMPLE] = -1
         self.events_seen = 0
-        self._since, self._restart = time, np.inf
+        self._since, self._restart = time, math.inf
         self._armed = False
-        self._bind()
 
-    def _bind(self) -> None:
-        """Note where the arrays lie; they are only ever written in place."""
-        arrays = (self.w, self.n, self.y, self.p, self.memory, self._out, *self._fixed)
-        self._addresses = tuple(a.ctypes.data for a in arrays)
+    def _make_room(self, count: int) -> None:
+        """Provide a block for so many doubles of samples, and note where all arrays lie: they never move."""
+        self._out = np.zeros(count)
+        p, *others = (a.ctypes.data for a in (self.p, self._out, *self._fixed))
+        w, n, y, dense = self.memory.addresses
+        self._addresses = (w, n, y, p, dense, *others)
 
     @property
     def time(self) -> float:
@@ -132,23 +138,24 @@ class Integrator:
 
     # -- running --------------------------------------------------------------------------------------
     def _call(self, end: float) -> Status:
-        self.w[Real.T_END] = end
-        if self.options.step is not None:
-            self.w[Real.H] = self.options.step
-        elif not self.w[Real.H] > 0.0:
+        w, n, options = self.w, self.n, self.options
+        w[Real.T_END] = end
+        if options.step is not None:
+            w[Real.H] = options.step
+        elif not w[Real.H] > 0.0:
             # start well below any sensible step: growth is quick, and a first step that is far too long can
             # look good where derivatives happen to vanish
-            self.w[Real.H] = min(1e-3 * (end - self.w[Real.T]), self.options.max_step)
-        if not self.w[Real.H_OLD] > 0.0:
-            self.w[Real.H_OLD] = self.w[Real.H]
+            w[Real.H] = min(1e-3 * (end - w[Real.T]), options.max_step)
+        if not w[Real.H_OLD] > 0.0:
+            w[Real.H_OLD] = w[Real.H]
         while True:
             # back here every few milliseconds: interrupts are heard, and progress is told
-            taken = int(self.n[Whole.ACCEPTED] + self.n[Whole.REJECTED])
-            self.n[Whole.MAX_STEPS] = min(self.options.max_steps, taken + self._slice)
+            most = int(n[Whole.ACCEPTED] + n[Whole.REJECTED]) + self._slice
+            n[Whole.MAX_STEPS] = min(options.max_steps, most)
             start = perf_counter()
-            status = Status(self._run(*self._addresses))
-            if status is not Status.MAX_STEPS or self.n[Whole.MAX_STEPS] >= self.options.max_steps:
-                return status
+            status = self._run(*self._addresses)
+            if status != Status.MAX_STEPS or most >= options.max_steps:
+                return Status(status)
             spent = perf_counter() - start
             if spent < SLICE_TIME:
                 self._slice *= 2
@@ -157,22 +164,20 @@ class Integrator:
             if self.tick is not None:
                 self.tick(self.time)
 
-    def event_values(self, time: float, state: Array) -> Array:
-        """Return the event functions at a state."""
+    def event_values(self) -> list[float]:
+        """Return the event functions at the current state."""
         if self._switching is None:
-            return np.zeros(0)
-        s = self.system
-        groups = {
-            "t": np.array([[time]]), "q": state[None, : s.nq], "v": state[None, s.nq : s.nq + s.nv],
-            "z": state[None, s.nq + s.nv :], "p": self.p,
-        }  # fmt: skip
-        return self._switching.evaluate(1, groups)["g"][0]
+            return []
+        w, n, y, p = self._addresses[:4]
+        self._switching(n, w + 8 * Real.T, y, p, self._values_at)
+        values: list[float] = self._values.tolist()
+        return values
 
     def _watch(self, signs: Mapping[int, float]) -> None:
         """Arm the event functions at the current state; those that just fired (``signs``) have their new sign."""
         if self._switching is None:
             return
-        for k, (g, event) in enumerate(zip(self.event_values(self.time, self.y), self.system.events)):
+        for k, (g, event) in enumerate(zip(self.event_values(), self.system.events)):
             place = Real.SIZE + k
             if k in signs:
                 self.w[place] = signs[k] * max(abs(g), 1e-300)
@@ -220,8 +225,8 @@ class Integrator:
         """
         s = self.system
         capacity = max(1, min(block, grid.count))
-        self._out = np.zeros(capacity * s.size)
-        self._bind()
+        if len(self._out) != capacity * s.size:
+            self._make_room(capacity * s.size)
         rows = self._out.reshape(s.size, capacity)
         self.n[Whole.CAPACITY], self.n[Whole.ROWS] = capacity, 0
         first = grid.first_at(self.time)
@@ -254,22 +259,13 @@ class Integrator:
                 if status is Status.EVENT:
                     crowd.append(self.time)
                     if len(crowd) == CROWD and self.time - crowd[0] <= CROWDED * max(1.0, self.time):
-                        raise self._chatter()
+                        raise chatter(s.events[int(self.n[Whole.EVENT])], self.time)
                     if not self._handle(self._locate(stop, flush), on_event):
                         return
                 elif status is not Status.FULL:
                     self._check(status)
         if watch:
             self._handle(self._at_end(), on_event)
-
-    def _chatter(self) -> NumericalError:
-        """Return the error of a function that changes its sign again and again, getting nowhere."""
-        event = self.system.events[int(self.n[Whole.EVENT])]
-        advice = "; make its jump a steep slope, as in tanh(x/0.001) for sign(x)" if event.kink else ""
-        return NumericalError(
-            f"{event.name} switches to and fro without end at t = {self.time:.6g} s{advice}",
-            time=self.time, status="chatter",
-        )  # fmt: skip
 
     def _handle(self, events: Sequence[Event], on_event: Callable[[Event], bool] | None) -> bool:
         """Report events at the same time, each with the state that the ones before it have left."""
@@ -288,43 +284,42 @@ class Integrator:
         if self._switching is None:
             return ()
         found = []
-        for k, (g, event) in enumerate(zip(self.event_values(self.time, self.y), self.system.events)):
+        for k, (g, event) in enumerate(zip(self.event_values(), self.system.events)):
             sign = -float(np.sign(self.w[Real.SIZE + k]))
             if g == 0.0 and crosses(event, -sign, sign):
                 self.w[Real.SIZE + k] = sign * 1e-300
                 found.append(Event(event.name, k, self.time, self.state, 0.0))
         return tuple(found)
 
-    def _snapshot(self) -> Snapshot:
-        return self.w.copy(), self.n.copy(), self.y.copy(), self.memory.copy()
-
-    def _restore(self, saved: Snapshot) -> None:
-        """Go back to a snapshot; the counters run on."""
-        counters = [Whole.ACCEPTED, Whole.REJECTED, Whole.EVALUATIONS, Whole.PROJECTIONS]
-        counted = self.n[counters]
-        self.w[:], self.n[:], self.y[:], self.memory[:] = saved
-        self.n[counters] = counted
+    def _restore(self, saved: Array) -> None:
+        """Go back to a copy of the memory's block; the counters run on."""
+        counted = self.n[COUNTERS]
+        self.memory.block[:] = saved
+        self.n[COUNTERS] = counted
 
     def _locate(self, stop: float, flush: Callable[[], None]) -> tuple[Event, ...]:
         """Find the first event in the step ahead, and others at the same time, and go there."""
         events = self.system.events
-        start = self._snapshot()
+        start = self.memory.block.copy()
         t0 = self.time
-        armed = self.w[Real.SIZE : Real.SIZE + len(events)].copy()
+        arguments = (*self._addresses, start.ctypes.data, start.nbytes)
+        step = self.options.step or 0.0
+        armed, lost = self.w[Real.SIZE : Real.SIZE + len(events)].tolist(), [math.nan] * len(events)
         high = min(float(self.w[Real.EVENT_HIGH]), stop)
         low = min(max(float(self.w[Real.EVENT_LOW]), t0), high)
 
         @cache
-        def values(time: float) -> Array:
-            self._restore(start)
-            self.n[Whole.LAST_SAMPLE] = -1
-            self.n[Whole.WATCH] = 0
+        def values(time: float) -> Sequence[float]:
+            status = self._trial(*arguments, time, step, self._values_at)
+            if status == Status.DONE:
+                return self._values.tolist()
             try:
-                if time > t0:
-                    self._check(self._call(time))
+                if status != Status.MAX_STEPS:
+                    return lost
+                self._check(self._call(time))
             except NumericalError:
-                return np.full(len(events), np.nan)
-            return self.event_values(self.time, self.y)
+                return lost
+            return self.event_values()
 
         found = first_roots(events, values, armed, int(self.n[Whole.EVENT]), (t0, low, high))
         if not found.roots and found.time <= t0:
@@ -338,7 +333,7 @@ class Integrator:
             Event(events[r.index].name, r.index, self.time, self.state, r.high - r.low) for r in found.roots
         )
 
-    def _commit(self, start: Snapshot, found: Found, flush: Callable[[], None]) -> None:
+    def _commit(self, start: Array, found: Found, flush: Callable[[], None]) -> None:
         """Take the step to where the events are for good, samples included, and arm their functions beyond."""
         self._restore(start)
         self.n[Whole.WATCH] = 0

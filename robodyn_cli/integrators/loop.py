@@ -22,6 +22,7 @@ import numpy as np
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.layout import Real, Status, Whole
+from robodyn_cli.integrators.trial import switching_function, trial_function
 from robodyn_cli.integrators.writer import LANES, Writer
 from robodyn_cli.kernels.arrays import Array, Total
 from robodyn_cli.kernels.ir import Condition, Value, module
@@ -172,7 +173,10 @@ def write_run(system: System, method: Stepper, fused: bool) -> str:
         with f.strict():
             spread.add_product(x, 0.0)
     f.ret(f.select_int(f.compare("uno", spread.value, 0.0), int(Status.NOT_FINITE), f.load_int(status)))
-    return module([f, w.memory_function(), *w.functions.values()])
+    entries = [f, w.memory_function()]
+    if system.events:
+        entries += [switching_function(system, fused), trial_function()]
+    return module([*entries, *w.functions.values()])
 
 
 def _project(w: Writer, t: Value) -> None:

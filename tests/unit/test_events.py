@@ -318,15 +318,18 @@ def test_events_can_be_left_unwatched(method: str) -> None:
 def test_trials_are_counted_too(method: str) -> None:
     integrator = Integrator(oscillator((lambda t, q, v: q, 0)), method)
     integrator.reset(0.0, (0.0, 1.0), Options(**options(method)))
-    run, spent = integrator._run, np.zeros(3, dtype=int)
+    spent = np.zeros(3, dtype=int)
 
-    def counting(*addresses: int) -> int:
-        before = np.array(list(integrator.counters.as_dict().values())[:3])
-        status: int = run(*addresses)
-        spent[:] += np.array(list(integrator.counters.as_dict().values())[:3]) - before
-        return status
+    def counting(function: Any) -> Any:
+        def call(*arguments: Any) -> int:
+            before = np.array(list(integrator.counters.as_dict().values())[:3])
+            status: int = function(*arguments)
+            spent[:] += np.array(list(integrator.counters.as_dict().values())[:3]) - before
+            return status
 
-    integrator._run = counting
+        return call
+
+    integrator._run, integrator._trial = counting(integrator._run), counting(integrator._trial)
     integrator.run(10.0, Grid(0.0, 0.5, 21), lambda t, x: None, lambda e: True)
     assert list(integrator.counters.as_dict().values())[:3] == spent.tolist()
 
