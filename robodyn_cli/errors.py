@@ -60,9 +60,9 @@ class OutputError(RobodynError):
 
 
 def did_you_mean(word: str, options: Iterable[str]) -> str:
-    """Return ``"; did you mean 'x'?"`` for the option nearest to ``word``, or an empty text."""
+    """Return ``" (did you mean 'x'?)"`` for the option nearest to ``word``, or an empty text."""
     import difflib  # only when something is already wrong
 
     lower = {option.lower(): option for option in options}
     near = difflib.get_close_matches(word.lower()[:80], lower, n=1, cutoff=0.6)
-    return f"; did you mean {lower[near[0]]!r}?" if near else ""
+    return f" (did you mean {lower[near[0]]!r}?)" if near else ""

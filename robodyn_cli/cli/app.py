@@ -18,10 +18,12 @@ from robodyn_cli.cli import (
     validate,
     work_precision,
 )
+from robodyn_cli.cli.usage import Commands
 from robodyn_cli.version import __version__
 
 app = typer.Typer(
     name="robodyn",
+    cls=Commands,
     help="Inverse dynamics and simulation of robots and closed-loop mechanisms described in YAML.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,

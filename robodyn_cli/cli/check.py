@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from robodyn_cli.cli.console import Console, guarded
-from robodyn_cli.cli.options import AsJson, Quiet
+from robodyn_cli.cli.options import Quiet, ReportAsJson
 
 
 def command(
@@ -26,7 +26,7 @@ def command(
             show_default=False,
         ),
     ] = None,
-    as_json: AsJson = False,
+    as_json: ReportAsJson = False,
     quiet: Quiet = False,
 ) -> None:
     """Check a result against the criteria (`expect`) of its scene."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from robodyn_cli.cli.console import Console, guarded
-from robodyn_cli.cli.options import AsJson, Quiet
+from robodyn_cli.cli.options import Quiet, ReportAsJson
 
 if TYPE_CHECKING:
     from robodyn_cli.results.compare import Difference
@@ -31,7 +31,7 @@ def command(
     atol: Annotated[
         float, typer.Option("--atol", min=0.0, help="Allowed in addition, in the dataset's unit.")
     ] = 1e-12,
-    as_json: AsJson = False,
+    as_json: ReportAsJson = False,
     quiet: Quiet = False,
 ) -> None:
     """Compare two results dataset by dataset; exit code 1 where they differ."""

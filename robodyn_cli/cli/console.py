@@ -40,6 +40,11 @@ class Console:
             self.clear()
             self._print(text, err=True)
 
+    def error(self, text: str) -> None:
+        """Print an error that does not end the command, ``--quiet`` or not."""
+        self.clear()
+        self._print(f"robodyn: error: {text}", err=True)
+
     def data(self, text: str) -> None:
         """Print JSON, where it was asked for."""
         if self.as_json:

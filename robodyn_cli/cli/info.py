@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from robodyn_cli.cli.console import Console, guarded
-from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, SceneFile
+from robodyn_cli.cli.options import NoPlots, OutDir, Overrides, Quiet, ReportAsJson, SceneFile
 
 
 def command(
@@ -22,7 +22,7 @@ def command(
     out: OutDir = None,
     overrides: Overrides = None,
     no_plots: NoPlots = False,
-    as_json: AsJson = False,
+    as_json: ReportAsJson = False,
     quiet: Quiet = False,
 ) -> None:
     """Kinematic tree, frames, mass matrix, Coriolis matrix, gravity and Jacobians at a state."""

@@ -18,5 +18,8 @@ Overrides = Annotated[
 ]
 NoPlots = Annotated[bool, typer.Option("--no-plots", help="Draw nothing.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the summary as JSON, alone, on standard output.")]
+ReportAsJson = Annotated[
+    bool, typer.Option("--json", help="Print the report as JSON, alone, on standard output.")
+]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Take warnings about the scene as errors.")]

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from robodyn_cli.cli.console import Console, guarded
-from robodyn_cli.cli.options import AsJson, Overrides, Quiet, SceneFile
+from robodyn_cli.cli.options import Overrides, Quiet, ReportAsJson, SceneFile
 
 
 def command(
@@ -17,7 +17,7 @@ def command(
         str | None,
         typer.Option("--for", metavar="COMMAND", help="Command to plan. [default: the scene's own]"),
     ] = None,
-    as_json: AsJson = False,
+    as_json: ReportAsJson = False,
     quiet: Quiet = False,
 ) -> None:
     """What a scene needs and what is left out, with operation counts."""
@@ -33,9 +33,7 @@ def command(
         console.data(json.dumps(found, indent=2, ensure_ascii=False))
         console.say(render(found))
         if found.get("missing"):
-            console.note(
-                f"robodyn: error: {scene}: the equations need {', '.join(found['missing'])}, which is not given"
-            )
+            console.error(f"{scene}: the equations need {', '.join(found['missing'])}, which is not given")
             return 2
         return 0
 

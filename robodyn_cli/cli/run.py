@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from robodyn_cli.cli.console import Console, guarded
-from robodyn_cli.cli.options import AsJson, NoPlots, Quiet
+from robodyn_cli.cli.options import NoPlots, Overrides, Quiet, ReportAsJson
 
 
 def command(
@@ -30,8 +30,15 @@ def command(
         Path | None, typer.Option("--markdown", metavar="FILE", help="Write a summary in Markdown.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Run again what is finished and unchanged.")] = False,
+    overrides: Overrides = None,
+    timeout: Annotated[
+        float | None,
+        typer.Option(
+            "--timeout", metavar="SECONDS", help="Time that each scene may take. [default: no limit]"
+        ),
+    ] = None,
     no_plots: NoPlots = False,
-    as_json: AsJson = False,
+    as_json: ReportAsJson = False,
     quiet: Quiet = False,
 ) -> None:
     """Run many scenes, each by its own command, and check their criteria."""
@@ -40,10 +47,12 @@ def command(
     def action() -> int:
         import functools
         import json
+        import math
         import os
         import time
 
         from robodyn_cli.cli.worker import command_line
+        from robodyn_cli.errors import CapabilityError
         from robodyn_cli.results.atomic import write_bytes
         from robodyn_cli.run import batch_reports as reports
         from robodyn_cli.run.batch import Batch, entries
@@ -51,11 +60,13 @@ def command(
         from robodyn_cli.run.gather import gather
 
         start = time.perf_counter()
-        found = entries(gather(scenes), out)
+        if timeout is not None and not 0.0 < timeout < math.inf:
+            raise CapabilityError(f"--timeout: not a time (value {timeout:g}); allowed: a number > 0 [s]")
+        settings = list(overrides or ())
+        found = entries(gather(scenes), out, settings)
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-        batch = Batch(
-            found, jobs or cores, functools.partial(command_line, not no_plots), not no_plots, force
-        )
+        worker = functools.partial(command_line, not no_plots, settings)
+        batch = Batch(found, jobs or cores, worker, not no_plots, force, timeout)
         width = max(len(e.name) for e in found)
         try:
             for e in batch.run():
@@ -63,6 +74,8 @@ def command(
                 console.say(f"{e.verdict:<7} {e.name:<{width}}  {e.command or '-':<8} {time_taken:>9}")
                 for problem in e.problems if e.verdict != "ok" else ():
                     console.say(f"        {problem}")
+                if quiet and e.verdict == "error":
+                    console.error(f"{e.name}: {'; '.join(e.problems)}")
         finally:
             # interrupted too, there is a report of what was done
             if junit is not None:

@@ -8,14 +8,14 @@ from typing import Annotated
 import typer
 
 from robodyn_cli.cli.console import Console, guarded
-from robodyn_cli.cli.options import AsJson, Quiet, Strict
+from robodyn_cli.cli.options import Quiet, ReportAsJson, Strict
 
 
 def command(
     scenes: Annotated[
         list[Path], typer.Argument(metavar="SCENE...", help="Scenes to check.", show_default=False)
     ],
-    as_json: AsJson = False,
+    as_json: ReportAsJson = False,
     quiet: Quiet = False,
     strict: Strict = False,
 ) -> None:
@@ -38,6 +38,8 @@ def command(
             console.say(f"{path}: {', '.join(words) or 'ok'}")
             for finding in found:
                 console.say(f"  {finding.severity}: {finding.message}")
+                if quiet and finding.severity == "error":
+                    console.error(finding.message)
         total = worst([int(str(r["exit_code"])) for r in report])
         status = "ok" if total == 0 else "failed"
         console.data(

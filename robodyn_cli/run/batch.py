@@ -22,11 +22,14 @@ from robodyn_cli.results.provenance import sha256
 from robodyn_cli.results.summary import read_summary
 from robodyn_cli.run.criteria import EXIT_CODE, FAILED, Outcome, exit_code, judge
 from robodyn_cli.run.findings import worst
+from robodyn_cli.scene.commands import SCENE_COMMANDS
 from robodyn_cli.scene.load import load_scene
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.version import __version__
 
 CRASHED = 70
+INTERRUPTED = 130
+TIMED_OUT = 3  # no result in the time that was given: as where a run takes too many steps
 GRACE = 5.0  # seconds that an interrupted worker has to tidy up
 # libraries that would start a thread a core in every worker
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -77,16 +80,19 @@ class Entry:
         }  # fmt: skip
 
 
-def entries(paths: Sequence[Path], out: Path) -> list[Entry]:
-    """Return the scenes loaded, each with its output directory; what is wrong with one is an error of its own."""
+def entries(paths: Sequence[Path], out: Path, overrides: Sequence[str] = ()) -> list[Entry]:
+    """Return the scenes loaded, each with its output directory; what is wrong with one is an error of its own.
+
+    ``overrides`` are ``key.path=value`` texts, applied to every scene.
+    """
     found = []
     for path, name in zip(paths, unique_names(paths)):
         entry = Entry(path, name)
         try:
-            entry.scene = load_scene(path)
+            entry.scene = load_scene(path, overrides)
             if entry.scene.command is None:
                 raise SceneError(
-                    f"{path}: key 'command' is missing: it says what to run; allowed: inverse, simulate, deploy"
+                    f"{path}: key 'command' is missing: it says what to run; allowed: {', '.join(SCENE_COMMANDS)}"
                 )
             entry.directory = out / name / entry.command
         except RobodynError as error:
@@ -156,12 +162,42 @@ def settle(entry: Entry, code: int, summary: dict[str, Any]) -> None:
     entry.exit_code = worst([code, *(FAILED for o in entry.criteria if not o.holds)])
 
 
+def interrupt(process: subprocess.Popen[bytes]) -> None:
+    """Ask a worker to end."""
+    with contextlib.suppress(OSError):
+        process.send_signal(signal.SIGTERM if sys.platform == "win32" else signal.SIGINT)
+
+
+class Clock:
+    """Ends a worker when its time is over: asks it first, so that it can tidy up."""
+
+    def __init__(self, process: subprocess.Popen[bytes], seconds: float | None) -> None:
+        self.process = process
+        self.fired = False
+        self._stopped = threading.Event()
+        if seconds is not None:
+            threading.Thread(target=self._wait, args=(seconds,), daemon=True).start()
+
+    def _wait(self, seconds: float) -> None:
+        if self._stopped.wait(seconds):
+            return
+        self.fired = True
+        interrupt(self.process)
+        if not self._stopped.wait(GRACE):
+            self.process.kill()
+
+    def stop(self) -> None:
+        """Let the worker be: it has ended."""
+        self._stopped.set()
+
+
 class Batch:
     """Runs scenes in worker processes.
 
     Parameters
     ----------
     scenes : from ``entries``. jobs : processes at a time. drawn, force : draw; run what is finished too.
+    timeout : seconds that each scene may take; one that takes longer is interrupted, and ended where it goes on.
     worker : command line of a worker for a command, a scene and a directory; it must end when its standard input
     does, so that it does not outlive the batch.
     """
@@ -173,12 +209,14 @@ class Batch:
         worker: Callable[[str, Path, Path], list[str]],
         drawn: bool,
         force: bool,
+        timeout: float | None = None,
     ) -> None:
         self.scenes = list(scenes)
         self.jobs = max(1, min(jobs, len(self.scenes)))
         self.worker = worker
         self.drawn = drawn
         self.force = force
+        self.timeout = timeout
         self._lock = threading.Lock()
         self._running: set[subprocess.Popen[bytes]] = set()
         self._stopping = False
@@ -234,16 +272,20 @@ class Batch:
                 settle(entry, exit_code(summary), summary)
                 entry.seconds = time.perf_counter() - start
                 return
-        code, said = self._work(entry)
+        code, said, late = self._work(entry)
         entry.seconds = time.perf_counter() - start
+        if late:
+            entry.exit_code = TIMED_OUT
+            entry.message = f"ended after {self.timeout:g} s: the time limit of a scene (--timeout)"
+            return
         summary = read_summary(entry.directory / SUMMARY_NAME)
         if not summary or exit_code(summary) != code:
             # the worker did not get as far as a summary: what is there is another run's
             summary = {"status": "failed", "error": {"exit_code": code, "message": said}}
         settle(entry, code, summary)
 
-    def _work(self, entry: Entry) -> tuple[int, str]:
-        """Return the exit code of a worker and the last line that it printed."""
+    def _work(self, entry: Entry) -> tuple[int, str, bool]:
+        """Return the exit code of a worker, the last line that it printed, and whether it ran out of time."""
         assert entry.directory is not None
         words = self.worker(entry.command, entry.path, entry.directory)
         environment = dict(os.environ)
@@ -256,7 +298,7 @@ class Batch:
             own = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
         with self._lock:
             if self._stopping:
-                return CRASHED, ""
+                return CRASHED, "", False
             process = subprocess.Popen(
                 words,
                 stdin=subprocess.PIPE,
@@ -267,10 +309,12 @@ class Batch:
             )
             self._running.add(process)
         assert process.stderr is not None and process.stdin is not None
+        clock = Clock(process, self.timeout)
         try:
             lines = process.stderr.read().decode(errors="replace").strip().splitlines()
             code = process.wait()
         finally:
+            clock.stop()
             with self._lock:
                 self._running.discard(process)
             process.stderr.close()
@@ -278,13 +322,13 @@ class Batch:
                 process.stdin.close()
         said = lines[-1].removeprefix("robodyn: error: ") if lines else ""
         if code < 0:
-            return (
-                CRASHED,
-                f"the process of this scene was ended by signal {-code} ({signal.strsignal(-code)})",
-            )
-        if code not in (0, 1, 2, 3, 4, 5, 70, 74, 130):
-            return CRASHED, f"the process of this scene ended with code {code}: {said}"
-        return code, said
+            said = f"the process of this scene was ended by signal {-code} ({signal.strsignal(-code)})"
+            code = CRASHED
+        elif code not in (0, 1, 2, 3, 4, 5, 70, 74, 130):
+            said = f"the process of this scene ended with code {code}: {said}"
+            code = CRASHED
+        # a worker that was done as its time ran out is done
+        return code, said, clock.fired and code in (CRASHED, INTERRUPTED)
 
     def _stop(self) -> None:
         """End the workers: ask, wait, and do not ask again."""
@@ -292,8 +336,7 @@ class Batch:
             self._stopping = True
             running = list(self._running)
         for process in running:
-            with contextlib.suppress(OSError):
-                process.send_signal(signal.SIGTERM if sys.platform == "win32" else signal.SIGINT)
+            interrupt(process)
         limit = time.monotonic() + GRACE
         try:
             for process in running:

@@ -92,6 +92,10 @@ class Mapping(Node):
             return mapping(self, [*self.entries, (key, value)])
         return mapping(self, [(k, value if k.text == key.text else v) for k, v in self.entries])
 
+    def without(self, key: str) -> Mapping:
+        """Return the map without a key."""
+        return mapping(self, [(k, v) for k, v in self.entries if k.text != key])
+
 
 def sequence(place: Node, items: list[Node]) -> Sequence:
     """Return a list at the place of another node."""

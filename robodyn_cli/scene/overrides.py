@@ -1,4 +1,4 @@
-"""``--set key.path=value``: replace values in the tree before it is read."""
+"""``--set key.path=value``: replace or remove values in the tree before it is read."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from robodyn_cli.scene.nodes import (
     shown,
 )
 from robodyn_cli.scene.yaml_nodes import compose
-from robodyn_cli.schema.fields import Kind, ListOf
+from robodyn_cli.schema.fields import Kind, ListOf, Section
 
 HELP = "allowed: key.path=value, list items by index or by name, as in robot.joints.theta1.a=0.5"
 
 
 def apply(root: Node, kind: Kind, override: str, directory: str, includer: Includer) -> Node:
-    """Return the tree with one value set.
+    """Return the tree with one value set, or removed where the value is null.
 
     Parameters
     ----------
@@ -45,7 +45,9 @@ def apply(root: Node, kind: Kind, override: str, directory: str, includer: Inclu
     if not all(step.strip() == step and step for step in steps):
         raise located(place, "", f"{shown(key)} is not a path of keys; {HELP}")
     if not text.strip():
-        raise located(place, key.strip(), "has no value; write null to clear a key, '\"\"' for an empty text")
+        raise located(
+            place, key.strip(), "has no value; write null to remove a key, '\"\"' for an empty text"
+        )
     value = compose(text.strip(), source, tuple(steps), empty=True)
     return _Setter(place, value, includer).set(root, kind, steps, ())
 
@@ -55,6 +57,7 @@ class _Setter:
         self.place = place
         self.value = value
         self.includer = includer
+        self.removes = isinstance(value, Scalar) and value.value is None
 
     def set(self, node: Node, kind: Kind | None, steps: list[str], done: Path) -> Node:
         """Return ``node`` with the value at ``steps`` below it replaced."""
@@ -67,20 +70,40 @@ class _Setter:
         if isinstance(node, Sequence):
             index = self.index(node, step, done)
             items = list(node.items)
+            if self.removes and not rest:
+                return sequence(node, items[:index] + items[index + 1 :])
             items[index] = self.set(items[index], child_kind(kind, step), rest, (*done, index))
             return sequence(node, items)
         if isinstance(node, Mapping):
             key = node.key(step) or Scalar(self.place.source, 1, 1, step, step)
             below = child_kind(kind, step)
             old = node.get(step)
+            # a key that the schema does not know is left to the reader, here too
+            known = old is not None or below is not None or not isinstance(kind, Section)
+            if self.removes and not rest and known:
+                return self.without(node, kind, step, done)
             if old is None or (isinstance(old, Scalar) and old.value is None and rest):
                 if rest and isinstance(below, ListOf):
                     raise self.error((*done, step), "is empty, so it has no items; set the whole list")
                 # what the schema does not know is refused by the reader, which names this option
                 old = mapping(self.place, [])
-            return node.replaced(key, self.set(old, below, rest, (*done, step)))
+            new = self.set(old, below, rest, (*done, step))
+            # where nothing was removed, nothing is added
+            return node if new is old else node.replaced(key, new)
         what = f"is {describe_node(node)}" if done else f"the scene is {describe_node(node)}"
         raise self.error(done, f"{what}, so it has no key {shown(step)}")
+
+    def without(self, node: Mapping, kind: Kind | None, step: str, done: Path) -> Node:
+        """Return a map without a key; a key of the schema that is not there is removed already."""
+        if node.get(step) is not None:
+            return node.without(step)
+        if not isinstance(kind, Section):
+            names = [key.text for key, _ in node.entries]
+            allowed = f"allowed: {', '.join(names)}" if names else "it is empty"
+            raise self.error(
+                done, f"has no key {shown(step)} to remove{did_you_mean(step, names)}; {allowed}"
+            )
+        return node
 
     def index(self, node: Sequence, step: str, done: Path) -> int:
         """Return the index of a list item, given by index or by its ``name``."""

@@ -115,6 +115,13 @@ class Reader:
         what = what or "is not allowed here"
         return located(node, dotted(path), f"{what} (value {describe_node(node)}); allowed: {allowed}")
 
+    @staticmethod
+    def unknown(kind: Kind, node: Scalar, path: Path, hint: str) -> SceneError:
+        """Return the error of a word that is none of the choices."""
+        return located(
+            node, dotted(path), f"unknown choice {shown(node.text)}{hint}; allowed: {describe(kind)}"
+        )
+
     # -- scalars --------------------------------------------------------------------------------------
     def number(self, kind: Number, node: Node, path: Path, unit: str) -> float:
         value = self.plain_number(kind, node, path, unit, kind.angle)
@@ -195,7 +202,9 @@ class Reader:
             raise self.wrong(kind, node, path, unit)
         if node.text not in kind.options or not isinstance(node.value, str):
             hint = did_you_mean(node.text, kind.options)
-            raise self.wrong(kind, node, path, unit, f"is not one of the choices{hint}" if node.text else "")
+            if not node.text:
+                raise self.wrong(kind, node, path, unit)
+            raise self.unknown(kind, node, path, hint)
         return node.text
 
     def formula(self, kind: Formula, node: Node, path: Path, unit: str) -> fm.Formula:
@@ -291,7 +300,7 @@ class Reader:
         if isinstance(found, Choice) and isinstance(node, Scalar) and node.text not in found.options:
             # speak of all that is allowed, not of the scalar form only
             hint = did_you_mean(node.text, found.options)
-            raise self.wrong(kind, node, path, unit, f"is not one of the choices{hint}")
+            raise self.unknown(kind, node, path, hint)
         return self.value(found, node, path, unit)
 
     def or_file(self, kind: OrFile, node: Node, path: Path, unit: str) -> Any:

@@ -15,6 +15,7 @@ from robodyn_cli.expr.formula import Formula as FormulaTree
 from robodyn_cli.forces.registry import joint_forces
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.loops.registry import loop_types
+from robodyn_cli.scene.commands import SCENE_COMMANDS
 from robodyn_cli.schema.fields import (
     Boolean,
     Choice,
@@ -284,7 +285,7 @@ class Scene:
     gravity: tuple[float, ...] = key(Vector(3), unit="m/s^2", doc="Gravity in the world frame.")
     title: str = key(Text(), default="", doc="Title of plots and reports.")
     command: str | None = key(
-        Choice(("inverse", "simulate", "deploy")), default=None, doc="What `robodyn run` does with this file."
+        Choice(tuple(SCENE_COMMANDS)), default=None, doc="What `robodyn run` does with this file."
     )
     parameters: dict[str, float] = key(
         MapOf(Number(angle=True), of="parameter"), default=None, doc="Named constants for formulas."

@@ -163,7 +163,7 @@ def test_names_are_made_canonical() -> None:
 @pytest.mark.parametrize(
     ("text", "variables", "words"),
     [
-        ("1 + tehta1", ("t", "q", "qd"), "column 5: unknown name 'tehta1'; did you mean 'theta1'?"),
+        ("1 + tehta1", ("t", "q", "qd"), "column 5: unknown name 'tehta1' (did you mean 'theta1'?)"),
         ("theta1", ("t",), "'theta1' is not allowed here; allowed: t, k"),
         ("q.theta1", ("t",), "not allowed here"),
         ("qd.theta1", ("t", "q"), "not allowed here"),

@@ -134,7 +134,7 @@ def test_errors_name_the_included_file(tmp_path: Path) -> None:
     error = refuse(path)
     name = os.path.join(tmp_path, "parts", "robot.yaml")
     assert error.message.startswith(
-        f"{name}:5:16: robot.links.0.mas: unknown key 'mas'; did you mean 'mass'?"
+        f"{name}:5:16: robot.links.0.mas: unknown key 'mas' (did you mean 'mass'?)"
     )
     assert error.details["file"] == name
 

@@ -79,6 +79,39 @@ def test_nothing_else_changes() -> None:
     ]
 
 
+def test_null_removes() -> None:
+    text = SCENE.replace("a: 1.0", "a: 1.0, friction: {viscous: 1}").replace(
+        "com_frame: joint}", "com_frame: joint, inertia: {zz: 1}}"
+    )
+    text += "simulate: {duration: 3}\n"
+    assert load(text=text) != load()
+    gone = ("robot.joints.j1.friction", "simulate", "robot.links.l1.inertia.zz")
+    assert load(*(f"{key}=null" for key in gone), text=text) == load()
+    assert not load("torques.j1=null").torques
+    pins = "loops=[{name: p, type: revolute, between: [l1.end, l2.end]}, {name: b, type: distance, between: [l1.end, l2.end], length: 1}]"
+    assert [loop.name for loop in load(pins, "loops.p=null").loops] == ["b"]
+
+
+@pytest.mark.parametrize(
+    "override", ["title=null", "inverse.samples=null", "robot.joints.1.spring.rest=null"]
+)
+def test_null_removes_what_is_not_there_too(override: str) -> None:
+    text = SCENE.replace("title: ", "# ")
+    assert load(override, text=text) == load(text=text)
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("gravity=null", "'gravity' is missing"),
+        ("gravity.0=null", "has 2 entries"),
+        ("robot=null", "'robot' is missing"),
+    ],
+)
+def test_what_is_needed_cannot_be_removed(override: str, words: str) -> None:
+    assert words in complaint(SCENE, (override,)).message
+
+
 def test_aliases_are_not_changed_together() -> None:
     text = SCENE.replace("- {name: l2, mass: 1}", "- {name: l2, mass: 1, inertia: &i {zz: 1}}")
     text = text.replace("- {name: l3, mass: 1}", "- {name: l3, mass: 1, inertia: *i}")
@@ -141,13 +174,17 @@ def test_missing_file_is_the_options_fault(tmp_path: Path) -> None:
         (".a=3", "", "'.a' is not a path"),
         ("a. b=3", "", "'a. b' is not a path"),
         ("title=", "title", "has no value; write null"),
+        ("torques.j11=null", "torques", "has no key 'j11' to remove (did you mean 'j1'?); allowed: j1"),
+        ("expect.lock=null", "expect", "has no key 'lock' to remove; it is empty"),
+        ("titel=null", "titel", "unknown key 'titel'"),
+        ("simulate.rtoll=null", "simulate.rtoll", "unknown key 'rtoll'"),
         ("title=[1", "title", "this is not YAML"),
         ("title={a: 1, a: 2}", "title.a", "stands twice"),
         ("title=!!python/name:os.system x", "title", "not allowed"),
         ("title=*x", "title", "no anchor &x"),
         ("title=1\n--- 2", "title", "second document"),
         ("title=x\x00y", "title", "'\\x00' is not allowed"),
-        ("titel=x", "titel", "unknown key 'titel'; did you mean 'title'?"),
+        ("titel=x", "titel", "unknown key 'titel' (did you mean 'title'?)"),
         ("simulate.rtoll=1", "simulate.rtoll", "did you mean 'rtol'?"),
         ("nothing.at.all=1", "nothing", "unknown key 'nothing'"),
         ("robot.joints.0.aa=1", "robot.joints.0.aa", "did you mean 'a'?"),

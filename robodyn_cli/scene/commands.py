@@ -1,0 +1,25 @@
+"""The commands that a scene may name under ``command``, so that ``robodyn run`` can run it: one line each."""
+
+from __future__ import annotations
+
+import dataclasses
+
+
+@dataclasses.dataclass(frozen=True)
+class SceneCommand:
+    """Where a command lives, by name: a module is imported when its command runs, start-up time is a feature.
+
+    ``function(scene, progress=..., watch=...)`` in ``module`` returns a Result. ``streamed``: it takes a ``writer``
+    too, which writes long runs block by block.
+    """
+
+    module: str
+    function: str
+    streamed: bool = False
+
+
+SCENE_COMMANDS: dict[str, SceneCommand] = {
+    "inverse": SceneCommand("robodyn_cli.run.inverse", "inverse"),
+    "simulate": SceneCommand("robodyn_cli.run.simulate", "simulate", streamed=True),
+    "deploy": SceneCommand("robodyn_cli.run.deploy", "deploy", streamed=True),
+}
