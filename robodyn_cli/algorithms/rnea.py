@@ -76,15 +76,39 @@ def collect_torques(
     model: Model, q: Values, qdd: Values, X: Sequence[Transform], wrench: list[Wrench]
 ) -> Vector:
     """Carry the bodies' wrenches down to the base and return the joint torques (nv,)."""
-    wrench = list(wrench)
+    carried, _ = carry_down(model, X, wrench)
     tau = zeros(model.nv)
-    for k in reversed(range(len(model.bodies))):
-        body = model.bodies[k]
-        own = drive_torque(body, slice_q(body, q), slice_v(body, qdd), wrench[k])
+    for body, through in zip(model.bodies, carried):
+        own = drive_torque(body, slice_q(body, q), slice_v(body, qdd), through)
         for j in range(body.joint.nv):
             tau[body.v + j] = own[j]
-        if body.parent != BASE:
-            n, f = X[k].force_to_parent(*wrench[k])
-            n_p, f_p = wrench[body.parent]
-            wrench[body.parent] = (n_p + n, f_p + f)
     return tau
+
+
+def carry_down(
+    model: Model, X: Sequence[Transform], wrench: Sequence[Wrench], base: Wrench | None = None
+) -> tuple[list[Wrench], Wrench]:
+    """Return the wrench that goes through each joint, and the one that goes through the base.
+
+    f_k = own_k + sum of X^T f over the bodies that k carries (Featherstone 2008, equation 5.20).
+
+    Parameters
+    ----------
+    wrench : what each body needs itself, about its origin in its coordinates. base : the same of the base.
+
+    Returns
+    -------
+    For each body what its parent exerts on it through the joint, about the body's origin in body coordinates;
+    what the ground exerts, about the base's origin in base coordinates.
+    """
+    carried = list(wrench)
+    base = (zeros(3), zeros(3)) if base is None else base
+    for k in reversed(range(len(model.bodies))):
+        parent = model.bodies[k].parent
+        n, f = X[k].force_to_parent(*carried[k])
+        n_p, f_p = base if parent == BASE else carried[parent]
+        if parent == BASE:
+            base = (n_p + n, f_p + f)
+        else:
+            carried[parent] = (n_p + n, f_p + f)
+    return carried, base

@@ -27,6 +27,7 @@ PLOTS: tuple[str, ...] = (
     "energy",
     "energy_drift",
     "multipliers",
+    "reactions",
     "constraint_residual",
     "singular_values",
     "mechanism",

@@ -47,6 +47,16 @@ ENTRIES: tuple[Entry, ...] = (
         "m/s or rad/s",
         "residual of the loop closures, velocity",
     ),
+    Entry(
+        "reactions/JOINT",
+        ("time", "wrench"),
+        "N, N m",
+        "force and moment of the parent on the link in a joint",
+    ),
+    Entry(
+        "loop_reactions/LOOP", ("time", "wrench"), "N, N m", "force and moment of a closure on its first link"
+    ),
+    Entry("base_wrench", ("time", "wrench"), "N, N m", "force and moment of the ground on the mechanism"),
     Entry("energy/kinetic", ("time",), "J", "kinetic energy"),
     Entry("energy/potential", ("time",), "J", "potential energy"),
     Entry("energy/total", ("time",), "J", "kinetic and potential energy"),

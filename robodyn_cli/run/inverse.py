@@ -17,6 +17,7 @@ from robodyn_cli.run.inverse_checks import DEFINITIONS, Sampled, error_estimate,
 from robodyn_cli.run.motion import Planned, plan_motion, with_led_point
 from robodyn_cli.run.places import add_places, place_outputs
 from robodyn_cli.run.progress import Progress, no_progress
+from robodyn_cli.run.reactions import add_reactions
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.run.units import unit_text
 from robodyn_cli.scene.types import Scene
@@ -79,6 +80,9 @@ def inverse(
         result.add(f"targets/{planned.point}", _asked(planned, arrays[f"points/{planned.point}"]))
     with watch.stage("error_estimate"):
         _summarise(result, problem, sampled, planned, function)
+    if scene.outputs.reactions:
+        with watch.stage("evaluate"):
+            add_reactions(result, problem, None)
     progress(float(times[-1]), float(times[-1]))
     result.summary["wall_time_s"] = watch.report()
     return result

@@ -21,6 +21,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.results.writer import ResultWriter
 from robodyn_cli.run.evaluation import SampleFunction
 from robodyn_cli.run.places import place_dataset, place_outputs
+from robodyn_cli.run.reactions import ReactionSamples, figures
 from robodyn_cli.run.units import unit_text
 
 Array = NDArray[Any]
@@ -110,6 +111,8 @@ class Observer:
             SampleKernel({"v": system.velocity_correction}, GROUPS) if system.velocity_correction else None
         )
         self.parameters = np.zeros(max(1, len(problem.model.parameters)))
+        asked = problem.scene.outputs.reactions
+        self.reactions = ReactionSamples(problem, problem.scene.simulate.samples) if asked else None
 
     def project(self, t: Array, x: Array) -> Array:
         """Return the states put back on the constraints (positions by repeated Newton steps, then rates)."""
@@ -158,6 +161,10 @@ class Observer:
         for path in self.places:
             name, block = place_dataset(path, found[path])
             data[name] = block
+        if self.reactions is not None:
+            data.update(
+                self.reactions(t, data["q"], data["qd"], data["qdd"], data.get("constraints/multipliers"))
+            )
         return data
 
     def _singular(self, flat: Array) -> dict[str, Array]:
@@ -204,6 +211,10 @@ class Observer:
         table["constraints/velocity_residual"] = Column(
             "m/s", "residual of velocity constraints", constraint, rows
         )
+        if self.reactions is not None:
+            for path, names in self.reactions.names.items():
+                meaning = self.reactions.meanings[path]
+                table[path] = Column("N, N m", meaning, ("time", "wrench"), names)
         return table
 
 
@@ -224,6 +235,7 @@ class Recorder:
         self.energy_scale = 0.0
         self.position_residual = 0.0
         self.velocity_residual = 0.0
+        self.loads: dict[str, dict[str, float]] = {}
         self._start: float | None = None
         self._last = -np.inf
 
@@ -245,6 +257,8 @@ class Recorder:
             self.velocity_residual = max(
                 self.velocity_residual, float(np.abs(data["constraints/velocity_residual"]).max(initial=0.0))
             )
+        if self.observer.reactions is not None:
+            self._keep_largest_loads(data, self.observer.reactions)
         if self.writer is not None:
             for path, block in data.items():
                 self._stream(path, block)
@@ -254,6 +268,11 @@ class Recorder:
         self._last = float(t[-1])
         for path, block in data.items():
             self.blocks.setdefault(path, []).append(block)
+
+    def _keep_largest_loads(self, data: dict[str, Array], known: ReactionSamples) -> None:
+        for name, load in figures({path: data[path] for path in known.names}, known.names).items():
+            held = self.loads.setdefault(name, load)
+            self.loads[name] = {key: max(value, held[key]) for key, value in load.items()}
 
     def _stream(self, path: str, block: Array) -> None:
         assert self.writer is not None
@@ -292,6 +311,10 @@ class Recorder:
         lam, *_ = np.linalg.lstsq(psi @ spread, -(gamma + spread.T @ f), rcond=1e-9)
         self.blocks["constraints/multipliers"][-1][-1] = lam
         self.blocks["qdd"][-1][-1] = np.linalg.solve(M, f) + spread @ lam
+        if self.observer.reactions is not None:
+            last = [self.blocks[path][-1][-1:] for path in ("q", "qd", "qdd", "constraints/multipliers")]
+            for path, load in self.observer.reactions(np.array([time]), *last).items():
+                self.blocks[path][-1][-1] = load[0]
 
     @property
     def samples(self) -> int:

@@ -343,6 +343,8 @@ def describe_run(
             "redundant_rows": list(setup.assembled.redundant),
             "vanishing_rows": list(setup.problem.constraints.dropped),
         }
+    if recorder.observer.reactions is not None:
+        summary["reactions"] = {**recorder.observer.reactions.note(), "largest": recorder.loads}
     summary["counters"] = integrator.counters.as_dict()
 
 

@@ -277,6 +277,22 @@ class DeployOptions:
 
 
 @dataclasses.dataclass(frozen=True)
+class Outputs:
+    """What is recorded beyond the usual."""
+
+    reactions: bool = key(
+        Boolean(),
+        default=False,
+        doc="Record force and moment in every joint and loop closure, and of the base.",
+    )
+    reaction_axes: str = key(
+        Choice(("joint", "world")),
+        default="joint",
+        doc="Axes of the components: the joint's own frame, turning with the link, or the world's.",
+    )
+
+
+@dataclasses.dataclass(frozen=True)
 class Scene:
     """A whole scene. ``path``, ``text`` (resolved YAML) and ``sources`` (files read) come from the loader."""
 
@@ -319,6 +335,7 @@ class Scene:
         Section(SimulateOptions), default=SimulateOptions(), doc="Options of `simulate` and `deploy`."
     )
     deploy: DeployOptions = key(Section(DeployOptions), default=DeployOptions(), doc="Options of `deploy`.")
+    outputs: Outputs = key(Section(Outputs), default=Outputs(), doc="What is recorded beyond the usual.")
     expect: dict[str, Expectation] = key(
         Criteria(), default=None, doc="What `robodyn run` and `check` expect of the summary."
     )

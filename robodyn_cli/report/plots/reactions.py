@@ -1,0 +1,54 @@
+"""Forces and moments in joints and loop closures over time: their magnitudes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.report import style
+from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.decimate import finite, where_largest
+from robodyn_cli.report.heatmap import draw_map
+from robodyn_cli.report.lines import draw_columns
+from robodyn_cli.report.marks import mark_lock
+from robodyn_cli.report.ticks import number
+from robodyn_cli.results.result import Array, Result, Variable
+
+
+def applies(result: Result) -> bool:
+    """Tell whether reactions were recorded."""
+    return bool(result.group("reactions"))
+
+
+def draw(result: Result) -> Any:
+    """Return the figure: forces above, moments below, or a map of the forces where there are very many."""
+    loads = {**result.group("reactions"), **result.group("loop_reactions")}
+    force = np.column_stack([magnitude(item, "f") for item in loads.values()])
+    moment = np.column_stack([magnitude(item, "m") for item in loads.values()])
+    names = list(loads)
+    at, worst = np.unravel_index(where_largest(force.ravel()), force.shape)
+    subtitle = (
+        f"Reactions in joints and closures; largest force {number(float(force[at, worst]), 5)} N in {names[worst]} "
+        f"at t = {number(float(result.time[at]), 5)} s"
+    )
+    if len(names) > style.MANY:
+        return draw_map(result, force, names, "force", "N", subtitle)
+    sheet = Sheet(result, subtitle, panels=2, height=2.4, labels=names)
+    handles = draw_columns(sheet.axes[0], result.time, force)
+    draw_columns(sheet.axes[1], result.time, moment)
+    sheet.axes[0].set_ylabel("force [N]")
+    sheet.axes[1].set_ylabel("moment [N m]")
+    for ax in sheet.axes:
+        ax.set_ylim(bottom=0.0)
+    sheet.label_time()
+    mark_lock(sheet.axes, result)
+    sheet.legend(handles, names)
+    return sheet.figure
+
+
+def magnitude(item: Variable, letter: str) -> Array:
+    """Return the length (T,) of the force (``f``) or the moment (``m``) of a wrench."""
+    columns = [k for k, name in enumerate(item.names) if name.startswith(letter)]
+    data = finite(item.data[:, columns])
+    return np.asarray(np.sqrt((data**2).sum(axis=1)))
