@@ -8,18 +8,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from robodyn_cli.algorithms.linear import LuFactor
-from robodyn_cli.expr.calculus import jacobian
-from robodyn_cli.expr.graph import Expr, Graph, Scalar, free_symbols
+from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.formulations.dynamics import GROUPS as GROUPS
 from robodyn_cli.formulations.dynamics import Dynamics
+from robodyn_cli.formulations.linearisation import complex_factors, real_factors
 from robodyn_cli.kernels.program import Program, make_program
-from robodyn_cli.spatial.algebra import zeros
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,37 +81,13 @@ class System:
 
     @cached_property
     def linearisation(self) -> Program:
-        """What a linearly implicit method needs at a point, exact: with x = (v, z) and x-dot = f(t, q, x).
+        """What a linearly implicit method needs at a point: see ``real_factors``."""
+        return real_factors(self)
 
-        The matrix of the stages is (g E - J) with g = 1 / (gamma h), input group ``g``. Since q-dot = v, the rows of
-        q are eliminated: B = g E - df/dx - (df/dq, 0) / g. Outputs: ``lu``, B factored without pivoting, row by
-        row; ``fq`` = df/dq; ``ft`` = df/dt.
-        """
-        f = [*self.acceleration, *self.z_rate]
-        n = len(f)
-        found = {e.value[1:]: e for e in free_symbols(f)}
-
-        def columns(group: str, count: int) -> NDArray[Any]:
-            out = zeros(n, count)
-            places = [k for k in range(count) if (group, k) in found]
-            rows = jacobian(f, [found[group, k] for k in places])
-            for i, row in enumerate(rows):
-                for column, entry in row.items():
-                    out[i, places[column]] = entry
-            return out
-
-        fq, fv, fz, ft = columns("q", self.nq), columns("v", self.nv), columns("z", self.nz), columns("t", 1)
-        graph = next((e.graph for e in f if isinstance(e, Expr)), Graph())
-        g = graph.symbol("g", "g")
-        B = -np.concatenate([fv, fz], axis=1)
-        for i in range(n):
-            for k in range(self.nq):
-                B[i, k] = B[i, k] - fq[i, k] / g
-            B[i, i] = B[i, i] + g
-        return make_program(
-            {"lu": list(LuFactor.of(B).entries.ravel()), "fq": list(fq.ravel()), "ft": list(ft.ravel())},
-            (*GROUPS, "g"),
-        )
+    @cached_property
+    def complex_linearisation(self) -> Program:
+        """The same for complex g: see ``complex_factors``."""
+        return complex_factors(self)
 
     @property
     def digest(self) -> str:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from robodyn_cli.formulations.system import System
+from robodyn_cli.integrators.factors import RealFactors
 from robodyn_cli.integrators.layout import Real, Whole
 from robodyn_cli.integrators.loop import SLACK, Attempt, Stepper
-from robodyn_cli.integrators.rosenbrock_tables import RODAS5P, RosenbrockTable
+from robodyn_cli.integrators.rosenbrock_tables import RODAS5P, ROSENBROCK23, RosenbrockTable
 from robodyn_cli.integrators.writer import Writer
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Value
@@ -25,18 +26,11 @@ class Rosenbrock(Stepper):
 
     def attempt(self, w: Writer, t: Value, h: Value, failed: str) -> Attempt:
         f, s, T = w.f, w.system, self.table
-        n, stages = s.nv + s.nz, len(T.m)
+        stages = len(T.m)
         x0 = [w.state[c] for c in range(s.size)]
-        g = (1.0 / T.gamma) / h
-        found = w.evaluate(s.linearisation, t, w.state, g=[g])
+        factors = RealFactors(w, t, w.state, (1.0 / T.gamma) / h)
         w.count(Whole.EVALUATIONS, stages + 1)
-        self.lu = found["lu"]
-        self.zero = [isinstance(e, float) and e == 0.0 for e in s.linearisation.outputs["lu"]]
-        fq, ft = found["fq"], found["ft"]
-        fq_zero = [isinstance(e, float) and e == 0.0 for e in s.linearisation.outputs["fq"]]
-        ft_zero = [isinstance(e, float) and e == 0.0 for e in s.linearisation.outputs["ft"]]
         per_h = 1.0 / h
-        per_g = T.gamma * h
         U: list[list[Value]] = []
         self.rate0: list[Value] = []
         for i in range(stages):
@@ -44,23 +38,13 @@ class Rosenbrock(Stepper):
             rate = self._rate(w, f.muladd(h, float(T.alpha[i]), t), x)
             if i == 0:
                 self.rate0 = rate
-            r = [
-                f.muladd(per_h, self._sum(w, T.C[i], U, c, None), rate[c]) if i else rate[c]
-                for c in range(s.size)
-            ]
-            r_q, r_x = r[: s.nq], r[s.nq :]
             right = []
-            for row in range(n):
-                total = r_x[row]
-                if not ft_zero[row] and T.gamma_sums[i] != 0.0:
-                    total = f.muladd(h * float(T.gamma_sums[i]), ft[row], total)
-                for k in range(s.nq):
-                    if not fq_zero[row * s.nq + k]:
-                        total = f.muladd(fq[row * s.nq + k] * per_g, r_q[k], total)
+            for c, ft in enumerate(factors.ft):
+                total = f.muladd(per_h, self._sum(w, T.C[i], U, c, None), rate[c]) if i else rate[c]
+                if ft is not None and T.gamma_sums[i] != 0.0:
+                    total = f.muladd(h * float(T.gamma_sums[i]), ft, total)
                 right.append(total)
-            k_x = self._solve(w, right, n)
-            k_q = [(r_q[k] + k_x[k]) * per_g for k in range(s.nq)]
-            U.append([*k_q, *k_x])
+            U.append(factors.solve(right))
         # increments apart: in short steps dense output would lose their digits in the difference of two states
         self.increments = [self._sum(w, T.m, U, c, None) for c in range(s.size)]
         x1 = [x + d for x, d in zip(x0, self.increments)]
@@ -87,21 +71,6 @@ class Rosenbrock(Stepper):
                 total = u[c] * weight if total is None else f.muladd(u[c], weight, total)
         return f.constant(0.0) if total is None else total
 
-    def _solve(self, w: Writer, b: list[Value], n: int) -> list[Value]:
-        """Return B^-1 b from the factors (diagonal inverted), skipping what is zero by structure."""
-        f = w.f
-        x = list(b)
-        for i in range(n):
-            for k in range(i):
-                if not self.zero[i * n + k]:
-                    x[i] = f.muladd(-self.lu[i * n + k], x[k], x[i])
-        for i in reversed(range(n)):
-            for k in range(i + 1, n):
-                if not self.zero[i * n + k]:
-                    x[i] = f.muladd(-self.lu[i * n + k], x[k], x[i])
-            x[i] = x[i] * self.lu[i * n + i]
-        return x
-
     def _judge(self, w: Writer, x0: list[Value], x1: list[Value], e: list[Value]) -> Attempt:
         f, s = w.f, w.system
         n = s.size
@@ -114,7 +83,7 @@ class Rosenbrock(Stepper):
             assert total is not None
             error = total * (1.0 / n)
             bounded = f.max(error, 1e-20)
-            factor = rough_power(f, bounded, -0.5 / self.table.order) * SAFETY
+            factor = rough_power(f, bounded, -0.5 / self.table.error_order) * SAFETY
             after_reject = f.compare_int("sgt", f.load_int(w.whole(Whole.REJECTED_IN_ROW)), 0)
             factor = f.min(f.max(factor, 0.2), f.select(after_reject, f.constant(1.0), f.constant(6.0)))
         return Attempt(error, factor)
@@ -200,3 +169,12 @@ class Rodas5P(Rosenbrock):
     order = 5
     dense_order = 4
     table = RODAS5P
+
+
+class Rosenbrock23(Rosenbrock):
+    """Shampine and Reichelt's pair of MATLAB's ode23s: order 2, L-stable, for stiff motion at loose tolerances."""
+
+    name = "rosenbrock23"
+    order = 2
+    dense_order = 2
+    table = ROSENBROCK23

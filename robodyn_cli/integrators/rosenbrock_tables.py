@@ -19,9 +19,12 @@ Tree = Any  # a tree is the sorted tuple of its branches
 class RosenbrockTable:
     """(E / (gamma h) - J) u_i = f(t + alpha_i h, y + sum a_ij u_j) + sum C_ij u_j / h + gamma_i h df/dt,
     y1 = y + sum m_i u_i, error = sum e_i u_i (Hairer and Wanner 1996, equations IV.7.25 and 7.26).
+
+    order : of the solution. error_order : power of h with which the error estimate of a step falls.
     """
 
     order: int
+    error_order: int
     gamma: float
     a: tuple[Row, ...]
     C: tuple[Row, ...]
@@ -76,6 +79,30 @@ class RosenbrockTable:
                     raise ArithmeticError(f"a condition of order {n} fails")
 
 
+def transformed(
+    order: int, error_order: int, alpha: tuple[Row, ...], gamma: tuple[Row, ...], b: Row, e: Row
+) -> RosenbrockTable:
+    """Return the transformed table of a method in its usual form.
+
+    k_i = h f(t + alpha_i h, y + sum alpha_ij k_j) + h J sum gamma_ij k_j + gamma_i h^2 df/dt, y1 = y + sum b_i k_i;
+    gamma : rows with the diagonal, which is the same in all. e : weights of the error estimate.
+    """
+    s = len(b)
+    A, G = np.zeros((s, s)), np.zeros((s, s))
+    for i in range(s):
+        A[i, : len(alpha[i])], G[i, : i + 1] = alpha[i], gamma[i]
+    inverse = np.linalg.inv(G)
+    a, C = A @ inverse, np.diag(1.0 / np.diag(G)) - inverse
+
+    def rows(x: Array) -> tuple[Row, ...]:
+        return tuple(tuple(float(c) for c in x[i, :i]) for i in range(s))
+
+    def row(x: Row) -> Row:
+        return tuple(float(c) for c in np.array(x) @ inverse)
+
+    return RosenbrockTable(order, error_order, float(G[0, 0]), rows(a), rows(C), row(b), row(e))
+
+
 def rooted_trees(n: int) -> list[Tree]:
     """Return the rooted trees with n nodes, a tree being the sorted tuple of its branches."""
     if n == 1:
@@ -111,6 +138,7 @@ _LAST = (-7.502846399306121, 2.561846144803919, -11.627539656261098, -0.18268767
 # Rodas5P of Steinebach (2023): order 5, L-stable, stiffly accurate
 RODAS5P = RosenbrockTable(
     order=5,
+    error_order=5,
     gamma=0.21193756319429014,
     a=(
         (),
@@ -136,4 +164,16 @@ RODAS5P = RosenbrockTable(
     ),
     m=(*_LAST, 1.0, 1.0, 1.0),
     e=(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0),
+)
+
+# ode23s of Shampine and Reichelt (1997): order 2, L-stable, error from a formula of order 3; d = 1 / (2 + sqrt 2)
+_D = 1.0 / (2.0 + 2.0**0.5)
+_E32 = 6.0 + 2.0**0.5
+ROSENBROCK23 = transformed(
+    order=2,
+    error_order=3,
+    alpha=((), (0.5,), (0.0, 1.0)),
+    gamma=((_D,), (-_D, _D), (_D * (_E32 - 2.0), -_D * _E32, _D)),
+    b=(0.0, 1.0, 0.0),
+    e=(1.0 / 6.0, -2.0 / 6.0, 1.0 / 6.0),
 )

@@ -1,0 +1,78 @@
+"""The exact Jacobian of a system, and the factored matrices g E - J that implicit methods solve with.
+
+The state is x = (q, v, z). Positions come first, so elimination without pivoting takes their rows, which are sparse,
+before those of the rates: where q-dot = v this is the usual elimination B = g E - df/dv - (df/dq) / g.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+from numpy.typing import NDArray
+
+from robodyn_cli.algorithms.complex import Complex
+from robodyn_cli.algorithms.linear import LuFactor
+from robodyn_cli.expr.calculus import jacobian
+from robodyn_cli.expr.graph import Expr, Graph, free_symbols
+from robodyn_cli.formulations.dynamics import GROUPS
+from robodyn_cli.kernels.program import Program, make_program
+from robodyn_cli.spatial.algebra import zeros
+
+if TYPE_CHECKING:
+    from robodyn_cli.formulations.system import System
+
+
+@dataclasses.dataclass(frozen=True)
+class Jacobian:
+    """J = df/dx (n, n) and df/dt (n,) of x-dot = f(t, x), as numbers and expressions of ``graph``."""
+
+    J: NDArray[Any]
+    t: NDArray[Any]
+    graph: Graph
+
+
+def differentiate(system: System) -> Jacobian:
+    """Return the exact Jacobian of the whole state.
+
+    Raises
+    ------
+    CapabilityError : the rates are no expressions.
+    """
+    f = [*system.acceleration, *system.z_rate]
+    nq, size = system.nq, system.size
+    found = {e.value[1:]: e for e in free_symbols(f)}
+    first = {"q": 0, "v": nq, "z": nq + system.nv}
+    columns = [(first[group] + k, e) for (group, k), e in found.items() if group in first]
+    if ("t", 0) in found:
+        columns.append((size, found["t", 0]))
+    wide = zeros(size, size + 1)
+    for k in range(nq):
+        wide[k, nq + k] = 1.0
+    for i, row in enumerate(jacobian(f, [e for _, e in columns])):
+        for k, entry in row.items():
+            wide[nq + i, columns[k][0]] = entry
+    graph = next((e.graph for e in f if isinstance(e, Expr)), Graph())
+    return Jacobian(wide[:, :size], wide[:, size], graph)
+
+
+def real_factors(system: System) -> Program:
+    """Return outputs ``lu`` (n n): g E - J factored, row by row, and ``ft`` = df/dt (n,); input group ``g`` (1,)."""
+    found = differentiate(system)
+    g = found.graph.symbol("g", "g")
+    B = -found.J
+    for i in range(system.size):
+        B[i, i] = B[i, i] + g
+    return make_program({"lu": list(LuFactor.of(B).entries.ravel()), "ft": list(found.t)}, (*GROUPS, "g"))
+
+
+def complex_factors(system: System) -> Program:
+    """Return outputs ``re``, ``im`` (n n): g E - J factored for a complex g; input group ``g`` = (re, im)."""
+    found = differentiate(system)
+    g = Complex(found.graph.symbol("g.re", "g", 0), found.graph.symbol("g.im", "g", 1))
+    B = zeros(system.size, system.size)
+    for i in range(system.size):
+        for k in range(system.size):
+            B[i, k] = Complex(-found.J[i, k]) + g if i == k else Complex(-found.J[i, k])
+    lu = LuFactor.of(B).entries.ravel()
+    return make_program({"re": [e.re for e in lu], "im": [e.im for e in lu]}, (*GROUPS, "g"))
