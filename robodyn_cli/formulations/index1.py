@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from robodyn_cli.algorithms.constraints import correction, solve_with_multipliers
+from robodyn_cli.algorithms.kinematics import slice_q, slice_v
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.formulations.dynamics import Expanded, Rolled
+from robodyn_cli.formulations.layout import Layout
 from robodyn_cli.formulations.system import EventFunction, System
 from robodyn_cli.kernels.rolled import prefer_rolled
 from robodyn_cli.scene.types import Baumgarte
+from robodyn_cli.spatial.algebra import vector
 
 
 def index1(
@@ -64,20 +69,69 @@ def index1(
 def _system(
     problem: Problem, dynamics: Rolled | Expanded, events: Sequence[EventFunction], **corrections: Any
 ) -> System:
+    events = (*events, *kinks(problem))
+    layout = Layout.of(problem.model, len(dynamics.z_rate))
+    if layout is not None:
+        assert isinstance(dynamics, Expanded)
+        return _quasi_system(problem, dynamics, events, layout, **corrections)
     return System(
         nq=problem.model.nq,
         nv=problem.model.nv,
         dynamics=dynamics,
         nz=len(dynamics.z_rate),
-        events=(*events, *kinks(problem)),
+        events=events,
         breakpoints=problem.breakpoints,
         **corrections,
     )
 
 
+def _quasi_system(
+    problem: Problem,
+    dynamics: Expanded,
+    events: Sequence[EventFunction],
+    layout: Layout,
+    position_correction: Sequence[Scalar] = (),
+    velocity_correction: Sequence[Scalar] = (),
+) -> System:
+    """Return the system of a mechanism with quasi-velocities: q-dot = N(q) v is integrated beside v-dot."""
+    rates: list[Scalar] = [0.0] * layout.size
+    normal: dict[int, Scalar] = {}
+    for body in problem.model.bodies:
+        joint, q, v = body.joint, slice_q(body, problem.q), slice_v(body, problem.v)
+        for k, x in enumerate(joint.velocity_map(q, v)):
+            rates[layout.q[body.q + k]] = x
+        for k in range(joint.nv):
+            rates[layout.v[body.v + k]] = dynamics.acceleration[body.v + k]
+        if joint.quasi:
+            for k, x in enumerate(joint.normalise(q)):
+                if x is not q[k]:
+                    normal[layout.q[body.q + k]] = x
+    for place, x in zip(layout.z, dynamics.z_rate):
+        rates[place] = x
+    n = layout.ordinary
+    parts = [rates[n:], normal.values(), position_correction, velocity_correction, [e.value for e in events]]
+    found = layout.renamed([x for part in parts for x in part])
+    ends = list(itertools.accumulate(len(part) for part in parts))
+    renamed = [tuple(found[end - len(part) : end]) for part, end in zip(parts, ends)]
+    return System(
+        nq=n,
+        nv=n,
+        dynamics=Expanded(renamed[0][:n], renamed[0][n:]),
+        nz=layout.size - 2 * n,
+        position_correction=renamed[2],
+        velocity_correction=renamed[3],
+        events=tuple(dataclasses.replace(e, value=x) for e, x in zip(events, renamed[4])),
+        breakpoints=problem.breakpoints,
+        layout=layout,
+        normalisation=renamed[1],
+        normalised=tuple(normal),
+    )
+
+
 def is_rolled(problem: Problem) -> bool:
     """Tell whether a simulation goes by loops over the bodies instead of one graph of expressions."""
-    return not problem.scene.prescribed and prefer_rolled(problem.model)
+    quasi = any(body.joint.quasi for body in problem.model.bodies)
+    return not quasi and not problem.scene.prescribed and prefer_rolled(problem.model)
 
 
 def kinks(problem: Problem) -> tuple[EventFunction, ...]:
@@ -99,11 +153,17 @@ def _velocity_residual(problem: Problem) -> list[Scalar]:
 
 
 def projection(problem: Problem) -> tuple[list[Scalar], list[Scalar]]:
-    """Return one Newton step onto eta = 0 and the step onto Psi v + eta_t = 0, both of least norm."""
+    """Return one Newton step onto eta = 0, along the joints' manifolds, and the step onto Psi v + eta_t = 0.
+
+    Both are of least norm in the velocity coordinates, on which Psi acts.
+    """
     psi = problem.psi
     dq = correction(psi, problem.constraints.eta)
     dv = correction(psi, _velocity_residual(problem))
-    q: list[Scalar] = [x - d for x, d in zip(problem.q, dq)]
+    q: list[Scalar] = list(problem.q)
+    for body in problem.model.bodies:
+        step = vector([-x for x in slice_v(body, dq)])
+        q[body.q : body.q + body.joint.nq] = body.joint.integrate(slice_q(body, problem.q), step)
     v: list[Scalar] = [x - d for x, d in zip(problem.v, dv)]
     return q, v
 

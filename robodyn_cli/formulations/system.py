@@ -8,10 +8,15 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.formulations.dynamics import GROUPS as GROUPS
 from robodyn_cli.formulations.dynamics import Dynamics
+from robodyn_cli.formulations.layout import Layout
 from robodyn_cli.formulations.linearisation import complex_factors, real_factors
 from robodyn_cli.kernels.program import Program, make_program
 
@@ -35,9 +40,15 @@ class EventFunction:
 class System:
     """State x = (q, v, z): q-dot = v, v-dot and z-dot by ``dynamics``, over symbols t, q, v, z, p.
 
-    position_correction : q corrected once onto the position constraints (one Newton step), or empty.
-    velocity_correction : v corrected onto the velocity constraints, or empty.
+    Here q, v and z are the integrator's. Where a joint has quasi-velocities (q-dot = N(q) v) they are not those of
+    the mechanism, and ``layout`` says where those lie: integrators need not look at it, whoever wants positions and
+    velocities of joints takes ``split``, ``join`` and ``groups``.
+
+    position_correction : the mechanism's q corrected once onto the position constraints (one Newton step), or empty.
+    velocity_correction : its v corrected onto the velocity constraints, or empty.
+    normalisation : the entries at ``normalised`` places of x, put back on their joints' manifolds.
     breakpoints : times at which the right-hand side has a kink; steps end there.
+    layout : None where q, v, z are the mechanism's.
     """
 
     nq: int
@@ -48,12 +59,57 @@ class System:
     velocity_correction: tuple[Scalar, ...] = ()
     events: tuple[EventFunction, ...] = ()
     breakpoints: tuple[float, ...] = ()
+    layout: Layout | None = None
+    normalisation: tuple[Scalar, ...] = ()
+    normalised: tuple[int, ...] = ()
 
     @property
     def size(self) -> int:
         """Length of the state vector."""
         return self.nq + self.nv + self.nz
 
+    # -- the mechanism's coordinates --------------------------------------------------------------------
+    @property
+    def q_places(self) -> Sequence[int]:
+        """Places in x of the mechanism's q."""
+        return range(self.nq) if self.layout is None else self.layout.q
+
+    @property
+    def v_places(self) -> Sequence[int]:
+        """Places in x of the mechanism's v."""
+        return range(self.nq, self.nq + self.nv) if self.layout is None else self.layout.v
+
+    @property
+    def further(self) -> int:
+        """How many states there are beside the mechanism's q and v."""
+        return self.nz if self.layout is None else len(self.layout.z)
+
+    def split(self, x: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+        """Return the mechanism's q, v and z of states x (..., nx)."""
+        if self.layout is None:
+            return np.split(x, [self.nq, self.nq + self.nv], axis=-1)  # type: ignore[return-value]
+        q, v, z = (x[..., list(places)] for places in (self.layout.q, self.layout.v, self.layout.z))
+        return q, v, z
+
+    def join(self, q: NDArray[Any], v: NDArray[Any], z: NDArray[Any] | None = None) -> NDArray[np.float64]:
+        """Return the state x (nx,) from the mechanism's q and v; z is zero where it is not given."""
+        x = np.zeros(self.size)
+        x[list(self.q_places)], x[list(self.v_places)] = q, v
+        if z is not None:
+            x[self.size - self.further :] = z
+        return x
+
+    def groups(self, t: Any, x: NDArray[Any], p: NDArray[Any]) -> dict[str, Any]:
+        """Return what kernels of the mechanism's expressions take at times t (T,) and states x (T, nx)."""
+        q, v, z = self.split(x)
+        return {"t": t, "q": q, "v": v, "z": z, "p": p}
+
+    def own_groups(self, t: Any, x: NDArray[Any], p: NDArray[Any]) -> dict[str, Any]:
+        """Return what kernels of this system's own expressions (events, corrections) take; as ``groups``."""
+        q, v, z = np.split(x, [self.nq, self.nq + self.nv], axis=-1)
+        return {"t": t, "q": q, "v": v, "z": z, "p": p}
+
+    # -- programs -------------------------------------------------------------------------------------
     @property
     def acceleration(self) -> tuple[Scalar, ...]:
         """v-dot as expressions, where there are such."""
@@ -66,13 +122,18 @@ class System:
 
     @cached_property
     def positions(self) -> Program | None:
-        """Output ``q`` (nq): the corrected positions."""
+        """Output ``q``: the corrected positions, at ``q_places``."""
         return _program(q=self.position_correction) if self.position_correction else None
 
     @cached_property
     def velocities(self) -> Program | None:
-        """Output ``v`` (nv): the corrected velocities."""
+        """Output ``v``: the corrected velocities, at ``v_places``."""
         return _program(v=self.velocity_correction) if self.velocity_correction else None
+
+    @cached_property
+    def normal_form(self) -> Program | None:
+        """Output ``n``: the entries at ``normalised`` places, on their manifolds."""
+        return _program(n=self.normalisation) if self.normalisation else None
 
     @cached_property
     def switching(self) -> Program | None:
@@ -95,6 +156,12 @@ class System:
         parts = [self.dynamics, self.positions, self.velocities, self.switching]
         size = "any" if self.dynamics.any_size else f"{self.nq} {self.nv}"
         code = ["-" if p is None else p.digest for p in parts]
+        if self.layout is not None:
+            code += [
+                self.normal_form.digest if self.normal_form else "-",
+                str(self.layout),
+                str(self.normalised),
+            ]
         return " ".join([size, str(self.nz), *code, *(str(e.direction) for e in self.events)])
 
 

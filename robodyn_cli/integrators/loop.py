@@ -180,8 +180,11 @@ def write_run(system: System, method: Stepper, fused: bool) -> str:
 
 
 def _project(w: Writer, t: Value) -> None:
-    """Put the state back on the constraints: Newton steps for q until they no longer matter, then v."""
+    """Put the state back on manifolds and constraints: Newton steps for q until they no longer matter, then v."""
     f, s = w.f, w.system
+    if s.normal_form is not None:
+        for place, x in zip(s.normalised, w.evaluate(s.normal_form, t, w.state)["n"]):
+            w.state[place] = x
     if s.positions is not None:
         again, done = f.label("again"), f.label("closed")
         rounds = f.int_slot()
@@ -189,7 +192,7 @@ def _project(w: Writer, t: Value) -> None:
         f.jump(again)
         f.place(again)
         moved: Value | None = None
-        for k, q in enumerate(w.evaluate(s.positions, t, w.state)["q"]):
+        for k, q in zip(s.q_places, w.evaluate(s.positions, t, w.state)["q"]):
             d = q - w.state[k]
             moved = d * d if moved is None else moved + d * d
             w.state[k] = q
@@ -200,8 +203,8 @@ def _project(w: Writer, t: Value) -> None:
         f.branch(onward, again, done)
         f.place(done)
     if s.velocities is not None:
-        for k, v in enumerate(w.evaluate(s.velocities, t, w.state)["v"]):
-            w.state[s.nq + k] = v
+        for k, v in zip(s.v_places, w.evaluate(s.velocities, t, w.state)["v"]):
+            w.state[k] = v
 
 
 def _write_samples(w: Writer, method: Stepper, status: str, leave: str) -> None:

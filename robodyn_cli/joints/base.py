@@ -6,8 +6,9 @@ tests run over every registered joint:
 1. ``transform(q)``: X from the frame before the joint to the body's frame, textbook sign.
 2. ``S``: motion subspace in body coordinates, (6, nv), angular rows first.
 3. ``S_rate(q, qd)`` and ``bias(q, qd)``: dS/dt, and c = dS/dt qd, in body coordinates (zero for constant S).
-4. ``velocity_map(q, v)``: q-dot from v; the identity unless nq and nv differ.
+4. ``velocity_map(q, v)``: q-dot from v; the identity unless the velocities are ``quasi``.
 5. ``integrate(q, dq)``, ``difference(q0, q1)``, ``normalise(q)``: steps on the joint's own manifold.
+6. ``units`` and ``names`` of q, ``v_units`` and ``v_names`` of v, where they differ from those of q.
 """
 
 from __future__ import annotations
@@ -18,13 +19,32 @@ from robodyn_cli.spatial.algebra import Transform, Vector, matrix, vector, zeros
 
 
 class Joint:
-    """A kind of joint with ``nq`` position and ``nv`` velocity coordinates."""
+    """A kind of joint with ``nq`` position and ``nv`` velocity coordinates.
+
+    quasi : q-dot is not v but ``velocity_map(q, v)``. units : of q, ``rad``, ``m`` or ``1``; v_units : ``rad`` or
+    ``m``, per second that of v. names, v_names : what a coordinate is called behind the joint's name
+    (``ball.qw``); a joint with one coordinate goes by its own name. v_units, v_names : as units and names by default.
+    """
 
     type: ClassVar[str] = ""
     nq: ClassVar[int] = 0
     nv: ClassVar[int] = 0
+    quasi: ClassVar[bool] = False
     units: ClassVar[tuple[str, ...]] = ()
+    v_units: ClassVar[tuple[str, ...]] = ()
+    names: ClassVar[tuple[str, ...]] = ()
+    v_names: ClassVar[tuple[str, ...]] = ()
     subspace: ClassVar[tuple[tuple[float, ...], ...]] = ()
+
+    def __init_subclass__(cls) -> None:
+        """Let velocities go by the units and names of positions where nothing else is said."""
+        cls.v_units = cls.v_units or cls.units
+        cls.v_names = cls.v_names or cls.names
+
+    @staticmethod
+    def coordinates(joint: str, names: tuple[str, ...]) -> tuple[str, ...]:
+        """Return the columns of q or v of the joint called ``joint``: its own name where they have none."""
+        return tuple(f"{joint}.{name}" for name in names) or (joint,)
 
     def transform(self, q: Vector) -> Transform:
         """Return X from the frame before the joint to the body frame, at position ``q`` (nq,)."""

@@ -197,7 +197,9 @@ def build_model(scene: sc.Scene, symbolic: Sequence[str] = (), graph: Graph | No
             merged[here.body] = merged[here.body] + own if here.body in merged else own
     gravity = vector([values.get(f"gravity.{k}", g) for k, g in enumerate(scene.gravity)])
     base = Transform.from_pose(rotation_rpy(robot.base.rpy), vector(robot.base.xyz))
-    finished, names, units = _number(robot, bodies, merged, values)
+    finished = _number(robot, bodies, merged, values)
+    # in the order of their places, which is that of the YAML
+    joints = [(b.joint_name, b.joint) for b in sorted(finished, key=lambda b: b.v)]
     points = {
         name: _fixed_frame(placed, links, point, values) for name, point in (robot.points or {}).items()
     }
@@ -218,10 +220,11 @@ def build_model(scene: sc.Scene, symbolic: Sequence[str] = (), graph: Graph | No
         links=link_frames,
         outlines=_outlines(robot, placed, points, bodies),
         loops=tuple(_loop(scene, placed, links, points, element, values) for element in scene.loops),
-        joint_names=names,
-        q_names=names,
-        v_names=names,
-        q_units=units,
+        joint_names=tuple(name for name, _ in joints),
+        q_names=tuple(x for name, joint in joints for x in joint.coordinates(name, joint.names)),
+        v_names=tuple(x for name, joint in joints for x in joint.coordinates(name, joint.v_names)),
+        q_units=tuple(unit for _, joint in joints for unit in joint.units),
+        v_units=tuple(unit for _, joint in joints for unit in joint.v_units),
         parameters=tuple(symbolic),
     )
     values.check()
@@ -248,20 +251,15 @@ def _topological(robot: sc.Robot) -> list[int]:
 
 def _number(
     robot: sc.Robot, bodies: list[dict[str, Any]], merged: dict[int, RigidInertia], values: _Values
-) -> tuple[tuple[Body, ...], tuple[str, ...], tuple[str, ...]]:
+) -> tuple[Body, ...]:
     """Give bodies their places in q and v, which follow the joints' order in the YAML."""
     start: dict[str, tuple[int, int]] = {}
     nq = nv = 0
-    names: list[str] = []
-    units: list[str] = []
     for joint in robot.joints:
         kind = joint_types[joint.type]
         start[joint.name] = (nq, nv)
         nq += kind.nq
         nv += kind.nv
-        if kind.nv:
-            names.append(joint.name)
-            units.extend(kind.units)
     finished = []
     for k, body in enumerate(bodies):
         joint = body["joint"]
@@ -281,7 +279,7 @@ def _number(
                 forces=tuple(JointForce(name, element) for name, element in joint.forces),
             )
         )
-    return tuple(finished), tuple(names), tuple(units)
+    return tuple(finished)
 
 
 def _fixed_frame(

@@ -68,7 +68,9 @@ class Model:
 
     gravity : in base coordinates [m/s^2].
     graph : owner of the symbols among the constants (unknown or deliberately symbolic ones).
-    order : position in q of the joints in the order of the YAML; columns of results follow it.
+    joint_names : of the joints that move, in the order of the YAML, which places in q and v follow. q_names,
+        v_names : of the columns of q and v (``hinge``, ``ball.qw``, ``ball.wx``). q_units : ``rad``, ``m`` or ``1``;
+        v_units : ``rad`` or ``m``, per second those of v.
     outlines : for each link, the points that a drawing connects.
     """
 
@@ -88,6 +90,7 @@ class Model:
     q_names: tuple[str, ...] = ()
     v_names: tuple[str, ...] = ()
     q_units: tuple[str, ...] = ()
+    v_units: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
 
     def body_of(self, joint_name: str) -> Body:

@@ -78,9 +78,7 @@ class Deployment:
                 events = (*events, EventFunction("dead_point", self.determinant, terminal=False))
             self.system: System = index1(self.problem, scene.simulate.stabilisation, events)
             self.options: Options = options_for(scene)
-            self.start = np.concatenate(
-                [self.setup.assembled.q, self.setup.assembled.v, np.zeros(self.system.nz)]
-            )
+            self.start = self.system.join(self.setup.assembled.q, self.setup.assembled.v)
         refuse_singular_start(self.problem, self.setup.assembled.q, self.passive)
         with watch.stage("method"):
             self.choice = choose(scene, self.problem, self.system, self.start, self.options)
@@ -104,11 +102,7 @@ class Deployment:
         def emit(t: Array, x: Array) -> None:
             if lam is None:
                 return
-            s = self.system
-            values = lam.evaluate(
-                len(t), {"t": t, "q": x[:, : s.nq], "v": x[:, s.nq : s.nq + s.nv], "z": x[:, s.nq + s.nv :],
-                         "p": np.zeros(1)},
-            )["lam"]  # fmt: skip
+            values = lam.evaluate(len(t), self.system.groups(t, x, np.zeros(1)))["lam"]
             norm = multiplier_norm(values)
             found.norm_at_end = float(norm[-1])
             found.growth.take(t, norm)
@@ -121,9 +115,9 @@ class Deployment:
                 found.bifurcation = rank_loss_ahead(problem, self.system, self.method, event, options)
                 if found.bifurcation is not None:
                     time, state = found.bifurcation
-                    refuse_dependent_rows(problem, state[: problem.model.nq], time)
+                    refuse_dependent_rows(problem, self.system.split(state)[0], time)
                 return found.bifurcation is None
-            kind = classify(problem, event.state[: problem.model.nq], self.passive).kind
+            kind = classify(problem, self.system.split(event.state)[0], self.passive).kind
             if kind == "dead_point":
                 found.dead_points.append((event.time, event.state))
                 # a criterion on the multipliers may still fire beyond the dead point
@@ -150,14 +144,13 @@ class Deployment:
 
     def _driven_dead_point(self, found: Found, integrator: Integrator) -> None:
         """Note the singular pose that a prescribed motion has run into, if that is what stopped the scan."""
-        nq = self.problem.model.nq
         state = integrator.state
-        pose = driven_dead_point(
-            self.problem, self.passive, state[:nq], integrator.time, self.scene.simulate.duration
-        )
+        q, _, _ = self.system.split(state)
+        pose = driven_dead_point(self.problem, self.passive, q, integrator.time, self.scene.simulate.duration)
         if pose is None:
             return
-        time, state[:nq], kind = pose
+        time, q, kind = pose
+        state[list(self.system.q_places)] = q
         found.driven = True
         if kind == "bifurcation":
             found.bifurcation = (time, state)

@@ -49,10 +49,10 @@ def events(run: Deployment, found: Found) -> list[dict[str, Any]]:
 def bifurcation(run: Deployment, found: Found) -> RobodynError:
     assert found.bifurcation is not None
     time, state = found.bifurcation
-    nq = run.problem.model.nq
-    kind = classify(run.problem, state[:nq], run.passive)
+    q, _, _ = run.system.split(state)
+    kind = classify(run.problem, q, run.passive)
     loops = ", ".join(loop.name for loop in run.problem.model.loops)
-    angles = dict(zip(run.problem.model.joint_names, state[:nq].tolist()))
+    angles = dict(zip(run.problem.model.q_names, q.tolist()))
     return SingularConfigurationError(
         f"bifurcation instead of a lock at t = {time:.9g} s: the constraint Jacobian of loop {loops} loses rank "
         f"(singular values {kind.psi[0]:.3g} to {kind.psi[-1]:.1e}); the multipliers are not unique there and the "
@@ -66,10 +66,8 @@ def describe_lock(
 ) -> dict[str, Any]:
     """Describe the lock: time and its error, configuration, kind, multipliers, latch."""
     problem, scene = run.problem, run.scene
-    nq, nv = problem.model.nq, problem.model.nv
     if found.dead_point and criterion == "dead_point":
-        state = found.dead_point[1]
-        q, qd = state[:nq], state[nq : nq + nv]
+        q, qd, _ = run.system.split(found.dead_point[1])
     else:
         q, qd = recorder.array("q")[-1], recorder.array("qd")[-1]
     here = classify(problem, q, run.passive)
@@ -86,13 +84,13 @@ def describe_lock(
         "time": stop,
         "time_error": error,
         "time_error_method": "difference from a second, tighter integration; for growth, one grid interval",
-        "angles": dict(zip(problem.model.joint_names, q.tolist())),
+        "angles": dict(zip(problem.model.q_names, q.tolist())),
         "angles_deg": {
             name: float(np.degrees(x))
-            for name, x, unit in zip(problem.model.joint_names, q, problem.model.q_units)
+            for name, x, unit in zip(problem.model.q_names, q, problem.model.q_units)
             if unit == "rad"
         },
-        "rates": dict(zip(problem.model.joint_names, qd.tolist())) if not found.driven else None,
+        "rates": dict(zip(problem.model.v_names, qd.tolist())) if not found.driven else None,
         "kind": kind,
         "criterion": criterion,
         "driven": found.driven,
@@ -115,7 +113,7 @@ def describe_lock(
         report["latch"] = None
     elif latch is not None and not found.driven:
         report["latch"] = close_latch(problem, latch.between[0], latch.between[1], q, qd, stop).as_dict(
-            problem.model.joint_names
+            problem.model.v_names
         )
     elif latch is not None:
         report["latch"] = None

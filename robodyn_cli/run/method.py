@@ -50,23 +50,17 @@ def can_be_stiff(problem: Problem) -> bool:
 
 
 def fastest_decay(system: System, t: float, x: Array) -> float:
-    """Return the largest -Re of the eigenvalues of the Jacobian of (q, v)-dot at a state [1/s]."""
-    a = list(system.acceleration)
+    """Return the largest -Re of the eigenvalues of the Jacobian of (q, v, z)-dot at a state [1/s]."""
+    s = system
+    a = [*s.acceleration, *s.z_rate]
     found = {e.value[1:]: e for e in free_symbols(a)}
     columns: list[tuple[int, Expr]] = []
-    for group, count, offset in (("q", system.nq, 0), ("v", system.nv, system.nq)):
+    for group, count, offset in (("q", s.nq, 0), ("v", s.nv, s.nq), ("z", s.nz, s.nq + s.nv)):
         columns += [(offset + k, found[group, k]) for k in range(count) if (group, k) in found]
     rows = jacobian(a, [e for _, e in columns])
-    J = np.zeros((system.nq + system.nv, system.nq + system.nv))
-    J[: system.nq, system.nq :] = np.eye(system.nq)
-    s = system
-    values = {
-        "t": [t],
-        "q": x[: s.nq].tolist(),
-        "v": x[s.nq : s.nq + s.nv].tolist(),
-        "z": x[s.nq + s.nv :].tolist(),
-        "p": [0.0],
-    }
+    J = np.zeros((s.size, s.size))
+    J[: s.nq, s.nq : s.nq + s.nv] = np.eye(s.nq)
+    values = {group: x.tolist() for group, x in s.own_groups(np.array([t]), x, np.zeros(1)).items()}
     for i, row in enumerate(rows):
         for k, entry in zip(row, evaluate(list(row.values()), values)):
             J[system.nq + i, columns[k][0]] = entry

@@ -104,6 +104,7 @@ class Observer:
             outputs = {name: list(entries) for name, entries in observed(problem).items()}
             self.kernel = SampleKernel(outputs, GROUPS)
         self.places = [path for path in outputs if path.startswith(("points/", "skeleton/", "frames/"))]
+        self.normalise = SampleKernel({"n": system.normalisation}, GROUPS) if system.normalisation else None
         self.correct_q = (
             SampleKernel({"q": system.position_correction}, GROUPS) if system.position_correction else None
         )
@@ -115,44 +116,49 @@ class Observer:
         self.reactions = ReactionSamples(problem, problem.scene.simulate.samples) if asked else None
 
     def project(self, t: Array, x: Array) -> Array:
-        """Return the states put back on the constraints (positions by repeated Newton steps, then rates)."""
+        """Return the states put back on manifolds and constraints (positions by Newton steps, then rates)."""
         s = self.system
+        if self.normalise is not None:
+            x = np.asfortranarray(x)
+            x[:, list(s.normalised)] = self.normalise.evaluate(len(t), s.own_groups(t, x, self.parameters))[
+                "n"
+            ]
         if self.correct_q is None or self.correct_v is None:
             return x
         x = np.asfortranarray(x)
+        places = list(s.q_places)
         for _ in range(4):
-            q = self.correct_q.evaluate(len(t), self._groups(t, x))["q"]
-            moved = float(np.abs(q - x[:, : s.nq]).max(initial=0.0))
-            x[:, : s.nq] = q
+            q = self.correct_q.evaluate(len(t), s.own_groups(t, x, self.parameters))["q"]
+            moved = float(np.abs(q - x[:, places]).max(initial=0.0))
+            x[:, places] = q
             if not moved > 1e-9:
                 break
-        x[:, s.nq : s.nq + s.nv] = self.correct_v.evaluate(len(t), self._groups(t, x))["v"]
+        found = self.correct_v.evaluate(len(t), s.own_groups(t, x, self.parameters))
+        x[:, list(s.v_places)] = found["v"]
         return x
 
     def _groups(self, t: Array, x: Array) -> dict[str, Array]:
-        s = self.system
-        return {
-            "t": t, "q": x[:, : s.nq], "v": x[:, s.nq : s.nq + s.nv], "z": x[:, s.nq + s.nv :], "p": self.parameters,
-        }  # fmt: skip
+        return self.system.groups(t, x, self.parameters)
 
     def observe(self, t: Array, x: Array, project: bool = True) -> dict[str, Array]:
         """Return the datasets of a block of samples by path; ``x`` (T, nx) is projected first."""
-        s, problem = self.system, self.problem
+        problem = self.problem
         x = self.project(t, x) if project else x
+        q, v, z = self.system.split(x)
         found = self.kernel.evaluate(len(t), self._groups(t, x))
         kinetic, potential = found["energy"].T
         data: dict[str, Array] = {
             "time": t,
-            "q": x[:, : s.nq],
-            "qd": x[:, s.nq : s.nq + s.nv],
+            "q": q,
+            "qd": v,
             "qdd": found["qdd"],
             "tau": found["tau"],
             "energy/kinetic": kinetic,
             "energy/potential": potential,
             "energy/total": kinetic + potential,
         }
-        if s.nz:
-            data["energy/work"] = x[:, s.nq + s.nv]
+        if z.shape[1]:
+            data["energy/work"] = z[:, 0]
         if problem.constraints.rows:
             data["constraints/multipliers"] = found["lam"]
             data["constraints/position_residual"] = found["eta"]
@@ -173,7 +179,7 @@ class Observer:
         loops = [i for i in range(len(constraints.rows)) if i not in constraints.prescribed]
         if not loops:
             return {}
-        psi = flat.reshape(len(flat), len(constraints.rows), self.system.nv)[:, loops, :]
+        psi = flat.reshape(len(flat), len(constraints.rows), self.problem.model.nv)[:, loops, :]
         data = {"singularity/psi": np.linalg.svd(psi, compute_uv=False)}
         if self.passive:
             block = psi[:, :, list(self.passive)]

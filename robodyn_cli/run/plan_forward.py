@@ -60,7 +60,7 @@ class Forward:
         self.system = index1(self.problem, self.stabilisation, events)
         self.choice = Choice(scene.simulate.integrator, "data are missing that the choice needs")
         if not unknown_data(self.problem.model, self.outputs(self.problem))[0]:
-            start = np.concatenate([q, v, np.zeros(self.system.nz)])
+            start = self.system.join(q, v)
             self.choice = choose(scene, self.problem, self.system, start, options_for(scene))
 
     def _note_redundant(self, names: Sequence[str]) -> None:

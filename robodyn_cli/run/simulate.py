@@ -144,12 +144,11 @@ def estimate_error(
         report.update(state_max=None, reason=f"the second integration failed: {error.message}")
         return report
     states = recorder.observer.project(grid.times(0, len(states)), states)
-    nq = system.nq
     q, qd = recorder.array("q")[: len(states)], recorder.array("qd")[: len(states)]
     states = states[: len(q)]
     scale = 16 / 15 if method == "rk4" else 1.0
-    dq = scale * np.abs(states[:, :nq] - q)
-    dv = scale * np.abs(states[:, nq : nq + system.nv] - qd)
+    other_q, other_qd, _ = system.split(states)
+    dq, dv = scale * np.abs(other_q - q), scale * np.abs(other_qd - qd)
     floor = rounding_floor(q, qd, counters.steps)
     report.update(
         q_max=float(dq.max(initial=0.0)), qd_max=float(dv.max(initial=0.0)),
@@ -204,7 +203,7 @@ def simulate(
         observer = Observer(problem, system, passive_coordinates(problem))
     grid = Grid.over(scene.simulate.duration, scene.simulate.samples)
     options = options_for(scene)
-    start = np.concatenate([setup.assembled.q, setup.assembled.v, np.zeros(system.nz)])
+    start = system.join(setup.assembled.q, setup.assembled.v)
     with watch.stage("method"):
         run = Run(
             scene, problem, system, start, options, lambda time: progress(time, scene.simulate.duration)
@@ -260,7 +259,7 @@ def explained(error: RobodynError, problem: Problem, integrator: Integrator, dur
     """Return the error of a run that could not go on, with its cause where that can be told."""
     if not isinstance(error, NumericalError):
         return error
-    q = integrator.y[: problem.model.nq]
+    q, _, _ = integrator.system.split(integrator.y)
     pose = driven_dead_point(problem, passive_coordinates(problem) or [], q, integrator.time, duration)
     if pose is not None:
         time, where, kind = pose
@@ -331,7 +330,7 @@ def describe_run(
         recorder.drift / recorder.energy_scale if recorder.energy_scale else 0.0
     )
     summary["energy_balance"] = (
-        "kinetic + potential - work" if integrator.system.nz else "kinetic + potential"
+        "kinetic + potential - work" if integrator.system.further else "kinetic + potential"
     )
     if setup.problem.constraints.rows:
         summary["constraint_residual"] = {

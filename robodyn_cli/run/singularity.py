@@ -103,13 +103,12 @@ def rank_loss_ahead(
     small rest is extrapolated.
     """
     integrator = Integrator(system, method)
-    nq = problem.model.nq
     integrator.reset(event.time, event.state, options)
-    speed = float(np.abs(event.state[nq : nq + problem.model.nv]).max())
+    speed = float(np.abs(system.split(event.state)[1]).max())
     if speed == 0.0:
         return None
     low, state = event.time, event.state
-    ratio = singular_ratio(problem, state[:nq])
+    ratio = singular_ratio(problem, system.split(state)[0])
     trial, rest, slow = low + 0.05 * ratio / speed, np.inf, 0
     for _ in range(60):
         integrator.reset(low, state, dataclasses.replace(options, max_step=(trial - low) / 4))
@@ -118,7 +117,7 @@ def rank_loss_ahead(
         except NumericalError:
             break
         before, low, state = (low, ratio, state), trial, integrator.state
-        ratio = singular_ratio(problem, state[:nq])
+        ratio = singular_ratio(problem, system.split(state)[0])
         slope = (ratio - before[1]) / (low - before[0])
         if not slope < 0.0:
             return None
@@ -232,7 +231,7 @@ def refuse_singular_start(problem: Problem, q: Array, passive: Sequence[int]) ->
     """
     if not starts_at_dead_point(problem, q, passive):
         return
-    angles = ", ".join(f"{n} {x:.6g}" for n, x in zip(problem.model.joint_names, q))
+    angles = ", ".join(f"{n} {x:.6g}" for n, x in zip(problem.model.q_names, q))
     raise SingularConfigurationError(
         f"the start is a dead point already ({angles}): its passive block of Psi is singular, so the input cannot "
         "move the mechanism; start a little away from it (initial.q)",
@@ -252,7 +251,7 @@ def stop_at_rank_loss(problem: Problem, system: System, method: str, event: Even
     if ahead is None:
         return
     time, state = ahead
-    q = state[: problem.model.nq]
+    q, _, _ = system.split(state)
     refuse_dependent_rows(problem, q, time)
     found = classify(problem, q, ())
     loops = ", ".join(loop.name for loop in problem.model.loops)

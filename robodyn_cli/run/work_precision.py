@@ -79,6 +79,12 @@ def _solve(
     return np.concatenate(rows), integrator
 
 
+def _motion(system: System, states: Array) -> Array:
+    """Return q and v (..., nq + nv) of states (..., nx)."""
+    q, v, _ = system.split(states)
+    return np.concatenate([q, v], axis=-1)
+
+
 def reference(system: System, start: Array, duration: float) -> Reference:
     """Return the reference solution over the part of the duration for which it can vouch.
 
@@ -87,7 +93,6 @@ def reference(system: System, start: Array, duration: float) -> Reference:
     NumericalError : fewer than two methods get through at tight tolerance.
     """
     grid = Grid.over(duration, SAMPLES)
-    n = system.nq + system.nv
     found: list[tuple[str, Array]] = []
     order = [("gauss", 3e-14), ("dop853", 3e-14)]
     if system.nv <= LARGEST:
@@ -98,7 +103,7 @@ def reference(system: System, start: Array, duration: float) -> Reference:
             states, _ = _solve(system, method, start, grid, options)
         except NumericalError:
             continue
-        found.append((method, states[:, :n]))
+        found.append((method, _motion(system, states)))
         if len(found) == 2:
             break
     if len(found) < 2:
@@ -126,17 +131,17 @@ def reference(system: System, start: Array, duration: float) -> Reference:
 def perturbation_growth(system: System, start: Array, until: float) -> float:
     """Return by how much a small change of the start has grown at ``until``."""
     grid = Grid.over(until, 2)
-    change = 1e-7 * (1.0 + np.abs(start[: system.nq]))
+    places = list(system.q_places)
+    change = 1e-7 * (1.0 + np.abs(start[places]))
     moved = start.copy()
-    moved[: system.nq] += change
+    moved[places] += change
     options = Options(1e-13, 1e-13, max_steps=5 * LONGEST)
     try:
         a, _ = _solve(system, "gauss", start, grid, options)
         b, _ = _solve(system, "gauss", moved, grid, options)
     except NumericalError:
         return float("nan")
-    n = system.nq + system.nv
-    return float(np.abs(a[-1, :n] - b[-1, :n]).max() / change.max())
+    return float(np.abs(_motion(system, a[-1]) - _motion(system, b[-1])).max() / change.max())
 
 
 def formulations(scene: Scene, problem: Problem, duration: float) -> dict[str, System]:
@@ -155,7 +160,6 @@ def run_entry(system: System, entry: Entry, start: Array, ref: Reference, repeat
     """Fill in an entry: error over the comparable time, median run time without output, counters."""
     tolerance = entry.tolerance or 1e-10
     options = Options(tolerance, tolerance, entry.step, max_steps=LONGEST)
-    n = system.nq + system.nv
     compiling = REPORT.seconds
     grid = Grid.over(ref.until, len(ref.times))
     try:
@@ -167,7 +171,7 @@ def run_entry(system: System, entry: Entry, start: Array, ref: Reference, repeat
         integrator.run(ref.until, grid, lambda t, x: rows.append(x), watch=False)
         took = time.perf_counter() - began
         entry.steps, entry.evaluations = integrator.counters.steps, integrator.counters.evaluations
-        difference = np.abs(np.concatenate(rows)[:, :n] - ref.states)
+        difference = np.abs(_motion(system, np.concatenate(rows)) - ref.states)
         entry.error = float(difference.max())
         if np.max(difference / ref.scale) > 0.1:
             entry.status = "inaccurate"
@@ -232,7 +236,7 @@ def work_precision(
     duration = scene.simulate.duration
     systems = formulations(scene, setup.problem, duration)
     main = next(iter(systems.values()))
-    start = np.concatenate([setup.assembled.q, setup.assembled.v])
+    start = main.join(setup.assembled.q, setup.assembled.v)
     with watch.stage("reference"):
         ref = reference(main, start, duration)
         growth = perturbation_growth(main, start, ref.until)

@@ -14,6 +14,7 @@ from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.joints.base import Joint
+from robodyn_cli.joints.helical import Helical
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.kernels import rolled
 from robodyn_cli.kernels.compiler import REPORT, compile_module, machine
@@ -30,7 +31,6 @@ from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import BASE, UNKNOWN_GROUP, FixedFrame, Loop, Model
 from robodyn_cli.spatial.algebra import (
     Transform,
-    Vector,
     identity,
     matrix,
     rotation_about,
@@ -92,29 +92,14 @@ def tilted(model: Model) -> Model:
     return dataclasses.replace(model, bodies=(first, dataclasses.replace(second, X_tree=across), *others))
 
 
-@dataclasses.dataclass(frozen=True)
-class Helical(Joint):
-    """A screw; joints of other pitch are another kind."""
-
-    pitch: float
-    type = "helical"
-    nq = nv = 1
-
-    def transform(self, q: Vector) -> Transform:
-        return Transform(rotation_about(2, q[0]).T, vector([0.0, 0.0, self.pitch * q[0]]))
-
-    def S(self, q: Vector) -> np.ndarray:
-        return matrix([[0.0, 0.0, 1.0, 0.0, 0.0, self.pitch]]).T
-
-
 def with_joints(model: Model, joints: list[Joint]) -> Model:
     """Give the bodies other joints, in turn, and number the coordinates anew."""
-    bodies, n = [], 0
+    bodies, nq, n = [], 0, 0
     for k, body in enumerate(model.bodies):
         joint = joints[k % len(joints)]
-        bodies.append(dataclasses.replace(body, joint=joint, q=n, v=n))
-        n += joint.nv
-    return dataclasses.replace(model, bodies=tuple(bodies), nq=n, nv=n)
+        bodies.append(dataclasses.replace(body, joint=joint, q=nq, v=n))
+        nq, n = nq + joint.nq, n + joint.nv
+    return dataclasses.replace(model, bodies=tuple(bodies), nq=nq, nv=n)
 
 
 # -- agreement ----------------------------------------------------------------------------------------------

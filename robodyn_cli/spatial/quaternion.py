@@ -1,0 +1,130 @@
+"""Unit quaternions (w, x, y, z) and rigid motions over any scalar: numbers or expressions.
+
+A quaternion stands for the rotation R that takes body coordinates to those of the frame before; q-dot = q (0, w) / 2
+with the angular velocity w in body coordinates (Hairer, Lubich and Wanner 2006, VII.5.3).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from robodyn_cli.expr.functions import atan2, cos, maximum, sin, sqrt, where
+from robodyn_cli.spatial.algebra import Matrix, Values, Vector, cross, dot, identity, vector
+
+TINY = 1e-300  # keeps quotients of two vanishing lengths finite
+NEAR = 0.25  # squared angle [rad^2] below which power series replace quotients that lose digits
+# (a - sin a) / a^3 and (1 - a/2 cot(a/2)) / a^2 as series in a^2
+SERIES_SINE = (1 / 6, -1 / 120, 1 / 5040, -1 / 362880, 1 / 39916800, -1 / 6227020800, 1 / 1307674368000)
+SERIES_COTANGENT = (
+    1 / 12, 1 / 720, 1 / 30240, 1 / 1209600, 1 / 47900160, 691 / 1307674368000, 1 / 74724249600,
+)  # fmt: skip
+
+
+def product(p: Values, q: Values) -> Vector:
+    """Return the quaternion p q, the rotation q followed by p."""
+    a, b, c, d = p
+    w, x, y, z = q
+    return vector(
+        [
+            a * w - b * x - c * y - d * z,
+            a * x + b * w + c * z - d * y,
+            a * y - b * z + c * w + d * x,
+            a * z + b * y - c * x + d * w,
+        ]
+    )
+
+
+def conjugate(q: Values) -> Vector:
+    """Return the inverse of a unit quaternion."""
+    return vector([q[0], -q[1], -q[2], -q[3]])
+
+
+def rotation(q: Values) -> Matrix:
+    """Return the rotation R (3, 3) of a unit quaternion: the body's axes as columns."""
+    w, x, y, z = q
+    R = identity()
+    for i, j, a, b, c in ((0, 1, x, y, z), (1, 2, y, z, x), (2, 0, z, x, y)):
+        R[i, i] = 1.0 - 2.0 * (b * b + c * c)
+        R[i, j], R[j, i] = 2.0 * (a * b - w * c), 2.0 * (a * b + w * c)
+    return R
+
+
+def rate(q: Values, w: Values) -> Vector:
+    """Return q-dot = q (0, w) / 2 for the angular velocity ``w`` (3,) in body coordinates."""
+    return product(q, vector([0.0, *(0.5 * x for x in w)]))
+
+
+def angular_velocity(q: Values, qd: Values) -> Vector:
+    """Return the angular velocity (3,) in body coordinates, the vector part of 2 q* q-dot."""
+    return 2.0 * product(conjugate(q), qd)[1:]
+
+
+def unit(q: Values) -> Vector:
+    """Return the quaternion of length 1 in the direction of ``q``."""
+    length = sqrt(dot(q, q))
+    return vector([x / length for x in q])
+
+
+def from_rotation_vector(u: Values) -> Vector:
+    """Return the quaternion of a rotation by |u| [rad] about u (3,)."""
+    angle = sqrt(dot(u, u))
+    return vector([cos(0.5 * angle), *(_half_sine(angle) * x for x in u)])
+
+
+def from_rpy(rpy: Values) -> Vector:
+    """Return the quaternion of Rz(yaw) Ry(pitch) Rx(roll), angles in rad."""
+    turns = [
+        vector([cos(0.5 * a), *(sin(0.5 * a) if i == k else 0.0 for i in range(3))])
+        for k, a in enumerate(rpy)
+    ]
+    return product(turns[2], product(turns[1], turns[0]))
+
+
+def rotation_vector(q: Values) -> Vector:
+    """Return the rotation vector (3,) of a unit quaternion, no longer than pi [rad]."""
+    w, xyz = q[0], q[1:]
+    s = sqrt(dot(xyz, xyz))
+    flip = where(w, 1.0, -1.0)
+    factor = 2.0 * atan2(s, flip * w) / maximum(s, TINY) * flip
+    return vector([factor * x for x in xyz])
+
+
+def _half_sine(angle: Any) -> Any:
+    """Return sin(a/2) / a."""
+    a = maximum(angle, TINY)
+    return sin(0.5 * a) / a
+
+
+def _series(coefficients: tuple[float, ...], x: Any) -> Any:
+    total: Any = coefficients[-1]
+    for c in reversed(coefficients[:-1]):
+        total = total * x + c
+    return total
+
+
+def displacement(u: Values, v: Values) -> Vector:
+    """Return how far a body's origin moves (3,), in its first axes, turning by ``u`` while it goes by ``v``.
+
+    u, v (3,) are a constant body velocity over unit time: the displacement is
+    v + (1 - cos a)/a^2 u x v + (a - sin a)/a^3 u x (u x v) with a = |u| (Murray, Li and Sastry 1994, 2.36).
+    """
+    square = dot(u, u)
+    angle = sqrt(square)
+    k = _half_sine(angle)
+    safe = maximum(square, NEAR)
+    far = (1.0 - sin(sqrt(safe)) / sqrt(safe)) / safe
+    third = where(square - NEAR, far, _series(SERIES_SINE, square))
+    turned = cross(u, v)
+    return vector(v) + 2.0 * k * k * turned + third * cross(u, turned)
+
+
+def displacement_velocity(u: Values, p: Values) -> Vector:
+    """Return the body velocity v (3,) that leads the origin to ``p`` while the body turns by ``u``: the inverse of
+    ``displacement``, v = p - u x p / 2 + (1 - a/2 cot(a/2))/a^2 u x (u x p)."""
+    square = dot(u, u)
+    safe = maximum(square, NEAR)
+    half = 0.5 * sqrt(safe)
+    far = (1.0 - half * cos(half) / sin(half)) / safe
+    second = where(square - NEAR, far, _series(SERIES_COTANGENT, square))
+    turned = cross(u, p)
+    return vector(p) - 0.5 * turned + second * cross(u, turned)
