@@ -255,6 +255,25 @@ def force_terms(ledger: Ledger) -> None:
     )  # fmt: skip
 
 
+def element_terms(ledger: Ledger) -> None:
+    """Enter the forces on points and between bodies, kind by kind."""
+    forces = ledger.model.forces
+    for kind in dict.fromkeys(force.element.type for force in forces):
+        names = [force.name for force in forces if force.element.type == kind]
+        ledger.keep(
+            f"forces: {kind.replace('_', ' ')}",
+            f"{listed(names)}: carried along the tree between the bodies they act on",
+            variants.without_elements(ledger.scene, names),
+        )
+    if not forces:
+        here, there = ledger.facts.normal_in(len(ledger.model.bodies) - 1), ledger.facts.normal_in(BASE)
+        ledger.leave(
+            "forces on points and between bodies",
+            "the scene has none; counted: a spring between the last body and the base",
+            variants.one_spring(ledger.scene, here, there),
+        )
+
+
 def drive_terms(ledger: Ledger, on_time: bool) -> None:
     """Enter actuator torques, prescribed motion and time itself (forward dynamics)."""
     scene = ledger.scene.scene

@@ -16,11 +16,12 @@ from robodyn_cli.equations.problem import Constraints, Problem
 from robodyn_cli.expr.graph import Expr, Graph
 from robodyn_cli.forces.damper import Damper
 from robodyn_cli.forces.friction import CoulombPair, Friction
+from robodyn_cli.forces.linear_spring import LinearSpring
 from robodyn_cli.forces.spring import Spring
 from robodyn_cli.loops.base import Row
 from robodyn_cli.loops.revolute import RevoluteLoop
 from robodyn_cli.model.build import build_model
-from robodyn_cli.model.model import BASE, PARAMETER_GROUP, Body, FixedFrame, JointForce, Loop, Model
+from robodyn_cli.model.model import BASE, PARAMETER_GROUP, Body, FixedFrame, Force, JointForce, Loop, Model
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Matrix, Transform, Vector, identity, matrix, snap, vector, zeros
 from robodyn_cli.spatial.inertia import RigidInertia
@@ -246,6 +247,17 @@ def one_pin(v: Variant, here: Any, there: Any) -> Variant:
     return v.with_model(loops=(Loop("pin", element, first, second),))
 
 
+def one_spring(v: Variant, here: Any, there: Any) -> Variant:
+    """A spring and damper between the last body and the base; parameters as for ``one_pin``."""
+    s = Symbols(v.model.graph)
+    ends = (
+        FixedFrame(len(v.model.bodies) - 1, _in_plane(s, here, zeros(3)), identity()),
+        FixedFrame(BASE, _in_plane(s, there, zeros(3)), identity()),
+    )
+    element = LinearSpring("spring", "spring", ("", ""), stiffness=s.one(), length=s.one(), damping=s.one())
+    return v.with_model(forces=(*v.model.forces, Force("spring", element, ends)))
+
+
 # -- one part taken out --------------------------------------------------------------------------------------
 
 
@@ -297,6 +309,11 @@ def without_force(v: Variant, change: Callable[[Any], Any]) -> Variant:
         return dataclasses.replace(b, forces=tuple(JointForce(k, e) for k, e in changed if e is not None))
 
     return v.with_bodies(keep)
+
+
+def without_elements(v: Variant, names: Sequence[str]) -> Variant:
+    """Without these forces on points and between bodies."""
+    return v.with_model(forces=tuple(force for force in v.model.forces if force.name not in names))
 
 
 def without_loops(v: Variant, names: Sequence[str] | None = None) -> Variant:

@@ -2,7 +2,7 @@
 
     M(q) v-dot + h(q, v) = tau_a + tau_f + Psi^T lambda,   eta(q, t) = 0
 
-tau_a are actuator torques, tau_f those of springs, dampers and friction in the joints.
+tau_a are actuator torques, tau_f those of springs, dampers and friction in the joints and of forces on bodies.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from robodyn_cli.algorithms.energy import gravity_energy, kinetic_energy, spring
 from robodyn_cli.algorithms.kinematics import Pose, poses, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
+from robodyn_cli.equations.elements import Elements
 from robodyn_cli.equations.kinks import is_of_time, switches, switching_times
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.calculus import directional
@@ -177,7 +178,8 @@ class Problem:
                 outputs.append((f"torques.{name}", [self.actuator_torques[self.model.body_of(name).v]]))
         for row in (self.constraints.rows[i] for i in self.constraints.prescribed):
             outputs.append((row.name, [row.eta, row.eta_t, row.gamma]))
-        return [(key, switch) for key, entries in outputs for switch in switches(entries)]
+        found = [(key, switch) for key, entries in outputs for switch in switches(entries)]
+        return [*found, *self.elements.switches]
 
     @cached_property
     def breakpoints(self) -> tuple[float, ...]:
@@ -189,6 +191,7 @@ class Problem:
             if isinstance(torque, sc.Torque)
             for row in torque.table
         }
+        times |= self.elements.breakpoints
         for _, switch in self.switches:
             if is_of_time(switch, self.t):
                 times.update(switching_times(switch, self.t, duration))
@@ -206,8 +209,23 @@ class Problem:
             raise CapabilityError(f"joint {body.joint_name}: {error.message}") from error
         return torque
 
+    @cached_property
+    def elements(self) -> Elements:
+        """Forces on points and between bodies."""
+        return Elements(self.model, self.X, self.q, self.v, self._environment(), self.t)
+
+    def passive_forces(self, smooth: bool) -> dict[str, Vector]:
+        """Return the torques of everything but the actuators on the joints (nv,), by term.
+
+        ``passive``: springs, dampers, bushings; ``friction``; ``external``: forces and wrenches.
+        """
+        terms = self.joint_forces(smooth)
+        for name, torques in self.elements.torques.items():
+            terms[name] = terms[name] + torques if name in terms else torques
+        return terms
+
     def joint_forces(self, smooth: bool) -> dict[str, Vector]:
-        """Return the torques of springs, dampers (``passive``) and friction (``friction``) on the joints.
+        """Return the torques of springs, dampers (``passive``) and friction (``friction``) in the joints.
 
         ``smooth`` replaces the sign in Coulomb friction, for simulations.
         """
@@ -223,7 +241,7 @@ class Problem:
     def applied(self) -> Vector:
         """tau_a + tau_f, as a simulation uses them."""
         total = self.actuator_torques.copy()
-        for term in self.joint_forces(smooth=True).values():
+        for term in self.passive_forces(smooth=True).values():
             total = total + term
         return total
 
@@ -303,8 +321,9 @@ class Problem:
 
     @cached_property
     def potential(self) -> Scalar:
-        """Gravity (zero at the base's origin) and joint springs."""
-        return gravity_energy(self.model, self.q, self.gravity, self.X) + spring_energy(self.model, self.q)
+        """Gravity (zero at the base's origin), joint springs and what acts between bodies."""
+        own = gravity_energy(self.model, self.q, self.gravity, self.X) + spring_energy(self.model, self.q)
+        return own + self.elements.potential
 
     @cached_property
     def power(self) -> Scalar:
@@ -314,6 +333,7 @@ class Problem:
             total = total + tau * v
         for place, torque in self.dissipated:
             total = total + torque * self.v[place]
+        total = total + self.elements.power
         constraints = self.constraints
         for i in constraints.prescribed:
             # Psi^T lambda does work at the rate -lambda eta_t on a rheonomic row

@@ -15,6 +15,7 @@ from robodyn_cli.model.model import (
     UNKNOWN_GROUP,
     Body,
     FixedFrame,
+    Force,
     JointForce,
     Loop,
     Model,
@@ -220,6 +221,7 @@ def build_model(scene: sc.Scene, symbolic: Sequence[str] = (), graph: Graph | No
         links=link_frames,
         outlines=_outlines(robot, placed, points, bodies),
         loops=tuple(_loop(scene, placed, links, points, element, values) for element in scene.loops),
+        forces=tuple(_force(scene, placed, links, points, frames, e, values) for e in scene.forces),
         joint_names=tuple(name for name, _ in joints),
         q_names=tuple(x for name, joint in joints for x in joint.coordinates(name, joint.names)),
         v_names=tuple(x for name, joint in joints for x in joint.coordinates(name, joint.v_names)),
@@ -311,6 +313,26 @@ def _com(where: _Placed, link: sc.Link, values: _Values) -> Vector:
     return frame.point(c)
 
 
+def _place(
+    scene: sc.Scene,
+    placed: dict[str, _Placed],
+    links: dict[str, sc.Link],
+    points: dict[str, FixedFrame],
+    text: str,
+    values: _Values,
+) -> FixedFrame:
+    """Return the place of a reference such as ``tip`` or ``link2.end``, with the axes of the link's frame."""
+    link, _, at = text.partition(".")
+    if not at:
+        named = scene.robot.points[text]
+        # the axes of a loop are given in the link's frame, whatever frame placed the point
+        return FixedFrame(points[text].body, points[text].p, placed[named.link].link_frame.E.T)
+    if link == "base" and at in points:
+        return points[at]
+    own = _fixed_frame(placed, links, sc.Point(link=link, at=at), values)
+    return FixedFrame(own.body, own.p, placed[link].link_frame.E.T)
+
+
 def _loop(
     scene: sc.Scene,
     placed: dict[str, _Placed],
@@ -319,19 +341,24 @@ def _loop(
     element: Any,
     values: _Values,
 ) -> Loop:
-    def resolve(text: str) -> FixedFrame:
-        link, _, at = text.partition(".")
-        if not at:
-            named = scene.robot.points[text]
-            # the axes of a loop are given in the link's frame, whatever frame placed the point
-            return FixedFrame(points[text].body, points[text].p, placed[named.link].link_frame.E.T)
-        if link == "base" and at in points:
-            return points[at]
-        own = _fixed_frame(placed, links, sc.Point(link=link, at=at), values)
-        return FixedFrame(own.body, own.p, placed[link].link_frame.E.T)
-
-    first, second = (resolve(text) for text in element.between)
+    first, second = (_place(scene, placed, links, points, text, values) for text in element.between)
     return Loop(element.name, element, first, second)
+
+
+def _force(
+    scene: sc.Scene,
+    placed: dict[str, _Placed],
+    links: dict[str, sc.Link],
+    points: dict[str, FixedFrame],
+    frames: dict[str, FixedFrame],
+    element: Any,
+    values: _Values,
+) -> Force:
+    ends = tuple(
+        frames[text] if text in frames else _place(scene, placed, links, points, text, values)
+        for text in element.references
+    )
+    return Force(element.name, element, ends)
 
 
 def _outlines(

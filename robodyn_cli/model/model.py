@@ -63,6 +63,15 @@ class Loop:
 
 
 @dataclasses.dataclass(frozen=True)
+class Force:
+    """A force element on a place or between two; ``element`` knows the law (``forces/element.py``)."""
+
+    name: str
+    element: Any
+    ends: tuple[FixedFrame, ...]
+
+
+@dataclasses.dataclass(frozen=True)
 class Model:
     """A tree of bodies in topological order, and the loops that close it.
 
@@ -86,6 +95,7 @@ class Model:
     links: dict[str, FixedFrame]
     outlines: dict[str, tuple[FixedFrame, ...]]
     loops: tuple[Loop, ...] = ()
+    forces: tuple[Force, ...] = ()
     joint_names: tuple[str, ...] = ()
     q_names: tuple[str, ...] = ()
     v_names: tuple[str, ...] = ()

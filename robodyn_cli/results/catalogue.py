@@ -63,6 +63,10 @@ ENTRIES: tuple[Entry, ...] = (
     Entry(
         "energy/work", ("time",), "J", "work done on the system by non-conservative forces since the start"
     ),
+    Entry("forces/potential", ("time", "force"), "J", "potential energy of each entry of `forces`"),
+    Entry(
+        "forces/power", ("time", "force"), "W", "power of each entry of `forces` beside its potential energy"
+    ),
     Entry("points/NAME", ("time", "axis"), "m", "position of a point in the world frame", XYZ),
     Entry("targets/NAME", ("time", "axis"), "m", "position asked of a point in the world frame", XYZ),
     Entry("frames/NAME/position", ("time", "axis"), "m", "origin of a frame in the world frame", XYZ),

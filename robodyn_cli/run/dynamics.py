@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
+from robodyn_cli.expr.graph import free_symbols
 from robodyn_cli.model.model import Model
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Vector, zeros
@@ -43,8 +44,20 @@ def open_problem(source: sc.Scene | Model | Problem, what: str) -> Problem:
 
 
 def joint_force_terms(problem: Problem) -> dict[str, Vector]:
-    """Return the torques of springs, dampers and friction on the joints, with the exact sign of the rate."""
-    return problem.joint_forces(smooth=False)
+    """Return the torques of everything but the actuators on the joints, by term, friction with the exact sign."""
+    return problem.passive_forces(smooth=False)
+
+
+def _timeless(problem: Problem) -> list[Vector]:
+    """Return the terms of ``joint_force_terms`` for functions of samples that have no times."""
+    terms = list(joint_force_terms(problem).values())
+    if any(symbol is problem.t for symbol in free_symbols([x for term in terms for x in term])):
+        names = ", ".join(force.name for force in problem.model.forces if force.element.term == "external")
+        raise CapabilityError(
+            f"forces that depend on time (among {names}) have no place in a function of q, qd and qdd; allowed: forces "
+            "of constants, positions and rates"
+        )
+    return terms
 
 
 Samples = Callable[[Array, Array, Array], Array]
@@ -70,7 +83,7 @@ class _JointForces:
     def __init__(self, problem: Problem) -> None:
         from robodyn_cli.kernels.samples import SampleKernel
 
-        terms = list(joint_force_terms(problem).values())
+        terms = _timeless(problem)
         self.kernel = SampleKernel({"f": list(sum(terms[1:], terms[0]))}, ("q", "v")) if terms else None
         self.operations = self.kernel.program.operations if self.kernel else 0
 
@@ -88,7 +101,7 @@ def _prefer_rolled(problem: Problem) -> bool:
 
 
 class InverseDynamics:
-    """Joint torques that a motion needs, tau = M qdd + C qd + G - tau_passive - tau_friction.
+    """Joint torques that a motion needs, tau = M qdd + C qd + G - tau_passive - tau_friction - tau_external.
 
     Calling it takes q (T, nq), qd and qdd (T, nv) and returns tau (T, nv) [N m or N], columns in the order of
     the joints. Column-ordered arrays (``order="F"``) of float64 are read in place, others are copied first;
@@ -112,7 +125,7 @@ class InverseDynamics:
             operations = rigid.plan.bodies * rigid.plan.recursion.operations + forces.operations
             return "rolled", lambda q, qd, qdd: forces.take_from(rigid(q, qd, qdd), q, qd), operations
         tau: Any = problem.inverse_dynamics
-        for term in joint_force_terms(problem).values():
+        for term in _timeless(problem):
             tau = tau - term
         unrolled = _Unrolled(tau, "a")
         return "unrolled", unrolled, unrolled.operations
@@ -123,7 +136,7 @@ class InverseDynamics:
 
 
 class ForwardDynamics:
-    """Joint accelerations that torques cause, qdd = M^-1 (tau + tau_passive + tau_friction - C qd - G).
+    """Joint accelerations that torques cause, qdd = M^-1 (tau + tau_passive + tau_friction + tau_external - C qd - G).
 
     Calling it takes q (T, nq), qd and tau (T, nv) and returns qdd (T, nv); arrays and attributes as for
     ``InverseDynamics``, whose inverse it is: friction has the exact sign of the rate, and is 0 at rest.
@@ -146,7 +159,7 @@ class ForwardDynamics:
         f: Any = zeros(model.nv)
         for k, symbol in enumerate(problem.graph.symbols(model.v_names, "tau")):
             f[k] = symbol
-        for term in joint_force_terms(problem).values():
+        for term in _timeless(problem):
             f = f + term
         unrolled = _Unrolled(problem.free_accelerations(f - problem.bias), "tau")
         return "unrolled", unrolled, unrolled.operations

@@ -15,7 +15,7 @@ from robodyn_cli.run.dynamics import ForwardDynamics, InverseDynamics, joint_for
 from robodyn_cli.run.evaluation import SampleFunction, without_idle_unknowns
 from robodyn_cli.run.inverse_checks import DEFINITIONS, Sampled, error_estimate, joint_figures
 from robodyn_cli.run.motion import Planned, plan_motion, with_led_point
-from robodyn_cli.run.places import add_places, place_outputs
+from robodyn_cli.run.places import FORCES, add_places, place_outputs
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.reactions import add_reactions
 from robodyn_cli.run.stopwatch import Stopwatch
@@ -36,7 +36,7 @@ def inverse(
 ) -> Result:
     """Compute the joint torques that the scene's trajectory needs.
 
-        tau = M qdd + C qd + G - tau_passive - tau_friction
+        tau = M qdd + C qd + G - tau_passive - tau_friction - tau_external
 
     ``tau`` (T, nv) is the actuators' torque [N m or N]; the terms are signed so that they sum to it.
 
@@ -71,7 +71,7 @@ def inverse(
         function = SampleFunction({**terms, **_energies(problem, terms), **places}, GROUPS, count)
     motion = planned.motion
     with watch.stage("evaluate"):
-        arrays = function(q=motion.q, v=motion.qd, a=motion.qdd)
+        arrays = function(t=times[:, None], q=motion.q, v=motion.qd, a=motion.qdd)
         sampled = Sampled(times, motion, {name: arrays[name] for name in terms}, arrays)
     result = Result("inverse", scene.title or "inverse", "ok", scene.text)
     _fill(result, problem, sampled, planned)
@@ -125,12 +125,19 @@ def _energies(problem: Problem, terms: dict[str, list[Scalar]]) -> dict[str, lis
         for force in body.forces:
             if force.element.dissipative:
                 lost = lost + force.element.torque(q, v, body.gear_ratio, False) * v
+    lost = lost + problem.elements.power
     found = {
         "kinetic": [problem.kinetic],
         "potential": [problem.potential],
         "dissipation": [lost],
         "bias": list(problem.bias),
     }
+    if problem.model.forces:
+        effects = problem.elements.effects
+        found |= {
+            "forces/potential": [e.potential for e in effects],
+            "forces/power": [e.power for e in effects],
+        }
     needed = [x for term in terms.values() for x in term]
     return {name: without_idle_unknowns(entries, needed) for name, entries in found.items()}
 
@@ -151,6 +158,9 @@ def _fill(result: Result, problem: Problem, sampled: Sampled, planned: Planned) 
     result.add("energy/kinetic", kinetic)
     result.add("energy/potential", potential)
     result.add("energy/total", kinetic + potential)
+    for path in FORCES:
+        if path in sampled.arrays:
+            result.add(path, sampled.arrays[path], names=problem.elements.names)
 
 
 def _asked(planned: Planned, actual: Array) -> Array:

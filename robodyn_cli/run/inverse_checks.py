@@ -124,7 +124,7 @@ def round_trip(problem: Problem, sampled: Sampled) -> float | None:
     """Return the relative residual of forward after inverse dynamics (see ``error_estimate``)."""
     bias, asked = sampled.arrays["bias"], sampled.motion.qdd
     f = sampled.tau - bias
-    for name in ("friction", "passive"):
+    for name in ("friction", "passive", "external"):
         if name in sampled.terms:
             f = f - sampled.terms[name]
     q = np.concatenate([sampled.motion.q] * 2)

@@ -20,7 +20,7 @@ from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.writer import ResultWriter
 from robodyn_cli.run.evaluation import SampleFunction
-from robodyn_cli.run.places import place_dataset, place_outputs
+from robodyn_cli.run.places import FORCES, place_dataset, place_outputs
 from robodyn_cli.run.reactions import ReactionSamples, figures
 from robodyn_cli.run.units import unit_text
 
@@ -44,6 +44,9 @@ def observed(problem: Problem, accelerations: bool = True) -> dict[str, Sequence
         "tau": _actuator_torques(problem),
         "energy": [problem.kinetic, problem.potential],
     }
+    if problem.model.forces:
+        outputs["forces.potential"] = [effect.potential for effect in problem.elements.effects]
+        outputs["forces.power"] = [effect.power for effect in problem.elements.effects]
     if accelerations:
         forward = problem.forward
         outputs["qdd"] = list(forward.qdd)
@@ -159,6 +162,9 @@ class Observer:
         }
         if z.shape[1]:
             data["energy/work"] = z[:, 0]
+        for path in FORCES:
+            if (name := path.replace("/", ".")) in found:
+                data[path] = found[name]
         if problem.constraints.rows:
             data["constraints/multipliers"] = found["lam"]
             data["constraints/position_residual"] = found["eta"]
@@ -207,6 +213,9 @@ class Observer:
             "qdd": Column(unit_text(model, "/s^2"), "joint acceleration", joints, names),
             "tau": Column(unit_text(model, "", torque), "actuator torque", joints, names),
         }
+        elements = self.problem.elements.names
+        table["forces/potential"] = Column("J", "potential energy of forces", ("time", "force"), elements)
+        table["forces/power"] = Column("W", "power of forces", ("time", "force"), elements)
         constraint = ("time", "constraint")
         kinds = [r.kind for r in self.problem.constraints.rows]
         force = "N" if all(k == "force" for k in kinds) else "N or N m"

@@ -15,6 +15,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import cross
 
 Array = NDArray[np.float64]
+FORCES = ("forces/potential", "forces/power")  # what each force element reports, by element
 
 
 def place_outputs(problem: Problem) -> dict[str, list[Scalar]]:

@@ -13,6 +13,7 @@ from typing import Any
 from robodyn_cli.equations.plan_facts import Facts, idle_constants, plural, unknown_data
 from robodyn_cli.equations.plan_terms import (
     Ledger,
+    element_terms,
     fixed_links,
     force_terms,
     geometry_terms,
@@ -89,6 +90,7 @@ def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
     fixed_links(ledger, problem)
     loop_terms(ledger, problem, forward=command != "inverse")
     force_terms(ledger)
+    element_terms(ledger)
     subject.more_terms(ledger)
     found = {
         "command": command,

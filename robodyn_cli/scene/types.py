@@ -12,7 +12,7 @@ from typing import Any
 
 from robodyn_cli.expr.expectation import Expectation
 from robodyn_cli.expr.formula import Formula as FormulaTree
-from robodyn_cli.forces.registry import joint_forces
+from robodyn_cli.forces.registry import force_types, joint_forces
 from robodyn_cli.loops.registry import loop_types
 from robodyn_cli.scene.commands import SCENE_COMMANDS
 from robodyn_cli.schema.fields import (
@@ -306,6 +306,9 @@ class Scene:
         MapOf(Number(angle=True), of="parameter"), default=None, doc="Named constants for formulas."
     )
     loops: tuple[Any, ...] = key(ListOf(Tagged(lambda: loop_types)), default=(), doc="Loop closures.")
+    forces: tuple[Any, ...] = key(
+        ListOf(Tagged(lambda: force_types)), default=(), doc="Forces on points and between bodies."
+    )
     actuated: tuple[str, ...] | None = key(
         ListOf(Name(of="joint")),
         default=None,

@@ -1,0 +1,113 @@
+"""Forces on bodies from outside the joints: where they act, and what they are in the joints, J^T f.
+
+Each group of forces is carried down the tree to ``root``, the last common ancestor of the bodies it acts on: below that
+it has no effect (the wrenches cancel there), so nothing below is touched. The work grows with the length of the path.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from robodyn_cli.algorithms.kinematics import Pose, Velocity, slice_q, slice_v, step_velocity
+from robodyn_cli.algorithms.rnea import Wrench, joint_torque
+from robodyn_cli.expr.graph import Expr
+from robodyn_cli.model.model import BASE, FixedFrame, Model
+from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, cross, rotation_to_z, snap, zeros
+
+PARALLEL = 1e-12
+
+
+class PathKinematics:
+    """Poses and velocities relative to ``root``, in its coordinates, of the bodies that are asked for."""
+
+    def __init__(self, model: Model, X: Sequence[Transform], q: Values, qd: Values, root: int) -> None:
+        self.model, self.X, self.q, self.qd, self.root = model, X, q, qd, root
+        self._pose: dict[int, Pose] = {root: Pose.identity(), BASE: Pose.identity()}
+        self._velocity: dict[int, Velocity] = {root: Velocity.at_rest(), BASE: Velocity.at_rest()}
+
+    def _reach(self, body: int) -> None:
+        path = []
+        while body not in self._pose:
+            path.append(body)
+            body = self.model.bodies[body].parent
+        for k in reversed(path):
+            b = self.model.bodies[k]
+            self._pose[k] = self._pose[b.parent].after(self.X[k])
+            self._velocity[k] = step_velocity(
+                b, self.X[k], slice_q(b, self.q), slice_v(b, self.qd), self._velocity[b.parent]
+            )
+
+    def pose(self, body: int) -> Pose:
+        """Return the pose of a body that hangs on the root."""
+        self._reach(body)
+        return self._pose[body]
+
+    def place(self, frame: FixedFrame) -> tuple[Vector, Matrix, Vector, Vector]:
+        """Return origin, axes, velocity of the origin and angular velocity of a frame fixed to a body."""
+        pose = self.pose(frame.body)
+        own = self._velocity[frame.body]
+        v = pose.R @ (own.v + cross(own.w, frame.p))
+        return pose.point(frame.p), pose.R @ frame.R, v, pose.R @ own.w
+
+
+def path_torques(
+    model: Model, q: Values, X: Sequence[Transform], wrenches: Mapping[int, Wrench], root: int = BASE
+) -> Vector:
+    """Return the joint torques (nv,) of wrenches on bodies, sum of J^T f, as far down as ``root``.
+
+    Parameters
+    ----------
+    wrenches : moment [N m] about the body's origin and force [N] in body coordinates, by body; what acts on ``root``
+        has no effect.
+    """
+    tau = zeros(model.nv)
+    carried = {k: w for k, w in wrenches.items() if k not in (root, BASE)}
+    while carried:
+        k = max(carried)  # parents come first in the tree
+        n, f = carried.pop(k)
+        body = model.bodies[k]
+        own = joint_torque(body, slice_q(body, q), (n, f))
+        for j in range(body.joint.nv):
+            tau[body.v + j] = tau[body.v + j] + own[j]
+        if body.parent not in (root, BASE):
+            n, f = X[k].force_to_parent(n, f)
+            below = carried.get(body.parent)
+            carried[body.parent] = (n, f) if below is None else (below[0] + n, below[1] + f)
+    return tau
+
+
+def turn_about(model: Model, q: Values, ends: Sequence[FixedFrame], axis: Sequence[float], root: int) -> Any:
+    """Return the angle [rad] by which the second frame is turned against the first about ``axis``, or None.
+
+    It is zero where the frames' axes coincide. Not None only if every joint between them that turns does so about the
+    parallel of ``axis`` (3,), which is given in the axes of each frame: then the angle is a sum of joint positions, and
+    counts full turns.
+    """
+    A = rotation_to_z(axis)
+    total: Any = 0.0
+    at_zero = []
+    for sign, end in zip((-1.0, 1.0), ends):
+        R = end.R @ A
+        k = end.body
+        while True:
+            if any(isinstance(x, Expr) for x in R.flat):
+                return None
+            if k in (root, BASE):
+                break
+            body = model.bodies[k]
+            if body.joint.type == "revolute":
+                if max(abs(R[0, 2]), abs(R[1, 2])) > PARALLEL:
+                    return None
+                total = total + (sign if R[2, 2] > 0.0 else -sign) * q[body.q]
+            elif body.joint.type != "prismatic":
+                return None
+            R = body.X_tree.E.T @ R
+            k = body.parent
+        at_zero.append(R)
+    first, second = at_zero
+    if max(abs(float(x)) for x in first[:, 2] - second[:, 2]) > PARALLEL:
+        return None
+    x = first.T @ second[:, 0]
+    return total + snap(math.atan2(x[1], x[0]))

@@ -1,0 +1,128 @@
+"""The scene's forces on points and between bodies, as torques on the joints with their energy and power."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+from robodyn_cli.algorithms.external import PathKinematics, path_torques, turn_about
+from robodyn_cli.algorithms.rnea import Wrench
+from robodyn_cli.equations.kinks import switches
+from robodyn_cli.expr.graph import Expr, Scalar
+from robodyn_cli.forces.element import Effect, End, Setting
+from robodyn_cli.model.model import BASE, FixedFrame, Force, Model
+from robodyn_cli.spatial.algebra import Transform, Values, Vector, cross
+
+
+class Elements:
+    """What the elements of ``model.forces`` do at q, v.
+
+    Parameters
+    ----------
+    X : transforms from parent to body. values : t, positions, rates and parameters for formulas. time : t.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        X: Sequence[Transform],
+        q: Values,
+        v: Values,
+        values: Mapping[str, Any],
+        time: Scalar,
+    ) -> None:
+        self.model, self.X, self.q, self.v = model, X, q, v
+        self.values, self.time = values, time
+        self._kinematics: dict[int, PathKinematics] = {}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(force.name for force in self.model.forces)
+
+    def root(self, force: Force) -> int:
+        """Return the last common ancestor of the bodies that a force acts on; the base for a force from outside."""
+        if len(force.ends) == 1:
+            return BASE
+        return self.model.common_ancestor(force.ends[0].body, force.ends[1].body)
+
+    def _from(self, root: int) -> PathKinematics:
+        if root not in self._kinematics:
+            self._kinematics[root] = PathKinematics(self.model, self.X, self.q, self.v, root)
+        return self._kinematics[root]
+
+    @cached_property
+    def effects(self) -> list[Effect]:
+        """What each element does, in the order of the scene."""
+        return [self._effect(force) for force in self.model.forces]
+
+    def _effect(self, force: Force) -> Effect:
+        root = self.root(force)
+        kinematics = self._from(root)
+        setting = Setting(
+            self.values,
+            self.time,
+            self.model.base.E,
+            lambda axis: turn_about(self.model, self.q, force.ends, axis, root),
+        )
+        effect: Effect = force.element.effect(
+            tuple(End(*kinematics.place(end)) for end in force.ends), setting
+        )
+        return effect
+
+    @cached_property
+    def torques(self) -> dict[str, Vector]:
+        """Torques on the joints (nv,) [N m or N] by term."""
+        wrenches: dict[tuple[str, int], dict[int, Wrench]] = {}
+        for force, effect in zip(self.model.forces, self.effects):
+            root = self.root(force)
+            group = wrenches.setdefault((force.element.term, root), {})
+            for action in effect.actions:
+                end = force.ends[action.end]
+                if end.body in (BASE, root):
+                    continue
+                n, f = self._on_body(end, root, action)
+                before = group.get(end.body)
+                group[end.body] = (n, f) if before is None else (before[0] + n, before[1] + f)
+        terms: dict[str, Vector] = {}
+        for (term, root), group in wrenches.items():
+            tau = path_torques(self.model, self.q, self.X, group, root)
+            terms[term] = terms[term] + tau if term in terms else tau
+        return terms
+
+    def _on_body(self, end: FixedFrame, root: int, action: Any) -> Wrench:
+        """Return moment about the body's origin and force, in body coordinates."""
+        R = end.R if action.local else self._from(root).pose(end.body).R.T
+        f = R @ action.force
+        return R @ action.moment + cross(end.p, f), f
+
+    @property
+    def potential(self) -> Scalar:
+        """Potential energy of all elements together [J]."""
+        total: Scalar = 0.0
+        for effect in self.effects:
+            total = total + effect.potential
+        return total
+
+    @property
+    def power(self) -> Scalar:
+        """Power of what the potential energy does not cover [W]."""
+        total: Scalar = 0.0
+        for effect in self.effects:
+            total = total + effect.power
+        return total
+
+    @property
+    def breakpoints(self) -> set[float]:
+        """Times at which tabulated forces have kinks."""
+        return {t for force in self.model.forces for t in getattr(force.element, "breakpoints", ())}
+
+    @cached_property
+    def switches(self) -> list[tuple[str, Expr]]:
+        """What formulas of the elements switch on, with the key of the element (see ``kinks``)."""
+        found = []
+        for force, effect in zip(self.model.forces, self.effects):
+            if force.element.term == "external":
+                entries = [x for a in effect.actions for x in (*a.force, *a.moment)]
+                found += [(f"forces.{force.name}", switch) for switch in switches(entries)]
+        return found

@@ -1,0 +1,35 @@
+"""Constant-force spring: the same tension at any length."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from typing import ClassVar
+
+from robodyn_cli.forces.element import Effect, End, Line, Setting, between_key
+from robodyn_cli.schema.fields import Choice, Name, Number, key
+
+
+@dataclasses.dataclass(frozen=True)
+class ConstantForce:
+    """Constant tension ``F`` along the line between two points; potential energy ``F l``."""
+
+    term: ClassVar[str] = "passive"
+
+    name: str = key(Name(of="force"), doc="Name.")
+    type: str = key(Choice(("constant_force",)), doc="Kind of force.")
+    between: tuple[str, ...] = between_key()
+    force: float = key(Number(), unit="N", doc="Tension; positive pulls the points together.")
+
+    @property
+    def references(self) -> tuple[str, ...]:
+        return self.between
+
+    def problems(self) -> Iterable[tuple[tuple[str, ...], str]]:
+        """Yield what does not fit together: nothing."""
+        return ()
+
+    def effect(self, ends: tuple[End, ...], setting: Setting) -> Effect:
+        """Return forces and energy; the direction is lost where the points meet."""
+        line = Line.of(ends)
+        return Effect(line.pull(self.force), self.force * line.length)

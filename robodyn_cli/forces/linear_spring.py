@@ -1,0 +1,48 @@
+"""Linear spring and damper along the line between two points."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from typing import ClassVar
+
+from robodyn_cli.forces.element import Effect, End, Line, Setting, along, between_key
+from robodyn_cli.schema.fields import Choice, Name, Number, key
+from robodyn_cli.spatial.algebra import dot
+
+
+@dataclasses.dataclass(frozen=True)
+class LinearSpring:
+    """Tension ``k (l - l0) + c dl/dt`` along the line between two points; potential energy ``k (l - l0)^2 / 2``."""
+
+    term: ClassVar[str] = "passive"
+
+    name: str = key(Name(of="force"), doc="Name.")
+    type: str = key(Choice(("spring",)), doc="Kind of force.")
+    between: tuple[str, ...] = between_key()
+    stiffness: float = key(Number(minimum=0.0), default=0.0, unit="N/m", doc="Stiffness k.")
+    length: float = key(
+        Number(minimum=0.0), default=0.0, unit="m", doc="Length l0 at which the spring is free of force."
+    )
+    damping: float = key(Number(minimum=0.0), default=0.0, unit="N s/m", doc="Damping c.")
+
+    @property
+    def references(self) -> tuple[str, ...]:
+        return self.between
+
+    def problems(self) -> Iterable[tuple[tuple[str, ...], str]]:
+        """Yield what does not fit together."""
+        if self.stiffness == 0.0 and self.damping == 0.0:
+            yield (), "needs a 'stiffness' or a 'damping' that is not zero"
+
+    def effect(self, ends: tuple[End, ...], setting: Setting) -> Effect:
+        """Return forces, energy and power; the direction is lost where the points meet and ``length`` is not 0."""
+        k, c = self.stiffness, self.damping
+        if self.length == 0.0 and c == 0.0:
+            # without a free length the force is linear in the distance and needs no direction
+            d = ends[1].p - ends[0].p
+            return Effect(along(d * k), 0.5 * k * dot(d, d))
+        line = Line.of(ends)
+        stretch = line.length - self.length
+        loss = c * line.rate
+        return Effect(line.pull(k * stretch + loss), 0.5 * k * stretch * stretch, -loss * line.rate)
