@@ -90,6 +90,18 @@ class Elements:
             terms[term] = terms[term] + tau if term in terms else tau
         return terms
 
+    @cached_property
+    def wrenches(self) -> dict[int, Wrench]:
+        """What all elements exert on each body and on the base: moment about its origin and force, body coordinates."""
+        found: dict[int, Wrench] = {}
+        for force, effect in zip(self.model.forces, self.effects):
+            for action in effect.actions:
+                end = force.ends[action.end]
+                n, f = self._on_body(end, self.root(force), action)
+                before = found.get(end.body)
+                found[end.body] = (n, f) if before is None else (before[0] + n, before[1] + f)
+        return found
+
     def _on_body(self, end: FixedFrame, root: int, action: Any) -> Wrench:
         """Return moment about the body's origin and force, in body coordinates."""
         R = end.R if action.local else self._from(root).pose(end.body).R.T

@@ -44,7 +44,8 @@ class ReactionSamples:
         model, self.problem = problem.model, problem
         self.rows = problem.constraints.names
         lam = dict(zip(self.rows, problem.graph.symbols(self.rows, "lam")))
-        found = reactions(model, problem.q, problem.v, problem.a, lam, problem.gravity, problem.X)
+        applied = problem.elements.wrenches
+        found = reactions(model, problem.q, problem.v, problem.a, lam, problem.gravity, problem.X, applied)
         self.names: dict[str, tuple[str, ...]] = {}
         self.meanings: dict[str, str] = {}
         self.missing: dict[str, list[str]] = {}

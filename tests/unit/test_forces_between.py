@@ -153,6 +153,13 @@ def test_what_inverse_finds_is_what_forward_needs() -> None:
     assert np.abs(np.array(evaluate(rest, at), dtype=float) - found["tau"][k]).max() < 1e-11
 
 
+def test_reactions_in_joints_bear_the_forces_too() -> None:
+    """About its axis a joint transmits the actuator's torque and nothing else."""
+    found = inverse(load_scene_text(ARM, overrides=["outputs={reactions: true}"]))
+    assert np.abs(found["reactions/j1"][:, 5] - found["tau"][:, 0]).max() < 1e-11
+    assert np.abs(found["reactions/k1"][:, 3] - found["tau"][:, 3]).max() < 1e-11
+
+
 def test_a_tip_wrench_on_the_lecture_arm() -> None:
     """The external part of the torques is -J^T F, with J by differences of the tip along the motion."""
     push = "forces=[{name: push, type: wrench, at: tip, force: [12, -5, 3], moment: [1, 2, 4]}]"
