@@ -12,7 +12,8 @@ class Sink:
 
     HDF5 cannot close a file whose writes have failed: on a full disk it crashes the process. So the first
     failure is kept in ``error`` and what follows goes to memory, until the writer asks and gives up; that is
-    little, since it asks after every block. An interrupt inside a call is treated alike.
+    little, since it asks after every block. Interrupts wait outside (``uninterrupted``): one that is raised between two
+    statements here would reach the library.
     """
 
     def __init__(self, path: Path) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 
 from robodyn_cli.results import catalogue, provenance
 from robodyn_cli.results.atomic import discard, output_errors, temporary_path
+from robodyn_cli.results.interrupts import uninterrupted
 from robodyn_cli.results.result import Variable, make_variable
 from robodyn_cli.results.summary import dumps
 
@@ -65,7 +66,7 @@ class ResultWriter:
         self._head = {"command": command, "title": title, "scene": scene_text}
         self._columns: dict[str, _Column] = {}
         self._temporary: Path | None = temporary_path(self.path)
-        with output_errors(self.path):
+        with output_errors(self.path), uninterrupted():
             self._file = h5low.OutputFile(self._temporary)
 
     def __enter__(self) -> ResultWriter:
@@ -146,12 +147,14 @@ class ResultWriter:
         if self._temporary is None:
             raise RuntimeError(f"{self.path}: finish() was called twice")
         try:
-            self._check_lengths(status)
+            with uninterrupted():
+                self._check_lengths(status)
             with output_errors(self.path, RuntimeError):
-                self._write_columns()
-                self._write_events(list(events))
-                self._write_attributes(status, dict(summary or {}), dict(attributes or {}))
-                self._file.close()
+                with uninterrupted():
+                    self._write_columns()
+                    self._write_events(list(events))
+                    self._write_attributes(status, dict(summary or {}), dict(attributes or {}))
+                    self._file.close()
                 os.replace(self._temporary, self.path)
         except BaseException:
             self._abandon()
@@ -163,10 +166,12 @@ class ResultWriter:
         """Close and remove the temporary file, whatever state it is in."""
         temporary, self._temporary = self._temporary, None
         self._columns.clear()
-        with contextlib.suppress(Exception):
-            self._file.close(sync=False)
-        if temporary is not None:
-            discard(temporary)
+        try:
+            with contextlib.suppress(Exception), uninterrupted():
+                self._file.close(sync=False)
+        finally:
+            if temporary is not None:
+                discard(temporary)
 
     def _declare(self, path: str, meta: Variable) -> _Column:
         if self._temporary is None:
@@ -182,7 +187,7 @@ class ResultWriter:
         chunk = max(1, CHUNK_BYTES // column.row_bytes)
         rows = column.gathered()
         count = len(rows) - len(rows) % chunk
-        with output_errors(self.path, RuntimeError):
+        with output_errors(self.path, RuntimeError), uninterrupted():
             if column.dataset is None:
                 column.dataset = self._file.growing(path, column.meta.data.shape[1:], chunk)
             if count:

@@ -6,6 +6,8 @@ robotics-toolbox-python, tests/test_DHRobot.py. Full digits: recursive Newton-Eu
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -13,7 +15,7 @@ from robodyn_cli.algorithms.kinematics import point_jacobian, poses, transforms
 from robodyn_cli.model.build import build_model
 from robodyn_cli.run.dynamics import ForwardDynamics, InverseDynamics
 from robodyn_cli.run.inverse import inverse
-from robodyn_cli.scene import load_scene_text
+from robodyn_cli.scene import load_scene, load_scene_text
 from robodyn_cli.scene.types import Scene
 from tests.numeric import assert_close, real
 
@@ -105,6 +107,14 @@ def test_wrench_at_the_tip() -> None:
     digits = [0.6427562971492311, 29.08664003275677, 4.703212509875562, 2.82842712474619, -1.9717472, 3]
     assert np.abs(tau - published).max() < 1e-4
     assert np.abs(tau - digits).max() < 1e-13 * 30
+
+
+def test_the_scenes() -> None:
+    configs = Path(__file__).parents[2] / "configs" / "benchmarks"
+    start = inverse(load_scene(configs / "puma560.yaml"))
+    assert_close(start["tau"][0], CASES["P2"][-1], 1e-14)
+    held = inverse(load_scene(configs / "puma560_hold.yaml"))
+    assert np.abs(held["tau"] - np.array(CASES["P0"][-1])).max() < 1e-12
 
 
 def test_forward_dynamics_takes_the_torques_back() -> None:

@@ -19,8 +19,9 @@ from robodyn_cli.run.simulate import prepare
 from robodyn_cli.solve.assembly import mechanism_size
 
 BENCHMARKS = Path(__file__).parents[2] / "configs" / "benchmarks"
-SCENES = sorted(path.stem for path in BENCHMARKS.glob("*.yaml"))
-LOOPED = [name for name in SCENES if name != "double_pendulum_rods"]
+PATHS = [path for path in sorted(BENCHMARKS.glob("*.yaml")) if load_scene(path).command == "simulate"]
+SCENES = [path.stem for path in PATHS]
+LOOPED = [path.stem for path in PATHS if load_scene(path).loops]
 
 
 @lru_cache
