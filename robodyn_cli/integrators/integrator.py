@@ -7,7 +7,6 @@ import dataclasses
 import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
 from time import perf_counter
 from typing import Any
 
@@ -25,7 +24,7 @@ from robodyn_cli.integrators.memory import Memory
 from robodyn_cli.integrators.options import Counters as Counters
 from robodyn_cli.integrators.options import Options as Options
 from robodyn_cli.integrators.registry import methods
-from robodyn_cli.integrators.trial import COUNTERS, bind
+from robodyn_cli.integrators.trial import bind
 from robodyn_cli.integrators.writer import ARGUMENTS
 from robodyn_cli.kernels.arrays import aligned_zeros
 from robodyn_cli.kernels.compiler import compile_module, machine
@@ -76,6 +75,7 @@ class Integrator:
         self.w, self.n, self.y = self.memory.w, self.memory.n, self.memory.y
         self._values = np.zeros(len(system.events))
         self._values_at = self._values.ctypes.data
+        self._saved = self.memory.block.copy()
         self._make_room(0)
         self._slice = FIRST_SLICE
         self.tick: Callable[[float], None] | None = None
@@ -291,26 +291,25 @@ class Integrator:
                 found.append(Event(event.name, k, self.time, self.state, 0.0))
         return tuple(found)
 
-    def _restore(self, saved: Array) -> None:
-        """Go back to a copy of the memory's block; the counters run on."""
-        counted = self.n[COUNTERS]
-        self.memory.block[:] = saved
-        self.n[COUNTERS] = counted
-
     def _locate(self, stop: float, flush: Callable[[], None]) -> tuple[Event, ...]:
         """Find the first event in the step ahead, and others at the same time, and go there."""
         events = self.system.events
-        start = self.memory.block.copy()
-        t0 = self.time
-        arguments = (*self._addresses, start.ctypes.data, start.nbytes)
+        self._saved[:] = self.memory.block
+        t0, last = self.time, int(self.n[Whole.LAST_SAMPLE])
+        arguments = (*self._addresses, self._saved.ctypes.data, self._saved.nbytes)
         step = self.options.step or 0.0
         armed, lost = self.w[Real.SIZE : Real.SIZE + len(events)].tolist(), [math.nan] * len(events)
         high = min(float(self.w[Real.EVENT_HIGH]), stop)
         low = min(max(float(self.w[Real.EVENT_LOW]), t0), high)
+        known: dict[float, Sequence[float]] = {}
 
-        @cache
         def values(time: float) -> Sequence[float]:
-            status = self._trial(*arguments, time, step, self._values_at)
+            if time not in known:
+                known[time] = trial(time)
+            return known[time]
+
+        def trial(time: float) -> Sequence[float]:
+            status = self._trial(*arguments, time, step, -1, self._values_at)
             if status == Status.DONE:
                 return self._values.tolist()
             try:
@@ -321,29 +320,27 @@ class Integrator:
                 return lost
             return self.event_values()
 
+        def go(time: float, last: int) -> None:
+            status = Status(self._trial(*arguments, time, step, last, self._values_at))
+            while status in (Status.FULL, Status.MAX_STEPS):
+                flush()
+                status = self._call(time)
+                if status is Status.MAX_STEPS:
+                    break
+            flush()
+            self._check(status)
+
         found = first_roots(events, values, armed, int(self.n[Whole.EVENT]), (t0, low, high))
         if not found.roots and found.time <= t0:
             # the step cannot be taken: let it fail where it does
-            self._restore(start)
-            self.n[Whole.WATCH] = 0
-            self._check(self._call(high))
+            go(high, -1)
             found = Found(high)
-        self._commit(start, found, flush)
+        # take the step for good, samples included, and arm the functions beyond
+        go(found.time, last)
+        self._watch({r.index: r.sign for r in found.roots})
         return tuple(
             Event(events[r.index].name, r.index, self.time, self.state, r.high - r.low) for r in found.roots
         )
-
-    def _commit(self, start: Array, found: Found, flush: Callable[[], None]) -> None:
-        """Take the step to where the events are for good, samples included, and arm their functions beyond."""
-        self._restore(start)
-        self.n[Whole.WATCH] = 0
-        while True:
-            status = self._call(found.time)
-            flush()
-            if status is not Status.FULL:
-                break
-        self._check(status)
-        self._watch({r.index: r.sign for r in found.roots})
 
     def _check(self, status: Status) -> None:
         if status in (Status.DONE, Status.FULL):

@@ -12,10 +12,11 @@ from robodyn_cli.kernels.compiler import CompiledModule
 from robodyn_cli.kernels.ir import Function, Int, Value
 from robodyn_cli.kernels.lower import lower
 
-# after the run's own arguments: a copy of its memory block and its bytes, where to go, the fixed step or 0, results
-TRIAL_ARGUMENTS = (*ARGUMENTS, "saved", "bytes", "time", "step", "values")
+# after the run's own arguments: a copy of its memory block and its bytes, where to go, the fixed step or 0, the last
+# sample to be written, results
+TRIAL_ARGUMENTS = (*ARGUMENTS, "saved", "bytes", "time", "step", "last", "values")
 SWITCHING_ARGUMENTS = ("n", "t", "y", "p", "values")
-KINDS = {"bytes": "i64", "time": "double", "step": "double"}
+KINDS = {"bytes": "i64", "last": "i64", "time": "double", "step": "double"}
 TYPES = {"i64": ctypes.c_int64, "double": ctypes.c_double, "ptr": ctypes.c_void_p}
 COUNTERS = [Whole.ACCEPTED, Whole.REJECTED, Whole.EVALUATIONS, Whole.PROJECTIONS]
 PATIENCE = 256  # steps; a trial that takes more goes on in Python, which hears interrupts
@@ -47,8 +48,8 @@ def switching_function(system: System, fused: bool) -> Function:
 def trial_function() -> Function:
     """Return ``i64 trial(...)`` with ``TRIAL_ARGUMENTS``, whose result is a ``Status``.
 
-    The run goes back to what was saved, the counters excepted, and from there to ``time`` without samples or
-    events; where it arrives (``DONE``) the values of the event functions are stored.
+    The run goes back to what was saved, the counters excepted, and from there to ``time``, past any events; where it
+    arrives (``DONE``) the values of the event functions are stored.
     """
     f = Function("trial", [f"{KINDS.get(a, 'ptr')} %{a}" for a in TRIAL_ARGUMENTS], result="i64")
     counters = [f.offset("%n", int(c)) for c in COUNTERS]
@@ -58,7 +59,7 @@ def trial_function() -> Function:
     for value, place in zip(counted, counters):
         f.store_int(value, place)
     f.store_int(0, f.offset("%n", int(Whole.WATCH)))
-    f.store_int(-1, f.offset("%n", int(Whole.LAST_SAMPLE)))
+    f.store_int(f.int_argument("last"), f.offset("%n", int(Whole.LAST_SAMPLE)))
     f.store_int(counted[0] + counted[1] + PATIENCE, f.offset("%n", int(Whole.MAX_STEPS)))
     f.store(f.argument("time"), f.offset("%w", int(Real.T_END)))
     step = f.argument("step")
