@@ -13,7 +13,7 @@ from robodyn_cli.expr import functions as f
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.formulations.dynamics import Expanded
 from robodyn_cli.formulations.system import EventFunction, System
-from robodyn_cli.integrators.integrator import Event, Grid, Integrator, Options
+from robodyn_cli.integrators.integrator import Counters, Event, Grid, Integrator, Options
 
 Array = np.ndarray
 
@@ -219,3 +219,25 @@ def events_of(
 
 __all__ = ["CASES", "Case", "EventFunction", "Grid", "Integrator", "Options", "advance", "collect", "events_of",
            "samples", "system"]  # fmt: skip
+
+
+def integrate(
+    system: System,
+    method: str,
+    state: Any,
+    grid: Grid,
+    options: Options,
+    parameters: Any = (),
+) -> tuple[Array, Array, Counters]:
+    """Integrate over a grid and return times (T,), states (T, nx) and counters."""
+    integrator = Integrator(system, method, parameters)
+    integrator.reset(grid.start, state, options)
+    times: list[Array] = []
+    states: list[Array] = []
+
+    def emit(t: Array, x: Array) -> None:
+        times.append(t)
+        states.append(x)
+
+    integrator.run(grid.start + (grid.count - 1) * grid.step, grid, emit)
+    return np.concatenate(times), np.concatenate(states), integrator.counters

@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import Any
 
 from robodyn_cli.algorithms.rnea import rnea
+from robodyn_cli.equations.dependence import Dependence
 from robodyn_cli.equations.problem import Constraints, Problem
 from robodyn_cli.expr.graph import Expr, Graph
 from robodyn_cli.forces.damper import Damper
@@ -54,7 +55,8 @@ class Variant:
 
     velocity_terms, accelerations : whether rigid bodies feel qd and qdd. drives : a symbol as torque on each
     joint without one. driven_joint : whether the first joint's motion is prescribed, as symbols. rows : names
-    of the constraint rows to keep (all by default). still : joints that are kept at zero.
+    of the constraint rows to keep (all by default). dependent : rows that are combined. still : joints that are
+    kept at zero.
     """
 
     scene: sc.Scene
@@ -64,6 +66,7 @@ class Variant:
     drives: bool = False
     driven_joint: bool = False
     rows: tuple[str, ...] | None = None
+    dependent: tuple[Dependence, ...] = ()
     still: tuple[str, ...] = ()
 
     def with_scene(self, **changes: Any) -> Variant:
@@ -84,7 +87,7 @@ class VariantProblem(Problem):
     """The equations with a variant's changes; for the scene as it is, exactly those of ``Problem``."""
 
     def __init__(self, variant: Variant) -> None:
-        super().__init__(variant.scene, model=variant.model)
+        super().__init__(variant.scene, model=variant.model, dependent=variant.dependent)
         self.variant = variant
         for name in variant.still:
             body = self.model.body_of(name)
@@ -228,7 +231,7 @@ def general(v: Variant) -> Variant:
         general_coulomb, general_springs, general_dampers, general_loops,
     ):  # fmt: skip
         bare = change(bare)
-    return dataclasses.replace(bare, drives=True, rows=None)
+    return dataclasses.replace(bare, drives=True, rows=None, dependent=())
 
 
 def one_pin(v: Variant, here: Any, there: Any) -> Variant:

@@ -7,7 +7,6 @@ tau_a are actuator torques, tau_f those of springs, dampers and friction in the 
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
@@ -19,6 +18,14 @@ from robodyn_cli.algorithms.energy import gravity_energy, kinetic_energy, spring
 from robodyn_cli.algorithms.kinematics import Pose, poses, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
+from robodyn_cli.equations.constraints import Constraints as Constraints
+from robodyn_cli.equations.dependence import (
+    Combination,
+    Dependence,
+    combinations,
+    multipliers_of_rows,
+    working_rows,
+)
 from robodyn_cli.equations.elements import Elements
 from robodyn_cli.equations.kinks import is_of_time, switches, switching_times
 from robodyn_cli.errors import CapabilityError
@@ -34,50 +41,6 @@ from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, zeros
 GROUPS = ("t", "q", "v", "a", "p")
 
 
-@dataclasses.dataclass(frozen=True)
-class Constraints:
-    """Rows eta = 0, Psi v + eta_t = 0, Psi v-dot + gamma = 0; ``dropped`` rows vanish identically.
-
-    ``prescribed`` rows drive a joint; the others close loops.
-    """
-
-    rows: tuple[Row, ...]
-    dropped: tuple[str, ...]
-    prescribed: tuple[int, ...]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return tuple(r.name for r in self.rows)
-
-    @property
-    def eta(self) -> list[Scalar]:
-        return [r.eta for r in self.rows]
-
-    @property
-    def eta_t(self) -> list[Scalar]:
-        return [r.eta_t for r in self.rows]
-
-    @property
-    def gamma(self) -> list[Scalar]:
-        return [r.gamma for r in self.rows]
-
-    def psi(self, nv: int) -> Matrix:
-        """Return Psi (m, nv)."""
-        out = zeros(len(self.rows), nv)
-        for i, row in enumerate(self.rows):
-            out[i] = row.psi
-        return out
-
-    def only(self, keep: Sequence[int]) -> Constraints:
-        """Return the constraints with a subset of the rows."""
-        place = {old: new for new, old in enumerate(keep)}
-        return Constraints(
-            tuple(self.rows[i] for i in keep),
-            self.dropped,
-            tuple(place[i] for i in self.prescribed if i in place),
-        )
-
-
 class Problem:
     """The equations of one scene as expressions of t, q, v (and a, the accelerations), parameters p.
 
@@ -86,6 +49,7 @@ class Problem:
     scene : the checked scene.
     symbolic : constants kept as parameters p, in this order (see ``build_model``).
     keep_rows : constraint rows to keep, by index; all by default.
+    dependent : rows that depend on each other in every pose (see ``working``).
     """
 
     def __init__(
@@ -94,6 +58,7 @@ class Problem:
         symbolic: Sequence[str] = (),
         keep_rows: Sequence[int] | None = None,
         model: Model | None = None,
+        dependent: Sequence[Dependence] = (),
     ) -> None:
         self.scene = scene
         self.model = model if model is not None else build_model(scene, symbolic)
@@ -103,6 +68,7 @@ class Problem:
         self.v: list[Expr] = graph.symbols([f"{n}'" for n in self.model.v_names], "v")
         self.a: list[Expr] = graph.symbols([f"{n}''" for n in self.model.v_names], "a")
         self.keep_rows = keep_rows
+        self.dependent = tuple(dependent)
 
     # -- rigid bodies ---------------------------------------------------------------------------------
     @property
@@ -292,6 +258,26 @@ class Problem:
         return self.constraints.psi(self.model.nv)
 
     @cached_property
+    def combinations(self) -> list[Combination]:
+        """Combinations of the rows that depend on each other; their numbers are parameters p."""
+        return combinations(self.graph, self.dependent, self.constraints.names, len(self.model.parameters))
+
+    @cached_property
+    def working(self) -> Constraints:
+        """Rows to solve with: independent combinations of those that depend on each other, and the others."""
+        return working_rows(self.constraints, self.combinations)
+
+    @property
+    def loop_rank(self) -> int:
+        """How many rows of the loops are independent."""
+        return len(self.working.rows) - len(self.working.prescribed)
+
+    @property
+    def independent_rows(self) -> Matrix:
+        """Psi of the loops (r, nv), dependent rows combined."""
+        return self.working.psi(self.model.nv)[: self.loop_rank]
+
+    @cached_property
     def elimination_order(self) -> list[int]:
         """Velocity coordinates, leaves of the tree first."""
         return [body.v + j for body in reversed(self.model.bodies) for j in range(body.joint.nv)]
@@ -303,7 +289,10 @@ class Problem:
         f = self.applied - self.bias
         if self.constraints.rows:
             factor = LdlFactor.of(self.mass_matrix, self.elimination_order)
-            return solve_with_multipliers(factor, f, self.psi, self.constraints.gamma)
+            working = self.working
+            found = solve_with_multipliers(factor, f, working.psi(self.model.nv), working.gamma)
+            lam = multipliers_of_rows(self.constraints, self.combinations, found.lam)
+            return Multipliers(found.qdd, lam)
         return Multipliers(self.free_accelerations(f), zeros(0))
 
     def free_accelerations(self, f: Values) -> Vector:

@@ -12,10 +12,11 @@ import numpy as np
 from robodyn_cli.algorithms.constraints import correction, solve_with_multipliers
 from robodyn_cli.algorithms.kinematics import slice_q, slice_v
 from robodyn_cli.algorithms.linear import LdlFactor
-from robodyn_cli.equations.problem import Problem
+from robodyn_cli.equations.problem import Constraints, Problem
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.formulations.dynamics import Expanded, Rolled
 from robodyn_cli.formulations.layout import Layout
+from robodyn_cli.formulations.row_chart import RowChart, renewals
 from robodyn_cli.formulations.system import EventFunction, System
 from robodyn_cli.kernels.rolled import prefer_rolled
 from robodyn_cli.scene.types import Baumgarte
@@ -40,19 +41,20 @@ def index1(
     work : carry the work of actuators and damping as a further state, where there is any.
     expanded : give expressions in any case, for those who look into them.
     """
-    constraints = problem.constraints
+    constraints = problem.working
     power = problem.power if work else 0.0
     z_rate = (power,) if isinstance(power, Expr) or power != 0.0 else ()
     position: Sequence[Scalar] = ()
     velocity: Sequence[Scalar] = ()
     if constraints.rows and isinstance(stabilisation, Baumgarte):
         alpha, beta = stabilisation.alpha, stabilisation.beta
-        rate = _velocity_residual(problem)
+        rate = _velocity_residual(problem, constraints)
         gamma = [
             g + 2.0 * alpha * r + beta * beta * e for g, r, e in zip(constraints.gamma, rate, constraints.eta)
         ]
         factor = LdlFactor.of(problem.mass_matrix, problem.elimination_order)
-        qdd = solve_with_multipliers(factor, problem.applied - problem.bias, problem.psi, gamma).qdd
+        psi = constraints.psi(problem.model.nv)
+        qdd = solve_with_multipliers(factor, problem.applied - problem.bias, psi, gamma).qdd
     elif not expanded and is_rolled(problem):
         rolled = Rolled(problem.model, list(problem.applied), z_rate)
         return _system(problem, rolled, events)
@@ -69,7 +71,7 @@ def index1(
 def _system(
     problem: Problem, dynamics: Rolled | Expanded, events: Sequence[EventFunction], **corrections: Any
 ) -> System:
-    events = (*events, *kinks(problem))
+    events = (*events, *kinks(problem), *renewals(problem))
     layout = Layout.of(problem.model, len(dynamics.z_rate))
     if layout is not None:
         assert isinstance(dynamics, Expanded)
@@ -81,6 +83,7 @@ def _system(
         nz=len(dynamics.z_rate),
         events=events,
         breakpoints=problem.breakpoints,
+        chart=RowChart(problem) if problem.dependent else None,
         **corrections,
     )
 
@@ -122,6 +125,7 @@ def _quasi_system(
         velocity_correction=renamed[3],
         events=tuple(dataclasses.replace(e, value=x) for e, x in zip(events, renamed[4])),
         breakpoints=problem.breakpoints,
+        chart=RowChart(problem) if problem.dependent else None,
         layout=layout,
         normalisation=renamed[1],
         normalised=tuple(normal),
@@ -141,10 +145,10 @@ def kinks(problem: Problem) -> tuple[EventFunction, ...]:
     )
 
 
-def _velocity_residual(problem: Problem) -> list[Scalar]:
+def _velocity_residual(problem: Problem, constraints: Constraints) -> list[Scalar]:
     """Return Psi v + eta_t."""
     out = []
-    for row in problem.constraints.rows:
+    for row in constraints.rows:
         total: Scalar = row.eta_t
         for x, v in zip(row.psi, problem.v):
             total = total + x * v
@@ -157,9 +161,10 @@ def projection(problem: Problem) -> tuple[list[Scalar], list[Scalar]]:
 
     Both are of least norm in the velocity coordinates, on which Psi acts.
     """
-    psi = problem.psi
-    dq = correction(psi, problem.constraints.eta)
-    dv = correction(psi, _velocity_residual(problem))
+    constraints = problem.working
+    psi = constraints.psi(problem.model.nv)
+    dq = correction(psi, constraints.eta)
+    dv = correction(psi, _velocity_residual(problem, constraints))
     q: list[Scalar] = list(problem.q)
     for body in problem.model.bodies:
         step = vector([-x for x in slice_v(body, dq)])
@@ -170,7 +175,8 @@ def projection(problem: Problem) -> tuple[list[Scalar], list[Scalar]]:
 
 def residuals(problem: Problem) -> dict[str, list[Scalar]]:
     """Return eta and Psi v + eta_t, for reports."""
-    return {"position": problem.constraints.eta, "velocity": _velocity_residual(problem)}
+    constraints = problem.constraints
+    return {"position": constraints.eta, "velocity": _velocity_residual(problem, constraints)}
 
 
 def multiplier_norm(lam: np.ndarray) -> np.ndarray:

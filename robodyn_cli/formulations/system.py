@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ class EventFunction:
 
     direction : +1 for rising, -1 for falling, 0 for both. terminal : whether the run ends there.
     kink : the right-hand side is not smooth there; nothing happens but that a step ends.
+    renewal : the system's chart is chosen anew there.
     """
 
     name: str
@@ -34,6 +35,20 @@ class EventFunction:
     direction: int = 0
     terminal: bool = True
     kink: bool = False
+    renewal: bool = False
+
+
+class Chart(Protocol):
+    """Parameters of the equations that fit a part of the motion only, and are chosen anew where they fit no more.
+
+    first, count : their places among the parameters p.
+    """
+
+    first: int
+    count: int
+
+    def choose(self, t: float, q: NDArray[Any], before: NDArray[Any] | None) -> NDArray[Any]:
+        """Return the parameters (count,) for the motion through (t, q); ``before`` : those in use so far."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,6 +64,7 @@ class System:
     normalisation : the entries at ``normalised`` places of x, put back on their joints' manifolds.
     breakpoints : times at which the right-hand side has a kink; steps end there.
     layout : None where q, v, z are the mechanism's.
+    chart : chooses some of the parameters, at the start and at events that are renewals.
     """
 
     nq: int
@@ -62,6 +78,7 @@ class System:
     layout: Layout | None = None
     normalisation: tuple[Scalar, ...] = ()
     normalised: tuple[int, ...] = ()
+    chart: Chart | None = None
 
     @property
     def size(self) -> int:

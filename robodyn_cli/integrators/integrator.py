@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.system import System
+from robodyn_cli.integrators.charted import Parameters
 from robodyn_cli.integrators.events import Event as Event
 from robodyn_cli.integrators.events import Found, chatter, crosses, first_roots
 from robodyn_cli.integrators.grid import Grid as Grid
@@ -66,11 +67,8 @@ class Integrator:
         self._switching: Callable[..., None] | None = None
         if system.events:
             self._switching, self._trial = bind(compiled)
-        programs = (system.positions, system.velocities, system.switching)
-        needed = max([system.dynamics.parameters, *(p.inputs.get("p", 0) for p in programs if p is not None)])
-        if len(parameters) < needed:
-            raise ValueError(f"the system has {needed} parameters, got {len(parameters)}")
-        self.p = np.array(parameters, dtype=float) if len(parameters) else np.zeros(1)
+        self.parameters = Parameters(system, parameters)
+        self.p = self.parameters.values
         self.memory = Memory(len(system.events), system.size, self.stepper.dense_size(system))
         self.w, self.n, self.y = self.memory.w, self.memory.n, self.memory.y
         self._values = np.zeros(len(system.events))
@@ -100,6 +98,7 @@ class Integrator:
         self.events_seen = 0
         self._since, self._restart = time, math.inf
         self._armed = False
+        self.parameters.start(time, self.y)
 
     def _make_room(self, count: int) -> None:
         """Provide a block for so many doubles of samples, and note where all arrays lie: they never move."""
@@ -271,6 +270,10 @@ class Integrator:
         """Report events at the same time, each with the state that the ones before it have left."""
         onward = True
         for event in events:
+            if self.system.events[event.index].renewal:
+                self.parameters.renew(self.time, self.y)
+                self._watch({})
+                continue
             self.events_seen += 1
             if on_event is not None:
                 going = on_event(dataclasses.replace(event, state=self.state))
@@ -363,25 +366,3 @@ class Integrator:
             "p": self.p[:, None],
         }  # fmt: skip
         return s.dynamics.values(groups)
-
-
-def integrate(
-    system: System,
-    method: str,
-    state: Any,
-    grid: Grid,
-    options: Options = DEFAULTS,
-    parameters: Any = (),
-) -> tuple[Array, Array, Counters]:
-    """Integrate over a grid and return times (T,), states (T, nx) and counters."""
-    integrator = Integrator(system, method, parameters)
-    integrator.reset(grid.start, state, options)
-    times: list[Array] = []
-    states: list[Array] = []
-
-    def emit(t: Array, x: Array) -> None:
-        times.append(t)
-        states.append(x)
-
-    integrator.run(grid.start + (grid.count - 1) * grid.step, grid, emit)
-    return np.concatenate(times), np.concatenate(states), integrator.counters

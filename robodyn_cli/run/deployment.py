@@ -15,6 +15,7 @@ from robodyn_cli.formulations.system import GROUPS, EventFunction, System
 from robodyn_cli.integrators.integrator import Event, Grid, Integrator, Options
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.run.growth import GRID, GrowthMonitor, levels_with
+from robodyn_cli.run.least_norm import LeastNorm
 from robodyn_cli.run.method import choose
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.simulate import Setup, options_for, passive_coordinates, prepare
@@ -92,7 +93,8 @@ class Deployment:
         """
         scene, problem = self.scene, self.problem
         found = Found(growth=GrowthMonitor(levels_with(scene.deploy.growth), scene.deploy.limit))
-        lam = SampleKernel({"lam": self._loop_multipliers()}, GROUPS) if multipliers else None
+        lam = self._loop_multipliers() if multipliers else None
+        rows = loop_rows(problem)
         integrator = Integrator(self.system, self.method)
         integrator.reset(0.0, self.start, options)
         duration = scene.simulate.duration
@@ -103,7 +105,7 @@ class Deployment:
             if lam is None:
                 return
             values = lam.evaluate(len(t), self.system.groups(t, x, np.zeros(1)))["lam"]
-            norm = multiplier_norm(values)
+            norm = multiplier_norm(values[:, rows])
             found.norm_at_end = float(norm[-1])
             found.growth.take(t, norm)
 
@@ -132,9 +134,10 @@ class Deployment:
         found.end = integrator.time
         return found
 
-    def _loop_multipliers(self) -> list[Scalar]:
-        lam = self.problem.forward.lam
-        return [lam[i] for i in loop_rows(self.problem)]
+    def _loop_multipliers(self) -> SampleKernel | LeastNorm:
+        if self.problem.dependent:
+            return LeastNorm(self.problem)
+        return SampleKernel({"lam": list(self.problem.forward.lam)}, GROUPS)
 
     def multiplier_time(self, found: Found) -> float | None:
         """Return when the criterion on the multipliers fired."""

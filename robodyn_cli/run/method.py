@@ -60,13 +60,21 @@ def fastest_decay(system: System, t: float, x: Array) -> float:
     rows = jacobian(a, [e for _, e in columns])
     J = np.zeros((s.size, s.size))
     J[: s.nq, s.nq : s.nq + s.nv] = np.eye(s.nq)
-    values = {group: x.tolist() for group, x in s.own_groups(np.array([t]), x, np.zeros(1)).items()}
+    p = np.zeros(1) if s.chart is None else chart_values(s, t, x)
+    values = {group: x.tolist() for group, x in s.own_groups(np.array([t]), x, p).items()}
     for i, row in enumerate(rows):
         for k, entry in zip(row, evaluate(list(row.values()), values)):
             J[system.nq + i, columns[k][0]] = entry
     if not np.all(np.isfinite(J)):
         return 0.0
     return float(max(0.0, -np.linalg.eigvals(J).real.min()))
+
+
+def chart_values(system: System, t: float, x: Array) -> Array:
+    """Return the parameters p that the system's chart chooses at a state."""
+    assert system.chart is not None
+    chosen = system.chart.choose(t, system.split(x)[0], None)
+    return np.concatenate([np.zeros(system.chart.first), chosen])
 
 
 def _evaluations(system: System, method: str, start: Array, end: float, options: Options) -> float:

@@ -20,6 +20,7 @@ from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.writer import ResultWriter
 from robodyn_cli.run.evaluation import SampleFunction
+from robodyn_cli.run.least_norm import LeastNorm, equations_of
 from robodyn_cli.run.places import FORCES, place_dataset, place_outputs
 from robodyn_cli.run.reactions import ReactionSamples, figures
 from robodyn_cli.run.units import unit_text
@@ -47,12 +48,13 @@ def observed(problem: Problem, accelerations: bool = True) -> dict[str, Sequence
     if problem.model.forces:
         outputs["forces.potential"] = [effect.potential for effect in problem.elements.effects]
         outputs["forces.power"] = [effect.power for effect in problem.elements.effects]
-    if accelerations:
-        forward = problem.forward
-        outputs["qdd"] = list(forward.qdd)
+    if accelerations and not problem.dependent:
+        outputs["qdd"] = list(problem.forward.qdd)
+    if problem.dependent:
+        return {**outputs, **equations_of(problem), **place_outputs(problem)}
     if problem.constraints.rows:
         found = residuals(problem)
-        outputs["lam"] = list(forward.lam)
+        outputs["lam"] = list(problem.forward.lam)
         outputs["eta"] = found["position"]
         outputs["eta_rate"] = found["velocity"]
         outputs["psi"] = list(problem.psi.ravel())
@@ -62,6 +64,8 @@ def observed(problem: Problem, accelerations: bool = True) -> dict[str, Sequence
 def _actuator_torques(problem: Problem) -> list[Scalar]:
     """Actuator torques; a prescribed joint's is the multiplier that drives it."""
     tau = list(problem.actuator_torques)
+    if problem.dependent:  # ``LeastNorm`` knows the multipliers
+        return tau
     for i in problem.constraints.prescribed:
         for k, x in enumerate(problem.constraints.rows[i].psi):
             if isinstance(x, Expr) or x != 0.0:
@@ -99,13 +103,13 @@ class Observer:
         self.problem = problem
         self.system = system
         self.passive = singular
-        self.kernel: _Rolled | SampleKernel
+        self.kernel: _Rolled | SampleKernel | LeastNorm
         if isinstance(system.dynamics, Rolled):
             self.kernel = _Rolled(problem, system.dynamics, problem.scene.simulate.samples)
             outputs = self.kernel.function.outputs
         else:
             outputs = {name: list(entries) for name, entries in observed(problem).items()}
-            self.kernel = SampleKernel(outputs, GROUPS)
+            self.kernel = LeastNorm(problem, outputs) if problem.dependent else SampleKernel(outputs, GROUPS)
         self.places = [path for path in outputs if path.startswith(("points/", "skeleton/", "frames/"))]
         self.normalise = SampleKernel({"n": system.normalisation}, GROUPS) if system.normalisation else None
         self.correct_q = (
@@ -129,6 +133,8 @@ class Observer:
         if self.correct_q is None or self.correct_v is None:
             return x
         x = np.asfortranarray(x)
+        if isinstance(self.kernel, LeastNorm):
+            return self._least_norm(self.kernel, t, x)
         places = list(s.q_places)
         for _ in range(4):
             q = self.correct_q.evaluate(len(t), s.own_groups(t, x, self.parameters))["q"]
@@ -138,6 +144,18 @@ class Observer:
                 break
         found = self.correct_v.evaluate(len(t), s.own_groups(t, x, self.parameters))
         x[:, list(s.v_places)] = found["v"]
+        return x
+
+    def _least_norm(self, kernel: LeastNorm, t: Array, x: Array) -> Array:
+        s = self.system
+        q_places, v_places = list(s.q_places), list(s.v_places)
+        for _ in range(4):
+            groups = self._groups(t, x)
+            dq, _ = kernel.correct(len(t), groups)
+            x[:, q_places] = kernel.moved(groups["q"], dq)
+            if not float(np.abs(dq).max(initial=0.0)) > 1e-9:
+                break
+        x[:, v_places] += kernel.correct(len(t), self._groups(t, x))[1]
         return x
 
     def _groups(self, t: Array, x: Array) -> dict[str, Array]:
@@ -186,10 +204,11 @@ class Observer:
         if not loops:
             return {}
         psi = flat.reshape(len(flat), len(constraints.rows), self.problem.model.nv)[:, loops, :]
-        data = {"singularity/psi": np.linalg.svd(psi, compute_uv=False)}
+        rank = self.problem.loop_rank  # the others are zero in every pose
+        data = {"singularity/psi": np.linalg.svd(psi, compute_uv=False)[:, :rank]}
         if self.passive:
             block = psi[:, :, list(self.passive)]
-            data["singularity/passive"] = np.linalg.svd(block, compute_uv=False)
+            data["singularity/passive"] = np.linalg.svd(block, compute_uv=False)[:, :rank]
             if block.shape[1] == block.shape[2]:
                 data["singularity/determinant"] = np.linalg.det(block)
         return data
@@ -219,7 +238,8 @@ class Observer:
         constraint = ("time", "constraint")
         kinds = [r.kind for r in self.problem.constraints.rows]
         force = "N" if all(k == "force" for k in kinds) else "N or N m"
-        table["constraints/multipliers"] = Column(force, "Lagrange multipliers", constraint, rows)
+        least = " (rows depend on each other: those of least norm)" if self.problem.dependent else ""
+        table["constraints/multipliers"] = Column(force, f"Lagrange multipliers{least}", constraint, rows)
         table["constraints/position_residual"] = Column(
             "m", "residual of position constraints", constraint, rows
         )

@@ -73,7 +73,7 @@ def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
     total = count_operations(outputs)
     kernels = [] if missing else subject.kernels()
     scene = problem.scene
-    variant = Variant(scene, build_model(scene), rows=subject.kept_rows)
+    variant = Variant(scene, build_model(scene), rows=subject.kept_rows, dependent=problem.dependent)
 
     def count(v: Variant) -> int:
         return count_operations(subject.outputs(v.problem()))
@@ -83,7 +83,9 @@ def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
     ledger = Ledger(variant, Facts(variant.model), count, total, counted)
     idle: list[str] = []
     if counted:
-        idle = idle_constants(scene, lambda model: subject.outputs(Problem(scene, model=model)))
+        idle = idle_constants(
+            scene, lambda model: subject.outputs(Problem(scene, model=model, dependent=problem.dependent))
+        )
     subject.stages(ledger)
     rigid_body_terms(ledger, problem)
     geometry_terms(ledger, idle, spare)
@@ -119,8 +121,9 @@ def describe(problem: Problem, redundant: int) -> str:
     parts = [plural(len(model.bodies), "moving body").replace("bodys", "bodies"), plural(model.nv, "joint")]
     if model.loops:
         parts.append(plural(len(model.loops), "loop"))
-        rows = len(problem.constraints.rows)
-        every = rows + len(problem.constraints.dropped) + redundant
+        rows = len(problem.working.rows)
+        every = len(problem.constraints.rows) + len(problem.constraints.dropped)
+        every += 0 if problem.dependent else redundant
         parts.append(f"{plural(rows, 'constraint row')} of {every}")
     else:
         branching = len({b.parent for b in model.bodies}) < len(model.bodies)

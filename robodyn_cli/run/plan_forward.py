@@ -22,11 +22,12 @@ from robodyn_cli.integrators.writer import INLINE_LIMIT
 from robodyn_cli.kernels.program import make_program
 from robodyn_cli.run.deployment import Deployment
 from robodyn_cli.run.evaluation import worth_compiling
+from robodyn_cli.run.least_norm import equations_of
 from robodyn_cli.run.method import Choice, choose
 from robodyn_cli.run.observe import observed
 from robodyn_cli.run.plan_kernels import rolled, rolled_step, sampled, stepped
 from robodyn_cli.run.simulate import options_for, prepare
-from robodyn_cli.run.singularity import loop_rows, rank_loss_event
+from robodyn_cli.run.singularity import rank_loss_event
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene import types as sc
 
@@ -65,7 +66,7 @@ class Forward:
 
     def _note_redundant(self, names: Sequence[str]) -> None:
         self.redundant = tuple(names)
-        if names:
+        if names and not self.problem.dependent:
             self.kept_rows = self.problem.constraints.names
 
     # -- operations -----------------------------------------------------------------------------------
@@ -94,8 +95,10 @@ class Forward:
             found.append(stepped("events", s.switching, "times"))
         found.append(sampled("observation", make_program(observed(self.problem), GROUPS)))
         if self.command == "deploy":
-            lam = [self.problem.forward.lam[i] for i in loop_rows(self.problem)]
-            found.append(sampled("multipliers on the 1 ms grid", make_program({"lam": lam}, GROUPS)))
+            lam: dict[str, Sequence[Scalar]] = {"lam": list(self.problem.forward.lam)}
+            if self.problem.dependent:
+                lam = equations_of(self.problem)
+            found.append(sampled("multipliers on the 1 ms grid", make_program(lam, GROUPS)))
         return found
 
     def _rolled_kernels(self, dynamics: Rolled, held: str) -> list[dict[str, Any]]:
@@ -127,7 +130,14 @@ class Forward:
         problem, scene = self.problem, self.problem.scene
         drive_terms(ledger, depends_on_time(self.outputs(problem)))
         self._stabilisation(ledger)
-        if self.redundant:
+        if problem.dependent:
+            ledger.keep(
+                "combination of dependent rows",
+                f"{listed(self.redundant)} follow from the other rows in every pose: all rows are solved together, "
+                "with multipliers of least norm",
+                operations=self._combination(),
+            )
+        elif self.redundant:
             ledger.leave(
                 "redundant rows",
                 f"{listed(self.redundant)} follow from the other rows in every pose",
@@ -157,6 +167,12 @@ class Forward:
             ledger.keep("error estimate", again, operations=0)
         else:
             ledger.leave("error estimate", "simulate.error_estimate is false", saved=0)
+
+    def _combination(self) -> int:
+        """Return the operations of W Psi and W gamma."""
+        working, given = self.problem.working, self.problem.constraints
+        combined = [*working.psi(self.problem.model.nv).ravel(), *working.gamma]
+        return count_operations(combined) - count_operations([*self.problem.psi.ravel(), *given.gamma])
 
     def _stabilisation(self, ledger: Ledger) -> None:
         scene = ledger.scene.scene

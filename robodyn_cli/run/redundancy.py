@@ -1,4 +1,4 @@
-"""Constraints that were left out as redundant at the start: they must hold all along the motion."""
+"""Constraints that say things twice: which rows depend on each other, and whether they do so all along the motion."""
 
 from __future__ import annotations
 
@@ -7,14 +7,61 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.equations.dependence import Dependence
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.run.observe import Recorder
-from robodyn_cli.solve.assembly import Assembled, mechanism_size
+from robodyn_cli.solve.assembly import RANK_TOLERANCE, Assembled, mechanism_size
 
 Array = NDArray[np.float64]
 OPEN = 1e-6  # rad, or part of the size of the mechanism, from which on a constraint is violated
+
+
+def dependent_rows(problem: Problem, assembled: Assembled) -> tuple[Dependence, ...]:
+    """Return the rows that depend on each other at the start, loop by loop where they do so within loops.
+
+    Empty where rows of loops depend on prescribed motions too: those cannot be combined.
+    """
+    constraints = problem.constraints
+    loops = [i for i in range(len(constraints.rows)) if i not in constraints.prescribed]
+    values = {"q": assembled.q.tolist(), "t": [0.0], "p": []}
+    psi = np.array(evaluate(list(problem.psi.ravel()), values), dtype=float).reshape(problem.psi.shape)
+    whole = _rank(psi[loops])
+    if whole + len(constraints.prescribed) != len(assembled.independent):
+        return ()
+    names = constraints.names
+    groups: dict[str, list[int]] = {}
+    for i in loops:
+        groups.setdefault(names[i].rsplit(".", 1)[0], []).append(i)
+    ranks = {loop: _rank(psi[rows]) for loop, rows in groups.items()}
+    if sum(ranks.values()) != whole:
+        return (Dependence(tuple(names[i] for i in loops), whole),)
+    return tuple(
+        Dependence(tuple(names[i] for i in rows), ranks[loop])
+        for loop, rows in groups.items()
+        if ranks[loop] < len(rows)
+    )
+
+
+def _rank(psi: Array) -> int:
+    sigma = np.linalg.svd(psi, compute_uv=False)
+    return int((sigma > RANK_TOLERANCE * sigma[0]).sum())
+
+
+def describe_dependence(problem: Problem, renewals: int) -> dict[str, Any]:
+    """Return what the summary says about the multipliers: unique, or of least norm and why."""
+    if not problem.dependent:
+        return {"unique": True}
+    return {
+        "unique": False,
+        "choice": "least norm",
+        "dependent": [
+            {"loops": sorted({n.rsplit(".", 1)[0] for n in g.rows}), "rows": list(g.rows), "rank": g.rank}
+            for g in problem.dependent
+        ],
+        "renewals": renewals,
+    }
 
 
 def check_redundant(
@@ -24,7 +71,9 @@ def check_redundant(
     if not assembled.redundant or not recorder.samples:
         return None
     whole = Problem(problem.scene, model=problem.model)
-    rows = [row for row in whole.constraint_rows if row.name in assembled.redundant]
+    # combined rows are solved together, so each may be the one that opens
+    named = problem.constraints.names if problem.dependent else assembled.redundant
+    rows = [row for row in whole.constraint_rows if row.name in named]
     q, t = recorder.array("q"), recorder.array("time")
     values = evaluate([row.eta for row in rows], {"q": list(q.T), "t": [t], "p": []})
     residual = np.abs(np.column_stack([np.broadcast_to(value, t.shape) for value in values]))

@@ -20,7 +20,7 @@ from robodyn_cli.run.method import Choice, Run
 from robodyn_cli.run.observe import Observer, Recorder
 from robodyn_cli.run.prescribed import check_prescribed, prescribed_starts
 from robodyn_cli.run.progress import Progress, no_progress
-from robodyn_cli.run.redundancy import check_redundant
+from robodyn_cli.run.redundancy import check_redundant, dependent_rows, describe_dependence
 from robodyn_cli.run.singularity import driven_dead_point, rank_loss_event, stop_at_rank_loss
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
@@ -72,7 +72,9 @@ def prepare(scene: Scene, watch: Stopwatch | None = None) -> Setup:
         refuse_singular(problem.model, assembled.q)
     if assembled.redundant:
         with watch.stage("equations"):
-            problem = Problem(scene, keep_rows=assembled.independent, model=problem.model)
+            groups = dependent_rows(problem, assembled)
+            keep = None if groups else assembled.independent
+            problem = Problem(scene, keep_rows=keep, model=problem.model, dependent=groups)
     return Setup(problem, assembled, watch)
 
 
@@ -104,7 +106,7 @@ def integrate_states(
     system: System, method: str, start: Array, grid: Grid, end: float, options: Options
 ) -> tuple[Array, Counters]:
     """Integrate without observing, looking for kinks only; returns states (T, nx) up to ``end`` and the counters."""
-    kinks = tuple(event for event in system.events if event.kink)
+    kinks = tuple(event for event in system.events if event.kink or event.renewal)
     if kinks and len(kinks) < len(system.events):
         system = dataclasses.replace(system, events=kinks)
     integrator = Integrator(system, method)
@@ -342,6 +344,7 @@ def describe_run(
             "redundant_rows": list(setup.assembled.redundant),
             "vanishing_rows": list(setup.problem.constraints.dropped),
         }
+        summary["multipliers"] = describe_dependence(setup.problem, integrator.parameters.renewals)
     if recorder.observer.reactions is not None:
         summary["reactions"] = {**recorder.observer.reactions.note(), "largest": recorder.loads}
     summary["counters"] = integrator.counters.as_dict()

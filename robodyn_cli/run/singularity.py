@@ -14,15 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.constraints import determinant
-from robodyn_cli.algorithms.linear import LdlFactor
+from robodyn_cli.equations.dependence import closeness
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError, SingularConfigurationError
 from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.formulations.row_chart import RowChart
 from robodyn_cli.formulations.system import EventFunction, System
 from robodyn_cli.integrators.integrator import Event, Integrator, Options
-from robodyn_cli.spatial.algebra import zeros
 
 Array = NDArray[Any]
 RANK = 1e-6  # ratio of singular values below which a located pose counts as having lost rank
@@ -53,7 +53,7 @@ def passive_determinant(problem: Problem, passive: Sequence[int]) -> Scalar:
     ------
     CapabilityError : the block is not square, so the input does not determine the configuration.
     """
-    rows = loop_rows(problem)
+    rows = problem.independent_rows
     if len(passive) != len(rows):
         freedom = problem.model.nv - len(rows)
         raise CapabilityError(
@@ -61,7 +61,7 @@ def passive_determinant(problem: Problem, passive: Sequence[int]) -> Scalar:
             f"{problem.model.nv - len(passive)} joints are actuated or prescribed; set `actuated`, or use "
             "deploy.criterion: multipliers"
         )
-    value: Scalar = determinant(problem.psi[rows][:, list(passive)])
+    value: Scalar = determinant(rows[:, list(passive)])
     return value
 
 
@@ -70,27 +70,16 @@ def rank_loss_event(problem: Problem) -> tuple[EventFunction, ...]:
 
     The quantity lies between the squared ratio of smallest to largest singular value and m times less.
     """
-    rows = loop_rows(problem)
-    if not rows:
+    rows = problem.independent_rows
+    if not len(rows):
         return ()
-    psi = problem.psi[rows]
-    A = psi @ psi.T
-    factor = LdlFactor.of(A)
-    trace: Scalar = 0.0
-    inverse_trace: Scalar = 0.0
-    for i in range(len(rows)):
-        unit = zeros(len(rows))
-        unit[i] = 1.0
-        trace = trace + A[i, i]
-        inverse_trace = inverse_trace + factor.solve(unit)[i]
-    closeness: Scalar = 1.0 / (trace * inverse_trace)
-    return (EventFunction(NEAR_RANK_LOSS, closeness - NEAR * NEAR, direction=-1, terminal=False),)
+    return (EventFunction(NEAR_RANK_LOSS, closeness(rows) - NEAR * NEAR, direction=-1, terminal=False),)
 
 
 def singular_ratio(problem: Problem, q: Array) -> float:
-    """Return smallest over largest singular value of the loops' Psi."""
+    """Return smallest over largest singular value of the loops' Psi (but for those zero in every pose)."""
     sigma = np.linalg.svd(psi_at(problem, q), compute_uv=False)
-    return float(sigma[-1] / sigma[0])
+    return float(sigma[problem.loop_rank - 1] / sigma[0])
 
 
 def rank_loss_ahead(
@@ -156,14 +145,15 @@ def driven_dead_point(
     except CapabilityError:
         return None
     unknowns: list[Expr] = [*problem.q, problem.t]
-    equations = [*problem.constraints.eta, singular]
+    equations = [*problem.working.eta, singular]
     if len(equations) != len(unknowns):
         return None
     rows = jacobian(equations, unknowns)
     entries = [row.get(k, 0.0) for row in rows for k in range(len(unknowns))]
+    parameters = RowChart(problem).choose(time, q, None).tolist() if problem.dependent else []
     x = np.append(q, time)
     for _ in range(50):
-        values = {"q": x[:-1].tolist(), "t": [float(x[-1])], "p": []}
+        values = {"q": x[:-1].tolist(), "t": [float(x[-1])], "p": parameters}
         residual = np.array(evaluate(equations, values), dtype=float)
         J = np.array(evaluate(entries, values), dtype=float).reshape(len(rows), len(unknowns))
         if not np.all(np.isfinite(J)) or not np.all(np.isfinite(residual)):
@@ -182,9 +172,9 @@ def driven_dead_point(
 
 def classify(problem: Problem, q: Array, passive: Sequence[int]) -> Singularity:
     """Return the kind of configuration: ``bifurcation``, ``dead_point`` or ``regular``."""
-    psi = psi_at(problem, q)
-    whole = np.linalg.svd(psi, compute_uv=False)
-    block = np.linalg.svd(psi[:, list(passive)], compute_uv=False) if len(passive) else np.zeros(0)
+    psi, rank = psi_at(problem, q), problem.loop_rank
+    whole = np.linalg.svd(psi, compute_uv=False)[:rank]
+    block = np.linalg.svd(psi[:, list(passive)], compute_uv=False)[:rank] if len(passive) else np.zeros(0)
     if whole[-1] < RANK * whole[0]:
         return Singularity("bifurcation", whole, block)
     if len(block) and block[-1] < RANK * whole[0]:
@@ -218,7 +208,7 @@ def starts_at_dead_point(problem: Problem, q: Array, passive: Sequence[int]) -> 
     if not len(passive) or not problem.constraints.rows:
         return False
     psi = psi_at(problem, q)
-    block = np.linalg.svd(psi[:, list(passive)], compute_uv=False)
+    block = np.linalg.svd(psi[:, list(passive)], compute_uv=False)[: problem.loop_rank]
     return bool(block[-1] < START * np.linalg.norm(psi, 2))
 
 

@@ -14,13 +14,13 @@ from robodyn_cli.expr import functions as f
 from robodyn_cli.formulations.system import EventFunction
 from robodyn_cli.integrators import integrator as module
 from robodyn_cli.integrators import writer
-from robodyn_cli.integrators.integrator import Grid, Integrator, Options, integrate
+from robodyn_cli.integrators.integrator import Grid, Integrator, Options
 from robodyn_cli.integrators.loop import Attempt, Stepper, Writer
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.kernels import compiler
 from robodyn_cli.kernels.ir import Value
 from tests import systems
-from tests.systems import CASES, Case, advance, collect, samples, system
+from tests.systems import CASES, Case, advance, collect, integrate, samples, system
 
 METHODS = tuple(methods)
 ADAPTIVE = tuple(m for m in METHODS if methods[m].adaptive)
@@ -776,6 +776,6 @@ def test_steppers_state_what_they_are(method: str) -> None:
 
 def test_integrate_in_one_call() -> None:
     case = systems.forced(work=True)
-    times, states, counters = integrate(case.system, "gauss", case.start, Grid.over(case.end, 51))
+    times, states, counters = integrate(case.system, "gauss", case.start, Grid.over(case.end, 51), Options())
     np.testing.assert_array_equal(times, np.arange(51) * (case.end / 50))
     assert largest(states - case.exact(times)) < 1e-9 and counters.steps > 0

@@ -362,8 +362,8 @@ def test_redundant_rows_are_named() -> None:
         initial: {{q: {{a: 0.5, b: -0.5, c: 0.5}}}}
     """
     found = plan(load_scene_text(text))
-    assert saved(found, "redundant rows") > 0
-    assert "follow from the other rows" in entry(found, "left_out", "redundant rows")["reason"]
+    assert kept(found, "combination of dependent rows") > 0
+    assert "follow from the other rows" in entry(found, "kept", "combination of dependent rows")["reason"]
     assert "2 constraint rows of 5" in found["mechanism"]
 
 

@@ -53,9 +53,13 @@ def moved() -> Result:
 def test_redundant_rows_of_a_bennett_linkage_are_named() -> None:
     found = moved()
     redundant = found.summary["assembly"]["redundant_rows"]
-    kept = found.variables["constraints/multipliers"].names
-    assert len(redundant) == 3 and len(kept) == 2
-    assert {*redundant, *kept} == {f"last.{row}" for row in ("x", "y", "z", "axis1", "axis2")}
+    every = found.variables["constraints/multipliers"].names
+    assert len(redundant) == 3 and {*redundant} < {*every}
+    assert [*every] == [f"last.{row}" for row in ("x", "y", "z", "axis1", "axis2")]
+    assert "least norm" in found.variables["constraints/multipliers"].long_name
+    multipliers = found.summary["multipliers"]
+    assert multipliers["unique"] is False and multipliers["choice"] == "least norm"
+    assert multipliers["dependent"] == [{"loops": ["last"], "rows": [*every], "rank": 2}]
 
 
 def test_a_bennett_linkage_satisfies_the_rows_left_out() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robodyn_cli import InverseDynamics, load_scene, load_scene_text, simulate
+from robodyn_cli import InverseDynamics, deploy, load_scene, load_scene_text, simulate
 from robodyn_cli.errors import SingularConfigurationError
 from tests.mechanisms import (
     BENNETT,
@@ -172,7 +172,8 @@ def test_what_is_redundant_at_the_start_must_stay_so() -> None:
     assert summary["constraint_residual"]["redundant"] < 1e-13
 
 
-def test_a_planar_loop_tilted_in_space_moves_as_in_its_plane(tmp_path: Path) -> None:
+def tilted(tmp_path: Path) -> str:
+    """Return an override with the lecture's four-bar in an oblique plane."""
     text = (CONFIGS / "robots" / "four_bar.yaml").read_text()
     text = text.replace("parent: base, a: 1.241", "parent: base, origin: {rpy: [0.5, 0.3, 0]}, a: 1.241")
     foot = np.array([np.cos(0.3), 0, -np.sin(0.3)]) * 1.241
@@ -182,15 +183,32 @@ def test_a_planar_loop_tilted_in_space_moves_as_in_its_plane(tmp_path: Path) -> 
     for zz in ("9.6", "0.06"):
         text = text.replace(f"{{zz: {zz}}}", f"{{xx: 0, yy: {zz}, zz: {zz}}}")
     (tmp_path / "tilted.yaml").write_text(text)
+    return f"robot={tmp_path}/tilted.yaml"
+
+
+def test_a_planar_loop_tilted_in_space_moves_as_in_its_plane(tmp_path: Path) -> None:
     overrides = ["simulate.duration=6", "simulate.samples=13"]
     flat = simulate(load_scene(CONFIGS / "four_bar_deploy.yaml", overrides))
-    tilted = simulate(
-        load_scene(CONFIGS / "four_bar_deploy.yaml", [*overrides, f"robot={tmp_path}/tilted.yaml"])
-    )
-    close(flat["q"], tilted["q"], 1e-10)
-    assert len(tilted.summary["assembly"]["redundant_rows"]) == 3
+    space = simulate(load_scene(CONFIGS / "four_bar_deploy.yaml", [*overrides, tilted(tmp_path)]))
+    close(flat["q"], space["q"], 1e-10)
+    assert len(space.summary["assembly"]["redundant_rows"]) == 3
     assert len(flat.summary["assembly"]["vanishing_rows"]) == 3
-    assert not flat.summary["assembly"]["redundant_rows"]
+    assert not flat.summary["assembly"]["redundant_rows"] and flat.summary["multipliers"]["unique"]
+    # the least multipliers are the force in the plane, and nothing else
+    size = np.linalg.norm(flat["constraints/multipliers"], axis=1)
+    close(np.linalg.norm(space["constraints/multipliers"], axis=1), size, 1e-8)
+
+
+@pytest.mark.parametrize("scene", ["four_bar_deploy", "four_bar_prescribed"])
+def test_a_planar_loop_tilted_in_space_locks_as_in_its_plane(scene: str, tmp_path: Path) -> None:
+    flat = deploy(load_scene(CONFIGS / f"{scene}.yaml")).summary["lock"]
+    space = deploy(load_scene(CONFIGS / f"{scene}.yaml", [tilted(tmp_path)])).summary["lock"]
+    assert space["kind"] == flat["kind"] == "dead_point"
+    close(space["time"], flat["time"], 1e-10)
+    close(list(space["angles"].values()), list(flat["angles"].values()), 1e-9)
+    if flat["latch"] is not None:
+        close(space["latch"]["energy_lost"], flat["latch"]["energy_lost"], 1e-9)
+        close(space["latch"]["angular_impulse"], flat["latch"]["angular_impulse"], 1e-9)
 
 
 @pytest.mark.parametrize("stabilisation", ["none", "{alpha: 10, beta: 10}", "{alpha: 0, beta: 0}"])

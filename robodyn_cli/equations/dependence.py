@@ -1,0 +1,136 @@
+"""Constraint rows that depend on each other, and the combinations of them that do not.
+
+Of m rows that agree with each other, only r say something new (a planar loop modelled in space, Bennett's
+linkage). Any r independent combinations W Psi, W eta (W of shape (r, m), constant for a while) give the same
+motion as all rows. W is not part of the equations: its entries are parameters p, chosen at a pose and renewed along
+the motion (see ``formulations.row_chart``).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+from robodyn_cli.algorithms.linear import LdlFactor
+from robodyn_cli.equations.constraints import Constraints
+from robodyn_cli.expr.graph import Graph, Scalar
+from robodyn_cli.loops.base import Row
+from robodyn_cli.model.model import PARAMETER_GROUP
+from robodyn_cli.spatial.algebra import Matrix, Vector, zeros
+
+
+@dataclasses.dataclass(frozen=True)
+class Dependence:
+    """Names of rows of which only ``rank`` are independent."""
+
+    rows: tuple[str, ...]
+    rank: int
+
+    @property
+    def numbers(self) -> int:
+        """How many parameters it takes: the entries of W, and the threshold at which W is renewed."""
+        return self.rank * len(self.rows) + 1
+
+
+@dataclasses.dataclass(frozen=True)
+class Combination:
+    """Combinations of some rows.
+
+    rows : their indices among all rows. W : (r, len(rows)). threshold : of ``closeness``. place : first of its
+    parameters.
+    """
+
+    rows: tuple[int, ...]
+    W: Matrix
+    threshold: Scalar
+    place: int
+
+
+def combinations(
+    graph: Graph, groups: Sequence[Dependence], names: Sequence[str], first: int
+) -> list[Combination]:
+    """Return the combinations of the rows called ``names``, their parameters numbered from ``first``."""
+    found = []
+    for group in groups:
+        rows = tuple(names.index(name) for name in group.rows if name in names)
+        if len(rows) <= group.rank:  # variants of the equations may lack rows
+            first += group.numbers
+            continue
+        W = zeros(group.rank, len(rows))
+        for i in range(group.rank):
+            for k in range(len(rows)):
+                place = first + i * len(group.rows) + k
+                W[i, k] = graph.symbol(f"W[{place}]", PARAMETER_GROUP, place)
+        last = first + group.numbers - 1
+        found.append(Combination(rows, W, graph.symbol(f"W[{last}]", PARAMETER_GROUP, last), first))
+        first += group.numbers
+    return found
+
+
+def combined(rows: Sequence[Row], W: Matrix, name: str) -> list[Row]:
+    """Return the rows W eta, W Psi, W gamma, W eta_t."""
+    found = []
+    for i in range(W.shape[0]):
+        psi = zeros(len(rows[0].psi))
+        eta: Any = 0.0
+        gamma: Any = 0.0
+        eta_t: Any = 0.0
+        for w, row in zip(W[i], rows):
+            psi = psi + w * row.psi
+            eta, gamma, eta_t = eta + w * row.eta, gamma + w * row.gamma, eta_t + w * row.eta_t
+        found.append(Row(f"{name}.{i + 1}", eta, psi, gamma, eta_t))
+    return found
+
+
+def _uncombined(every: Constraints, found: Sequence[Combination]) -> list[int]:
+    """Return the rows that depend on no others, prescribed ones last."""
+    mixed = {i for c in found for i in c.rows}
+    return [i for i in range(len(every.rows)) if i not in mixed]
+
+
+def working_rows(every: Constraints, found: Sequence[Combination]) -> Constraints:
+    """Return the combinations, then the rows that depend on no others."""
+    if not found:
+        return every
+    rows: list[Row] = []
+    for k, c in enumerate(found, start=1):
+        rows += combined([every.rows[i] for i in c.rows], c.W, f"combination{k}")
+    rows += [every.rows[i] for i in _uncombined(every, found)]
+    first = len(rows) - len(every.prescribed)
+    return Constraints(tuple(rows), every.dropped, tuple(range(first, len(rows))))
+
+
+def multipliers_of_rows(every: Constraints, found: Sequence[Combination], lam: Vector) -> Vector:
+    """Return the multipliers of all rows (m,) from those of ``working_rows``: W^T lambda."""
+    if not found:
+        return lam
+    out = zeros(len(every.rows))
+    place = 0
+    for c in found:
+        for k, i in enumerate(c.rows):
+            for w, x in zip(c.W[:, k], lam[place:]):
+                out[i] = out[i] + w * x
+        place += c.W.shape[0]
+    for i, x in zip(_uncombined(every, found), lam[place:]):
+        out[i] = x
+    return out
+
+
+def closeness(psi: Matrix) -> Scalar:
+    """Return how far the rows of Psi (m, nv) are from losing rank: 1 / (tr A tr A^-1) of A = Psi Psi^T.
+
+    It lies between the squared ratio of smallest to largest singular value and m^2 times less.
+    """
+    m = psi.shape[0]
+    A = psi @ psi.T
+    factor = LdlFactor.of(A)
+    trace: Any = 0.0
+    inverse_trace: Any = 0.0
+    for i in range(m):
+        unit = zeros(m)
+        unit[i] = 1.0
+        trace = trace + A[i, i]
+        inverse_trace = inverse_trace + factor.solve(unit)[i]
+    value: Scalar = 1.0 / (trace * inverse_trace)
+    return value
