@@ -68,13 +68,13 @@ def inverse(
     with watch.stage("equations"):
         terms = torque_terms(problem)
         places = place_outputs(problem)
-        function = SampleFunction({**terms, **_energies(problem, terms), **places}, GROUPS, count)
+        function = SampleFunction({**terms, **energies(problem, terms), **places}, GROUPS, count)
     motion = planned.motion
     with watch.stage("evaluate"):
         arrays = function(t=times[:, None], q=motion.q, v=motion.qd, a=motion.qdd)
         sampled = Sampled(times, motion, {name: arrays[name] for name in terms}, arrays)
     result = Result("inverse", scene.title or "inverse", "ok", scene.text)
-    _fill(result, problem, sampled, planned)
+    fill(result, problem, sampled, planned)
     add_places(result, {path: arrays[path] for path in places})
     if planned.target is not None:
         result.add(f"targets/{planned.point}", _asked(planned, arrays[f"points/{planned.point}"]))
@@ -114,7 +114,7 @@ def _check_actuated(problem: Problem) -> None:
         )
 
 
-def _energies(problem: Problem, terms: dict[str, list[Scalar]]) -> dict[str, list[Scalar]]:
+def energies(problem: Problem, terms: dict[str, list[Scalar]]) -> dict[str, list[Scalar]]:
     """Return the energies, the bias C qd + G, and the power of what dissipates.
 
     Data that no torque needs can only shift the level at which the potential energy is zero.
@@ -142,7 +142,7 @@ def _energies(problem: Problem, terms: dict[str, list[Scalar]]) -> dict[str, lis
     return {name: without_idle_unknowns(entries, needed) for name, entries in found.items()}
 
 
-def _fill(result: Result, problem: Problem, sampled: Sampled, planned: Planned) -> None:
+def fill(result: Result, problem: Problem, sampled: Sampled, planned: Planned) -> None:
     """Add time, motion, torques and energies."""
     model, motion = problem.model, sampled.motion
     names = model.joint_names

@@ -15,8 +15,7 @@ from robodyn_cli.kernels.rolled import CROSSOVER, prefer_rolled
 from robodyn_cli.kernels.rolled_tables import RolledPlan
 from robodyn_cli.run import evaluation
 from robodyn_cli.run.dynamics import joint_force_terms, open_problem
-from robodyn_cli.run.inverse import _energies as energies
-from robodyn_cli.run.inverse import torque_terms
+from robodyn_cli.run.inverse import energies, torque_terms
 from robodyn_cli.run.motion import with_led_point
 from robodyn_cli.run.places import place_outputs
 from robodyn_cli.run.plan_kernels import rolled, sampled

@@ -20,6 +20,7 @@ class _SceneNames:
     """What a trajectory may ask."""
 
     robot: Robot
+    closed: bool = False
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -45,7 +46,7 @@ def validate(scene: Scene, root: Node, collected: list[SceneError] | None = None
     _check_drives(scene, check)
     _check_initial(scene, check)
     if scene.trajectory is not None:
-        for path, message in scene.trajectory.problems(_SceneNames(robot)):
+        for path, message in scene.trajectory.problems(_SceneNames(robot, bool(scene.loops))):
             with check:
                 check.fail(("trajectory", *path), message)
     _check_runs(scene, check)

@@ -16,10 +16,13 @@ Problems = Iterator[tuple[tuple[str | int, ...], str]]
 
 
 class SceneNames(Protocol):
-    """What a trajectory may ask about the scene: its moving joints, and whether a point exists."""
+    """What a trajectory may ask about the scene: its moving joints, whether loops close it, whether a point exists."""
 
     @property
     def joints(self) -> tuple[str, ...]: ...
+
+    @property
+    def closed(self) -> bool: ...
 
     def point_problem(self, reference: str) -> str | None: ...
 
@@ -55,17 +58,31 @@ class Ik:
     )
 
 
-def joint_problems(names: Sequence[str], joints: Sequence[str], path: tuple[str | int, ...]) -> Problems:
-    """Report joints that ``names`` lacks, and names that are no moving joints."""
+def joint_problems(
+    names: Sequence[str],
+    joints: Sequence[str],
+    path: tuple[str | int, ...],
+    needed: Sequence[str] | None = None,
+) -> Problems:
+    """Report joints that ``names`` lacks (of ``needed``, by default all), and names that are no moving joints."""
     from robodyn_cli.errors import did_you_mean
 
     for name in names:
         if name not in joints:
             hint = did_you_mean(name, joints)
             yield (*path, name), f"unknown joint {name!r}{hint}; allowed: {', '.join(joints)}"
-    missing = [name for name in joints if name not in names]
+    needed = joints if needed is None else needed
+    missing = [name for name in needed if name not in names]
     if missing:
-        yield path, f"joint {missing[0]!r} is missing; needed here: {', '.join(joints)}"
+        yield path, f"joint {missing[0]!r} is missing; needed here: {', '.join(needed)}"
+
+
+def led_joints(names: Sequence[str], scene: SceneNames) -> Sequence[str]:
+    """Return the joints that a motion in joint space must give: all, but in mechanisms those that it chooses to.
+
+    Loops decide about the others.
+    """
+    return names if scene.closed else scene.joints
 
 
 def time_problems(times: Sequence[float], paths: Sequence[tuple[str | int, ...]]) -> Problems:
@@ -82,6 +99,7 @@ def point_problems(point: str, ik: Ik, scene: SceneNames) -> Problems:
     problem = scene.point_problem(point)
     if problem is not None:
         yield ("point",), problem
-    for path, message in joint_problems(tuple(ik.guess), scene.joints, ("ik", "guess")):
+    guessed = tuple(ik.guess)
+    for path, message in joint_problems(guessed, scene.joints, ("ik", "guess"), led_joints(guessed, scene)):
         if ik.guess:
             yield path, message

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from robodyn_cli.expr.formula import Formula as FormulaTree
 from robodyn_cli.schema.fields import Choice, Formula, MapOf, Number, key
-from robodyn_cli.trajectories.base import Problems, SceneNames, joint_problems
+from robodyn_cli.trajectories.base import Problems, SceneNames, joint_problems, led_joints
 from robodyn_cli.trajectories.formulas import time_derivatives
 from robodyn_cli.trajectories.motion import Array, JointMotion
 
@@ -24,7 +24,13 @@ class JointTrajectory:
 
     def problems(self, scene: SceneNames) -> Problems:
         """Report what single keys cannot tell."""
-        yield from joint_problems(tuple(self.q), scene.joints, ("q",))
+        names = tuple(self.q)
+        yield from joint_problems(names, scene.joints, ("q",), led_joints(names, scene))
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The joints whose motion it gives."""
+        return tuple(self.q)
 
     def motion(self, times: Array, joints: Sequence[str], parameters: Mapping[str, float]) -> JointMotion:
         """Return the motion of ``joints`` at ``times`` (T,)."""

@@ -48,6 +48,9 @@ class JointSpace(Protocol):
     @property
     def duration(self) -> float: ...
 
+    @property
+    def joints(self) -> tuple[str, ...]: ...
+
     def motion(self, times: Array, joints: Sequence[str], parameters: Mapping[str, float]) -> JointMotion:
         """Return the motion of ``joints`` at ``times`` (T,); ``parameters`` are those of the scene."""
         ...

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from robodyn_cli.schema.fields import Choice, ListOf, MapOf, Number, Section, key
-from robodyn_cli.trajectories.base import Problems, SceneNames, joint_problems, time_problems
+from robodyn_cli.trajectories.base import Problems, SceneNames, joint_problems, led_joints, time_problems
 from robodyn_cli.trajectories.motion import Array, JointMotion
 from robodyn_cli.trajectories.quintic_spline import QuinticSpline
 
@@ -46,14 +46,20 @@ class QuinticTrajectory:
 
     def problems(self, scene: SceneNames) -> Problems:
         """Report what single keys cannot tell."""
+        needed = led_joints(self.joints, scene)
         for k, point in enumerate(self.points):
-            yield from joint_problems(tuple(point.q), scene.joints, ("points", k, "q"))
+            yield from joint_problems(tuple(point.q), scene.joints, ("points", k, "q"), needed)
             for name in ("qd", "qdd"):
                 if getattr(point, name):
-                    yield from joint_problems(tuple(getattr(point, name)), scene.joints, ("points", k, name))
+                    yield from joint_problems(tuple(getattr(point, name)), scene.joints, ("points", k, name), needed)
         yield from time_problems(
             [p.t for p in self.points], [("points", k, "t") for k in range(len(self.points))]
         )
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The joints whose motion it gives."""
+        return tuple(self.points[0].q)
 
     @property
     def duration(self) -> float:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from robodyn_cli.schema.fields import Choice, CsvFile, ListOf, Name, Vector, key
-from robodyn_cli.trajectories.base import Problems, SceneNames, joint_problems, time_problems
+from robodyn_cli.trajectories.base import Problems, SceneNames, joint_problems, led_joints, time_problems
 from robodyn_cli.trajectories.motion import Array, JointMotion, column_order
 
 DEGREES = {"linear": 1, "cubic": 3, "quintic": 5}
@@ -49,7 +49,7 @@ class TableTrajectory:
                 yield ("columns", k), f"column {name!r} stands twice"
             elif k and name not in scene.joints:
                 yield ("columns", k), f"unknown joint {name!r}; allowed: {', '.join(scene.joints)}"
-        yield from joint_problems(self.columns[1:], scene.joints, ("columns",))
+        yield from joint_problems(self.joints, scene.joints, ("columns",), led_joints(self.joints, scene))
         for k, row in enumerate(self.rows):
             if len(row) != len(self.columns):
                 yield ("rows", k), f"has {len(row)} numbers; needed: {len(self.columns)}, one a column"
@@ -62,6 +62,11 @@ class TableTrajectory:
                 f"has {len(self.rows)} rows; {self.interpolation} interpolation needs {least}, "
                 f"with fewer rows use interpolation: {fits}",
             )
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The joints whose motion it gives."""
+        return tuple(self.columns[1:])
 
     @property
     def duration(self) -> float:

@@ -1,0 +1,188 @@
+"""Follow a mechanism whose loops, together with what is asked of some joints or of a point, decide about all of it.
+
+At every sample F(q, t) = 0 is solved by Newton's method along one branch, then J v = c and J v-dot = b. F holds the
+rows of the loops and of what is asked; J has full column rank wherever the motion is determined, whether or not
+some rows depend on others.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+
+MISS = 0.08  # rad, or part of the mechanism's size, by which an extrapolation may miss: beyond it a branch could change
+SINGULAR = 1e-8  # smallest over largest singular value of J
+SAME = 1e-9  # relative residual below which conditions agree
+ITERATIONS = 12
+HALVINGS = 40
+
+
+class Conditions(Protocol):
+    """What must hold, as functions of time and of the state.
+
+    lengths : (nv,) what stands for a large motion of each coordinate. sizes : (m,) the same of each row.
+    """
+
+    names: tuple[str, ...]
+    lengths: Array
+    sizes: Array
+
+    def at(self, q: Array, t: float) -> tuple[Array, Array]:
+        """Return F (m,) and J (m, nv)."""
+        ...
+
+    def rates(self, q: Array, v: Array, t: float) -> tuple[Array, Array]:
+        """Return c and b (m,) of J v = c, J v-dot = b; b needs v."""
+        ...
+
+    def step(self, q: Array, dq: Array) -> Array:
+        """Return the position (nq,) a small motion dq (nv,) away."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Place:
+    """Position, rates and accelerations at one time, with J scaled to its rows' and coordinates' sizes."""
+
+    t: float
+    q: Array
+    v: Array
+    a: Array
+    J: Array
+
+    @property
+    def measure(self) -> float:
+        """Smallest over largest singular value of J."""
+        s = np.linalg.svd(self.J, compute_uv=False)
+        return float(s[-1] / s[0]) if len(s) == self.J.shape[1] else 0.0
+
+
+class Stuck(Exception):
+    """The motion cannot go on at a time: a singular configuration, or conditions that contradict each other.
+
+    ``row`` names what is violated and by how much, None at a singular configuration. ``weights`` are those of rows
+    and of coordinates in the direction in which J loses rank. ``last`` is the last place that was reached.
+    """
+
+    def __init__(self, last: Place | None, time: float, row: tuple[str, float] | None, weights: tuple[Array, Array]):
+        super().__init__()
+        self.last, self.time, self.row, self.weights = last, time, row, weights
+
+
+class Guide:
+    """Continuation of one mechanism along a motion."""
+
+    def __init__(self, conditions: Conditions) -> None:
+        self.conditions = conditions
+        self.iterations = 0
+        self.steps = 0
+        self._h = np.inf
+
+    def scaled(self, J: Array) -> Array:
+        """Return J with rows and columns in comparable units."""
+        out: Array = J * self.conditions.lengths / self.conditions.sizes[:, None]
+        return out
+
+    def solve(self, q: Array, t: float) -> tuple[Array, Array, float, float]:
+        """Return q, J, the largest relative residual and how far q moved (relative), by Newton's method from q."""
+        moved = np.zeros(len(self.conditions.lengths))
+        F, J = self.conditions.at(q, t)
+        size = float(np.abs(F / self.conditions.sizes).max(initial=0.0))
+        for _ in range(ITERATIONS):
+            if not np.all(np.isfinite(J)) or not np.isfinite(size):
+                return q, J, np.inf, np.inf
+            self.iterations += 1
+            step, *_ = np.linalg.lstsq(self.scaled(J), -F / self.conditions.sizes, rcond=None)
+            if float(np.abs(moved + step).max(initial=0.0)) > 1.0:
+                return q, J, size, np.inf
+            trial = self.conditions.step(q, step * self.conditions.lengths)
+            F_new, J_new = self.conditions.at(trial, t)
+            new = float(np.abs(F_new / self.conditions.sizes).max(initial=0.0))
+            if not new < size and size < SAME:
+                break
+            q, F, J, moved = trial, F_new, J_new, moved + step
+            done = float(np.abs(step).max(initial=0.0)) < 1e-12
+            size = new
+            if done:
+                break
+        return q, J, size, float(np.abs(moved).max(initial=0.0))
+
+    def place(self, q: Array, J: Array, t: float) -> Place:
+        """Return the place at a solution: rates, then accelerations."""
+        c, b = self.conditions.rates(q, np.zeros(len(self.conditions.lengths)), t)
+        v, *_ = np.linalg.lstsq(J, c, rcond=None)
+        _, b = self.conditions.rates(q, v, t)
+        a, *_ = np.linalg.lstsq(J, b, rcond=None)
+        return Place(t, q, v, a, self.scaled(J))
+
+    def start(self, q: Array, t: float) -> Place:
+        """Return the place at the start, near q.
+
+        Raises
+        ------
+        Stuck : what is asked cannot be met there, or J is singular.
+        """
+        q, J, residual, _ = self.solve(q, t)
+        if not residual < SAME:
+            raise self._stuck(None, q, J, t, residual)
+        here = self.place(q, J, t)
+        if not here.measure > SINGULAR:
+            raise self._stuck(here, q, J, t, 0.0)
+        return here
+
+    def advance(self, now: Place, end: float) -> Place:
+        """Return the place at time ``end``, in steps as short as it takes to stay on the branch.
+
+        Raises
+        ------
+        Stuck : there is no way on.
+        """
+        whole = end - now.t
+        h = min(whole, 2.0 * self._h)
+        while True:
+            last = now.t + 1.0000001 * h >= end
+            t = end if last else now.t + h
+            self.steps += 1
+            reached = self._step(now, t)
+            if reached is not None:
+                self._h = t - now.t
+                now = reached
+                if last:
+                    return now
+                h = min(2.0 * self._h, end - now.t)
+            elif t - now.t < whole * 0.5**HALVINGS or t - now.t < 1e-14 * max(1.0, abs(t)):
+                q, J, residual, _ = self.solve(now.q, t)
+                contradicted = residual > SAME and now.measure > 1e-5
+                raise self._stuck(now, q if contradicted else now.q, J, t, residual if contradicted else 0.0)
+            else:
+                h = 0.5 * (t - now.t)
+
+    def _step(self, now: Place, t: float) -> Place | None:
+        h = t - now.t
+        guess = self.conditions.step(now.q, h * now.v + 0.5 * h * h * now.a)
+        q, J, residual, missed = self.solve(guess, t)
+        if not residual < SAME or not missed < MISS:
+            return None
+        new = self.place(q, J, t)
+        # the sign changes where a singular value passes zero, which is how branches meet
+        sign, _ = np.linalg.slogdet(now.J.T @ new.J)
+        if not sign > 0.0:
+            return None
+        if not new.measure > SINGULAR:
+            return None
+        return new
+
+    def _stuck(self, last: Place | None, q: Array, J: Array, t: float, residual: float) -> Stuck:
+        U, _, Vt = np.linalg.svd(self.scaled(J) if last is None or residual else last.J)
+        weights = np.abs(U[:, J.shape[1] - 1]) if U.shape[0] >= J.shape[1] else np.abs(U[:, -1])
+        row = None
+        if residual:
+            F, _ = self.conditions.at(q, t)
+            worst = int(np.abs(F / self.conditions.sizes).argmax())
+            row = (self.conditions.names[worst], float(F[worst]))
+        return Stuck(last, t, row, (weights, np.abs(Vt[-1])))

@@ -1,0 +1,137 @@
+"""How actuators and loop closures of a mechanism share the generalised force that a motion, or rest, needs.
+
+u = B tau + Psi^T lambda with B the actuated coordinates. With N spanning the null space of Psi (the motions that the
+loops allow) the principle of virtual work leaves N^T u = N^T B tau: as many equations as degrees of freedom. What
+remains, u - B tau, is what the loops hold.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+RANK = 1e-8  # ratio of singular values below which rank is lost
+
+
+class LostRank(Exception):
+    """At a sample the loops (``what`` is ``loops``) or the hold of the actuators (``actuators``) lose rank.
+
+    weights : (m,) of the rows, or (nv,) of the coordinates that move without the actuators.
+    """
+
+    def __init__(self, what: str, sample: int, weights: Array) -> None:
+        super().__init__()
+        self.what, self.sample, self.weights = what, sample, weights
+
+
+class TooFewActuators(Exception):
+    """The mechanism has ``freedom`` degrees of freedom, of which the actuators command ``commanded`` anywhere."""
+
+    def __init__(self, freedom: int, commanded: int) -> None:
+        super().__init__()
+        self.freedom, self.commanded = freedom, commanded
+
+
+@dataclasses.dataclass(frozen=True)
+class Shared:
+    """Torques by term (T, nv), zero where nothing drives; multipliers (T, m); N (T, nv, f).
+
+    freedom : degrees of freedom f. unique_torques, unique_multipliers : whether there is no other way to share;
+    otherwise those of least norm are given. residual : largest |u - B tau - Psi^T lambda|.
+    """
+
+    terms: dict[str, Array]
+    multipliers: Array
+    N: Array
+    freedom: int
+    unique_torques: bool
+    unique_multipliers: bool
+    residual: float
+
+    @property
+    def tau(self) -> Array:
+        """Actuator torques (T, nv): the sum of the terms."""
+        total: Array = np.sum(list(self.terms.values()), axis=0)
+        return total
+
+
+def allowed_motions(psi: Array) -> tuple[Array, int]:
+    """Return N (T, nv, f), orthonormal columns that Psi (T, m, nv) leaves free, and the rank of Psi.
+
+    Raises
+    ------
+    LostRank : the rank is not the same at all samples.
+    """
+    samples, _, nv = psi.shape
+    if not psi.shape[1]:
+        return np.tile(np.eye(nv), (samples, 1, 1)), 0
+    U, s, Vt = np.linalg.svd(psi, full_matrices=True)
+    here = (s > RANK * s[:, :1]).sum(axis=1)
+    rank = int(here.max())
+    if np.any(here < rank):
+        sample = int(np.argmin(here))
+        raise LostRank("loops", sample, np.abs(U[sample][:, rank - 1]))
+    return np.swapaxes(Vt[:, rank:, :], 1, 2), rank
+
+
+def share(psi: Array, actuated: Sequence[int], needed: Mapping[str, Array]) -> Shared:
+    """Return how actuators and loops share what is needed.
+
+    Parameters
+    ----------
+    psi : (T, m, nv). actuated : their velocity coordinates. needed : terms of u (T, nv) by name.
+
+    Raises
+    ------
+    TooFewActuators, LostRank
+    """
+    N, rank = allowed_motions(psi)
+    samples, nv, freedom = N.shape
+    columns = list(actuated)
+    A = np.swapaxes(N, 1, 2)[:, :, columns]  # N^T B
+    terms = {name: np.zeros((samples, nv), order="F") for name in needed}
+    if freedom:
+        U, s, _ = np.linalg.svd(A) if columns else (np.zeros((samples, freedom, freedom)), np.zeros((samples, 0)), None)
+        held = (s > RANK).sum(axis=1)
+        commanded = int(held.max(initial=0))
+        if commanded < freedom:
+            raise TooFewActuators(freedom, commanded)
+        if np.any(held < freedom):
+            sample = int(np.argmin(held))
+            raise LostRank("actuators", sample, np.abs(N[sample] @ U[sample][:, -1]))
+        inverse = np.linalg.pinv(A, rcond=RANK)
+        for name, u in needed.items():
+            free = np.einsum("tvf,tv->tf", N, u)
+            terms[name][:, columns] = np.einsum("taf,tf->ta", inverse, free)
+    total: Array = np.sum(list(needed.values()), axis=0)
+    rest = total - np.sum(list(terms.values()), axis=0)
+    m = psi.shape[1]
+    lam = np.zeros((samples, m))
+    if m:
+        lam = np.einsum("tmv,tv->tm", np.linalg.pinv(np.swapaxes(psi, 1, 2), rcond=RANK), rest)
+    left = rest - np.einsum("tmv,tm->tv", psi, lam)
+    return Shared(
+        terms, lam, N, freedom, len(columns) <= freedom, rank == m, float(np.abs(left).max(initial=0.0))
+    )
+
+
+def accelerations(M: Array, f: Array, psi: Array, gamma: Array) -> Array:
+    """Return v-dot (T, nv) of M v-dot = f + Psi^T lambda, Psi v-dot + gamma = 0, whatever the rank of Psi.
+
+    v-dot = a + N z with Psi a = -gamma and N^T M N z = N^T (f - M a).
+    """
+    N, rank = allowed_motions(psi)
+    a = np.zeros_like(f)
+    if rank:
+        a = -np.einsum("tvm,tm->tv", np.linalg.pinv(psi, rcond=RANK), gamma)
+    if not N.shape[2]:
+        return a
+    reduced = np.swapaxes(N, 1, 2) @ M @ N
+    force = np.einsum("tvf,tv->tf", N, f - np.einsum("tij,tj->ti", M, a))
+    z: Array = np.linalg.solve(reduced, force[:, :, None])[:, :, 0]
+    return a + np.einsum("tvf,tf->tv", N, z)
