@@ -19,6 +19,7 @@ from robodyn_cli.model.model import Model
 from robodyn_cli.run.dynamics import open_problem
 from robodyn_cli.run.inverse import _check_actuated as check_actuated
 from robodyn_cli.run.inverse import torque_terms
+from robodyn_cli.run.inverse_closed import needed_data
 from robodyn_cli.run.motion import plan_motion, with_led_point
 from robodyn_cli.run.simulate import passive_coordinates, prepare
 from robodyn_cli.run.singularity import passive_determinant
@@ -142,6 +143,8 @@ def _missing(scene: Scene, root: Node, command: str, names: Sequence[str]) -> li
 
 
 def _inverse(scene: Scene) -> tuple[Model, list[Scalar]]:
+    if scene.loops:
+        return needed_data(scene, min(TRIED, scene.inverse.samples))
     problem = open_problem(with_led_point(scene), "inverse dynamics")
     check_actuated(problem)
     duration = scene.trajectory.duration if scene.trajectory is not None else 0.0

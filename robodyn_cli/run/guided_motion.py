@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from robodyn_cli.algorithms.kinematics import slice_q
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, GeometryError, SceneError, SingularConfigurationError
-from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.expr.graph import Expr, Scalar, count_operations
 from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.model.model import Model
 from robodyn_cli.run.prescribed import check_prescribed, prescribed_starts
@@ -22,6 +22,8 @@ from robodyn_cli.solve.point_kinematics import PointKinematics
 from robodyn_cli.trajectories.motion import JointMotion, TaskSpace
 
 Array = NDArray[Any]
+# seconds: an operation interpreted; compiling at all, and an operation of it
+INTERPRETED, COMPILING, COMPILED = 2e-7, 35e-3, 80e-6
 # what is asked at times (T,): values, rates and accelerations (T, k)
 Asked = Callable[[Array], tuple[Array, Array, Array]]
 
@@ -116,8 +118,9 @@ class LoopConditions:
         self.sizes = np.where(lengths, self.size, 1.0)
         units = [unit for body in sorted(model.bodies, key=lambda b: b.v) for unit in body.joint.units]
         self.lengths = np.array([self.size if unit == "m" else 1.0 for unit in units])
-        self._here = Evaluator([*values, *J])
-        self._rates = Evaluator([*(row.eta_t for row in rows), *bias])
+        # a sample takes about four evaluations
+        self._here = _single(model, [*values, *J], 4 * len(times))
+        self._rates = _single(model, [*(row.eta_t for row in rows), *bias], 4 * len(times))
         self._asked: dict[float, tuple[Array, Array, Array]] = {}
         found = lead.asked(times)
         for k, t in enumerate(times.tolist()):
@@ -131,14 +134,14 @@ class LoopConditions:
         return self._asked[t]
 
     def at(self, q: Array, t: float) -> tuple[Array, Array]:
-        found = np.array(self._here({"q": q.tolist(), "t": [t], "p": []}), dtype=float)
+        found = self._here(q, np.zeros(self.model.nv), t)
         m = len(self.names)
         F = found[:m].copy()
         F[m - self.led :] -= self.asked(t)[0]
         return F, found[m:].reshape(m, self.model.nv)
 
     def rates(self, q: Array, v: Array, t: float) -> tuple[Array, Array]:
-        found = np.array(self._rates({"q": q.tolist(), "v": v.tolist(), "t": [t], "p": []}), dtype=float)
+        found = self._rates(q, v, t)
         m = len(self.names)
         _, rate, acceleration = self.asked(t)
         rows = m - self.led
@@ -153,6 +156,35 @@ class LoopConditions:
             moved = body.joint.integrate(slice_q(body, q), dq[body.v : body.v + body.joint.nv])
             out[body.q : body.q + body.joint.nq] = np.array(body.joint.normalise(moved), dtype=float)
         return out
+
+
+def _single(model: Model, entries: Sequence[Scalar], calls: int) -> Callable[[Array, Array, float], Array]:
+    """Return expressions as a function of one q, v and t; compiled where that pays over so many calls."""
+    varying = [k for k, e in enumerate(entries) if isinstance(e, Expr)]
+    constant = np.array([0.0 if isinstance(e, Expr) else float(e) for e in entries])
+    operations = count_operations([entries[k] for k in varying])
+    if not varying or operations * calls * INTERPRETED < COMPILING + operations * COMPILED:
+        evaluator = Evaluator(entries)
+
+        def interpreted(q: Array, v: Array, t: float) -> Array:
+            return np.array(evaluator({"q": q.tolist(), "v": v.tolist(), "t": [t], "p": []}), dtype=float)
+
+        return interpreted
+    from robodyn_cli.kernels.samples import SampleKernel
+
+    kernel = SampleKernel({"out": [entries[k] for k in varying]}, ("t", "q", "v"))
+    # one sample fills all lanes of arrays that are in place already
+    lanes = {"t": np.zeros(kernel.lanes)} | {
+        name: np.zeros((kernel.lanes, n), order="F") for name, n in (("q", model.nq), ("v", model.nv))
+    }
+
+    def compiled(q: Array, v: Array, t: float) -> Array:
+        lanes["t"][:], lanes["q"][:], lanes["v"][:] = t, q, v
+        out = constant.copy()
+        out[varying] = kernel.evaluate(kernel.lanes, lanes)["out"][0]
+        return out
+
+    return compiled
 
 
 def guided_motion(problem: Problem, lead: Lead, times: Array) -> GuidedMotion:
@@ -231,7 +263,9 @@ def explain(
     """Return why a motion cannot go on: with the row that is violated, or with joint and loop of the singular pose."""
     if stuck.row is not None:
         name, gap = stuck.row
-        unit = "m" if conditions.sizes[conditions.names.index(name)] != 1.0 or conditions.size == 1.0 else "rad"
+        unit = (
+            "m" if conditions.sizes[conditions.names.index(name)] != 1.0 or conditions.size == 1.0 else "rad"
+        )
         return GeometryError(
             f"the motion asked for cannot be met at t = {stuck.time:.6g} s: {name} is off by {abs(gap):.3g} {unit} at "
             "best, since the loops leave less freedom than is led, or none there",

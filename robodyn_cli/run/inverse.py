@@ -58,6 +58,13 @@ def inverse(
     count = scene.inverse.samples if samples is None else samples
     if count < 2:
         raise ValueError(f"samples: {count}; allowed: 2 or more")
+    if scene.loops:
+        from robodyn_cli.run.inverse_closed import inverse_closed
+
+        result = inverse_closed(scene, count, watch)
+        progress(float(result.time[-1]), float(result.time[-1]))
+        result.summary["wall_time_s"] = watch.report()
+        return result
     with watch.stage("equations"):
         problem = open_problem(with_led_point(scene), "inverse dynamics")
         _check_actuated(problem)

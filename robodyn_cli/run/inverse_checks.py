@@ -91,7 +91,7 @@ def joint_figures(model: Model, sampled: Sampled) -> dict[str, dict[str, Any]]:
     return figures
 
 
-def error_estimate(problem: Problem, sampled: Sampled) -> dict[str, Any]:
+def error_estimate(problem: Problem, sampled: Sampled, trip: float | None = None) -> dict[str, Any]:
     """Return the errors of an inverse run.
 
     round_trip : accelerations from forward dynamics under the computed torques, less those asked for, over
@@ -103,6 +103,10 @@ def error_estimate(problem: Problem, sampled: Sampled) -> dict[str, Any]:
         large as the errors of rates, torques and quadrature together. energy_balance_relative : over the
         largest energy turned over.
     energy_quadrature : difference of the energies (net) to those from every second sample [J].
+
+    Parameters
+    ----------
+    trip : the round trip where it is known already (mechanisms with loops).
     """
     power = np.column_stack([sampled.power, sampled.arrays["dissipation"]])
     work = integrate(power, sampled.step)
@@ -110,7 +114,7 @@ def error_estimate(problem: Problem, sampled: Sampled) -> dict[str, Any]:
     balance = float(work.sum() - (total[-1] - total[0]))
     turned = max(float(np.ptp(total)), float(integrate(np.abs(power), sampled.step).max()), 1e-300)
     found: dict[str, Any] = {
-        "round_trip": round_trip(problem, sampled),
+        "round_trip": round_trip(problem, sampled) if trip is None else trip,
         "energy_balance": balance,
         "energy_balance_relative": balance / turned if balance else 0.0,
     }

@@ -17,6 +17,7 @@ from robodyn_cli.formulations.index1 import residuals
 from robodyn_cli.formulations.system import GROUPS, System
 from robodyn_cli.kernels.rolled import RolledForwardDynamics
 from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.loops.base import Row
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.writer import ResultWriter
 from robodyn_cli.run.evaluation import SampleFunction
@@ -94,6 +95,18 @@ class _Rolled:
         tau[:, self.places] = found["forces"]
         found["qdd"] = self.forward(columns["q"], columns["v"], tau)
         return found
+
+
+def loop_columns(rows: Sequence[Row], dependent: bool = False) -> dict[str, Column]:
+    """Return units and names of what is recorded of constraint rows, by path; ``dependent``: on each other."""
+    dims, names = ("time", "constraint"), tuple(row.name for row in rows)
+    force = "N" if all(row.kind == "force" for row in rows) else "N or N m"
+    least = " (rows depend on each other: those of least norm)" if dependent else ""
+    return {
+        "constraints/multipliers": Column(force, f"Lagrange multipliers{least}", dims, names),
+        "constraints/position_residual": Column("m", "residual of position constraints", dims, names),
+        "constraints/velocity_residual": Column("m/s", "residual of velocity constraints", dims, names),
+    }
 
 
 class Observer:
@@ -224,7 +237,6 @@ class Observer:
         model = self.problem.model
         torque = {"rad": "N m", "m": "N"}
         names = model.joint_names
-        rows = self.problem.constraints.names
         joints = ("time", "joint")
         table = {
             "q": Column(unit_text(model, ""), "joint position", joints, names),
@@ -235,17 +247,7 @@ class Observer:
         elements = self.problem.elements.names
         table["forces/potential"] = Column("J", "potential energy of forces", ("time", "force"), elements)
         table["forces/power"] = Column("W", "power of forces", ("time", "force"), elements)
-        constraint = ("time", "constraint")
-        kinds = [r.kind for r in self.problem.constraints.rows]
-        force = "N" if all(k == "force" for k in kinds) else "N or N m"
-        least = " (rows depend on each other: those of least norm)" if self.problem.dependent else ""
-        table["constraints/multipliers"] = Column(force, f"Lagrange multipliers{least}", constraint, rows)
-        table["constraints/position_residual"] = Column(
-            "m", "residual of position constraints", constraint, rows
-        )
-        table["constraints/velocity_residual"] = Column(
-            "m/s", "residual of velocity constraints", constraint, rows
-        )
+        table.update(loop_columns(self.problem.constraints.rows, bool(self.problem.dependent)))
         if self.reactions is not None:
             for path, names in self.reactions.names.items():
                 meaning = self.reactions.meanings[path]

@@ -69,7 +69,9 @@ class Stuck(Exception):
     and of coordinates in the direction in which J loses rank. ``last`` is the last place that was reached.
     """
 
-    def __init__(self, last: Place | None, time: float, row: tuple[str, float] | None, weights: tuple[Array, Array]):
+    def __init__(
+        self, last: Place | None, time: float, row: tuple[str, float] | None, weights: tuple[Array, Array]
+    ):
         super().__init__()
         self.last, self.time, self.row, self.weights = last, time, row, weights
 

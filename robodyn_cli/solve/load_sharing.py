@@ -21,12 +21,13 @@ RANK = 1e-8  # ratio of singular values below which rank is lost
 class LostRank(Exception):
     """At a sample the loops (``what`` is ``loops``) or the hold of the actuators (``actuators``) lose rank.
 
-    weights : (m,) of the rows, or (nv,) of the coordinates that move without the actuators.
+    weights : (m,) of the rows, or (nv,) of the coordinates that move without the actuators. passed : whether it
+    happens between this sample and the next.
     """
 
-    def __init__(self, what: str, sample: int, weights: Array) -> None:
+    def __init__(self, what: str, sample: int, weights: Array, passed: bool = False) -> None:
         super().__init__()
-        self.what, self.sample, self.weights = what, sample, weights
+        self.what, self.sample, self.weights, self.passed = what, sample, weights, passed
 
 
 class TooFewActuators(Exception):
@@ -96,7 +97,11 @@ def share(psi: Array, actuated: Sequence[int], needed: Mapping[str, Array]) -> S
     A = np.swapaxes(N, 1, 2)[:, :, columns]  # N^T B
     terms = {name: np.zeros((samples, nv), order="F") for name in needed}
     if freedom:
-        U, s, _ = np.linalg.svd(A) if columns else (np.zeros((samples, freedom, freedom)), np.zeros((samples, 0)), None)
+        U, s, _ = (
+            np.linalg.svd(A)
+            if columns
+            else (np.zeros((samples, freedom, freedom)), np.zeros((samples, 0)), None)
+        )
         held = (s > RANK).sum(axis=1)
         commanded = int(held.max(initial=0))
         if commanded < freedom:
@@ -104,6 +109,8 @@ def share(psi: Array, actuated: Sequence[int], needed: Mapping[str, Array]) -> S
         if np.any(held < freedom):
             sample = int(np.argmin(held))
             raise LostRank("actuators", sample, np.abs(N[sample] @ U[sample][:, -1]))
+        if len(columns) == freedom and rank == psi.shape[1]:
+            _refuse_passing(psi, columns, A, N)
         inverse = np.linalg.pinv(A, rcond=RANK)
         for name, u in needed.items():
             free = np.einsum("tvf,tv->tf", N, u)
@@ -118,6 +125,23 @@ def share(psi: Array, actuated: Sequence[int], needed: Mapping[str, Array]) -> S
     return Shared(
         terms, lam, N, freedom, len(columns) <= freedom, rank == m, float(np.abs(left).max(initial=0.0))
     )
+
+
+def _refuse_passing(psi: Array, columns: list[int], A: Array, N: Array) -> None:
+    """Raise if the actuators' hold passes through zero between two samples: the sign of det (Psi, B^T) changes.
+
+    Raises
+    ------
+    LostRank
+    """
+    samples, _, nv = psi.shape
+    held = np.tile(np.eye(nv)[columns], (samples, 1, 1))
+    sign, _ = np.linalg.slogdet(np.concatenate([psi, held], axis=1))
+    passes = np.flatnonzero(sign[1:] * sign[:-1] < 0.0)
+    if len(passes):
+        sample = int(passes[0])
+        U, _, _ = np.linalg.svd(A[sample])
+        raise LostRank("actuators", sample, np.abs(N[sample] @ U[:, -1]), passed=True)
 
 
 def accelerations(M: Array, f: Array, psi: Array, gamma: Array) -> Array:

@@ -51,7 +51,9 @@ class QuinticTrajectory:
             yield from joint_problems(tuple(point.q), scene.joints, ("points", k, "q"), needed)
             for name in ("qd", "qdd"):
                 if getattr(point, name):
-                    yield from joint_problems(tuple(getattr(point, name)), scene.joints, ("points", k, name), needed)
+                    yield from joint_problems(
+                        tuple(getattr(point, name)), scene.joints, ("points", k, name), needed
+                    )
         yield from time_problems(
             [p.t for p in self.points], [("points", k, "t") for k in range(len(self.points))]
         )

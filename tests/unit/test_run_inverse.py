@@ -202,7 +202,7 @@ def test_missing_inertia_is_named_where_it_counts() -> None:
 
 
 def test_what_cannot_be_done_says_so() -> None:
-    with pytest.raises(CapabilityError, match="closed loops"):
+    with pytest.raises(SceneError, match="'trajectory' is missing"):
         inverse(load_scene(CONFIGS / "four_bar_deploy.yaml"))
     with pytest.raises(CapabilityError, match="closed loops"):
         InverseDynamics(load_scene(CONFIGS / "four_bar_deploy.yaml"))
