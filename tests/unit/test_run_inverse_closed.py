@@ -230,6 +230,11 @@ def test_dead_point_of_the_actuators() -> None:
     assert isinstance(error, SingularConfigurationError)
     assert "dead point of the actuators at t = 1 s" in error.message and error.details["kind"] == "dead_point"
     between = failure(
-        SLIDER, moves, "torques=null", "actuated=[slide]", "initial.q={crank: -0.5, rod: 0.6}", "inverse.samples=100"
+        SLIDER,
+        moves,
+        "torques=null",
+        "actuated=[slide]",
+        "initial.q={crank: -0.5, rod: 0.6}",
+        "inverse.samples=100",
     )
     assert "between t = 0.989" in between.message and between.details["joint"] in ("crank", "rod")
