@@ -5,8 +5,8 @@
 Each row is one method at one tolerance. Pendulum: the error is the largest of angles and rates at the end,
 against a solution in quadruple precision. Four-bar: the error of the time of the lock, against a quadrature
 of the energy integral (``lock_time.py``). Times are of a run by robodyn's integrators as other code calls
-them, compiling apart. Beside them: scipy's ``solve_ivp`` with the same compiled right-hand side, and where
-they are installed Pinocchio (with scipy), MuJoCo and heyoka.
+them, compiling apart. Beside them: scipy's ``solve_ivp`` with the same compiled right-hand side; other engines are
+in ``against_peers.py``.
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ import measure
 
 measure.single_thread()
 
-import native  # noqa: E402
 import numpy as np  # noqa: E402
-import peers  # noqa: E402
+import peers.scipy  # noqa: E402
+from cases import FourBar  # noqa: E402
+from cases import pendulum as pendulum_case  # noqa: E402
 from lock_time import LOCK  # noqa: E402
 
 from robodyn_cli import load_scene  # noqa: E402
@@ -33,8 +34,6 @@ from robodyn_cli.run.singularity import passive_determinant  # noqa: E402
 
 CONFIGS = measure.ROOT / "configs"
 PENDULUM, FOUR_BAR = "double pendulum, 10 s", "four-bar to lock"
-# angles and rates after 10 s (Taylor series in quadruple precision)
-END = np.array([-1.62889639534036989, 0.477493006480734381, -1.42990244445507279, 2.56888649044476188])
 TARGETS = (1e-3, 1e-7, 1e-10, 1e-12)
 
 TOLERANCES = {
@@ -68,6 +67,10 @@ def pendulum() -> tuple[System, np.ndarray]:
     return index1(setup.problem, work=False), np.concatenate([setup.assembled.q, setup.assembled.v])
 
 
+def error_at_end(y: np.ndarray) -> float:
+    return float(np.abs(y - pendulum_case("plain").reference[-1]).max())
+
+
 def pendulum_run(integrator: Integrator, start: np.ndarray, options: Options) -> Run:
     def run() -> tuple[np.ndarray, int]:
         integrator.reset(0.0, start, options)
@@ -84,19 +87,10 @@ def pendulum_runs(quick: bool) -> Iterator[tuple[str, str, Run]]:
         integrator = Integrator(system, method)
         for setting, options in options_of(method, quick):
             yield f"robodyn {method}", setting, pendulum_run(integrator, start, options)
-    tolerances = (1e-9,) if quick else (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
-    yield from optional("scipy", lambda: peers.scipy_runs(native.rates(system), start, "scipy", tolerances))
-    if not quick:
-        yield from optional("pinocchio", lambda: peers.pinocchio_runs(start, (1e-6, 1e-9, 1e-12)))
-        yield from optional("mujoco", lambda: peers.mujoco_runs(start))
-        yield from optional("heyoka", lambda: peers.heyoka_runs(start, (1e-4, 1e-6, 1e-9, 1e-12, 2.3e-16)))
-
-
-def optional(name: str, runs: Callable[[], Iterator[tuple[str, str, Run]]]) -> Iterator[tuple[str, str, Run]]:
-    try:
-        yield from runs()
-    except ImportError:
-        print(f"{name} is not installed: left out")
+    every = 3 if quick else 1
+    case = pendulum_case("plain")
+    for entry in list(peers.scipy.entries(case))[::every]:
+        yield entry.engine, entry.setting, entry.run
 
 
 def methods() -> list[str]:
@@ -141,24 +135,8 @@ def four_bar_runs(quick: bool) -> Iterator[tuple[str, str, Run]]:
         for setting, options in options_of(method, quick):
             if options.step is None:
                 yield f"robodyn {method}", setting, four_bar_run(integrator, start, options)
-    tolerances = (1e-9,) if quick else (1e-6, 1e-9, 1e-12)
-    yield from optional("scipy", lambda: four_bar_scipy(system, start, tolerances))
-
-
-def four_bar_scipy(system: System, start: np.ndarray, tolerances: Any) -> Iterator[tuple[str, str, Run]]:
-    """scipy on the accelerations, loops closed by nothing but the accuracy of the integration."""
-    from scipy.integrate import solve_ivp
-
-    f, event = native.rates(system), native.switching(system)
-    event.terminal = True  # type: ignore[attr-defined]
-    settings: dict[str, Any] = {"method": "DOP853", "events": event}
-    for rtol in tolerances:
-
-        def run(rtol: float = rtol) -> tuple[float, int]:
-            found = solve_ivp(f, (0.0, 20.0), start, rtol=rtol, atol=1e-2 * rtol, **settings)
-            return found.t[-1], len(found.t) - 1
-
-        yield "scipy DOP853", f"rtol {rtol:.0e}", run
+    for entry in list(peers.scipy.entries(FourBar()))[: 5 : 2 if quick else 1]:
+        yield entry.engine, entry.setting, entry.run
 
 
 # -- compiling -----------------------------------------------------------------------------------------------
@@ -220,11 +198,11 @@ def reached(rows: list[dict[str, Any]]) -> list[list[str]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="few settings and repeats, scipy the only peer")
+    parser.add_argument("--quick", action="store_true", help="few settings and repeats")
     parser.add_argument("--json", metavar="FILE", help="write the rows to FILE")
     options = parser.parse_args()
     repeats = 3 if options.quick else 15
-    rows = bench(PENDULUM, pendulum_runs(options.quick), lambda y: float(np.abs(y - END).max()), repeats)
+    rows = bench(PENDULUM, pendulum_runs(options.quick), error_at_end, repeats)
     rows += bench(FOUR_BAR, four_bar_runs(options.quick), lambda t: abs(t - LOCK), repeats)
     compiling = [] if options.quick else compile_rows()
     measure.print_machine()

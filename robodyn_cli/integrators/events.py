@@ -145,6 +145,8 @@ def _root(index: int, values: Values, a: float, g_a: float, b: float, g_b: float
             b, g_b, exact = middle, g, g == 0.0
             g_a *= 0.5 if side > 0 else 1.0
             side = 1
+    if exact:
+        a = max(a, b - resolution)  # no bracket says more than a value of zero
     return Root(index, a, b, -sign) if math.isfinite(g_b) else None
 
 

