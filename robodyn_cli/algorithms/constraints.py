@@ -17,10 +17,11 @@ from robodyn_cli.algorithms.kinematics import (
     step_motion,
 )
 from robodyn_cli.algorithms.linear import LdlFactor
+from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.loops.base import LoopFrame, Row
 from robodyn_cli.model.model import BASE, FixedFrame, Loop, Model
-from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, zeros
+from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, vector, zeros
 
 
 def loop_rows(
@@ -65,16 +66,28 @@ def _frame(
     here, moving = pose[frame.body], motion[frame.body]
     p = here.point(frame.p)
     Jv, Jw = point_jacobian(model, q, pose, frame.body, p, root)
+    drift, second = _prescribed_motion(model, frame)
     return LoopFrame(
         p,
         here.R @ frame.R,
         Jv,
         Jw,
         here.R @ moving.w,
-        here.R @ moving.acceleration_of(frame.p),
+        here.R @ (moving.acceleration_of(frame.p) + second),
         here.R @ moving.wd,
         qd,
+        here.R @ drift,
     )
+
+
+def _prescribed_motion(model: Model, frame: FixedFrame) -> tuple[Vector, Vector]:
+    """Return the rate and the acceleration of a point that moves on its body by formulas of t."""
+    p = list(frame.p)
+    if not any(isinstance(x, Expr) for x in p):
+        return zeros(3), zeros(3)
+    t = model.graph.symbol("t", "t")
+    rate = directional(p, [t], [1.0])
+    return vector(rate), vector(directional(rate, [t], [1.0]))
 
 
 def vanishes(row: Row) -> bool:

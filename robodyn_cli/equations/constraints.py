@@ -1,12 +1,15 @@
-"""All constraint rows of a scene together."""
+"""All constraint rows of a scene together, and those that relate joint coordinates."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import cached_property
 
-from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.expr.calculus import directional
+from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.loops.base import Row
+from robodyn_cli.model.model import Model
 from robodyn_cli.spatial.algebra import Matrix, zeros
 
 
@@ -37,6 +40,15 @@ class Constraints:
     def gamma(self) -> list[Scalar]:
         return [r.gamma for r in self.rows]
 
+    @cached_property
+    def rheonomic(self) -> tuple[int, ...]:
+        """Rows that depend on time itself."""
+        return tuple(
+            i
+            for i, row in enumerate(self.rows)
+            if i in self.prescribed or any(s.value[1] == "t" for s in free_symbols([row.eta]))
+        )
+
     def psi(self, nv: int) -> Matrix:
         """Return Psi (m, nv)."""
         out = zeros(len(self.rows), nv)
@@ -52,3 +64,19 @@ class Constraints:
             self.dropped,
             tuple(place[i] for i in self.prescribed if i in place),
         )
+
+
+def coordinate_row(
+    name: str, model: Model, q: Sequence[Scalar], terms: Mapping[str, float], value: Scalar, kind: str
+) -> Row:
+    """Return the row of a linear relation between joint coordinates, eta = sum c_i q_i - s(t), with its derivatives."""
+    t = model.graph.symbol("t", "t")
+    psi = zeros(model.nv)
+    eta: Scalar = 0.0
+    for joint, coefficient in terms.items():
+        body = model.body_of(joint)
+        psi[body.v] = coefficient
+        eta = eta + coefficient * q[body.q]
+    rate = directional([value], [t], [1.0])[0]
+    second = directional([rate], [t], [1.0])[0]
+    return Row(name, eta - value, psi, -second, -rate, kind)

@@ -19,6 +19,7 @@ from robodyn_cli.algorithms.kinematics import Pose, poses, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.equations.constraints import Constraints as Constraints
+from robodyn_cli.equations.constraints import coordinate_row
 from robodyn_cli.equations.dependence import (
     Combination,
     Dependence,
@@ -29,7 +30,6 @@ from robodyn_cli.equations.dependence import (
 from robodyn_cli.equations.elements import Elements
 from robodyn_cli.equations.kinks import is_of_time, switches, switching_times
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.functions import interpolate
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations
 from robodyn_cli.loops.base import Row
@@ -142,7 +142,7 @@ class Problem:
         for name, torque in (self.scene.torques or {}).items():
             if not isinstance(torque, sc.Torque):
                 outputs.append((f"torques.{name}", [self.actuator_torques[self.model.body_of(name).v]]))
-        for row in (self.constraints.rows[i] for i in self.constraints.prescribed):
+        for row in (self.constraints.rows[i] for i in self.constraints.rheonomic):
             outputs.append((row.name, [row.eta, row.eta_t, row.gamma]))
         found = [(key, switch) for key, entries in outputs for switch in switches(entries)]
         return [*found, *self.elements.switches]
@@ -225,7 +225,7 @@ class Problem:
     # -- constraints ----------------------------------------------------------------------------------
     @cached_property
     def constraints(self) -> Constraints:
-        """Rows of the loop closures, then of prescribed joints."""
+        """Rows of the loop closures, then of couplers, then of prescribed joints."""
         rows: list[Row] = []
         dropped: list[str] = []
         for loop in self.model.loops:
@@ -234,18 +234,18 @@ class Problem:
                     dropped.append(row.name)
                 else:
                     rows.append(row)
-        first = len(rows)
         env = {"t": self.t, **{f"p.{n}": x for n, x in (self.scene.parameters or {}).items()}}
+        for coupler in self.scene.couplers:
+            value = 0.0 if coupler.value is None else coupler.value.evaluate(env)
+            units = {self.model.body_of(name).joint.units[0] for name in coupler.terms}
+            kind = "moment" if units == {"rad"} else "force"
+            name = f"{coupler.name}.coupling"
+            rows.append(coordinate_row(name, self.model, self.q, coupler.terms, value, kind))
+        first = len(rows)
         for name, formula in (self.scene.prescribed or {}).items():
-            body = self.model.body_of(name)
+            kind = self.model.body_of(name).joint.units[0]
             target = formula.evaluate(env)
-            rate = directional([target], [self.t], [1.0])[0]
-            second = directional([rate], [self.t], [1.0])[0]
-            psi = zeros(self.model.nv)
-            psi[body.v] = 1.0
-            rows.append(
-                Row(f"prescribed.{name}", self.q[body.q] - target, psi, -second, -rate, body.joint.units[0])
-            )
+            rows.append(coordinate_row(f"prescribed.{name}", self.model, self.q, {name: 1.0}, target, kind))
         found = Constraints(tuple(rows), tuple(dropped), tuple(range(first, len(rows))))
         return found if self.keep_rows is None else found.only(self.keep_rows)
 
@@ -323,10 +323,9 @@ class Problem:
         for place, torque in self.dissipated:
             total = total + torque * self.v[place]
         total = total + self.elements.power
-        constraints = self.constraints
-        for i in constraints.prescribed:
-            # Psi^T lambda does work at the rate -lambda eta_t on a rheonomic row
-            total = total - self.forward.lam[i] * constraints.rows[i].eta_t
+        for i in self.constraints.rheonomic:
+            # Psi^T lambda does work at the rate -lambda eta_t on a row that depends on time
+            total = total - self.forward.lam[i] * self.constraints.rows[i].eta_t
         return total
 
     # -- places ---------------------------------------------------------------------------------------

@@ -30,7 +30,7 @@ CHUNK = 64
 
 def prefer_rolled(model: Model) -> bool:
     """Tell whether rolled kernels suit a model better than unrolled ones."""
-    if model.nv < CROSSOVER or model.loops:
+    if model.nv < CROSSOVER or model.closures:
         return False
     try:
         RolledPlan(model, "forward")
@@ -120,7 +120,7 @@ class RolledForwardDynamics(RolledKernel):
     recipe = "forward"
 
     def __init__(self, model: Model) -> None:
-        if model.loops:
+        if model.closures:
             raise CapabilityError("rolled forward dynamics takes open trees; the model has closed loops")
         super().__init__(model)
 
@@ -138,7 +138,7 @@ class RolledState:
     """
 
     def __init__(self, model: Model, recipe: str = "forward") -> None:
-        if model.loops and recipe == "forward":
+        if model.closures and recipe == "forward":
             raise CapabilityError("rolled forward dynamics takes open trees; the model has closed loops")
         self.plan = plan = RolledPlan(model, recipe)
         host = machine()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from robodyn_cli.spatial.algebra import Matrix, Values, Vector
+from robodyn_cli.spatial.algebra import Matrix, Values, Vector, zeros
 
 
 @dataclasses.dataclass(frozen=True)
@@ -19,6 +19,7 @@ class LoopFrame:
     p, R : origin [m] and axes (columns). Jv, Jw : (3, nv) Jacobians of the origin's velocity and of the
     angular velocity. w : angular velocity. a, wd : linear and angular acceleration for qdd = 0; both ends' a
     may contain the same further acceleration (gravity): only their difference has a meaning. qd : (nv,) rates.
+    drift : velocity of the origin beside Jv qd, where a motion of the ground is prescribed.
     """
 
     p: Vector
@@ -29,11 +30,12 @@ class LoopFrame:
     a: Vector
     wd: Vector
     qd: Values
+    drift: Vector = dataclasses.field(default_factory=lambda: zeros(3))
 
     @property
     def v(self) -> Vector:
         """Velocity of the origin."""
-        return self.Jv @ self.qd
+        return self.Jv @ self.qd + self.drift
 
 
 @dataclasses.dataclass(frozen=True)

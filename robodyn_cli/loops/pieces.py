@@ -39,22 +39,24 @@ def across(frame: LoopFrame, axis: Sequence[float]) -> list[algebra.Vector]:
 
 
 def coincident(name: str, first: LoopFrame, second: LoopFrame) -> list[Row]:
-    """Return the rows x, y, z of p1 = p2: eta = p1 - p2, gamma = a1 - a2."""
+    """Return the rows x, y, z of p1 = p2: eta = p1 - p2, gamma = a1 - a2, eta_t = drift1 - drift2."""
     d, J, a = first.p - second.p, first.Jv - second.Jv, first.a - second.a
-    return [Row(f"{name}.{axis}", d[k], J[k], a[k]) for k, axis in enumerate("xyz")]
+    drift = first.drift - second.drift
+    return [Row(f"{name}.{axis}", d[k], J[k], a[k], drift[k]) for k, axis in enumerate("xyz")]
 
 
 def offset(name: str, u: algebra.Vector, first: LoopFrame, second: LoopFrame) -> Row:
     """Return the row of no offset along u, which is fixed in the first body.
 
     With d = p1 - p2 and u' = w1 x u: eta = u.d, Psi = u^T (Jv1 - Jv2) + (u x d)^T Jw1,
-    gamma = u.(a1 - a2) + (u x d).wd1 + 2 u'.(v1 - v2) + (w1 x u').d.
+    gamma = u.(a1 - a2) + (u x d).wd1 + 2 u'.(v1 - v2) + (w1 x u').d, eta_t = u.(drift1 - drift2).
     """
     d = first.p - second.p
     lever, rate = cross(u, d), cross(first.w, u)
     gamma = dot(u, first.a - second.a) + dot(lever, first.wd)
     gamma = gamma + 2.0 * dot(rate, first.v - second.v) + dot(cross(first.w, rate), d)
-    return Row(name, dot(u, d), u @ (first.Jv - second.Jv) + lever @ first.Jw, gamma)
+    psi = u @ (first.Jv - second.Jv) + lever @ first.Jw
+    return Row(name, dot(u, d), psi, gamma, dot(u, first.drift - second.drift))
 
 
 def on_line(name: str, axis: Sequence[float], first: LoopFrame, second: LoopFrame) -> list[Row]:
@@ -65,13 +67,14 @@ def on_line(name: str, axis: Sequence[float], first: LoopFrame, second: LoopFram
 def distance(name: str, length: float, first: LoopFrame, second: LoopFrame) -> Row:
     """Return the row of a constant distance L, in metres and without a root: eta = (d.d - L^2) / (2 L).
 
-    With d = p1 - p2: Psi = d^T (Jv1 - Jv2) / L, gamma = (d.(a1 - a2) + |v1 - v2|^2) / L. The multiplier is
-    the force in the bar, positive where it pushes the points apart.
+    With d = p1 - p2: Psi = d^T (Jv1 - Jv2) / L, gamma = (d.(a1 - a2) + |v1 - v2|^2) / L,
+    eta_t = d.(drift1 - drift2) / L. The multiplier is the force in the bar, positive where it pushes the points apart.
     """
     d, v = first.p - second.p, first.v - second.v
     eta = (dot(d, d) - length * length) * (0.5 / length)
     gamma = (dot(d, first.a - second.a) + dot(v, v)) * (1.0 / length)
-    return Row(name, eta, (d @ (first.Jv - second.Jv)) * (1.0 / length), gamma)
+    eta_t = dot(d, first.drift - second.drift) * (1.0 / length)
+    return Row(name, eta, (d @ (first.Jv - second.Jv)) * (1.0 / length), gamma, eta_t)
 
 
 def perpendicular(

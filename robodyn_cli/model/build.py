@@ -202,7 +202,8 @@ def build_model(scene: sc.Scene, symbolic: Sequence[str] = (), graph: Graph | No
     # in the order of their places, which is that of the YAML
     joints = [(b.joint_name, b.joint) for b in sorted(finished, key=lambda b: b.v)]
     points = {
-        name: _fixed_frame(placed, links, point, values) for name, point in (robot.points or {}).items()
+        name: _moving(scene, graph, point, _fixed_frame(placed, links, point, values))
+        for name, point in (robot.points or {}).items()
     }
     frames = {
         name: _fixed_frame(placed, links, frame, values) for name, frame in (robot.frames or {}).items()
@@ -221,6 +222,7 @@ def build_model(scene: sc.Scene, symbolic: Sequence[str] = (), graph: Graph | No
         links=link_frames,
         outlines=_outlines(robot, placed, points, bodies),
         loops=tuple(_loop(scene, placed, links, points, element, values) for element in scene.loops),
+        couplers=tuple(coupler.name for coupler in scene.couplers),
         forces=tuple(_force(scene, placed, links, points, frames, e, values) for e in scene.forces),
         joint_names=tuple(name for name, _ in joints),
         q_names=tuple(x for name, joint in joints for x in joint.coordinates(name, joint.names)),
@@ -302,6 +304,15 @@ def _fixed_frame(
     if isinstance(point, sc.Frame):
         R = R @ rotation_rpy(point.rpy)
     return FixedFrame(where.body, at, R)
+
+
+def _moving(scene: sc.Scene, graph: Graph, point: sc.Point, frame: FixedFrame) -> FixedFrame:
+    """Return a point of the base with its prescribed motion, as a function of t."""
+    if point.motion is None:
+        return frame
+    env = {"t": graph.symbol("t", "t"), **{f"p.{n}": x for n, x in (scene.parameters or {}).items()}}
+    moved = vector([x + formula.evaluate(env) for x, formula in zip(frame.p, point.motion)])
+    return FixedFrame(frame.body, moved, frame.R)
 
 
 def _com(where: _Placed, link: sc.Link, values: _Values) -> Vector:

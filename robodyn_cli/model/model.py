@@ -95,6 +95,7 @@ class Model:
     links: dict[str, FixedFrame]
     outlines: dict[str, tuple[FixedFrame, ...]]
     loops: tuple[Loop, ...] = ()
+    couplers: tuple[str, ...] = ()
     forces: tuple[Force, ...] = ()
     joint_names: tuple[str, ...] = ()
     q_names: tuple[str, ...] = ()
@@ -102,6 +103,11 @@ class Model:
     q_units: tuple[str, ...] = ()
     v_units: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
+
+    @property
+    def closures(self) -> tuple[str, ...]:
+        """Names of everything that makes the coordinates depend on each other: loops and couplers."""
+        return (*(loop.name for loop in self.loops), *self.couplers)
 
     def body_of(self, joint_name: str) -> Body:
         """Return the body carried by a joint."""

@@ -60,7 +60,7 @@ class Deployment:
 
     def __init__(self, scene: Scene, watch: Stopwatch) -> None:
         self.scene = scene
-        if not scene.loops:
+        if not scene.loops and not scene.couplers:
             raise CapabilityError(
                 f"{scene.path}: deploy needs a mechanism with closed loops; this scene has none"
             )

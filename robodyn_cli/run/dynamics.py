@@ -30,9 +30,9 @@ def open_problem(source: sc.Scene | Model | Problem, what: str) -> Problem:
         nothing = sc.Scene(schema=1, robot=sc.Robot(joints=(), links=()), gravity=(0.0, 0.0, 0.0))
         source = Problem(nothing, model=source)
     problem = source if isinstance(source, Problem) else Problem(source)
-    if problem.model.loops:
+    if problem.model.closures:
         raise CapabilityError(
-            f"{what} of closed loops (here {problem.model.loops[0].name!r}) is not implemented yet: the "
+            f"{what} of closed loops (here {problem.model.closures[0]!r}) is not implemented yet: the "
             "actuated joints share the load in more than one way; allowed: robots without loops"
         )
     if problem.scene.prescribed:

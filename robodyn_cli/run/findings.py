@@ -99,7 +99,7 @@ def _at(root: Node, path: tuple[str | int, ...], message: str) -> SceneError:
 def _trial(scene: Scene, root: Node) -> list[RobodynError]:
     """Try what the scene's command does before it computes anything."""
     command = scene.command or ("inverse" if scene.trajectory is not None else None)
-    if command is None and (scene.loops or scene.initial.q):
+    if command is None and (scene.loops or scene.couplers or scene.initial.q):
         command = "simulate"
     try:
         if command == "inverse":
@@ -153,7 +153,7 @@ def _inverse(scene: Scene) -> tuple[Model, list[Scalar]]:
 
 
 def _forward(scene: Scene, command: str) -> tuple[Model, list[Scalar]]:
-    if command == "deploy" and not scene.loops:
+    if command == "deploy" and not scene.loops and not scene.couplers:
         raise SceneError("deploy needs a mechanism with closed loops; this scene has none", key="loops")
     problem = prepare(scene).problem
     if command == "deploy" and scene.deploy.criterion != "multipliers":

@@ -52,7 +52,7 @@ def state_overrides(scene: Scene, given: Sequence[str]) -> list[str]:
                 found |= {f"{what}.{name}": item for name, item in _items(value.strip(), joints, text)}
     overrides = [f"initial.{key}={value}" for key, value in found.items()]
     held = [key.partition(".")[2] for key in found if key.startswith("q.")]
-    if scene.loops and held:
+    if (scene.loops or scene.couplers) and held:
         # all of them would leave nothing to close the loops with
         overrides.append(f"initial.hold=[{', '.join(held if len(held) < len(joints) else [])}]")
     return overrides
@@ -85,7 +85,7 @@ def info(path: Path, overrides: Sequence[str] = (), at: Sequence[str] = ()) -> t
     """
     scene = load_scene(path, list(overrides))
     changes = [*overrides, *state_overrides(scene, at)]
-    if not scene.loops:
+    if not scene.loops and not scene.couplers:
         given = {*scene.initial.q, *scene.prescribed}
         changes = [*(f"initial.q.{n}=0" for n in moving(scene.robot) if n not in given), *changes]
     scene = load_scene(path, changes) if changes else scene

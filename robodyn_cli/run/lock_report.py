@@ -51,7 +51,7 @@ def bifurcation(run: Deployment, found: Found) -> RobodynError:
     time, state = found.bifurcation
     q, _, _ = run.system.split(state)
     kind = classify(run.problem, q, run.passive)
-    loops = ", ".join(loop.name for loop in run.problem.model.loops)
+    loops = ", ".join(run.problem.model.closures)
     angles = dict(zip(run.problem.model.q_names, q.tolist()))
     return SingularConfigurationError(
         f"bifurcation instead of a lock at t = {time:.9g} s: the constraint Jacobian of loop {loops} loses rank "

@@ -97,7 +97,7 @@ def choose(scene: Scene, problem: Problem, system: System, start: Array, options
     asked = scene.simulate.integrator
     if asked != "auto":
         return Choice(asked, "asked for in simulate.integrator")
-    if problem.model.loops and scene.simulate.singular == "pass":
+    if problem.model.closures and scene.simulate.singular == "pass":
         return Choice(
             PASSING,
             "loops may pass a singular configuration: close to one, implicit iterations may leave the branch",

@@ -53,11 +53,15 @@ class Forward:
         names = self.problem.model.joint_names
         q, v = np.zeros(self.problem.model.nq), np.zeros(self.problem.model.nv)
         # an open chain without initial positions has a plan, though no run
-        if scene.loops or all(n in initial or n in (scene.prescribed or {}) for n in names):
+        if self.problem.model.closures or all(n in initial or n in (scene.prescribed or {}) for n in names):
             setup = prepare(scene)
             self.problem, q, v = setup.problem, setup.assembled.q, setup.assembled.v
             self._note_redundant(setup.assembled.redundant)
-        events = rank_loss_event(self.problem) if scene.loops and scene.simulate.singular == "stop" else ()
+        events = (
+            rank_loss_event(self.problem)
+            if self.problem.model.closures and scene.simulate.singular == "stop"
+            else ()
+        )
         self.system = index1(self.problem, self.stabilisation, events)
         self.choice = Choice(scene.simulate.integrator, "data are missing that the choice needs")
         if not unknown_data(self.problem.model, self.outputs(self.problem))[0]:

@@ -46,9 +46,13 @@ def check_prescribed(problem: Problem) -> None:
     NumericalError : the rate or the acceleration at t = 0 is not finite. SceneError : position or rate jump.
     """
     constraints = problem.constraints
-    for name, i in zip(problem.scene.prescribed or {}, constraints.prescribed):
-        formula, row = problem.scene.prescribed[name], constraints.rows[i]
-        where = f"{formula.where or f'prescribed.{name}'}: the motion {formula.text!r}"
+    for i in constraints.rheonomic:
+        row = constraints.rows[i]
+        name = row.name.partition(".")[2] if i in constraints.prescribed else row.name.rpartition(".")[0]
+        where = f"the prescribed motion in {name!r} (row {row.name})"
+        if i in constraints.prescribed:
+            formula = problem.scene.prescribed[name]
+            where = f"{formula.where or f'prescribed.{name}'}: the motion {formula.text!r}"
         for what, entry in (("rate", row.eta_t), ("acceleration", row.gamma)):
             if not np.isfinite(_at(entry, 0.0)):
                 raise NumericalError(
@@ -74,9 +78,9 @@ def _kinks(problem: Problem, row: Row) -> list[float]:
 
 
 def _at(entry: Scalar, time: float) -> float:
-    """Return an entry of a prescribed row, which depends on q (taken as 0) and time."""
+    """Return an entry of a row that depends on time, q and v (both taken as 0)."""
     try:
-        return float(evaluate([entry], {"t": [time], "q": _Zeros()})[0])
+        return float(evaluate([entry], {"t": [time], "q": _Zeros(), "v": _Zeros()})[0])
     except (ArithmeticError, ValueError):
         return float("nan")
 

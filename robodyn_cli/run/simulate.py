@@ -53,7 +53,7 @@ def prepare(scene: Scene, watch: Stopwatch | None = None) -> Setup:
     with watch.stage("equations"):
         problem = Problem(scene)
         given = {**(scene.initial.q or {}), **prescribed_starts(scene)}
-        loops = bool(problem.model.loops)
+        loops = bool(problem.model.closures)
         for name in scene.initial.hold if loops else problem.model.joint_names:
             if name not in given:
                 why = (
@@ -199,7 +199,7 @@ def simulate(
     problem = setup.problem
     with watch.stage("equations"):
         events: tuple[EventFunction, ...] = ()
-        if problem.model.loops and scene.simulate.singular == "stop":
+        if problem.model.closures and scene.simulate.singular == "stop":
             events = rank_loss_event(problem)
         system = index1(problem, scene.simulate.stabilisation, events)
         observer = Observer(problem, system, passive_coordinates(problem))
@@ -281,7 +281,7 @@ def passive_coordinates(problem: Problem) -> list[int] | None:
     Actuated are the joints of ``actuated`` (by default those in ``torques``) and prescribed ones.
     """
     scene, model = problem.scene, problem.model
-    if not model.loops:
+    if not model.closures:
         return None
     actuated = list(scene.actuated) if scene.actuated is not None else list(scene.torques or {})
     driven = {*actuated, *(scene.prescribed or {})}

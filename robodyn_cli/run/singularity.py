@@ -244,7 +244,7 @@ def stop_at_rank_loss(problem: Problem, system: System, method: str, event: Even
     q, _, _ = system.split(state)
     refuse_dependent_rows(problem, q, time)
     found = classify(problem, q, ())
-    loops = ", ".join(loop.name for loop in problem.model.loops)
+    loops = ", ".join(problem.model.closures)
     raise SingularConfigurationError(
         f"bifurcation at t = {time:.9g} s: the constraint Jacobian of loop {loops} loses rank, so the "
         "multipliers are not unique and the motion may branch; set simulate.singular: pass to go on",

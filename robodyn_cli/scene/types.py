@@ -140,6 +140,12 @@ class Point:
     frame: str = key(
         Choice(("joint", "link")), default="link", doc="Frame of the coordinates of `at` and of `rpy`."
     )
+    motion: tuple[FormulaTree, ...] | None = key(
+        ListOf(Formula(("t",)), minimum=3, maximum=3),
+        default=None,
+        unit="m",
+        doc="Displacement from `at` along the axes of the base, formulas in t: for points on `base` that loops join.",
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -171,6 +177,22 @@ class Robot:
     )
     points: dict[str, Point] = key(MapOf(Section(Point), of="point"), default=None, doc="Named points.")
     frames: dict[str, Frame] = key(MapOf(Section(Frame), of="frame"), default=None, doc="Named frames.")
+
+
+@dataclasses.dataclass(frozen=True)
+class Coupler:
+    """A linear relation between joint coordinates: gears, racks, belts. The sum of coefficient times q is a value."""
+
+    name: str = key(Name(of="coupler"), doc="Name.")
+    terms: dict[str, float] = key(
+        MapOf(Number(), of="joint"), unit="1, m/rad or rad/m", doc="Coefficient of each joint's coordinate."
+    )
+    value: FormulaTree | None = key(
+        Formula(("t",)),
+        default=None,
+        unit="rad or m",
+        doc="What they sum to: a number or a formula in t; default 0.",
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -308,6 +330,9 @@ class Scene:
     loops: tuple[Any, ...] = key(ListOf(Tagged(lambda: loop_types)), default=(), doc="Loop closures.")
     forces: tuple[Any, ...] = key(
         ListOf(Tagged(lambda: force_types)), default=(), doc="Forces on points and between bodies."
+    )
+    couplers: tuple[Coupler, ...] = key(
+        ListOf(Section(Coupler)), default=(), doc="Gears, racks, belts: relations between joint coordinates."
     )
     actuated: tuple[str, ...] | None = key(
         ListOf(Name(of="joint")),

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.formula import parse
 from robodyn_cli.scene.check import Check
+from robodyn_cli.scene.check_closures import check_couplers, check_moving_points
 from robodyn_cli.scene.check_forces import check_forces
 from robodyn_cli.scene.check_robot import check_robot, moving
 from robodyn_cli.scene.nodes import Node, Path, Scalar
@@ -42,6 +43,8 @@ def validate(scene: Scene, root: Node, collected: list[SceneError] | None = None
                 message = f"{name!r} is a joint already; choose another name"
                 check.fail(("parameters", name), message, at_key=True)
     _check_loops(scene, check)
+    check_couplers(scene, check)
+    check_moving_points(scene, check)
     check_forces(scene, check)
     _check_drives(scene, check)
     _check_initial(scene, check)
