@@ -14,6 +14,7 @@ from robodyn_cli.expr.graph import Graph
 from robodyn_cli.formulations.dynamics import Expanded
 from robodyn_cli.formulations.system import EventFunction, System
 from robodyn_cli.integrators.integrator import Counters, Event, Grid, Integrator, Options
+from robodyn_cli.integrators.registry import methods
 
 Array = np.ndarray
 
@@ -155,11 +156,37 @@ CASES = (
 )  # fmt: skip
 
 
+# -- accuracy -------------------------------------------------------------------------------------------
+FINEST = 1e-8  # that is asked of methods of low order, which take many steps for it
+
+
+def is_low(method: str) -> bool:
+    """Tell whether a method is of so low an order that high accuracy takes very many steps."""
+    return methods[method].order <= 2
+
+
+def within_reach(method: str, accuracy: float) -> float:
+    """Return an accuracy, or the finest that is asked of the method."""
+    return max(accuracy, FINEST) if is_low(method) else accuracy
+
+
+def settings(method: str, rtol: float = 1e-10, atol: float = 1e-12, **more: Any) -> Options:
+    """Return options in which the tolerances are what the errors are to be.
+
+    A method whose error falls more slowly than its tolerance gets tolerances that make up for it.
+    """
+    power = methods[method].proportion
+    if power < 1.0:
+        finer = max(within_reach(method, rtol) ** (1.0 / power), 1e-15)
+        rtol, atol = finer, atol * (finer / rtol)
+    return Options(rtol, atol, **more)
+
+
 # -- runs -----------------------------------------------------------------------------------------------
 def advance(case: Case, method: str, end: float | None = None, **options: Any) -> Integrator:
     """Integrate a case without samples."""
     integrator = Integrator(case.system, method)
-    integrator.reset(0.0, case.start, Options(**options))
+    integrator.reset(0.0, case.start, settings(method, **options))
     integrator.advance(case.end if end is None else end)
     return integrator
 
@@ -177,7 +204,7 @@ def samples(
 ) -> tuple[Array, Array, Integrator]:
     """Integrate over a grid; returns times, states and the integrator."""
     integrator = Integrator(body, method, parameters)
-    integrator.reset(grid.start, start, Options(**options))
+    integrator.reset(grid.start, start, settings(method, **options))
     times, states = collect(
         integrator, grid.times(0, grid.count)[-1] if end is None else end, grid, block, on_event
     )
@@ -206,7 +233,7 @@ def events_of(
 ) -> tuple[list[Event], Integrator]:
     """Integrate and gather the events; they do not stop the run unless ``react`` returns False."""
     integrator = Integrator(body, method)
-    integrator.reset(at, start, Options(**options))
+    integrator.reset(at, start, settings(method, **options))
     found: list[Event] = []
 
     def on_event(event: Event) -> bool:

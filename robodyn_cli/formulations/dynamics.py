@@ -176,7 +176,8 @@ class Rolled:
     def expressions(self) -> tuple[tuple[Scalar, ...], tuple[Scalar, ...]]:
         raise CapabilityError(
             f"a chain of {self.model.nv} joints is integrated by loops over its bodies, which have no exact "
-            "Jacobian, so the linearly implicit method 'rodas5p' is not for it; allowed: gauss, dop853, dopri5, rk4"
+            "Jacobian, so methods that solve with one, such as 'rodas5p', 'radau' and 'bdf', are not for it; "
+            "allowed: gauss, dop853, dopri5, rk4"
         )
 
     def memory(self) -> tuple[Numbers, Numbers]:

@@ -9,37 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-Polynomial = list[Decimal]  # coefficients, lowest power first
-
-
-def _evaluate(p: Polynomial, x: Decimal) -> Decimal:
-    total = Decimal(0)
-    for c in reversed(p):
-        total = total * x + c
-    return total
-
-
-def _times_linear(p: Polynomial, root: Decimal) -> Polynomial:
-    """Return p(x) (x - root)."""
-    out = [Decimal(0), *p]
-    for k, c in enumerate(p):
-        out[k] -= root * c
-    return out
-
-
-def _legendre(n: int) -> list[Polynomial]:
-    """Return Legendre polynomials 0..n on [0, 1], with P(1) = 1."""
-    found: list[Polynomial] = [[Decimal(1)], [Decimal(-1), Decimal(2)]]
-    for k in range(1, n):
-        a, b = found[k], found[k - 1]
-        longer = [Decimal(0), *[2 * c for c in a]]
-        for j, c in enumerate(a):
-            longer[j] -= c
-        nxt = [Decimal(2 * k + 1) * c for c in longer]
-        for j, c in enumerate(b):
-            nxt[j] -= Decimal(k) * c
-        found.append([c / Decimal(k + 1) for c in nxt])
-    return found[: n + 1]
+from robodyn_cli.integrators.polynomials import evaluate, integrals, lagrange, legendre, roots
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,25 +35,10 @@ def gauss_table(s: int) -> GaussTable:
     """Return the coefficients for s stages."""
     with localcontext() as context:
         context.prec = 60
-        legendre = _legendre(s)
-        top = legendre[s]
-        slope = [k * c for k, c in enumerate(top)][1:]
-        c = []
-        for guess in (np.polynomial.legendre.leggauss(s)[0] + 1) / 2:
-            x = Decimal(float(guess))
-            for _ in range(4):
-                x -= _evaluate(top, x) / _evaluate(slope, x)
-            c.append(x)
-        basis: list[Polynomial] = []
-        for j in range(s):
-            p: Polynomial = [Decimal(1)]
-            for k in range(s):
-                if k != j:
-                    p = [x / (c[j] - c[k]) for x in _times_linear(p, c[k])]
-            basis.append(p)
-        integral = [[Decimal(0), *[x / (k + 1) for k, x in enumerate(p)]] for p in basis]
-        A = [[_evaluate(integral[j], c[i]) for j in range(s)] for i in range(s)]
-        b = [_evaluate(integral[j], Decimal(1)) for j in range(s)]
+        orthogonal = legendre(s)
+        c = roots(orthogonal[s], (np.polynomial.legendre.leggauss(s)[0] + 1) / 2)
+        basis = lagrange(c)
+        *A, b = integrals(basis, [*c, Decimal(1)])
         A2 = [[sum((A[i][k] * A[k][j] for k in range(s)), Decimal(0)) for j in range(s)] for i in range(s)]
         # Taylor shift of each basis polynomial to u = x - 1
         M = [[Decimal(0)] * s for _ in range(s)]
@@ -94,7 +49,7 @@ def gauss_table(s: int) -> GaussTable:
                     shifted[k] += shifted[k + 1]
             for k in range(s):
                 M[k][j] = shifted[k]
-        L = [[(2 * k + 1) * b[j] * _evaluate(legendre[k], c[j]) for j in range(s)] for k in range(s)]
+        L = [[(2 * k + 1) * b[j] * evaluate(orthogonal[k], c[j]) for j in range(s)] for k in range(s)]
 
     def array(x: list[Decimal] | list[list[Decimal]]) -> NDArray[np.float64]:
         return np.array(x, dtype=float)

@@ -26,6 +26,7 @@ from robodyn_cli.integrators.trial import switching_function, trial_function
 from robodyn_cli.integrators.writer import LANES, Writer
 from robodyn_cli.kernels.arrays import Array, Total
 from robodyn_cli.kernels.ir import Condition, Value, module
+from robodyn_cli.kernels.program import Program
 
 SLACK = 2e-15  # a sample this close beyond the end of a step belongs to it
 
@@ -39,17 +40,26 @@ class Attempt:
 
 
 class Stepper:
-    """A method of integration. ``order`` is that of the solution, ``dense_order`` that of the dense output."""
+    """A method of integration. ``order`` is that of the solution, ``dense_order`` that of the dense output.
+
+    proportion : the global error falls at least as the tolerance to this power.
+    """
 
     name = ""
     order = 0
     dense_order = 0
     adaptive = True
+    proportion = 1.0
+    needs_jacobian = False
     largest_growth = 5.0
 
     def dense_size(self, system: System) -> int:
         """Return how many doubles dense output keeps."""
         raise NotImplementedError
+
+    def linearisation(self, system: System) -> Program | None:
+        """Return the program that a method with ``needs_jacobian`` evaluates in each step."""
+        return None
 
     def prepare(self, w: Writer) -> None:
         """Emit what is needed once at entry (slots, constants)."""

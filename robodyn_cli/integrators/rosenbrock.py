@@ -11,6 +11,7 @@ from robodyn_cli.integrators.writer import Writer
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Value
 from robodyn_cli.kernels.mathematics import rough_power
+from robodyn_cli.kernels.program import Program
 
 SAFETY = 0.9
 PROBE = 0.25  # part of a step at which the rate of z is looked at once more for dense output
@@ -20,6 +21,10 @@ class Rosenbrock(Stepper):
     """Rosenbrock method given by its table; dense output from the states and accelerations at both ends."""
 
     table: RosenbrockTable
+    needs_jacobian = True
+
+    def linearisation(self, system: System) -> Program:
+        return system.linearisation
 
     def dense_size(self, system: System) -> int:
         return 2 * (system.size + system.nv + system.nz) + system.nz
@@ -177,4 +182,5 @@ class Rosenbrock23(Rosenbrock):
     name = "rosenbrock23"
     order = 2
     dense_order = 2
+    proportion = 2.0 / 3.0
     table = ROSENBROCK23

@@ -18,6 +18,7 @@ from robodyn_cli.expr.graph import Scalar, count_operations
 from robodyn_cli.formulations.dynamics import Expanded, Rolled
 from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.formulations.system import GROUPS
+from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.writer import INLINE_LIMIT
 from robodyn_cli.kernels.program import make_program
 from robodyn_cli.run.deployment import Deployment
@@ -90,8 +91,11 @@ class Forward:
             return self._rolled_kernels(s.dynamics, held)
         assert isinstance(s.dynamics, Expanded)
         found = [stepped("accelerations", s.dynamics.program, held)]
-        if self.choice.method == "rodas5p":
-            found.append(stepped("accelerations and their derivatives", s.linearisation, "state"))
+        derivatives = (
+            methods[self.choice.method]().linearisation(s) if self.choice.method in methods else None
+        )
+        if derivatives is not None:
+            found.append(stepped("accelerations and their derivatives", derivatives, "state"))
         if s.positions is not None and s.velocities is not None:
             found.append(stepped("projection of positions", s.positions, "state"))
             found.append(stepped("projection of velocities", s.velocities, "state"))

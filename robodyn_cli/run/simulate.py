@@ -13,6 +13,7 @@ from robodyn_cli.errors import NumericalError, RobodynError, SceneError, Singula
 from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.formulations.system import EventFunction, System
 from robodyn_cli.integrators.integrator import Counters, Event, Grid, Integrator, Options
+from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.writer import ResultWriter
 from robodyn_cli.run.mass_matrix import nearly_singular, refuse_singular
@@ -148,7 +149,8 @@ def estimate_error(
     states = recorder.observer.project(grid.times(0, len(states)), states)
     q, qd = recorder.array("q")[: len(states)], recorder.array("qd")[: len(states)]
     states = states[: len(q)]
-    scale = 16 / 15 if method == "rk4" else 1.0
+    halved = 2.0 ** registry[method].order
+    scale = 1.0 if registry[method].adaptive else halved / (halved - 1.0)
     other_q, other_qd, _ = system.split(states)
     dq, dv = scale * np.abs(other_q - q), scale * np.abs(other_qd - qd)
     floor = rounding_floor(q, qd, counters.steps)

@@ -191,7 +191,7 @@ def run_entry(system: System, entry: Entry, start: Array, ref: Reference, repeat
 
 def supported(method: str, system: System) -> bool:
     """Tell whether a method can do a system."""
-    return not (method == "rodas5p" and system.nv > LARGEST)
+    return not (registry[method].needs_jacobian and system.nv > LARGEST)
 
 
 def best_at(entries: Sequence[Entry], levels: Sequence[float]) -> list[dict[str, Any]]:

@@ -15,6 +15,7 @@ from robodyn_cli.expr.formula import Formula as FormulaTree
 from robodyn_cli.forces.registry import force_types, joint_forces
 from robodyn_cli.loops.registry import loop_types
 from robodyn_cli.scene.commands import SCENE_COMMANDS
+from robodyn_cli.scene.methods import METHODS
 from robodyn_cli.schema.fields import (
     Boolean,
     Choice,
@@ -244,7 +245,7 @@ class SimulateOptions:
         Integer(minimum=2, maximum=100_000_000), default=1001, doc="Number of uniform samples."
     )
     integrator: str = key(
-        Choice(("auto", "gauss", "dop853", "dopri5", "rk4", "rodas5p")),
+        Choice(("auto", *METHODS)),
         default="auto",
         doc="Method of integration.",
     )
@@ -254,7 +255,7 @@ class SimulateOptions:
         Number(minimum=0.0, exclusive=True),
         default=None,
         unit="s",
-        doc="Step of the fixed-step method (`rk4`).",
+        doc="Step of the methods with a fixed step.",
     )
     max_steps: int = key(Integer(minimum=1), default=10_000_000, doc="Steps after which the run is stopped.")
     stabilisation: Any = key(

@@ -11,6 +11,7 @@ from robodyn_cli.scene.check import Check
 from robodyn_cli.scene.check_closures import check_couplers, check_moving_points
 from robodyn_cli.scene.check_forces import check_forces
 from robodyn_cli.scene.check_robot import check_robot, moving
+from robodyn_cli.scene.methods import FIXED_STEP
 from robodyn_cli.scene.nodes import Node, Path, Scalar
 from robodyn_cli.scene.points import BASE, point_link, point_problem
 from robodyn_cli.scene.types import Robot, Scene, Torque
@@ -153,14 +154,13 @@ def _in_degrees(node: Node | None) -> bool:
 def _check_runs(scene: Scene, check: Check) -> None:
     options = scene.simulate
     with check:
-        if options.integrator == "rk4" and options.step is None:
-            message = (
-                "has a fixed step: key 'step' is missing beside it (value 'rk4'); allowed: a number > 0 [s]"
-            )
-            check.fail(("simulate", "integrator"), message)
-        if options.integrator != "rk4" and options.step is not None:
+        fixed = options.integrator in FIXED_STEP
+        if fixed and options.step is None:
+            message = f"has a fixed step: key 'step' is missing beside it (value {options.integrator!r})"
+            check.fail(("simulate", "integrator"), f"{message}; allowed: a number > 0 [s]")
+        if not fixed and options.step is not None:
             message = f"does not go with integrator {options.integrator!r}, which chooses its own"
-            check.fail(("simulate", "step"), f"{message}; allowed: with rk4")
+            check.fail(("simulate", "step"), f"{message}; allowed: with {', '.join(FIXED_STEP)}")
     if scene.deploy.latch is not None:
         between = scene.deploy.latch.between
         links = [link.name for link in scene.robot.links]

@@ -20,19 +20,39 @@ from robodyn_cli.integrators.registry import methods
 from robodyn_cli.kernels import compiler
 from robodyn_cli.kernels.ir import Value
 from tests import systems
-from tests.systems import CASES, Case, advance, collect, integrate, samples, system
+from tests.systems import (
+    CASES,
+    Case,
+    advance,
+    collect,
+    integrate,
+    is_low,
+    samples,
+    settings,
+    system,
+    within_reach,
+)
 
 METHODS = tuple(methods)
 ADAPTIVE = tuple(m for m in METHODS if methods[m].adaptive)
+FOR_STIFF = {m for m in METHODS if m.startswith(("ro", "ra", "bdf", "implicit"))}
 each_method = pytest.mark.parametrize("method", METHODS)
 each_adaptive = pytest.mark.parametrize("method", ADAPTIVE)
 each_case = pytest.mark.parametrize("case", CASES, ids=str)
+ENOUGH = 5_000_000  # steps
 BLOW_UP = system(1, lambda t, q, v, z, p: [2.0 * q[0] * q[0] * q[0]])  # q = 1 / (1 - t)
 
 
 def fine(method: str) -> dict[str, Any]:
     """Options that make any method accurate to about 1e-9."""
-    return {"rtol": 1e-11, "atol": 1e-12} if methods[method].adaptive else {"step": 0.004}
+    if not methods[method].adaptive:
+        return {"step": 2e-4 if is_low(method) else 0.004}
+    return {"rtol": 1e-11, "atol": 1e-12}
+
+
+def fine_error(method: str) -> float:
+    """Error that these options leave, with a margin."""
+    return 3e-6 if is_low(method) else 1e-8
 
 
 def largest(x: Any) -> float:
@@ -62,10 +82,14 @@ def fixed_steps(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     yield
 
 
+# the iteration of this method stops where the tolerance says, above rounding
+FINEST = {"radau13": (1e-15, 1e-16)}
+
+
 def slope(points: list[tuple[float, float]], order: int) -> float:
     """Return the order that errors over numbers of steps show, where neither rounding nor long steps spoil it."""
-    low = 3e-12 if order > 10 else 1e-13 + 1e-14 * points[-1][0]
-    used = np.array([(n, e) for n, e in points if low < e < 1e-5])
+    low = 3e-11 if order == 13 else 3e-12 if order > 10 else 1e-13 + 1e-14 * points[-1][0]
+    used = np.array([(n, e) for n, e in points if low < e < (1e-2 if order <= 2 else 1e-5)])
     assert len(used) >= 3, points
     return -float(np.polyfit(np.log(used[:, 0]), np.log(used[:, 1]), 1)[0])
 
@@ -83,16 +107,18 @@ def test_the_order_is_what_is_stated(method: str, case: Case, fixed_steps: None)
     ends: list[tuple[float, float]] = []
     inside: list[tuple[float, float]] = []
     steps = end / 5.0
-    while steps < 4000 and (not ends or ends[-1][1] > (2e-12 if order > 10 else 5e-13)):
-        steps = np.ceil(1.1 * steps)
+    most, ratio = (30_000, 1.6) if order <= 2 else (4000, 1.1)
+    while steps < most and (not ends or ends[-1][1] > (2e-12 if order > 10 else 5e-13)):
+        steps = np.ceil(ratio * steps)
         step = end / steps
-        integrator.reset(0.0, case.start, Options(1e-13, 1e-14, step=step))
+        options = Options(*FINEST.get(method, (1e-13, 1e-14)), step=step)
+        integrator.reset(0.0, case.start, options)
         errors = []
         try:
             for stop in (0.37, 0.61, 0.83, 1.0):  # the error at one time may happen to vanish
                 integrator.advance(stop * end)
                 errors.append(end_error(case, integrator))
-            integrator.reset(0.0, case.start, Options(1e-13, 1e-14, step=step))
+            integrator.reset(0.0, case.start, options)
             times, states = collect(integrator, end, grid)
         except NumericalError:
             continue  # the iteration of an implicit method does not converge in such long steps
@@ -118,9 +144,11 @@ def test_the_error_follows_the_tolerance(method: str, case: Case) -> None:
         integrator = advance(case, method, rtol=tolerance, atol=tolerance)
         errors[tolerance] = end_error(case, integrator)
         if tolerance < 1e-1:
-            assert errors[tolerance] <= bound * tolerance + 2e-12, errors
+            assert errors[tolerance] <= bound * within_reach(method, tolerance) + 2e-12, errors
         assert np.isfinite(errors[tolerance])
-    assert errors[1e-3] >= 1e2 * errors[1e-7] >= 1e3 * min(errors[1e-11], 1e-10), errors
+    assert errors[1e-3] >= 1e2 * errors[1e-7], errors
+    # down to where rounding takes over
+    assert errors[1e-7] < 1e-11 or 1e2 * errors[1e-7] >= 1e3 * min(errors[1e-11], 1e-10), errors
 
 
 @each_adaptive
@@ -129,7 +157,9 @@ def test_the_error_follows_the_tolerance(method: str, case: Case) -> None:
 def test_samples_are_as_good_as_the_steps(method: str, case: Case, tolerance: float) -> None:
     grid = Grid(0.0, case.end / 2000, 2001)
     times, states, integrator = samples(case.system, method, case.start, grid, rtol=tolerance, atol=tolerance)
-    assert largest(states - case.exact(times)) <= GROWTH.get(case.name, 300.0) * tolerance
+    assert largest(states - case.exact(times)) <= GROWTH.get(case.name, 300.0) * within_reach(
+        method, tolerance
+    )
     np.testing.assert_allclose(states[-1], integrator.state, rtol=0, atol=tolerance)
     np.testing.assert_array_equal(states[0], case.start)
 
@@ -140,7 +170,7 @@ def test_samples_are_continuous_across_steps(method: str) -> None:
     case = systems.kepler()
     options = {"rtol": 1e-7, "atol": 1e-7} if methods[method].adaptive else {"step": 0.05}
     integrator = Integrator(case.system, method)
-    integrator.reset(0.0, case.start, Options(**options))
+    integrator.reset(0.0, case.start, settings(method, **options))
     ends = []
     while integrator.time < 5.0:
         integrator.options = dataclasses.replace(integrator.options, max_steps=integrator.counters.steps
@@ -153,7 +183,7 @@ def test_samples_are_continuous_across_steps(method: str) -> None:
     for end in ends[2:12]:
         grid = Grid(end - 4 * width, width, 9)
         _, states, _ = samples(case.system, method, case.start, Grid(0.0, grid.start, 2), **options)
-        integrator.reset(0.0, case.start, Options(**options))
+        integrator.reset(0.0, case.start, settings(method, **options))
         times, states = collect(integrator, 6.0, grid)
         smooth = np.polynomial.polynomial.polyfit(times - end, states, 2)
         rough = states - np.polynomial.polynomial.polyval(times - end, smooth).T
@@ -175,7 +205,7 @@ def test_sample_times_are_the_grid_and_nothing_else(
         times, states, integrator = samples(case.system, method, case.start, grid, **options, **fitting)
         np.testing.assert_array_equal(times, start + np.arange(count) * step)
         assert integrator.time == times[-1]
-    assert largest(states - case.exact(times - start)) < 1e-8 + 1e-10 * (abs(start) > 1e3)
+    assert largest(states - case.exact(times - start)) < fine_error(method) + 1e-10 * (abs(start) > 1e3)
 
 
 @each_method
@@ -191,10 +221,10 @@ def test_a_grid_may_begin_later_or_end_earlier_or_lie_outside(method: str) -> No
         (Grid(-5.0, 1.0, 2), []),
     ):
         integrator = Integrator(case.system, method)
-        integrator.reset(0.0, case.start, Options(**fine(method)))
+        integrator.reset(0.0, case.start, settings(method, **fine(method)))
         times, states = collect(integrator, 5.0, grid)
         np.testing.assert_allclose(times, expected, rtol=1e-15)
-        assert largest(states - case.exact(times)) < 1e-8
+        assert largest(states - case.exact(times)) < fine_error(method)
         assert integrator.time == 5.0
 
 
@@ -214,7 +244,7 @@ def test_blocks_and_slices_change_nothing(method: str, case: Case, monkeypatch: 
     ticks: list[float] = []
     integrator = Integrator(case.system, method)
     integrator._slice, integrator.tick = 1, ticks.append
-    integrator.reset(0.0, case.start, Options(**options))
+    integrator.reset(0.0, case.start, settings(method, **options))
     _, states = collect(integrator, case.end, grid, block=13)
     np.testing.assert_array_equal(states, whole)
     assert integrator.counters == first.counters
@@ -227,13 +257,13 @@ def test_a_run_may_stop_and_resume(method: str) -> None:
     grid = Grid(0.0, 0.05, 201)
     integrator = Integrator(case.system, method)
     for stops in ((3.33, 7.12, 10.0), (0.0, 5.0, 10.0), (1e-3, 2e-3, 10.0)):
-        integrator.reset(0.0, case.start, Options(**fine(method)))
+        integrator.reset(0.0, case.start, settings(method, **fine(method)))
         parts = [collect(integrator, stop, grid) for stop in stops]
         times, states = (np.concatenate([p[k] for p in parts]) for k in (0, 1))
         # a sample at a stop belongs to both parts
         assert len(times) == 201 + sum(any(stop == grid.times(0, 201)) for stop in stops[:-1])
         np.testing.assert_array_equal(np.unique(times), grid.times(0, 201))
-        assert largest(states - case.exact(times)) < 2e-7
+        assert largest(states - case.exact(times)) < 20 * fine_error(method)
         assert integrator.time == 10.0
 
 
@@ -246,7 +276,7 @@ def test_runs_repeat_exactly_after_a_reset(method: str) -> None:
         if disturb:
             integrator.reset(3.0, np.array(case.start) * 7.0, Options(1e-3, 1e-3, 0.1))
             integrator.advance(4.5)
-        integrator.reset(0.0, case.start, Options(**fine(method)))
+        integrator.reset(0.0, case.start, settings(method, **fine(method)))
         integrator.advance(case.end)
         results.append((integrator.state, integrator.counters))
     for state, counters in results[1:]:
@@ -261,17 +291,17 @@ def test_integrators_of_the_same_code_share_nothing(method: str) -> None:
     pair = [Integrator(case.system, method) for _ in range(2)]
     for k, integrator in enumerate(pair):
         integrator.reset(
-            0.0, case.start, Options(**({**fine(method), "atol": 1e-3 * k} if k else fine(method)))
+            0.0, case.start, settings(method, **({**fine(method), "atol": 1e-3 * k} if k else fine(method)))
         )
     for stop in (1.0, 2.0, 4.0):
         for integrator in reversed(pair):
             integrator.advance(stop)
     single = Integrator(case.system, method)
-    single.reset(0.0, case.start, Options(**fine(method)))
+    single.reset(0.0, case.start, settings(method, **fine(method)))
     for stop in (1.0, 2.0, 4.0):
         single.advance(stop)
     np.testing.assert_array_equal(pair[0].state, single.state)
-    assert largest(pair[0].state - alone) < 1e-8
+    assert largest(pair[0].state - alone) < fine_error(method)
 
 
 # -- kinks ------------------------------------------------------------------------------------------------
@@ -308,9 +338,10 @@ def table_case(breakpoints: tuple[float, ...]) -> Case:
 def test_kinks_cost_no_accuracy(method: str) -> None:
     case = table_case(TABLE[0])
     grid = Grid(0.0, 6.0 / 777, 778)
-    for tolerance in (1e-5, 1e-8, 1e-11):
+    for tolerance in dict.fromkeys(within_reach(method, x) for x in (1e-5, 1e-8, 1e-11)):
         adaptive = methods[method].adaptive
-        options = {"rtol": tolerance, "atol": tolerance} if adaptive else {"step": 0.5 * tolerance**0.25}
+        step = 0.5 * tolerance ** (1.0 / methods[method].order)
+        options = {"rtol": tolerance, "atol": tolerance} if adaptive else {"step": step}
         times, states, integrator = samples(case.system, method, case.start, grid, **options)
         assert largest(states - case.exact(times)) <= 300 * tolerance
         assert integrator.counters.rejected <= 2
@@ -334,7 +365,7 @@ def test_breakpoints_in_odd_places_do_no_harm(method: str, points: tuple[float, 
     body = dataclasses.replace(case.system, breakpoints=points)
     times, states, integrator = samples(body, method, case.start, Grid(0.0, 0.5, 13), **fine(method))
     assert integrator.time == 6.0 and len(times) == 13
-    assert largest(states - case.exact(times)) < 1e-8
+    assert largest(states - case.exact(times)) < fine_error(method)
 
 
 FRONTS = {
@@ -356,8 +387,8 @@ def test_steep_fronts_are_not_stepped_over(method: str, kind: str, width: float)
     exact.reset(0.0, (1.0, 0.0), Options(1e-13, 1e-14, max_step=0.01))
     exact.advance(10.0)
     integrator = Integrator(body, method)
-    for tolerance in (1e-4, 1e-6, 1e-8, 1e-10):
-        integrator.reset(0.0, (1.0, 0.0), Options(tolerance, tolerance * 1e-2))
+    for tolerance in dict.fromkeys(within_reach(method, x) for x in (1e-4, 1e-6, 1e-8, 1e-10)):
+        integrator.reset(0.0, (1.0, 0.0), settings(method, tolerance, tolerance * 1e-2))
         integrator.advance(10.0)
         assert largest(integrator.state - exact.state) < 1e3 * tolerance
 
@@ -376,7 +407,7 @@ def test_parameters(method: str) -> None:
         times, states, integrator = samples(
             body, method, start, Grid(0.0, 0.5, 9), parameters=parameters, **fine(method)
         )
-        assert largest(states - systems.oscillator(w).exact(times)) < 1e-8
+        assert largest(states - systems.oscillator(w).exact(times)) < fine_error(method)
         parameters[0] = 77.0
         assert integrator.p[0] == w * w, "the caller's array is his own"
     with pytest.raises(ValueError, match="the system has 3 parameters, got 1"):
@@ -410,7 +441,7 @@ def test_the_longest_step_is_kept(method: str) -> None:
     case = systems.oscillator()
     integrator = advance(case, method, 10.0, rtol=1e-3, atol=1e-3, max_step=0.05)
     assert integrator.counters.steps >= 200
-    assert end_error(case, integrator) < 1e-4
+    assert end_error(case, integrator) < (1e-3 if is_low(method) else 1e-4)
 
 
 def test_fixed_steps_are_counted_exactly() -> None:
@@ -432,7 +463,10 @@ def test_fixed_steps_are_counted_exactly() -> None:
 @each_method
 def test_a_step_may_be_suggested_to_any_method(method: str) -> None:
     case = systems.oscillator()
-    assert end_error(case, advance(case, method, 5.0, rtol=1e-9, atol=1e-9, step=0.01)) < 1e-7
+    step = 1e-4 if is_low(method) else 0.01
+    assert end_error(case, advance(case, method, 5.0, rtol=1e-9, atol=1e-9, step=step)) < 100 * within_reach(
+        method, 1e-9
+    )
 
 
 # -- failures -----------------------------------------------------------------------------------------------
@@ -440,10 +474,10 @@ def test_a_step_may_be_suggested_to_any_method(method: str) -> None:
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-10])
 def test_a_blow_up_in_finite_time_is_caught_where_it_happens(method: str, tolerance: float) -> None:
     integrator = Integrator(BLOW_UP, method)
-    integrator.reset(0.0, (1.0, 1.0), Options(tolerance, tolerance, max_steps=200_000))
+    integrator.reset(0.0, (1.0, 1.0), settings(method, tolerance, tolerance, max_steps=ENOUGH))
     with pytest.raises(NumericalError) as caught:
         integrator.advance(2.0)
-    assert abs(caught.value.details["time"] - 1.0) < 100 * tolerance
+    assert abs(caught.value.details["time"] - 1.0) < 100 * within_reach(method, tolerance)
     assert np.all(np.isfinite(integrator.state))
 
 
@@ -451,7 +485,7 @@ def test_a_blow_up_in_finite_time_is_caught_where_it_happens(method: str, tolera
 def test_samples_before_a_failure_are_kept(method: str) -> None:
     integrator = Integrator(BLOW_UP, method)
     options = fine(method)
-    integrator.reset(0.0, (1.0, 1.0), Options(**options, max_steps=200_000))
+    integrator.reset(0.0, (1.0, 1.0), settings(method, **options, max_steps=ENOUGH))
     blocks: list[tuple[Any, Any]] = []
     with pytest.raises(NumericalError):
         integrator.run(2.0, Grid(0.0, 0.01, 201), lambda t, x: blocks.append((t, x)), block=10)
@@ -476,7 +510,9 @@ def test_rates_that_are_no_numbers_are_never_accepted(method: str, kind: str) ->
     body = system(nv, rates)
     integrator = Integrator(body, method)
     options = {"rtol": 1e-6, "atol": 1e-6} if methods[method].adaptive else {"step": 0.01}
-    integrator.reset(0.0, [0.9, 0.1, 1.5, 0.0][: 2 * nv] if nv == 2 else [0.9, 1.5], Options(**options))
+    integrator.reset(
+        0.0, [0.9, 0.1, 1.5, 0.0][: 2 * nv] if nv == 2 else [0.9, 1.5], settings(method, **options)
+    )
     with pytest.raises(NumericalError) as caught:
         integrator.advance(3.0)
     assert np.all(np.isfinite(integrator.state)) and np.isfinite(integrator.time)
@@ -515,11 +551,11 @@ def test_units_do_not_matter(method: str, rate: float, size: float) -> None:
         return [-(w * w * size) * f.sin(q[0] / size)]
 
     integrator = Integrator(system(1, pendulum), method)
-    integrator.reset(0.0, (1.5 * size, 0.0), Options(1e-9, 1e-9 * min(size, size * w)))
+    integrator.reset(0.0, (1.5 * size, 0.0), settings(method, 1e-9, 1e-9 * min(size, size * w)))
     integrator.advance(10.0 / w)
     got = integrator.state / [size, size * w]
     expected = systems.pendulums(1.5).exact(np.array([10.0]))[0]
-    assert largest(got - expected) < 1e-6
+    assert largest(got - expected) < 1e3 * within_reach(method, 1e-9)
     # the tolerance is absolute for positions and velocities alike, so one of the two may be held tighter
     assert (
         integrator.counters.steps
@@ -544,7 +580,7 @@ def test_far_from_time_zero(method: str, start: float) -> None:
     case = systems.forced()
     times, states, _ = samples(body, method, case.start, Grid(start, 0.125, 81), rtol=1e-9, atol=1e-9)
     # a time near 1e6 is known to 1e-10
-    assert largest(states - case.exact(times - start)) < 2e-7
+    assert largest(states - case.exact(times - start)) < 200 * within_reach(method, 1e-9)
 
 
 @each_adaptive
@@ -553,24 +589,26 @@ def test_a_tolerance_of_zero_for_what_is_zero(method: str) -> None:
     case = systems.oscillator()
     for start in ((1.0, 0.0), (0.0, 1.0)):
         integrator = Integrator(case.system, method)
-        integrator.reset(0.0, start, Options(1e-9, 0.0, max_steps=100_000))
+        integrator.reset(0.0, start, settings(method, 1e-9, 0.0, max_steps=ENOUGH))
         integrator.advance(10.0)
         expected = case.exact(np.array([10.0]))[0] if start[0] else [np.sin(10.0), np.cos(10.0)]
-        assert largest(integrator.state - expected) < 1e-7
+        assert largest(integrator.state - expected) < 100 * within_reach(method, 1e-9)
     idle = system(2, lambda t, q, v, z, p: [-q[0], -q[1] * (1.0 + q[0])])
     integrator = Integrator(idle, method)
-    integrator.reset(0.0, (1.0, 0.0, 0.0, 0.0), Options(1e-9, 0.0, max_steps=100_000))
+    integrator.reset(0.0, (1.0, 0.0, 0.0, 0.0), settings(method, 1e-9, 0.0, max_steps=ENOUGH))
     integrator.advance(10.0)
-    assert largest(integrator.state[[0, 2]] - case.exact(np.array([10.0]))[0]) < 1e-7
+    assert largest(integrator.state[[0, 2]] - case.exact(np.array([10.0]))[0]) < 100 * within_reach(
+        method, 1e-9
+    )
     np.testing.assert_array_equal(integrator.state[[1, 3]], 0.0)
 
 
 @each_adaptive
 def test_a_quadrature_faster_than_the_motion_is_resolved(method: str) -> None:
     body = system(1, lambda t, q, v, z, p: ([-q[0]], [f.cos(20.0 * t)]), nz=1)
-    for tolerance in (1e-4, 1e-7, 1e-10):
+    for tolerance in (1e-4, 1e-7, within_reach(method, 1e-10)):
         integrator = Integrator(body, method)
-        integrator.reset(0.0, (1.0, 0.0, 0.0), Options(tolerance, tolerance))
+        integrator.reset(0.0, (1.0, 0.0, 0.0), settings(method, tolerance, tolerance))
         integrator.advance(20.0)
         assert abs(integrator.state[2] - np.sin(400.0) / 20.0) < 100 * tolerance
 
@@ -600,14 +638,15 @@ def test_stiff_motion_is_right_or_refused(method: str, k: float, c: float, toler
     case = stiff(k, c)
     integrator = Integrator(case.system, method)
     limit = 40_000
-    integrator.reset(0.0, case.start, Options(tolerance, tolerance, max_steps=limit))
+    integrator.reset(0.0, case.start, settings(method, tolerance, tolerance, max_steps=limit))
     try:
         integrator.advance(case.end)
     except NumericalError as error:
         counters = integrator.counters
         assert "more than" in error.message and counters.steps + counters.rejected == limit
         assert counters.evaluations < 30 * limit
-        assert c >= 1e6 and method != "rodas5p"
+        # a method for stiff motion gets through, unless its order is too low to follow an oscillation
+        assert (is_low(method) and c < 1e4) or (c >= 1e6 and method not in FOR_STIFF)
         return
     q, v = integrator.state[:2], integrator.state[2:]
     exact = case.exact(np.array([case.end]))[0]
@@ -638,7 +677,7 @@ def test_fixed_or_not_no_method_returns_what_is_not_finite(method: str) -> None:
     """A step far beyond stability makes an explicit method explode; that is an error, not a result."""
     case = stiff(1e9, 0.0)
     integrator = Integrator(case.system, method)
-    integrator.reset(0.0, case.start, Options(1e-6, 1e-6, step=0.01, max_steps=100_000))
+    integrator.reset(0.0, case.start, settings(method, 1e-6, 1e-6, step=0.01, max_steps=100_000))
     try:
         integrator.advance(5.0)
     except NumericalError as error:
@@ -691,9 +730,9 @@ def test_projection_keeps_the_constraints(method: str, tolerance: float) -> None
     options = (
         {"rtol": tolerance, "atol": tolerance}
         if methods[method].adaptive
-        else {"step": 0.2 * tolerance**0.25}
+        else {"step": 0.2 * within_reach(method, tolerance) ** (1.0 / methods[method].order)}
     )
-    integrator.reset(0.0, (-1.0, 0.0, 0.0, 0.0), Options(**options))
+    integrator.reset(0.0, (-1.0, 0.0, 0.0, 0.0), settings(method, **options))
     for stop in np.linspace(0.05, 10.0, 120):
         integrator.advance(float(stop))
         x, y, u, w = integrator.state
@@ -701,7 +740,7 @@ def test_projection_keeps_the_constraints(method: str, tolerance: float) -> None
         assert abs(x * u + y * w) < 2e-14
     assert integrator.counters.projections >= integrator.counters.steps
     exact = (-0.27508746257611686, -0.961419205099125064, 4.17559810095172884, -1.19474905456047527)
-    assert largest(integrator.state - exact) < max(2e4 * tolerance, 3e-9)
+    assert largest(integrator.state - exact) < max(2e4 * within_reach(method, tolerance), 3e-9)
 
 
 # -- geometry of the flow -------------------------------------------------------------------------------------
@@ -752,7 +791,7 @@ def test_long_equations_are_called_and_give_the_same(method: str, monkeypatch: p
     (_, inline, a), (_, called, b) = runs
     np.testing.assert_allclose(called, inline, rtol=0, atol=1e-11)
     assert a.counters.events == b.counters.events == 2
-    assert abs(a.counters.steps - b.counters.steps) <= 2
+    assert abs(a.counters.steps - b.counters.steps) <= 2 + 0.05 * a.counters.steps
 
 
 @each_method
@@ -762,7 +801,7 @@ def test_without_fused_multiply_add_too(method: str, monkeypatch: pytest.MonkeyP
     host = compiler.machine()
     monkeypatch.setattr(module, "machine", lambda: dataclasses.replace(host, fused=False))
     case = systems.pendulums(0.5, 1.5)
-    assert end_error(case, advance(case, method, 5.0, **fine(method))) < 1e-7
+    assert end_error(case, advance(case, method, 5.0, **fine(method))) < 10 * fine_error(method)
 
 
 @each_method

@@ -1,0 +1,8 @@
+"""Names of the methods of integration, as scenes write them."""
+
+from __future__ import annotations
+
+FIXED_STEP = ("rk4",)
+METHODS = (
+    "gauss", "dop853", "dopri5", "rodas5p", "rosenbrock23", "radau", "radau9", "radau13", *FIXED_STEP,
+)  # fmt: skip
