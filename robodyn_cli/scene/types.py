@@ -13,6 +13,7 @@ from typing import Any
 from robodyn_cli.expr.expectation import Expectation
 from robodyn_cli.expr.formula import Formula as FormulaTree
 from robodyn_cli.forces.registry import force_types, joint_forces
+from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.loops.registry import loop_types
 from robodyn_cli.scene.commands import SCENE_COMMANDS
 from robodyn_cli.scene.methods import METHODS
@@ -67,7 +68,7 @@ class Joint:
     """A joint and where it sits: by D-H parameters, or by ``origin`` and ``axis``."""
 
     name: str = key(Name(of="joint"), doc="Name; also the name of its coordinate in formulas.")
-    type: str = key(Choice(("revolute", "prismatic", "fixed")), doc="Kind of joint.")
+    type: str = key(Choice(tuple(joint_types)), doc="Kind of joint.")
     parent: str | None = key(
         Name(of="link"), default=None, doc="Link it hangs on, or `base`; default: the previous joint's link."
     )

@@ -317,7 +317,7 @@ def anchors(page: Path) -> set[str]:
     return {reference().slug(h) for h in re.findall(r"^#+ (.+)$", prose, re.MULTILINE)}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", [*PAGES, *DOCS.glob("*/*.md")], ids=lambda page: page.name)
 def test_links_lead_somewhere(page: Path) -> None:
     content = re.sub(r"^```.*?^```$", "", page.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE)
     for target in re.findall(r"\]\(([^)\s]+)\)", content):
@@ -351,7 +351,7 @@ def test_source_files_named_exist(page: Path) -> None:
             assert any(list(base.glob(name)) for base in (ROOT / "robodyn_cli", ROOT, page.parent)), name
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", [*PAGES, *DOCS.glob("*/*.md")], ids=lambda page: page.name)
 def test_pages_are_about_the_tool_alone(page: Path) -> None:
     content = page.read_text("utf-8")
     assert not re.search(r"(?<![\w.])/(work|tmp|home|root)/", content)
