@@ -15,6 +15,7 @@ from robodyn_cli.cli import (
     run,
     schema,
     simulate,
+    stability,
     validate,
     work_precision,
 )
@@ -41,6 +42,7 @@ app.command("info")(info.command)
 app.command("new")(new.command)
 app.command("run")(run.command)
 app.command("schema")(schema.command)
+app.command("stability")(stability.command)
 app.command("validate")(validate.command)
 app.command("work-precision")(work_precision.command)
 

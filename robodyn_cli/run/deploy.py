@@ -10,6 +10,7 @@ from robodyn_cli.integrators.integrator import Event, Grid, Integrator
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.writer import ResultWriter
 from robodyn_cli.run.deployment import Deployment, Found
+from robodyn_cli.run.gains import with_gains
 from robodyn_cli.run.lock_report import bifurcation, conclude, criteria, describe_lock, events
 from robodyn_cli.run.observe import Observer, Recorder
 from robodyn_cli.run.progress import Progress, no_progress
@@ -54,6 +55,7 @@ def deploy(
     RobodynError : with attribute ``result``; SingularConfigurationError at a bifurcation.
     """
     watch = watch or Stopwatch()
+    scene, gains = with_gains(scene, watch)
     run = Deployment(scene, watch)
     with watch.stage("scan"):
         found = run.scan(run.options, progress=progress)
@@ -63,6 +65,8 @@ def deploy(
     recorder, integrator = _record(run, found, met, progress, watch, writer)
     result = new_result(scene, "deploy", recorder, events(run, found))
     describe_run(result, run.setup, recorder, integrator, run.choice)
+    if gains is not None:
+        result.summary["baumgarte"] = gains
     violated = check_redundant(run.problem, run.setup.assembled, recorder, result.summary)
     if violated is not None:
         raise fail(result, violated, watch)

@@ -196,8 +196,13 @@ def simulate(
     ------
     RobodynError : with attribute ``result`` holding what was computed until then.
     """
+    watch = watch or Stopwatch()
+    gains = None
+    if scene.simulate.stabilisation == "baumgarte":
+        from robodyn_cli.run.gains import with_gains  # which needs this module
+
+        scene, gains = with_gains(scene, watch)
     setup = prepare(scene, watch)
-    watch = setup.watch
     problem = setup.problem
     with watch.stage("equations"):
         events: tuple[EventFunction, ...] = ()
@@ -235,6 +240,8 @@ def simulate(
     integrator = run.integrator
     result = new_result(scene, "simulate", recorder, found)
     describe_run(result, setup, recorder, integrator, run.choice)
+    if gains is not None:
+        result.summary["baumgarte"] = gains
     failure = check_redundant(problem, setup.assembled, recorder, result.summary) or failure
     result.summary["counters"] = run.counters.as_dict()
     if run.switches:

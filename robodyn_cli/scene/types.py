@@ -260,9 +260,10 @@ class SimulateOptions:
     )
     max_steps: int = key(Integer(minimum=1), default=10_000_000, doc="Steps after which the run is stopped.")
     stabilisation: Any = key(
-        Either((Choice(("projection", "none")), Section(Baumgarte))),
+        Either((Choice(("projection", "baumgarte", "none")), Section(Baumgarte))),
         default="projection",
-        doc="How loops stay closed: `projection`, `none`, or Baumgarte's {alpha, beta}.",
+        doc="How loops stay closed: `projection`, `none`, Baumgarte's {alpha, beta}, or `baumgarte` with "
+        "gains that the run chooses.",
     )
     singular: str = key(
         Choice(("stop", "pass")),

@@ -112,7 +112,7 @@ BAD = [
     ("robot.joints.0.type", "hinge"),
     ("robot.joints.0.alpa", 0), ("robot.links.0.mass", -1), ("robot.links.0.mass", "heavy"), ("robot.convention", "dh"),
     ("initial.q", [1]), ("initial.q.j1", True), ("simulate.rtol", 1.0), ("simulate.samples", 1.5),
-    ("simulate.integrator", "euler"), ("simulate.stabilisation", {"alpha": 1}), ("simulate.stabilisation", "baumgarte"),
+    ("simulate.integrator", "euler"), ("simulate.stabilisation", {"alpha": 1}), ("simulate.stabilisation", "penalty"),
     ("trajectory.type", "spiral"), ("trajectory.radius", ...), ("trajectory.radius", 0), ("trajectory.speed", 1),
     ("robot.joints.0.friction", {"viscous": -1}), ("robot.joints.0.friction", {"coulomb": {"positive": 1}}),
     ("torques", {"j1": [1]}), ("actuated", "j1"), ("expect", ["ok"]), ("command", "fly"),

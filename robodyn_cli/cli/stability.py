@@ -1,0 +1,184 @@
+"""``robodyn stability``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from robodyn_cli.cli.console import Console, guarded
+from robodyn_cli.cli.describe import table
+from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet
+from robodyn_cli.errors import SceneError
+
+
+def command(
+    scene: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[SCENE.yaml]", help="Scene to report on; none with --suite.", show_default=False
+        ),
+    ] = None,
+    suite: Annotated[
+        bool, typer.Option("--suite", help="Run the suite of stiff and extreme cases instead of a scene.")
+    ] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Smaller budgets: seconds instead of minutes.")] = False,
+    cases: Annotated[
+        str | None, typer.Option("--cases", metavar="A,B", help="Cases of the suite to run. [default: all]")
+    ] = None,
+    out: OutDir = None,
+    overrides: Overrides = None,
+    no_plots: NoPlots = False,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """What limits the step, and what every method makes of a scene or of the suite of extreme cases."""
+    console = Console(as_json, quiet)
+
+    def action() -> int:
+        if suite == (scene is not None):
+            raise SceneError("stability: give either a scene or --suite")
+        if scene is not None:
+            if cases is not None:
+                raise SceneError("--cases: only with --suite")
+            return report(scene, overrides, quick, out, no_plots, console)
+        if overrides:
+            raise SceneError("--set: not with --suite, whose cases are what they are")
+        return run_suite(cases.split(",") if cases else None, quick, out, no_plots, console)
+
+    guarded(console, action)
+
+
+def report(
+    scene: Path, overrides: Sequence[str] | None, quick: bool, out: Path | None, no_plots: bool, console: Console
+) -> int:  # fmt: skip
+    """Report on one scene."""
+    from robodyn_cli.cli.runner import default_directory
+    from robodyn_cli.report.plots_stability import files, save
+    from robodyn_cli.results.hdf5 import write
+    from robodyn_cli.results.output_dir import OutputDirectory
+    from robodyn_cli.run.stability import stability
+    from robodyn_cli.scene.load import load_scene
+
+    loaded = load_scene(scene, list(overrides or ()))
+    with OutputDirectory(out or default_directory(scene, "stability"), files()) as directory:
+        result = stability(loaded, quick, console.progress)
+        console.clear()
+        result.summary = {"status": "ok", "command": "stability", "title": result.title, **result.summary}
+        write(result, directory.result_path)
+        if not no_plots:
+            directory.record(save(result, directory.path))
+        directory.write_summary(result.summary)
+        console.data((directory.path / "summary.json").read_text(encoding="utf-8").rstrip())
+        console.say(describe(result.summary))
+        console.say(f"results: {directory.path}  ({', '.join(directory.outputs)})")
+    return 0
+
+
+def run_suite(
+    cases: Sequence[str] | None, quick: bool, out: Path | None, no_plots: bool, console: Console
+) -> int:
+    """Run the suite; 1 if a case misses its expectation."""
+    from robodyn_cli.report.plots_suite import files, save
+    from robodyn_cli.results.atomic import write_bytes
+    from robodyn_cli.results.hdf5 import write
+    from robodyn_cli.results.output_dir import OutputDirectory
+    from robodyn_cli.run.stability_suite import suite
+
+    with OutputDirectory(out or Path("outputs") / "stability-suite", files()) as directory:
+        result = suite(quick, cases, console.progress, lambda line: console.note(line))
+        console.clear()
+        result.summary = {"status": result.status, "command": "stability", **result.summary}
+        write(result, directory.result_path)
+        for case in result.summary["cases"]:
+            write_bytes(directory.path / f"{case['name']}.yaml", case.pop("scene").encode())
+        if not no_plots:
+            directory.record(save(result, directory.path))
+        directory.write_summary(result.summary)
+        console.data((directory.path / "summary.json").read_text(encoding="utf-8").rstrip())
+        console.say(describe_suite(result.summary))
+        console.say(f"results: {directory.path}  ({', '.join(directory.outputs)})")
+    return 0 if result.summary["missed"] == 0 else 1
+
+
+def small(x: Any) -> str:
+    """Return a number in few characters."""
+    return "-" if x is None else f"{x:.2g}"
+
+
+def describe(summary: Mapping[str, Any]) -> str:
+    """Return the report for the terminal."""
+    lines = [str(summary["title"])]
+    ref, found = summary["reference"], summary["spectrum"]
+    if ref is None:
+        lines.append("  reference          none: no two methods get through at tight tolerance")
+    else:
+        lines.append(
+            f"  reference          {ref['methods'][0]} and {ref['methods'][1]} agree to {ref['digits']:.1f} digits up to "
+            f"t = {ref['until']:.4g} s"
+        )
+        if ref["ends_early"]:
+            lines.append(f"  the motion ends    {ref['ends_early']}")
+    if found is not None:
+        lines.append(
+            f"  spectrum           stiffness ratio up to {found['stiffness_ratio']:.3g}; fastest decay "
+            f"{found['fastest_decay']:.3g} 1/s, oscillation {found['fastest_oscillation']:.3g} rad/s, growth "
+            f"{found['fastest_growth']:.3g} 1/s"
+        )
+        limits = ", ".join(
+            f"{x['method']} {small(x['largest_step'])} s" for x in summary["step_limits"] if x["largest_step"]
+        )
+        lines.append(f"  largest steps      {limits or 'no limit'}")
+    growth = {g["method"]: g for g in summary["energy_growth"]["methods"]}
+    rows = [["method", "status", "error / range", "estimate", "steps", "time [ms]", "energy, 1000 periods", "grows as"]]
+    for m in summary["methods"]:
+        g = growth.get(m["method"])
+        name = f"auto ({m['chosen']})" if m["method"] == "auto" and m["chosen"] else m["method"]
+        exponent = g["exponent"] if g else None
+        rows.append(
+            [name, m["status"].replace("_", " "), small(m["relative"]), small(m["estimate"]), str(m["steps"]),
+             f"{1e3 * m['seconds']:.3g}", small(g["largest_relative"]) if g else "-",
+             "-" if exponent is None else f"t^{exponent:.1f}"]
+        )  # fmt: skip
+    lines.append(table(rows))
+    lines += [
+        f"  {m['method']}: {m['message']}"
+        for m in summary["methods"]
+        if m["message"] and m["status"] != "stable"
+    ]
+    for name, words in (("own", "as the scene asks"), ("fixed", "fixed step")):
+        found = (summary.get("baumgarte") or {}).get(name)
+        if found and "chosen" in found:
+            c = found["chosen"]
+            lines.append(
+                f"  Baumgarte          {words} ({found['method']}): alpha = beta = {c['alpha']:.3g} 1/s = "
+                f"{c['factor']:.3g}/h with h = {c['step']:.3g} s; drift {c['drift']:.1e}, error {c['error']:.1e}, "
+                f"of the projected run {c['integration_error']:.1e}"
+            )
+    return "\n".join(lines)
+
+
+def describe_suite(summary: Mapping[str, Any]) -> str:
+    """Return the suite's verdicts for the terminal."""
+    names = summary["methods"]
+    rows = [["case", "verdict", *names]]
+    for case in summary["cases"]:
+        marks = [_mark(case["methods"].get(n)) for n in names]
+        rows.append([case["name"], "ok" if case["holds"] else "MISSED", *marks])
+    lines = [table(rows), "  errors over the range; ! inaccurate, x diverged, >> too slow, - unsupported"]
+    lines += [f"  {case['name']}: {case['found']}" for case in summary["cases"] if not case["holds"]]
+    lines.append(f"  {len(summary['cases']) - summary['missed']} of {len(summary['cases'])} cases as expected")
+    return "\n".join(lines)
+
+
+def _mark(trial: Mapping[str, Any] | None) -> str:
+    if trial is None:
+        return ""
+    status = trial["status"]
+    if status in ("stable", "inaccurate"):
+        return (
+            small(trial["relative"]) if trial["relative"] is not None else "ran"
+        ) + ("!" if status == "inaccurate" else "")  # fmt: skip
+    return {"diverged": "x", "too_slow": ">>", "unsupported": "-"}[status]

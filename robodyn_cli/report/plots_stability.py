@@ -1,0 +1,275 @@
+"""Drawings of ``stability``: spectrum and step limits along the run, methods, energy, Baumgarte's gains."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from robodyn_cli.report.style import COLOURS, DASHES, GREY
+from robodyn_cli.results.result import Result
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# colour-blind safe, and told apart by hatch and word too
+STATUS = {
+    "stable": ("#009E73", ""),
+    "inaccurate": ("#E69F00", "///"),
+    "diverged": ("#D55E00", "xxx"),
+    "too_slow": ("#56B4E9", "..."),
+    "unsupported": ("#bbbbbb", ""),
+}
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+LEAST = 1e-16
+
+
+def files() -> tuple[str, ...]:
+    """Return the names of the drawings that may be made."""
+    return tuple(f"{name}.png" for name in DRAWINGS)
+
+
+def _titled(width: float, height: float, result: Result, subtitle: str) -> Figure:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), dpi=120)
+    figure.text(0.1, 1 - 0.22 / height, result.title, fontsize=11, fontweight="bold", va="center")
+    figure.text(0.1, 1 - 0.45 / height, subtitle, color=GREY, va="center")
+    return figure
+
+
+def _powers(ax: Axes, *axes: str) -> None:
+    from matplotlib.ticker import NullFormatter
+
+    from robodyn_cli.report.ticks import PowerFormatter
+
+    for name in axes:
+        one = getattr(ax, f"{name}axis")
+        one.set_major_formatter(PowerFormatter())
+        one.set_minor_formatter(NullFormatter())
+
+
+def spectrum(result: Result) -> Figure | None:
+    """Eigenvalues in the complex plane, rates along the run, largest stable steps along the run."""
+    if "stability/time" not in result:
+        return None
+    time = result["stability/time"]
+    real, imaginary = result["stability/eigenvalues_real"], result["stability/eigenvalues_imaginary"]
+    found = result.summary["spectrum"]
+    figure = _titled(
+        7.6, 7.4, result,
+        f"stiffness ratio at most {found['stiffness_ratio']:.3g}; fastest decay {found['fastest_decay']:.3g} 1/s, "
+        f"fastest oscillation {found['fastest_oscillation']:.3g} rad/s",
+    )  # fmt: skip
+    plane = figure.add_axes((0.1, 0.545, 0.72, 0.345))
+    bar = figure.add_axes((0.85, 0.545, 0.022, 0.345))
+    size = max(float(np.abs(real).max()), float(np.abs(imaginary).max()), 1e-9)
+    smallest = max(found["slowest_rate"], 1e-9 * size)
+    shades = np.repeat(time[:, None], real.shape[1], axis=1)
+    dots = plane.scatter(
+        real.ravel(), imaginary.ravel(), c=shades.ravel(), cmap="cividis", s=11, linewidths=0
+    )
+    for name, values in (("x", real), ("y", imaginary)):
+        largest = float(np.abs(values).max())
+        if largest > 30.0 * smallest:
+            getattr(plane, f"set_{name}scale")("symlog", linthresh=smallest, linscale=0.6)
+            _sparse(plane, name, smallest, largest)
+    plane.axvline(0.0, color=GREY, linewidth=0.8)
+    plane.margins(0.06)
+    plane.set_xlabel("real part of the eigenvalues [1/s]: left decays, right grows")
+    plane.set_ylabel("imaginary part [rad/s]")
+    figure.colorbar(dots, cax=bar).set_label("time [s]")
+    steps = result["stability/step_limit"]
+    names = result.variables["stability/step_limit"].names
+    ax = figure.add_axes((0.1, 0.17, 0.84, 0.265))
+    for k, name in enumerate(names):
+        good = np.isfinite(steps[:, k])
+        ax.plot(
+            time[good], steps[good, k], color=COLOURS[k % len(COLOURS)], linestyle=DASHES[k % len(DASHES)], label=name,
+            marker=MARKERS[k % len(MARKERS)] if good.sum() < 4 else None,
+        )  # fmt: skip
+    ax.set_yscale("log")
+    _powers(ax, "y")
+    ax.set_xlabel("time [s]")
+    ax.set_ylabel("largest stable step [s]")
+    figure.legend(
+        *ax.get_legend_handles_labels(), loc="lower left", bbox_to_anchor=(0.08, 0.045), ncols=4
+    )
+    figure.text(
+        0.1, 0.022, "explicit: all modes inside |R| <= 1; gauss: the iteration that solves a step contracts",
+        color=GREY, fontsize=8,
+    )  # fmt: skip
+    return figure
+
+
+def _sparse(ax: Axes, name: str, smallest: float, largest: float) -> None:
+    """Put a handful of ticks on a symmetric logarithmic axis."""
+    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
+    from robodyn_cli.report.ticks import power
+
+    first, last = int(np.ceil(np.log10(smallest))), int(np.floor(np.log10(largest)))
+    every = max(1, (last - first) // 4)
+    powers = list(range(last, first - 1, -every)) if last >= first else []
+    places = [0.0, *(s * 10.0**p for p in powers for s in (-1.0, 1.0))]
+    axis = getattr(ax, f"{name}axis")
+    axis.set_major_locator(FixedLocator(sorted(places)))
+    axis.set_minor_locator(NullLocator())
+
+    def text(x: float, _: Any = None) -> str:
+        if x == 0.0:
+            return "0"
+        return ("−" if x < 0 else "") + power(round(np.log10(abs(x))))
+
+    axis.set_major_formatter(FuncFormatter(text))
+
+
+def methods(result: Result) -> Figure | None:
+    """Error of each method at its default settings as a bar, with its status in words."""
+    rows = result.summary["methods"]
+    if not rows:
+        return None
+    height = 1.3 + 0.32 * len(rows)
+    ref = result.summary["reference"]
+    told = (
+        f"against {ref['methods'][0]} and {ref['methods'][1]}, which agree to {ref['digits']:.1f} digits up to t = "
+        f"{ref['until']:.4g} s"
+        if ref
+        else "no reference: no two methods get through at tight tolerance"
+    )
+    figure = _titled(7.6, height, result, told)
+    ax = figure.add_axes((0.17, 0.52 / height, 0.52, 0.32 * len(rows) / height))
+    for k, row in enumerate(rows):
+        colour, hatch = STATUS[row["status"]]
+        value = row["relative"]
+        if value is not None:
+            ax.barh(k, max(value, LEAST), left=0, color=colour, hatch=hatch, edgecolor="white", height=0.68)
+        note = row["status"].replace("_", " ")
+        if row["method"] == "auto" and row["chosen"]:
+            note += f" ({row['chosen']})"
+        elif value is None and row["until"] > 0.0:
+            note += f", to t = {row['until']:.3g} s"
+        elif row["honest"] is False:
+            note += ", and its estimate hides it"
+        ax.text(1.02, k, note, transform=ax.get_yaxis_transform(), va="center", color="black", fontsize=8.5)
+    ax.axvline(1e-3, color="#D55E00", linewidth=1.0, linestyle="--")
+    largest = max((r["relative"] for r in rows if r["relative"] is not None), default=1.0)
+    ax.set_xscale("log")
+    ax.set_xlim(LEAST, max(10.0, 3 * largest))
+    _powers(ax, "x")
+    ax.set_yticks(range(len(rows)), [r["method"] for r in rows])
+    ax.set_ylim(len(rows) - 0.45, -0.55)
+    ax.grid(False, axis="y")
+    ax.set_xlabel("largest error over the range of its quantity; beyond the dashed line: inaccurate")
+    return figure
+
+
+def energy_growth(result: Result) -> Figure | None:
+    """Error of the energy balance over a thousand periods."""
+    facts = {m["method"]: m for m in result.summary["energy_growth"]["methods"]}
+    curves = {n: m for n, m in facts.items() if f"energy_growth/{n}/error" in result and m["steps"]}
+    if not curves:
+        return None
+    lines = -(-len(curves) // 3)
+    height = 4.0 + 0.19 * lines
+    period = result.summary["energy_growth"]["period"]
+    figure = _titled(7.6, height, result, f"a period is {period['seconds']:.4g} s: {period['source']}")
+    bottom = (0.6 + 0.19 * lines) / height
+    ax = figure.add_axes((0.1, bottom, 0.86, 1 - bottom - 0.68 / height))
+    for k, (name, m) in enumerate(curves.items()):
+        t, error = result[f"energy_growth/{name}/periods"][1:], result[f"energy_growth/{name}/error"][1:]
+        p = "" if m["exponent"] is None else f", ~t^{m['exponent']:.1f}"
+        ended = "" if m["status"] == "ok" else f", {m['status'].replace('_', ' ')}"
+        ax.plot(
+            t, np.maximum(np.maximum.accumulate(error), LEAST), color=COLOURS[k % len(COLOURS)],
+            linestyle=DASHES[k % len(DASHES)], label=f"{name}{p}{ended}",
+        )  # fmt: skip
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    _powers(ax, "x", "y")
+    ax.set_xlabel("time [periods]")
+    ax.set_ylabel("largest error of the energy balance so far [1]")
+    figure.legend(*ax.get_legend_handles_labels(), loc="lower left", bbox_to_anchor=(0.08, 0.01), ncols=3)
+    return figure
+
+
+def baumgarte(result: Result) -> Figure | None:
+    """Drift and error over the plane of Baumgarte's gains, with the chosen pair marked."""
+    found = result.summary.get("baumgarte") or {}
+    planes = [name for name in ("own", "fixed") if f"baumgarte/{name}/drift" in result]
+    if not planes:
+        return None
+    height = 0.62 + 3.15 * len(planes)
+    figure = _titled(
+        8.2, height, result, "star: alpha = beta = c/h, the smallest whose drift stays below the integration error; "
+        "hatched: unstable",
+    )  # fmt: skip
+    for row, name in enumerate(planes):
+        gain = result[f"baumgarte/{name}/gain"]
+        chosen = found[name]["chosen"]
+        y = 1 - (0.3 + 3.15 * (row + 1) - 0.3) / height
+        for column, (path, words) in enumerate((("drift", "drift"), ("error", "error of q"))):
+            ax = figure.add_axes((0.1 + 0.47 * column, y, 0.31, 2.35 / height))
+            bar = figure.add_axes((0.42 + 0.47 * column, y, 0.015, 2.35 / height))
+            _plane(figure, ax, bar, gain, result[f"baumgarte/{name}/{path}"], f"{words} [rad, m]")
+            ax.plot(
+                [chosen["beta"]], [chosen["alpha"]], marker="*", markersize=13, color="white", markeredgecolor="black"
+            )
+            ax.set_title(f"{found[name]['method']}, {path}, h = {found[name]['reference_step']:.2g} s", fontsize=9)
+            ax.set_xlabel("beta [1/s]")
+            if column == 0:
+                ax.set_ylabel("alpha [1/s]")
+    return figure
+
+
+def _plane(figure: Figure, ax: Axes, bar: Axes, gain: Any, data: Any, label: str) -> None:
+    from matplotlib.colors import LogNorm
+
+    shown = np.ma.masked_invalid(np.maximum(data, LEAST))
+    half = np.sqrt(gain[1] / gain[0])
+    edges = np.append(gain / half, gain[-1] * half)
+    low = float(shown.min()) if shown.count() else 1e-12
+    high = max(float(shown.max()) if shown.count() else 1.0, 10.0 * low)
+    ax.patch.set(facecolor="white", edgecolor="#8a8a8a", hatch="///", linewidth=0.0)
+    drawn = ax.pcolormesh(edges, edges, shown, norm=LogNorm(low, high), cmap="cividis")
+    ax.grid(False)
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.set_xlim(edges[0], edges[-1])
+    ax.set_ylim(edges[0], edges[-1])
+    _powers(ax, "x", "y")
+    figure.colorbar(drawn, cax=bar)
+    bar.set_ylabel(label)
+    _powers(bar, "y")
+
+
+DRAWINGS: Mapping[str, Callable[[Result], Any]] = {
+    "stability_spectrum": spectrum,
+    "stability_methods": methods,
+    "energy_growth": energy_growth,
+    "baumgarte": baumgarte,
+}
+
+
+def save(result: Result, directory: str | Path) -> list[Path]:
+    """Draw what the result has the data for into ``directory``; return the files."""
+    from robodyn_cli.report.canvas import save_png
+    from robodyn_cli.report.style import styled
+    from robodyn_cli.results.atomic import output_errors, temporary_path
+
+    written = []
+    with styled():
+        for name, draw in DRAWINGS.items():
+            figure = draw(result)
+            if figure is None:
+                continue
+            target = Path(directory) / f"{name}.png"
+            temporary = temporary_path(target)
+            with output_errors(target):
+                save_png(figure, temporary)
+                temporary.replace(target)
+            written.append(target)
+    return written

@@ -1,0 +1,38 @@
+"""``simulate.stabilisation: baumgarte`` without numbers: the gains chosen, and the scene that has them."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.formulations.index1 import index1
+from robodyn_cli.run.baumgarte import GainStudy
+from robodyn_cli.run.method import choose
+from robodyn_cli.run.simulate import Setup, options_for, prepare
+from robodyn_cli.run.stopwatch import Stopwatch
+from robodyn_cli.scene.types import Baumgarte, Scene
+
+AUTOMATIC = "baumgarte"
+
+
+def study(scene: Scene, setup: Setup, method: str | None = None) -> GainStudy:
+    """Return a study of the gains of a scene with loops, for the method and tolerances that it asks for."""
+    options = options_for(scene)
+    start = np.concatenate([setup.assembled.q, setup.assembled.v])
+    if method is None:
+        system = index1(setup.problem, "projection", work=False)
+        method = choose(scene, setup.problem, system, start, options).method
+    return GainStudy(setup.problem, start, scene.simulate.duration, options, method)
+
+
+def with_gains(scene: Scene, watch: Stopwatch) -> tuple[Scene, dict[str, Any] | None]:
+    """Return the scene with Baumgarte's gains chosen where it leaves that to us, and what was found on the way."""
+    if scene.simulate.stabilisation != AUTOMATIC or not scene.loops:
+        return scene, None
+    with watch.stage("gains"):
+        found = study(scene, prepare(scene)).choose()
+    gains = Baumgarte(alpha=found.alpha, beta=found.beta)
+    changed = dataclasses.replace(scene.simulate, stabilisation=gains)
+    return dataclasses.replace(scene, simulate=changed), found.as_dict()

@@ -1,0 +1,251 @@
+"""What each method of integration does with a scene, against a reference that proves itself."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.errors import CapabilityError, NumericalError, RobodynError, SingularConfigurationError
+from robodyn_cli.integrators.registry import methods as registry
+from robodyn_cli.results.result import Result
+from robodyn_cli.run.simulate import simulate
+from robodyn_cli.scene.types import Scene
+
+Array = NDArray[Any]
+SAMPLES = 257  # instants at which solutions are compared
+INACCURATE = 1e-3  # an error above this part of the range of its quantity is a wrong answer
+VOUCHED = 1e-5  # agreement of the references, relative to the range, beyond which nothing is judged
+TIGHT = {"gauss": 3e-14, "dop853": 3e-14, "rodas5p": 1e-12}  # tolerance of a reference; others below
+TIGHT_OTHERS = 1e-11
+HONEST = 0.1  # an estimate below this part of the true error would hide it
+
+
+@dataclasses.dataclass(frozen=True)
+class Budget:
+    """What a run may take before it counts as too slow; seconds are the last resort."""
+
+    steps: int = 2_000_000
+    seconds: float = 20.0
+
+
+class _Watch:
+    """Progress callback that ends a run whose time is up."""
+
+    def __init__(self, budget: Budget) -> None:
+        self.end = time.perf_counter() + budget.seconds
+        self.seconds = budget.seconds
+
+    def __call__(self, done: float, total: float) -> None:
+        if time.perf_counter() > self.end:
+            raise NumericalError(
+                f"not done after {self.seconds:g} s of computing, stopped at t = {done:.6g} of {total:.6g} s",
+                time=done, status="too_slow",
+            )  # fmt: skip
+
+
+@dataclasses.dataclass
+class Solution:
+    """Samples (T, n) of q and qd that a run came to, and the error that ended it before its time."""
+
+    result: Result | None
+    error: RobodynError | None
+    seconds: float
+
+    @property
+    def times(self) -> Array:
+        return self.result.time if self.result is not None else np.zeros(0)
+
+    @property
+    def states(self) -> Array:
+        if self.result is None:
+            return np.zeros((0, 0))
+        return np.concatenate([self.result["q"], self.result["qd"]], axis=1)
+
+
+def solve(scene: Scene, budget: Budget, **options: Any) -> Solution:
+    """Simulate a scene with other options of ``simulate``; what stops it comes back instead of being raised."""
+    steps = min(budget.steps, int(options.pop("max_steps", budget.steps)))
+    changed = dataclasses.replace(scene.simulate, samples=SAMPLES, max_steps=steps, **options)
+    began = time.perf_counter()
+    try:
+        result = simulate(dataclasses.replace(scene, simulate=changed), progress=_Watch(budget))
+        return Solution(result, None, time.perf_counter() - began)
+    except RobodynError as error:
+        return Solution(getattr(error, "result", None), error, time.perf_counter() - began)
+
+
+@dataclasses.dataclass(frozen=True)
+class Reference:
+    """A solution that two methods at tight tolerance agree on.
+
+    times (T,), states (T, n) as far as they agree; scale (n,) : range of each quantity. until [s] : how far that
+    is. digits : to which they agree, relative to the range. methods : which they are. ends_early : why the motion
+    itself ends before its duration (a singular configuration), else empty.
+    """
+
+    times: Array
+    states: Array
+    scale: Array
+    until: float
+    digits: float
+    methods: tuple[str, str]
+    ends_early: str = ""
+
+
+def _proper_end(solution: Solution) -> bool:
+    """Tell whether a run came to its end, or to that of its motion."""
+    return solution.error is None or isinstance(solution.error, SingularConfigurationError)
+
+
+def reference(scene: Scene, budget: Budget, stiff: bool = False) -> Reference | None:
+    """Return the reference, or None where no two runs get through at tight tolerance.
+
+    Two methods, explicit ones last where the scene is ``stiff``; where only one gets through, itself at two
+    tolerances a hundred apart, which the names tell.
+    """
+    names = [n for n, cls in registry.items() if cls.adaptive]
+    implicit = [n for n in names if n not in ("gauss", "dop853", "dopri5")]
+    order = [*implicit, "dop853", "gauss"] if stiff else ["gauss", "dop853", *implicit]
+    found: list[tuple[str, Solution]] = []
+    for name in order:
+        tolerance = TIGHT.get(name, TIGHT_OTHERS)
+        one = solve(
+            scene, budget, integrator=name, rtol=tolerance, atol=tolerance, step=None, error_estimate=False
+        )
+        if one.result is not None and len(one.times) > 1 and _proper_end(one):
+            found.append((name, one))
+        if len(found) == 2:
+            break
+    if len(found) == 1:
+        name = found[0][0]
+        tolerance = 100.0 * TIGHT.get(name, TIGHT_OTHERS)
+        one = solve(
+            scene, budget, integrator=name, rtol=tolerance, atol=tolerance, step=None, error_estimate=False
+        )
+        if one.result is not None and len(one.times) > 1 and _proper_end(one):
+            found.append((f"{name} at {tolerance:.0e}", one))
+    if len(found) < 2:
+        return None
+    (first, a), (second, b) = found
+    count = min(len(a.times), len(b.times))
+    if a.error is not None or b.error is not None:
+        count = min(count, len(a.times) - 1, len(b.times) - 1)  # the last sample is where each one stopped
+    x, y = a.states[:count], b.states[:count]
+    scale = ranges(x)
+    apart = np.maximum.accumulate(np.max(np.abs(x - y) / scale, axis=1))
+    good = np.flatnonzero(apart <= VOUCHED)
+    if len(good) < 2:
+        return None
+    last = int(good[-1])
+    return Reference(
+        a.times[: last + 1], x[: last + 1], scale, float(a.times[last]),
+        float(-np.log10(max(float(apart[last]), 1e-16))), (first, second),
+        a.error.message if a.error is not None else "",
+    )  # fmt: skip
+
+
+def ranges(states: Array) -> Array:
+    """Return the range of each quantity over a run (n,), but no less than what matters beside the others."""
+    spread = np.ptp(states, axis=0)
+    half = states.shape[1] // 2
+    # a joint that hardly moves is not judged by its own tiny range, but by a part of what the others do
+    for part in (slice(0, half), slice(half, None)):
+        spread[part] = np.maximum(spread[part], 1e-6 * spread[part].max(initial=0.0))
+    return np.maximum(spread, 1e-12)
+
+
+@dataclasses.dataclass
+class Trial:
+    """What a method did at the settings of the scene.
+
+    status : ``stable``, ``inaccurate`` (error above 1e-3 of the range), ``diverged``, ``too_slow`` or
+    ``unsupported``. error : largest error of any q or qd; relative : over the range of its quantity. estimate : the
+    run's own error estimate; honest : whether that is at least a tenth of the error (None: nothing to compare).
+    until : time reached [s]; joint and quantity : where it broke down.
+    """
+
+    method: str
+    chosen: str = ""
+    status: str = "stable"
+    error: float | None = None
+    relative: float | None = None
+    estimate: float | None = None
+    honest: bool | None = None
+    steps: int = 0
+    evaluations: int = 0
+    seconds: float = 0.0
+    until: float = 0.0
+    joint: str | None = None
+    quantity: str | None = None
+    message: str = ""
+
+    def as_dict(self) -> dict[str, Any]:
+        return dataclasses.asdict(self)
+
+
+def attempt(scene: Scene, method: str, ref: Reference | None, budget: Budget) -> Trial:
+    """Run one method at the settings of the scene and judge it."""
+    done = solve(scene, budget, integrator=method)
+    trial = Trial(method, seconds=done.seconds)
+    if done.result is not None:
+        summary = done.result.summary
+        trial.chosen = summary["integrator"] + "".join(f", {s['to']}" for s in summary.get("switches", ()))
+        trial.steps = summary["counters"]["steps"]
+        trial.evaluations = summary["counters"]["evaluations"]
+        trial.until = float(done.times[-1]) if len(done.times) else 0.0
+        estimate = summary.get("error_estimate")
+        trial.estimate = estimate.get("state_max") if isinstance(estimate, dict) else None
+    if done.error is not None:
+        trial.message = done.error.message
+        trial.joint = done.error.details.get("joint")
+        trial.quantity = done.error.details.get("quantity")
+        trial.status = _status(done.error)
+        if trial.status != "stable":
+            return trial
+    return judge(trial, done, ref)
+
+
+def _status(error: RobodynError) -> str:
+    if isinstance(error, SingularConfigurationError):
+        return "stable"  # the motion ends there; whether it really does is for the reference to say
+    if isinstance(error, CapabilityError):
+        return "unsupported"
+    slow = error.details.get("status") in ("max_steps", "too_slow")
+    return "too_slow" if slow else "diverged"
+
+
+def judge(trial: Trial, done: Solution, ref: Reference | None) -> Trial:
+    """Fill in error and status of a run that got through, as far as the reference goes."""
+    if ref is None:
+        trial.message = trial.message or "no reference, so nothing vouches for this result"
+        return trial
+    states = done.states[: len(ref.times)]
+    if len(states) < len(ref.times) - 2:
+        trial.status = "inaccurate"
+        trial.message = trial.message or f"ends at t = {trial.until:.6g} s, before the reference does"
+        return trial
+    apart = np.abs(states - ref.states[: len(states)])
+    if not np.all(np.isfinite(apart)):
+        trial.status, trial.message = "diverged", "a result that is not finite"
+        return trial
+    trial.error = float(apart.max(initial=0.0))
+    trial.relative = float((apart / ref.scale).max(initial=0.0))
+    if trial.relative > INACCURATE:
+        trial.status = "inaccurate"
+    elif ref.ends_early and done.error is None:
+        trial.status, trial.message = "inaccurate", f"does not notice: {ref.ends_early}"
+    if trial.estimate is not None and trial.relative > 100 * 10.0**-ref.digits:
+        trial.honest = bool(trial.estimate >= HONEST * trial.error)
+    return trial
+
+
+def attempts(
+    scene: Scene, ref: Reference | None, budget: Budget, names: Sequence[str] | None = None
+) -> list[Trial]:
+    """Run ``auto`` and every registered method."""
+    return [attempt(scene, name, ref, budget) for name in (names or ("auto", *registry))]
