@@ -18,7 +18,7 @@ def command(
     scene: Annotated[
         Path | None,
         typer.Argument(
-            metavar="[SCENE.yaml]", help="Scene to report on; none with --suite.", show_default=False
+            metavar="SCENE.yaml", help="Scene to report on; none with --suite.", show_default=False
         ),
     ] = None,
     suite: Annotated[

@@ -16,6 +16,7 @@ from robodyn_cli.integrators.integrator import Counters, Event, Grid, Integrator
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.writer import ResultWriter
+from robodyn_cli.run.divergence import breakdown
 from robodyn_cli.run.mass_matrix import nearly_singular, refuse_singular
 from robodyn_cli.run.method import Choice, Run
 from robodyn_cli.run.observe import Observer, Recorder
@@ -281,7 +282,9 @@ def explained(error: RobodynError, problem: Problem, integrator: Integrator, dur
             "and the multipliers diverge",
             time=time, kind=kind, q=where.tolist(),
         )  # fmt: skip
-    return NumericalError(error.message + nearly_singular(problem.model, q), **error.details)
+    words, where = breakdown(problem, integrator, str(error.details.get("status")))
+    cause = nearly_singular(problem.model, q)
+    return NumericalError(error.message + words + cause, **{**where, **error.details})
 
 
 def passive_coordinates(problem: Problem) -> list[int] | None:

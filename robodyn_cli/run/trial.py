@@ -34,13 +34,15 @@ class Budget:
 
 
 class _Watch:
-    """Progress callback that ends a run whose time is up."""
+    """Progress callback that ends a run whose time is up; time counts from its first call, compiling apart."""
 
     def __init__(self, budget: Budget) -> None:
-        self.end = time.perf_counter() + budget.seconds
+        self.end: float | None = None
         self.seconds = budget.seconds
 
     def __call__(self, done: float, total: float) -> None:
+        if self.end is None:
+            self.end = time.perf_counter() + self.seconds
         if time.perf_counter() > self.end:
             raise NumericalError(
                 f"not done after {self.seconds:g} s of computing, stopped at t = {done:.6g} of {total:.6g} s",
@@ -166,7 +168,8 @@ class Trial:
     status : ``stable``, ``inaccurate`` (error above 1e-3 of the range), ``diverged``, ``too_slow`` or
     ``unsupported``. error : largest error of any q or qd; relative : over the range of its quantity. estimate : the
     run's own error estimate; honest : whether that is at least a tenth of the error (None: nothing to compare).
-    until : time reached [s]; joint and quantity : where it broke down.
+    energy : drift of the energy balance over the energy exchanged. until : time reached [s]. failure : class of the
+    error that ended the run; joint and quantity : where it broke down.
     """
 
     method: str
@@ -179,10 +182,17 @@ class Trial:
     steps: int = 0
     evaluations: int = 0
     seconds: float = 0.0
+    energy: float | None = None
     until: float = 0.0
+    failure: str | None = None
     joint: str | None = None
     quantity: str | None = None
     message: str = ""
+
+    @property
+    def named(self) -> bool:
+        """Whether a breakdown is told with its place."""
+        return self.failure != "NumericalError" or self.joint is not None or "singular" in self.message
 
     def as_dict(self) -> dict[str, Any]:
         return dataclasses.asdict(self)
@@ -197,11 +207,13 @@ def attempt(scene: Scene, method: str, ref: Reference | None, budget: Budget) ->
         trial.chosen = summary["integrator"] + "".join(f", {s['to']}" for s in summary.get("switches", ()))
         trial.steps = summary["counters"]["steps"]
         trial.evaluations = summary["counters"]["evaluations"]
+        trial.energy = summary["energy_drift_relative"]
         trial.until = float(done.times[-1]) if len(done.times) else 0.0
         estimate = summary.get("error_estimate")
         trial.estimate = estimate.get("state_max") if isinstance(estimate, dict) else None
     if done.error is not None:
         trial.message = done.error.message
+        trial.failure = type(done.error).__name__
         trial.joint = done.error.details.get("joint")
         trial.quantity = done.error.details.get("quantity")
         trial.status = _status(done.error)
