@@ -20,7 +20,8 @@ class RosenbrockTable:
     """(E / (gamma h) - J) u_i = f(t + alpha_i h, y + sum a_ij u_j) + sum C_ij u_j / h + gamma_i h df/dt,
     y1 = y + sum m_i u_i, error = sum e_i u_i (Hairer and Wanner 1996, equations IV.7.25 and 7.26).
 
-    order : of the solution. error_order : power of h with which the error estimate of a step falls.
+    order : of the solution. error_order : power of h with which the error estimate of a step falls. dense_order :
+    of the continuous extension y(x) = y + x (y1 - y) + x (1 - x) (d_1 + x d_2 + ...), d_k = sum dense_kj u_j.
     """
 
     order: int
@@ -30,6 +31,8 @@ class RosenbrockTable:
     C: tuple[Row, ...]
     m: Row
     e: Row
+    dense_order: int
+    dense: tuple[Row, ...]
 
     def __post_init__(self) -> None:
         self._check()
@@ -77,15 +80,30 @@ class RosenbrockTable:
             for tree in rooted_trees(n):
                 if abs(float(b @ phi(tree)) - 1.0 / density(tree)) > 1e-11:
                     raise ArithmeticError(f"a condition of order {n} fails")
+        for x in (0.25, 0.5, 0.75):
+            bend = sum(np.array(row) * x**k for k, row in enumerate(self.dense))
+            inside = x * b + x * (1.0 - x) * (bend @ self.Gamma)
+            for n in range(1, self.dense_order + 1):
+                for tree in rooted_trees(n):
+                    if abs(float(inside @ phi(tree)) - x**n / density(tree)) > 1e-11:
+                        raise ArithmeticError(f"a condition of order {n} fails inside the step")
 
 
 def transformed(
-    order: int, error_order: int, alpha: tuple[Row, ...], gamma: tuple[Row, ...], b: Row, e: Row
+    order: int,
+    error_order: int,
+    alpha: tuple[Row, ...],
+    gamma: tuple[Row, ...],
+    b: Row,
+    e: Row,
+    dense_order: int,
+    dense: tuple[Row, ...],
 ) -> RosenbrockTable:
     """Return the transformed table of a method in its usual form.
 
     k_i = h f(t + alpha_i h, y + sum alpha_ij k_j) + h J sum gamma_ij k_j + gamma_i h^2 df/dt, y1 = y + sum b_i k_i;
-    gamma : rows with the diagonal, which is the same in all. e : weights of the error estimate.
+    gamma : rows with the diagonal, which is the same in all. e : weights of the error estimate. dense : of the
+    continuous extension.
     """
     s = len(b)
     A, G = np.zeros((s, s)), np.zeros((s, s))
@@ -100,7 +118,10 @@ def transformed(
     def row(x: Row) -> Row:
         return tuple(float(c) for c in np.array(x) @ inverse)
 
-    return RosenbrockTable(order, error_order, float(G[0, 0]), rows(a), rows(C), row(b), row(e))
+    weights = tuple(row(d) for d in dense)
+    return RosenbrockTable(
+        order, error_order, float(G[0, 0]), rows(a), rows(C), row(b), row(e), dense_order, weights
+    )
 
 
 def rooted_trees(n: int) -> list[Tree]:
@@ -164,6 +185,15 @@ RODAS5P = RosenbrockTable(
     ),
     m=(*_LAST, 1.0, 1.0, 1.0),
     e=(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0),
+    dense_order=4,
+    dense=(
+        (25.948786856663858, -2.5579724845846235, 10.433815404888879, -2.3679251022685204, 0.524948541321073,
+         1.1241088310450404, 0.4272876194431874, -0.17202221070155493),
+        (-9.91568850695171, -0.9689944594115154, 3.0438037242978453, -24.495224566215796, 20.176138334709044,
+         15.98066361424651, -6.789040303419874, -6.710236069923372),
+        (11.419903575922262, 2.8879645146136994, 72.92137995996029, 80.12511834622643, -52.072871366152654,
+         -59.78993625266729, -0.15582684282751913, 4.883087185713722),
+    ),
 )
 
 # ode23s of Shampine and Reichelt (1997): order 2, L-stable, error from a formula of order 3; d = 1 / (2 + sqrt 2)
@@ -176,4 +206,6 @@ ROSENBROCK23 = transformed(
     gamma=((_D,), (-_D, _D), (_D * (_E32 - 2.0), -_D * _E32, _D)),
     b=(0.0, 1.0, 0.0),
     e=(1.0 / 6.0, -2.0 / 6.0, 1.0 / 6.0),
+    dense_order=2,
+    dense=((1.0 / (1.0 - 2.0 * _D), -1.0 / (1.0 - 2.0 * _D), 0.0),),
 )

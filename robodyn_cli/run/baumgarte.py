@@ -72,18 +72,19 @@ class GainStudy:
     """Runs of one mechanism with any gains, against its projected motion."""
 
     def __init__(
-        self, problem: Problem, start: Array, duration: float, options: Options, method: str
-    ) -> None:
-        """``start`` (q, v) is consistent; ``options`` and ``method`` are those of the runs to come."""
+        self, problem: Problem, projected: System, start: Array, duration: float, options: Options, method: str
+    ) -> None:  # fmt: skip
+        """``start``, a state of the ``projected`` system, is consistent; ``options`` and ``method`` are those of the runs
+        to come."""
         self.options = options
         self.method = method
         alpha, beta = problem.graph.symbols(["alpha", "beta"], "p")
         self.system = index1(problem, Baumgarte(alpha=alpha, beta=beta), work=False)  # type: ignore[arg-type]
-        self.projected = index1(problem, "projection", work=False)
+        self.projected = projected
         q, _ = projection(problem)
         found = residuals(problem)
         self._observe = SampleKernel({"q": q, "eta": found["position"]}, GROUPS)
-        self.start = start[: self.system.nq + self.system.nv]
+        self.start = start
         self.over = duration
         states, steps, reached = self._run(self.projected, (), options, duration, LONGEST)
         if reached < duration:
@@ -97,7 +98,7 @@ class GainStudy:
         self.reference, _, _ = self._run(self.projected, (), precise, self.over, 100 * LONGEST)
         self.step = self.over / max(steps, 1)
         # below what rounding leaves there is no error to stay under
-        rounding = 1e-13 * float(np.abs(self.reference[:, : self.system.nq]).max(initial=0.0))
+        rounding = 1e-13 * float(np.abs(self.system.split(self.reference)[0]).max(initial=0.0))
         self.integration_error = max(self._error(states), rounding)
 
     def _run(
@@ -116,8 +117,8 @@ class GainStudy:
         return np.concatenate(rows), integrator.counters.steps, integrator.time
 
     def _error(self, states: Array) -> float:
-        nq = self.system.nq
-        return float(np.abs(states[:, :nq] - self.reference[: len(states), :nq]).max(initial=0.0))
+        q, reference = (self.system.split(x)[0] for x in (states, self.reference[: len(states)]))
+        return float(np.abs(q - reference).max(initial=0.0))
 
     def outcome(self, alpha: float, beta: float) -> Outcome:
         """Run with a pair of gains."""
@@ -127,13 +128,10 @@ class GainStudy:
             return Outcome(alpha, beta, np.inf, np.inf, np.inf, 0)
         if reached < self.over:
             return Outcome(alpha, beta, np.inf, np.inf, np.inf, steps)
-        s = self.system
-        groups = {
-            "t": Grid.over(self.over, SAMPLES).times(0, SAMPLES), "q": x[:, : s.nq], "v": x[:, s.nq : s.nq + s.nv],
-            "z": np.zeros((SAMPLES, s.nz)), "p": np.array([alpha, beta]),
-        }  # fmt: skip
+        times = Grid.over(self.over, SAMPLES).times(0, SAMPLES)
+        groups = self.system.groups(times, x, np.array([alpha, beta]))
         found = self._observe.evaluate(SAMPLES, groups)
-        drift = float(np.abs(found["q"] - x[:, : s.nq]).max(initial=0.0))
+        drift = float(np.abs(found["q"] - groups["q"]).max(initial=0.0))
         return Outcome(alpha, beta, drift, float(np.abs(found["eta"]).max(initial=0.0)), self._error(x), steps)
 
     def choose(self) -> Gains:

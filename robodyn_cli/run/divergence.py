@@ -22,18 +22,19 @@ def breakdown(problem: Problem, integrator: Integrator, status: str) -> tuple[st
     if status not in BREAKDOWNS:
         return "", {}
     model = problem.model
-    nq, nv = model.nq, model.nv
-    y = integrator.y
+    system = integrator.system
+    q, v, _ = system.split(integrator.y)
     with np.errstate(all="ignore"):
-        a = np.asarray(integrator._rates(), dtype=float)[:nv]
+        rates = np.concatenate([np.zeros(system.nq), np.asarray(integrator._rates(), dtype=float)])
+        a = system.split(rates)[1]
     for quantity, values, names in (
-        ("position", y[:nq], model.q_names), ("rate", y[nq : nq + nv], model.v_names), ("acceleration", a, model.v_names),
+        ("position", q, model.q_names), ("rate", v, model.v_names), ("acceleration", a, model.v_names),
     ):  # fmt: skip
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
             joint = str(names[int(bad[0])])
             return f"; joint {joint!r} has no finite {quantity} there", {"joint": joint, "quantity": quantity}
-    worst = int(np.argmax(np.abs(a) / (1.0 + np.abs(y[nq : nq + nv]))))
+    worst = int(np.argmax(np.abs(a) / (1.0 + np.abs(v))))
     joint = str(model.v_names[worst])
     words = f"; the largest acceleration there, {a[worst]:.3g} rad/s^2 or m/s^2, is that of joint {joint!r}"
     return words, {"joint": joint, "quantity": "acceleration"}

@@ -5,8 +5,6 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-import numpy as np
-
 from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.run.baumgarte import GainStudy
 from robodyn_cli.run.method import choose
@@ -20,11 +18,11 @@ AUTOMATIC = "baumgarte"
 def study(scene: Scene, setup: Setup, method: str | None = None) -> GainStudy:
     """Return a study of the gains of a scene with loops, for the method and tolerances that it asks for."""
     options = options_for(scene)
-    start = np.concatenate([setup.assembled.q, setup.assembled.v])
+    system = index1(setup.problem, "projection", work=False)
+    start = system.join(setup.assembled.q, setup.assembled.v)
     if method is None:
-        system = index1(setup.problem, "projection", work=False)
         method = choose(scene, setup.problem, system, start, options).method
-    return GainStudy(setup.problem, start, scene.simulate.duration, options, method)
+    return GainStudy(setup.problem, system, start, scene.simulate.duration, options, method)
 
 
 def with_gains(scene: Scene, watch: Stopwatch) -> tuple[Scene, dict[str, Any] | None]:

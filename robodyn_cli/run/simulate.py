@@ -282,9 +282,9 @@ def explained(error: RobodynError, problem: Problem, integrator: Integrator, dur
             "and the multipliers diverge",
             time=time, kind=kind, q=where.tolist(),
         )  # fmt: skip
-    words, where = breakdown(problem, integrator, str(error.details.get("status")))
+    words, place = breakdown(problem, integrator, str(error.details.get("status")))
     cause = nearly_singular(problem.model, q)
-    return NumericalError(error.message + words + cause, **{**where, **error.details})
+    return NumericalError(error.message + words + cause, **{**place, **error.details})
 
 
 def passive_coordinates(problem: Problem) -> list[int] | None:

@@ -13,6 +13,7 @@ from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import Expr, free_symbols
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.dynamics import Rolled
+from robodyn_cli.formulations.linearisation import differentiate
 from robodyn_cli.formulations.system import System
 from robodyn_cli.kernels.rolled import RolledForwardDynamics
 
@@ -27,7 +28,7 @@ ZERO = 1e-9  # an eigenvalue this small beside the largest is rounding
 class Spectrum:
     """Eigenvalues [1/s] at some instants of a run.
 
-    times : (T,). eigenvalues : (T, k) complex, of the linearised (q, v)-dot; with loops, of its part along the
+    times : (T,). eigenvalues : (T, k) complex, of the linearised equations of motion; with loops, of its part along the
     constraints; 0 where a state has fewer. complete : whether these are all, or the largest only.
     duration : of the run [s].
     """
@@ -77,7 +78,7 @@ def spectrum(problem: Problem, system: System, times: Array, states: Array, dura
     Instants at which the Jacobian is not finite (a singular configuration) are left out.
     """
     J = jacobians(problem, system, times, states)
-    rows = [(t, _reduce(j, tangent)) for t, j, tangent in zip(times, J, tangents(problem, times, states))]
+    rows = [(t, _reduce(j, tangent)) for t, j, tangent in zip(times, J, tangents(problem, system, times, states))]
     kept = [(t, j) for t, j in rows if np.all(np.isfinite(j))]
     complete = system.nv <= DENSE
     found = [_eigenvalues(j, complete) for _, j in kept]
@@ -105,51 +106,31 @@ def _reduce(J: Array, tangent: Array | None) -> Array:
     return J if tangent is None else tangent.T @ J @ tangent
 
 
+@np.errstate(all="ignore")
 def jacobians(problem: Problem, system: System, times: Array, states: Array) -> Array:
-    """Return d(v, v-dot)/d(q, v) at states (T, nx), shape (T, nq + nv, nq + nv)."""
-    if isinstance(system.dynamics, Rolled):
-        lower = np.stack([_differences(problem, system.dynamics, t, x) for t, x in zip(times, states)])
-    else:
-        lower = _exact(list(system.acceleration), problem, system, times, states)
-    n = system.nq + system.nv
+    """Return the Jacobian of the whole state at states (T, nx), shape (T, nx, nx)."""
+    n = system.size
     J = np.zeros((len(times), n, n))
-    J[:, : system.nq, system.nq :] = np.eye(system.nq, system.nv)
-    J[:, system.nq :, :] = lower
+    if isinstance(system.dynamics, Rolled):
+        J[:, : system.nq, system.nq :] = np.eye(system.nq)
+        for row, t, x in zip(J, times, states):
+            row[system.nq :] = _differences(problem, system.dynamics, t, x)
+        return J
+    entries = differentiate(system).J
+    places = [(i, k) for i in range(n) for k in range(n) if isinstance(entries[i, k], Expr) or entries[i, k] != 0.0]
+    groups = _samples(system.own_groups(np.asarray(times, dtype=float), states, _parameters(problem)))
+    for (i, k), value in zip(places, evaluate([entries[place] for place in places], groups)):
+        J[:, i, k] = value
     return J
 
 
-def _groups(problem: Problem, system: System, times: Array, states: Array) -> dict[str, Any]:
-    nq, nv = system.nq, system.nv
-    columns = np.ascontiguousarray(states.T)
-    return {
-        "t": [np.asarray(times, dtype=float)],
-        "q": columns[:nq],
-        "v": columns[nq : nq + nv],
-        "z": columns[nq + nv :] if len(columns) > nq + nv else np.zeros((system.nz, len(times))),
-        "p": np.zeros(max(1, len(problem.model.parameters))),
-    }
+def _parameters(problem: Problem) -> Array:
+    return np.zeros(max(1, len(problem.model.parameters)))
 
 
-@np.errstate(all="ignore")
-def _exact(
-    rows: list[Any], problem: Problem, system: System, times: Array, states: Array
-) -> Array:
-    """Return the derivatives of expressions with respect to (q, v) at states, shape (T, len(rows), nq + nv)."""
-    found = {e.value[1:]: e for e in free_symbols(rows)}
-    places: list[tuple[int, Expr]] = []
-    for group, count, offset in (("q", system.nq, 0), ("v", system.nv, system.nq)):
-        places += [(offset + k, found[group, k]) for k in range(count) if (group, k) in found]
-    out = np.zeros((len(times), len(rows), system.nq + system.nv))
-    entries: list[Any] = []
-    where: list[tuple[int, int]] = []
-    for i, row in enumerate(jacobian(rows, [e for _, e in places])):
-        for k, entry in row.items():
-            entries.append(entry)
-            where.append((i, places[k][0]))
-    values = evaluate(entries, _groups(problem, system, times, states))
-    for (i, k), value in zip(where, values):
-        out[:, i, k] = value
-    return out
+def _samples(groups: dict[str, Any]) -> dict[str, Any]:
+    """Return groups of samples (T, n) as the interpreter takes them: a row a symbol."""
+    return {name: x if name == "p" else np.atleast_2d(x.T) for name, x in groups.items()}
 
 
 def _differences(problem: Problem, dynamics: Rolled, time: float, x: Array) -> Array:
@@ -170,22 +151,18 @@ def _differences(problem: Problem, dynamics: Rolled, time: float, x: Array) -> A
     return lower
 
 
-def tangents(problem: Problem, times: Array, states: Array) -> list[Array | None]:
-    """Return orthonormal bases of the directions (dq, dv) along the constraints; None without constraints.
+def tangents(problem: Problem, system: System, times: Array, states: Array) -> list[Array | None]:
+    """Return orthonormal bases of the directions (dq, dv) along the constraints; None where there are none.
 
-    Psi dq = 0 and Psi dv + d(Psi v + eta_t)/dq dq = 0.
+    Psi dq = 0 and Psi dv + d(Psi v + eta_t)/dq dq = 0. For mechanisms with quasi-velocities None too: there the
+    directions across the constraints stay in, as eigenvalues 0.
     """
     rows = problem.constraints.rows
-    if not rows:
+    if not rows or system.layout is not None:
         return [None] * len(times)
     nv, m = problem.model.nv, len(rows)
     rates = [sum((x * v for x, v in zip(row.psi, problem.v)), row.eta_t) for row in rows]
-    groups = {
-        "t": [np.asarray(times, dtype=float)],
-        "q": states.T[:nv],
-        "v": states.T[nv : 2 * nv],
-        "p": np.zeros(max(1, len(problem.model.parameters))),
-    }
+    groups = _samples(system.groups(np.asarray(times, dtype=float), states, _parameters(problem)))
     found: list[Array | None] = []
     psi = np.zeros((len(times), m, nv))
     for k, value in enumerate(evaluate(list(problem.psi.ravel()), groups)):

@@ -62,8 +62,7 @@ def stability(scene: Scene, quick: bool = False, progress: Progress = no_progres
     setup = prepare(scene, watch)
     stages = 4
     with watch.stage("reference"):
-        start = np.concatenate([setup.assembled.q, setup.assembled.v])
-        first = eigenvalues(setup, np.zeros(1), start[None, :])
+        first = at_start(setup)
         stiff = first is not None and first.fastest_decay * scene.simulate.duration > STIFF
         ref = reference(scene, effort.reference, stiff)
         progress(1, stages)
@@ -98,10 +97,16 @@ def stability(scene: Scene, quick: bool = False, progress: Progress = no_progres
     return result
 
 
-def eigenvalues(setup: Setup, times: Array, states: Array) -> Spectrum | None:
-    """Return the spectrum at states (T, nq + nv), None where the equations cannot be linearised."""
+def at_start(setup: Setup) -> Spectrum | None:
+    """Return the spectrum at the start."""
+    return eigenvalues(setup, np.zeros(1), setup.assembled.q[None, :], setup.assembled.v[None, :])
+
+
+def eigenvalues(setup: Setup, times: Array, q: Array, v: Array) -> Spectrum | None:
+    """Return the spectrum at states q (T, nq), v (T, nv), None where the equations cannot be linearised."""
     problem: Problem = setup.problem
     system = index1(problem, "none", work=False)
+    states = np.stack([system.join(*x) for x in zip(q, v)])
     try:
         found = spectrum(problem, system, times, states, problem.scene.simulate.duration)
     except (RobodynError, np.linalg.LinAlgError):
@@ -115,7 +120,8 @@ def along(setup: Setup, ref: Reference | None) -> Spectrum | None:
         return None
     count = INSTANTS if setup.problem.model.nv <= 30 else FEW_INSTANTS
     places = np.unique(np.linspace(0, len(ref.times) - 1, count).round().astype(int))
-    return eigenvalues(setup, ref.times[places], ref.states[places])
+    q, v = np.split(ref.states[places], [setup.problem.model.nq], axis=1)
+    return eigenvalues(setup, ref.times[places], q, v)
 
 
 def describe_reference(ref: Reference | None) -> dict[str, Any] | None:

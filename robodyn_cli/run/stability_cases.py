@@ -45,9 +45,13 @@ def _stiff(stiffness: float) -> Case:
         lambda quick: arm(
             f"Two-link arm, spring of {power} N m/rad and dampers of 1e4 N m s/rad", 10.0,
             ", damper: {damping: 1e4}", f", spring: {{stiffness: {stiffness:.17g}, rest: 40 deg}}, damper: {{damping: 1e4}}",
+            start=FALLING,
         ),
         "stable; time constants more than 1e6 apart, so only methods for stiff problems take few steps",
     )  # fmt: skip
+
+
+FALLING = "{q: {theta1: 0, theta2: 45 deg}}"  # sinks slowly against its damper while the spring is fast
 
 
 def _rods(count: int, length: float) -> tuple[list[float], list[float]]:
@@ -57,10 +61,19 @@ def _rods(count: int, length: float) -> tuple[list[float], list[float]]:
 CASES: tuple[Case, ...] = (
     *(_stiff(10.0**k) for k in (6, 7, 8, 9)),
     Case(
+        "spring_1e6_transient",
+        lambda quick: arm(
+            "The first milliseconds of the two-link arm with a spring of 1e6 N m/rad", 5e-3,
+            ", damper: {damping: 1e4}", ", spring: {stiffness: 1e6, rest: 40 deg}, damper: {damping: 1e4}", start=FALLING,
+        ),
+        "stable, the fast transient included",
+    ),
+    Case(
         "tip_1e6_lighter",
         lambda quick: arm(
             "Two-link arm, second link 1e6 times lighter, spring of 1e6 N m/rad and dampers of 1e4 N m s/rad", 10.0,
             ", damper: {damping: 1e4}", ", spring: {stiffness: 1e6, rest: 40 deg}, damper: {damping: 1e4}", 1e-6,
+            start=FALLING,
         ),
         "stable; the fastest mode decays in 1e-10 s, far below what explicit steps could follow",
     ),

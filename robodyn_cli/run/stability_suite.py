@@ -14,7 +14,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.simulate import prepare
 from robodyn_cli.run.spectrum import Spectrum
-from robodyn_cli.run.stability import STIFF, along, eigenvalues
+from robodyn_cli.run.stability import STIFF, along, at_start
 from robodyn_cli.run.stability_cases import CASES, Case
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.run.trial import Budget, Reference, Trial, attempts, reference
@@ -133,8 +133,7 @@ def _spectrum(scene: Scene) -> tuple[Spectrum | None, bool]:
         setup = prepare(scene)
     except RobodynError:
         return None, False
-    start = np.concatenate([setup.assembled.q, setup.assembled.v])
-    found = eigenvalues(setup, np.zeros(1), start[None, :])
+    found = at_start(setup)
     return found, found is not None and found.fastest_decay * scene.simulate.duration > STIFF
 
 

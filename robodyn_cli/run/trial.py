@@ -22,6 +22,7 @@ INACCURATE = 1e-3  # an error above this part of the range of its quantity is a 
 VOUCHED = 1e-5  # agreement of the references, relative to the range, beyond which nothing is judged
 TIGHT = {"gauss": 3e-14, "dop853": 3e-14, "rodas5p": 1e-12}  # tolerance of a reference; others below
 TIGHT_OTHERS = 1e-11
+SMALL = 1e-3  # a quantity that ranges over less than this part of the largest of its kind is judged by that
 HONEST = 0.1  # an estimate below this part of the true error would hide it
 
 
@@ -61,6 +62,10 @@ class Solution:
     @property
     def times(self) -> Array:
         return self.result.time if self.result is not None else np.zeros(0)
+
+    @property
+    def positions(self) -> int:
+        return self.result["q"].shape[1] if self.result is not None else 0
 
     @property
     def states(self) -> Array:
@@ -138,7 +143,7 @@ def reference(scene: Scene, budget: Budget, stiff: bool = False) -> Reference | 
     if a.error is not None or b.error is not None:
         count = min(count, len(a.times) - 1, len(b.times) - 1)  # the last sample is where each one stopped
     x, y = a.states[:count], b.states[:count]
-    scale = ranges(x)
+    scale = ranges(x, a.positions)
     apart = np.maximum.accumulate(np.max(np.abs(x - y) / scale, axis=1))
     good = np.flatnonzero(apart <= VOUCHED)
     if len(good) < 2:
@@ -151,13 +156,12 @@ def reference(scene: Scene, budget: Budget, stiff: bool = False) -> Reference | 
     )  # fmt: skip
 
 
-def ranges(states: Array) -> Array:
+def ranges(states: Array, positions: int) -> Array:
     """Return the range of each quantity over a run (n,), but no less than what matters beside the others."""
     spread = np.ptp(states, axis=0)
-    half = states.shape[1] // 2
     # a joint that hardly moves is not judged by its own tiny range, but by a part of what the others do
-    for part in (slice(0, half), slice(half, None)):
-        spread[part] = np.maximum(spread[part], 1e-6 * spread[part].max(initial=0.0))
+    for part in (slice(0, positions), slice(positions, None)):
+        spread[part] = np.maximum(spread[part], SMALL * spread[part].max(initial=0.0))
     return np.maximum(spread, 1e-12)
 
 

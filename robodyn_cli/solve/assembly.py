@@ -19,7 +19,7 @@ from robodyn_cli.solve.closure import Equations, Numbers, newton
 Array = NDArray[Any]
 ATTEMPTS = 24  # random starts
 CLOSED = 1e-11  # rad, or part of the size of the mechanism
-RANK_TOLERANCE = 1e-6  # ratio of singular values below which a configuration counts as singular
+RANK_TOLERANCE = 1e-7  # ratio of singular values below which a configuration counts as singular
 MOTION_SAMPLES = 80  # configurations on each side of the start at which a choice of rows is judged
 MOTION_STEP = 0.1  # rad, or part of the size of the mechanism, between them
 MOST_CHOICES = 3000  # choices of rows that are all looked at

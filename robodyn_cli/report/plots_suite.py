@@ -1,0 +1,93 @@
+"""The stability suite as one picture: cases by methods, status as colour and mark, error in figures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from robodyn_cli.report.plots_stability import STATUS
+from robodyn_cli.report.style import GREY
+from robodyn_cli.results.result import Result
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+NAME = "stability_suite.png"
+LIGHT = {
+    "stable": "#CDEBE0", "inaccurate": "#F8E0AE", "diverged": "#F2C3A5", "too_slow": "#D3EBF8", "unsupported": "#EDEDED",
+}  # fmt: skip
+
+
+def files() -> tuple[str, ...]:
+    """Return the names of the drawings that may be made."""
+    return (NAME,)
+
+
+def cell(trial: dict[str, Any]) -> str:
+    """Return what stands in a cell: the error, or what kept the method from one."""
+    if trial["relative"] is not None:
+        return f"{trial['relative']:.0e}".replace("e-0", "e-").replace("e+0", "e").replace("-", "−")
+    if trial["status"] == "stable":
+        return "stops" if trial["failure"] else "ran"
+    return {"diverged": "diverges", "too_slow": "too slow", "unsupported": "cannot"}.get(
+        trial["status"], trial["status"]
+    )
+
+
+def draw(result: Result) -> Figure:
+    """Return the figure."""
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Patch, Rectangle
+
+    cases, methods = result.summary["cases"], result.summary["methods"]
+    left, wide, high = 2.05, 0.82, 0.27
+    width, height = left + wide * len(methods) + 0.25, 1.15 + high * len(cases) + 0.5
+    figure = Figure(figsize=(width, height), dpi=120)
+    kept = len(cases) - result.summary["missed"]
+    figure.text(0.1 / width, 1 - 0.24 / height, result.summary["title"], fontsize=11, fontweight="bold", va="center")
+    figure.text(
+        0.1 / width, 1 - 0.47 / height,
+        f"{kept} of {len(cases)} cases as expected; figures: largest error over the range of its quantity",
+        color=GREY, va="center",
+    )  # fmt: skip
+    box = (left / width, 0.5 / height, wide * len(methods) / width, high * len(cases) / height)
+    ax = figure.add_axes(box)
+    ax.set_xlim(0, len(methods))
+    ax.set_ylim(len(cases), 0)
+    for row, case in enumerate(cases):
+        for column, name in enumerate(methods):
+            trial = case["methods"].get(name)
+            if trial is None:
+                continue
+            status = trial["status"]
+            ax.add_patch(Rectangle((column, row), 1, 1, facecolor=LIGHT[status], edgecolor="white", linewidth=1.5))
+            dark = "black" if status != "unsupported" else GREY
+            mark = "" if status != "inaccurate" else " !"
+            ax.text(column + 0.5, row + 0.52, cell(trial) + mark, ha="center", va="center", fontsize=8, color=dark)
+    ax.set_xticks([k + 0.5 for k in range(len(methods))], methods, rotation=0, fontsize=8)
+    ax.xaxis.tick_top()
+    marks = ["" if case["holds"] else "  MISSED" for case in cases]
+    ax.set_yticks([k + 0.5 for k in range(len(cases))], [c["name"] + m for c, m in zip(cases, marks)], fontsize=8)
+    ax.tick_params(length=0)
+    ax.grid(False)
+    for side in ax.spines.values():
+        side.set_visible(False)
+    handles = [Patch(facecolor=LIGHT[s], label=s.replace("_", " ")) for s in STATUS]
+    figure.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.02, 0.0), ncols=5)
+    return figure
+
+
+def save(result: Result, directory: str | Path) -> list[Path]:
+    """Draw into ``directory`` and return the file."""
+    from robodyn_cli.report.canvas import save_png
+    from robodyn_cli.report.style import styled
+    from robodyn_cli.results.atomic import output_errors, temporary_path
+
+    target = Path(directory) / NAME
+    temporary = temporary_path(target)
+    with styled():
+        figure = draw(result)
+        with output_errors(target):
+            save_png(figure, temporary)
+            temporary.replace(target)
+    return [target]
