@@ -24,7 +24,9 @@ def command(
     suite: Annotated[
         bool, typer.Option("--suite", help="Run the suite of stiff and extreme cases instead of a scene.")
     ] = False,
-    quick: Annotated[bool, typer.Option("--quick", help="Smaller budgets: seconds instead of minutes.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Smaller budgets: seconds instead of minutes.")
+    ] = False,
     cases: Annotated[
         str | None, typer.Option("--cases", metavar="A,B", help="Cases of the suite to run. [default: all]")
     ] = None,
@@ -52,8 +54,13 @@ def command(
 
 
 def report(
-    scene: Path, overrides: Sequence[str] | None, quick: bool, out: Path | None, no_plots: bool, console: Console
-) -> int:  # fmt: skip
+    scene: Path,
+    overrides: Sequence[str] | None,
+    quick: bool,
+    out: Path | None,
+    no_plots: bool,
+    console: Console,
+) -> int:
     """Report on one scene."""
     from robodyn_cli.cli.runner import default_directory
     from robodyn_cli.report.plots_stability import files, save
@@ -116,8 +123,8 @@ def describe(summary: Mapping[str, Any]) -> str:
         lines.append("  reference          none: no two methods get through at tight tolerance")
     else:
         lines.append(
-            f"  reference          {ref['methods'][0]} and {ref['methods'][1]} agree to {ref['digits']:.1f} digits up to "
-            f"t = {ref['until']:.4g} s"
+            f"  reference          {ref['methods'][0]} and {ref['methods'][1]} agree to {ref['digits']:.1f} digits "
+            f"up to t = {ref['until']:.4g} s"
         )
         if ref["ends_early"]:
             lines.append(f"  the motion ends    {ref['ends_early']}")
@@ -132,16 +139,34 @@ def describe(summary: Mapping[str, Any]) -> str:
         )
         lines.append(f"  largest steps      {limits or 'no limit'}")
     growth = {g["method"]: g for g in summary["energy_growth"]["methods"]}
-    rows = [["method", "status", "error / range", "estimate", "steps", "time [ms]", "energy, 1000 periods", "grows as"]]
+    rows = [
+        [
+            "method",
+            "status",
+            "error / range",
+            "estimate",
+            "steps",
+            "time [ms]",
+            "energy, 1000 periods",
+            "grows as",
+        ]
+    ]
     for m in summary["methods"]:
         g = growth.get(m["method"])
         name = f"auto ({m['chosen']})" if m["method"] == "auto" and m["chosen"] else m["method"]
         exponent = g["exponent"] if g else None
         rows.append(
-            [name, m["status"].replace("_", " "), small(m["relative"]), small(m["estimate"]), str(m["steps"]),
-             f"{1e3 * m['seconds']:.3g}", small(g["largest_relative"]) if g else "-",
-             "-" if exponent is None else f"t^{exponent:.1f}"]
-        )  # fmt: skip
+            [
+                name,
+                m["status"].replace("_", " "),
+                small(m["relative"]),
+                small(m["estimate"]),
+                str(m["steps"]),
+                f"{1e3 * m['seconds']:.3g}",
+                small(g["largest_relative"]) if g else "-",
+                "-" if exponent is None else f"t^{exponent:.1f}",
+            ]
+        )
     lines.append(table(rows))
     lines += [
         f"  {m['method']}: {m['message']}"
@@ -169,7 +194,9 @@ def describe_suite(summary: Mapping[str, Any]) -> str:
         rows.append([case["name"], "ok" if case["holds"] else "MISSED", *marks])
     lines = [table(rows), "  errors over the range; ! inaccurate, x diverged, >> too slow, - unsupported"]
     lines += [f"  {case['name']}: {case['found']}" for case in summary["cases"] if not case["holds"]]
-    lines.append(f"  {len(summary['cases']) - summary['missed']} of {len(summary['cases'])} cases as expected")
+    lines.append(
+        f"  {len(summary['cases']) - summary['missed']} of {len(summary['cases'])} cases as expected"
+    )
     return "\n".join(lines)
 
 
@@ -178,7 +205,7 @@ def _mark(trial: Mapping[str, Any] | None) -> str:
         return ""
     status = trial["status"]
     if status in ("stable", "inaccurate"):
-        return (
-            small(trial["relative"]) if trial["relative"] is not None else "ran"
-        ) + ("!" if status == "inaccurate" else "")  # fmt: skip
+        return (small(trial["relative"]) if trial["relative"] is not None else "ran") + (
+            "!" if status == "inaccurate" else ""
+        )
     return {"diverged": "x", "too_slow": ">>", "unsupported": "-"}[status]

@@ -95,9 +95,7 @@ def spectrum(result: Result) -> Figure | None:
     _powers(ax, "y")
     ax.set_xlabel("time [s]")
     ax.set_ylabel("largest stable step [s]")
-    figure.legend(
-        *ax.get_legend_handles_labels(), loc="lower left", bbox_to_anchor=(0.08, 0.045), ncols=4
-    )
+    figure.legend(*ax.get_legend_handles_labels(), loc="lower left", bbox_to_anchor=(0.08, 0.045), ncols=4)
     figure.text(
         0.1, 0.022, "explicit: all modes inside |R| <= 1; gauss: the iteration that solves a step contracts",
         color=GREY, fontsize=8,
@@ -216,9 +214,16 @@ def baumgarte(result: Result) -> Figure | None:
             bar = figure.add_axes((0.42 + 0.47 * column, y, 0.015, 2.35 / height))
             _plane(figure, ax, bar, gain, result[f"baumgarte/{name}/{path}"], f"{words} [rad, m]")
             ax.plot(
-                [chosen["beta"]], [chosen["alpha"]], marker="*", markersize=13, color="white", markeredgecolor="black"
+                [chosen["beta"]],
+                [chosen["alpha"]],
+                marker="*",
+                markersize=13,
+                color="white",
+                markeredgecolor="black",
             )
-            ax.set_title(f"{found[name]['method']}, {path}, h = {found[name]['reference_step']:.2g} s", fontsize=9)
+            ax.set_title(
+                f"{found[name]['method']}, {path}, h = {found[name]['reference_step']:.2g} s", fontsize=9
+            )
             ax.set_xlabel("beta [1/s]")
             if column == 0:
                 ax.set_ylabel("alpha [1/s]")

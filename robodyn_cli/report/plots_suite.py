@@ -14,8 +14,12 @@ if TYPE_CHECKING:
 
 NAME = "stability_suite.png"
 LIGHT = {
-    "stable": "#CDEBE0", "inaccurate": "#F8E0AE", "diverged": "#F2C3A5", "too_slow": "#D3EBF8", "unsupported": "#EDEDED",
-}  # fmt: skip
+    "stable": "#CDEBE0",
+    "inaccurate": "#F8E0AE",
+    "diverged": "#F2C3A5",
+    "too_slow": "#D3EBF8",
+    "unsupported": "#EDEDED",
+}
 
 
 def files() -> tuple[str, ...]:
@@ -25,6 +29,8 @@ def files() -> tuple[str, ...]:
 
 def cell(trial: dict[str, Any]) -> str:
     """Return what stands in a cell: the error, or what kept the method from one."""
+    if trial["relative"] == 0.0:
+        return "0"
     if trial["relative"] is not None:
         return f"{trial['relative']:.0e}".replace("e-0", "e-").replace("e+0", "e").replace("-", "−")
     if trial["status"] == "stable":
@@ -44,12 +50,16 @@ def draw(result: Result) -> Figure:
     width, height = left + wide * len(methods) + 0.25, 1.15 + high * len(cases) + 0.5
     figure = Figure(figsize=(width, height), dpi=120)
     kept = len(cases) - result.summary["missed"]
-    figure.text(0.1 / width, 1 - 0.24 / height, result.summary["title"], fontsize=11, fontweight="bold", va="center")
     figure.text(
-        0.1 / width, 1 - 0.47 / height,
+        0.1 / width, 1 - 0.24 / height, result.summary["title"], fontsize=11, fontweight="bold", va="center"
+    )
+    figure.text(
+        0.1 / width,
+        1 - 0.47 / height,
         f"{kept} of {len(cases)} cases as expected; figures: largest error over the range of its quantity",
-        color=GREY, va="center",
-    )  # fmt: skip
+        color=GREY,
+        va="center",
+    )
     box = (left / width, 0.5 / height, wide * len(methods) / width, high * len(cases) / height)
     ax = figure.add_axes(box)
     ax.set_xlim(0, len(methods))
@@ -60,14 +70,20 @@ def draw(result: Result) -> Figure:
             if trial is None:
                 continue
             status = trial["status"]
-            ax.add_patch(Rectangle((column, row), 1, 1, facecolor=LIGHT[status], edgecolor="white", linewidth=1.5))
+            ax.add_patch(
+                Rectangle((column, row), 1, 1, facecolor=LIGHT[status], edgecolor="white", linewidth=1.5)
+            )
             dark = "black" if status != "unsupported" else GREY
             mark = "" if status != "inaccurate" else " !"
-            ax.text(column + 0.5, row + 0.52, cell(trial) + mark, ha="center", va="center", fontsize=8, color=dark)
+            ax.text(
+                column + 0.5, row + 0.52, cell(trial) + mark, ha="center", va="center", fontsize=8, color=dark
+            )
     ax.set_xticks([k + 0.5 for k in range(len(methods))], methods, rotation=0, fontsize=8)
     ax.xaxis.tick_top()
     marks = ["" if case["holds"] else "  MISSED" for case in cases]
-    ax.set_yticks([k + 0.5 for k in range(len(cases))], [c["name"] + m for c, m in zip(cases, marks)], fontsize=8)
+    ax.set_yticks(
+        [k + 0.5 for k in range(len(cases))], [c["name"] + m for c, m in zip(cases, marks)], fontsize=8
+    )
     ax.tick_params(length=0)
     ax.grid(False)
     for side in ax.spines.values():

@@ -49,9 +49,9 @@ class Outcome:
 class Gains:
     """The automatic choice alpha = beta = c / h.
 
-    step : h, the mean step of the projected run [s]. factor : c. drift, error : as in ``Outcome``. integration_error :
-    of the projected run (or what rounding leaves), the bar for the drift. over : length of the trial runs [s]. met : whether the drift stays
-    below the bar.
+    step : h, the mean step of the projected run [s]. factor : c. drift, error : as in ``Outcome``.
+    integration_error : of the projected run (or what rounding leaves), the bar for the drift. over : length of the
+    trial runs [s]. met : whether the drift stays below the bar.
     """
 
     alpha: float
@@ -72,10 +72,16 @@ class GainStudy:
     """Runs of one mechanism with any gains, against its projected motion."""
 
     def __init__(
-        self, problem: Problem, projected: System, start: Array, duration: float, options: Options, method: str
-    ) -> None:  # fmt: skip
-        """``start``, a state of the ``projected`` system, is consistent; ``options`` and ``method`` are those of the runs
-        to come."""
+        self,
+        problem: Problem,
+        projected: System,
+        start: Array,
+        duration: float,
+        options: Options,
+        method: str,
+    ) -> None:
+        """``start``, a state of the ``projected`` system, is consistent; ``options`` and ``method`` are those of
+        the runs to come."""
         self.options = options
         self.method = method
         alpha, beta = problem.graph.symbols(["alpha", "beta"], "p")
@@ -92,9 +98,11 @@ class GainStudy:
             states, steps, _ = self._run(self.projected, (), options, reached, LONGEST + 1)
         tight = max(options.rtol * TIGHTER, TIGHTEST)
         precise = dataclasses.replace(
-            options, rtol=tight, atol=options.atol * tight / options.rtol,
+            options,
+            rtol=tight,
+            atol=options.atol * tight / options.rtol,
             step=None if options.step is None else options.step / 4,
-        )  # fmt: skip
+        )
         self.reference, _, _ = self._run(self.projected, (), precise, self.over, 100 * LONGEST)
         self.step = self.over / max(steps, 1)
         # below what rounding leaves there is no error to stay under
@@ -132,7 +140,9 @@ class GainStudy:
         groups = self.system.groups(times, x, np.array([alpha, beta]))
         found = self._observe.evaluate(SAMPLES, groups)
         drift = float(np.abs(found["q"] - groups["q"]).max(initial=0.0))
-        return Outcome(alpha, beta, drift, float(np.abs(found["eta"]).max(initial=0.0)), self._error(x), steps)
+        return Outcome(
+            alpha, beta, drift, float(np.abs(found["eta"]).max(initial=0.0)), self._error(x), steps
+        )
 
     def choose(self) -> Gains:
         """Return the smallest gains alpha = beta = c / h whose drift stays below the integration error."""
@@ -147,9 +157,16 @@ class GainStudy:
         assert best is not None
         factor, found = best
         return Gains(
-            found.alpha, found.beta, factor, self.step, found.drift, found.error, self.integration_error, self.over,
+            found.alpha,
+            found.beta,
+            factor,
+            self.step,
+            found.drift,
+            found.error,
+            self.integration_error,
+            self.over,
             found.drift <= self.integration_error,
-        )  # fmt: skip
+        )
 
     def plane(self, factors: Array, seconds: float) -> tuple[Array, Array, Array, int]:
         """Return drift, error and steps over (alpha, beta) = factors / h, rows by alpha; NaN where time ran out."""

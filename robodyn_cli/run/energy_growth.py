@@ -42,7 +42,9 @@ def period(ref: Reference | None, spectrum: Spectrum | None, duration: float) ->
         rates = np.abs(spectrum.eigenvalues[0].imag)
         rates = rates[rates > 1e-6 * max(float(rates.max(initial=0.0)), 1.0 / duration)]
         if rates.size and 2 * math.pi / rates.min() < duration:
-            return Period(float(2 * math.pi / rates.min()), "the slowest oscillation of the linearised equations")
+            return Period(
+                float(2 * math.pi / rates.min()), "the slowest oscillation of the linearised equations"
+            )
     return Period(duration, "the duration of the scene: nothing in it oscillates")
 
 
@@ -93,7 +95,11 @@ def growth(scene: Scene, method: str, duration: float, budget: Budget) -> Growth
     if step is None and method in registry and not registry[method].adaptive:
         step = 1e-3 * scene.simulate.duration
     done = solve(
-        dataclasses.replace(scene, simulate=changed), budget, integrator=method, step=step, error_estimate=False
+        dataclasses.replace(scene, simulate=changed),
+        budget,
+        integrator=method,
+        step=step,
+        error_estimate=False,
     )
     return _growth(method, done)
 
@@ -107,7 +113,9 @@ def _growth(method: str, done: Solution) -> Growth:
     if done.result is None:
         return Growth(method, status, np.zeros(0), np.zeros(0), 0.0, 0, done.seconds, message)
     result = done.result
-    balance = result["energy/total"] - (result["energy/work"] if "energy/work" in result else 0.0)
+    balance = result["energy/total"].copy()
+    if "energy/work" in result:
+        balance -= result["energy/work"]
     kinetic, potential = result["energy/kinetic"], result["energy/potential"]
     with np.errstate(all="ignore"):
         scale = max(float(np.ptp(potential)), float(kinetic.max(initial=0.0)), 1e-300)

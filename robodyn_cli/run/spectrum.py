@@ -78,7 +78,9 @@ def spectrum(problem: Problem, system: System, times: Array, states: Array, dura
     Instants at which the Jacobian is not finite (a singular configuration) are left out.
     """
     J = jacobians(problem, system, times, states)
-    rows = [(t, _reduce(j, tangent)) for t, j, tangent in zip(times, J, tangents(problem, system, times, states))]
+    rows = [
+        (t, _reduce(j, tangent)) for t, j, tangent in zip(times, J, tangents(problem, system, times, states))
+    ]
     kept = [(t, j) for t, j in rows if np.all(np.isfinite(j))]
     complete = system.nv <= DENSE
     found = [_eigenvalues(j, complete) for _, j in kept]
@@ -117,7 +119,9 @@ def jacobians(problem: Problem, system: System, times: Array, states: Array) -> 
             row[system.nq :] = _differences(problem, system.dynamics, t, x)
         return J
     entries = differentiate(system).J
-    places = [(i, k) for i in range(n) for k in range(n) if isinstance(entries[i, k], Expr) or entries[i, k] != 0.0]
+    places = [
+        (i, k) for i in range(n) for k in range(n) if isinstance(entries[i, k], Expr) or entries[i, k] != 0.0
+    ]
     groups = _samples(system.own_groups(np.asarray(times, dtype=float), states, _parameters(problem)))
     for (i, k), value in zip(places, evaluate([entries[place] for place in places], groups)):
         J[:, i, k] = value

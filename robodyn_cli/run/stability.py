@@ -26,7 +26,9 @@ from robodyn_cli.scene.types import Scene
 Array = NDArray[Any]
 INSTANTS = 65  # at which eigenvalues are taken
 FEW_INSTANTS = 3  # in long chains
-STIFF = 1e4  # decays of the fastest mode within the run from which on implicit methods make the better reference
+STIFF = (
+    1e4  # decays of the fastest mode within the run from which on implicit methods make the better reference
+)
 FIXED = "rk4"  # the textbook's setting for Baumgarte's gains: a fixed step
 
 
@@ -84,8 +86,12 @@ def stability(scene: Scene, quick: bool = False, progress: Progress = no_progres
         "spectrum": describe_spectrum(found),
         "step_limits": step_limits(found),
         "methods": [t.as_dict() for t in trials],
-        "energy_growth": {"period": dataclasses.asdict(long), "periods": PERIODS, "methods": [g.as_dict() for g in energies]},
-    }  # fmt: skip
+        "energy_growth": {
+            "period": dataclasses.asdict(long),
+            "periods": PERIODS,
+            "methods": [g.as_dict() for g in energies],
+        },
+    }
     if setup.problem.constraints.rows and scene.loops:
         with watch.stage("baumgarte"):
             result.summary["baumgarte"] = gains(result, scene, setup, effort)
@@ -127,7 +133,12 @@ def along(setup: Setup, ref: Reference | None) -> Spectrum | None:
 def describe_reference(ref: Reference | None) -> dict[str, Any] | None:
     if ref is None:
         return None
-    return {"methods": list(ref.methods), "digits": round(ref.digits, 2), "until": ref.until, "ends_early": ref.ends_early}  # fmt: skip
+    return {
+        "methods": list(ref.methods),
+        "digits": round(ref.digits, 2),
+        "until": ref.until,
+        "ends_early": ref.ends_early,
+    }
 
 
 def describe_spectrum(found: Spectrum | None) -> dict[str, Any] | None:
@@ -152,9 +163,14 @@ def step_limits(found: Spectrum | None) -> list[dict[str, Any]]:
         steps = [limit.largest_step(row) for row in found.eigenvalues] if found is not None else []
         finite = [h for h in steps if np.isfinite(h)]
         table.append(
-            {"method": limit.method, "kind": limit.kind, "real_axis": limit.real, "imaginary_axis": limit.imaginary,
-             "largest_step": min(finite, default=None)}
-        )  # fmt: skip
+            {
+                "method": limit.method,
+                "kind": limit.kind,
+                "real_axis": limit.real,
+                "imaginary_axis": limit.imaginary,
+                "largest_step": min(finite, default=None),
+            }
+        )
     return table
 
 
@@ -162,22 +178,34 @@ def add_spectrum(result: Result, found: Spectrum | None) -> None:
     """Store eigenvalues, stiffness ratios and step limits along the run."""
     if found is None:
         return
-    result.add("stability/time", found.times, units="s", long_name="instants of the spectrum", dims=("instant",))
+    result.add(
+        "stability/time", found.times, units="s", long_name="instants of the spectrum", dims=("instant",)
+    )
     for name, part in (("real", found.eigenvalues.real), ("imaginary", found.eigenvalues.imag)):
         result.add(
-            f"stability/eigenvalues_{name}", part, units="1/s", dims=("instant", "eigenvalue"),
+            f"stability/eigenvalues_{name}",
+            part,
+            units="1/s",
+            dims=("instant", "eigenvalue"),
             long_name=f"{name} parts of the eigenvalues of the linearised equations of motion",
-        )  # fmt: skip
+        )
     result.add(
-        "stability/stiffness_ratio", found.ratios(), units="1", dims=("instant",),
+        "stability/stiffness_ratio",
+        found.ratios(),
+        units="1",
+        dims=("instant",),
         long_name="fastest decay over the slowest rate of the run",
-    )  # fmt: skip
+    )
     table = limits()
     steps = np.array([[limit.largest_step(row) for limit in table] for row in found.eigenvalues])
     result.add(
-        "stability/step_limit", steps.reshape(len(found.times), len(table)), units="s",
-        long_name="largest stable step", dims=("instant", "method"), names=tuple(limit.method for limit in table),
-    )  # fmt: skip
+        "stability/step_limit",
+        steps.reshape(len(found.times), len(table)),
+        units="s",
+        long_name="largest stable step",
+        dims=("instant", "method"),
+        names=tuple(limit.method for limit in table),
+    )
 
 
 def add_trials(result: Result, trials: list[Trial]) -> None:
@@ -185,9 +213,13 @@ def add_trials(result: Result, trials: list[Trial]) -> None:
     names = ("error", "relative", "estimate", "steps", "evaluations", "seconds", "until")
     rows = [[np.nan if getattr(t, n) is None else float(getattr(t, n)) for n in names] for t in trials]
     result.add(
-        "stability/methods", np.array(rows).reshape(len(trials), len(names)), units="rad or m, 1, 1, s",
-        long_name="what each method did, in the order of summary.methods", dims=("trial", "quantity"), names=names,
-    )  # fmt: skip
+        "stability/methods",
+        np.array(rows).reshape(len(trials), len(names)),
+        units="rad or m, 1, 1, s",
+        long_name="what each method did, in the order of summary.methods",
+        dims=("trial", "quantity"),
+        names=names,
+    )
 
 
 def add_energy(result: Result, energies: list[Growth], long: Period) -> None:
@@ -197,13 +229,19 @@ def add_energy(result: Result, energies: list[Growth], long: Period) -> None:
             continue
         dims = (f"{g.method}_sample",)
         result.add(
-            f"energy_growth/{g.method}/periods", g.times / long.seconds, units="1", long_name="time in periods",
+            f"energy_growth/{g.method}/periods",
+            g.times / long.seconds,
+            units="1",
+            long_name="time in periods",
             dims=dims,
-        )  # fmt: skip
+        )
         result.add(
-            f"energy_growth/{g.method}/error", g.error, units="1", dims=dims,
+            f"energy_growth/{g.method}/error",
+            g.error,
+            units="1",
+            dims=dims,
             long_name="error of the energy balance over the energy exchanged",
-        )  # fmt: skip
+        )
 
 
 def gains(result: Result, scene: Scene, setup: Setup, effort: Effort) -> dict[str, Any]:
@@ -226,9 +264,12 @@ def gains(result: Result, scene: Scene, setup: Setup, effort: Effort) -> dict[st
             report[name] = {"method": one.simulate.integrator, "message": failure.message}
             continue
         report[name] = {
-            "method": found.method, "chosen": chosen.as_dict(), "reference_step": found.step,
-            "over": found.over, "runs": done,
-        }  # fmt: skip
+            "method": found.method,
+            "chosen": chosen.as_dict(),
+            "reference_step": found.step,
+            "over": found.over,
+            "runs": done,
+        }
         dims = ("alpha", "beta")
         for path, data, units, meaning in (
             ("drift", drift, "rad or m", "largest distance of the positions from the constraints"),
@@ -237,7 +278,10 @@ def gains(result: Result, scene: Scene, setup: Setup, effort: Effort) -> dict[st
         ):
             result.add(f"baumgarte/{name}/{path}", data, units=units, long_name=meaning, dims=dims)
         result.add(
-            f"baumgarte/{name}/gain", factors / found.step, units="1/s", long_name="values of alpha and of beta",
+            f"baumgarte/{name}/gain",
+            factors / found.step,
+            units="1/s",
+            long_name="values of alpha and of beta",
             dims=("alpha",),
-        )  # fmt: skip
+        )
     return report

@@ -47,7 +47,9 @@ actuated: [theta1]
 """
 
 
-def scene(title: str, body: str, initial: str, duration: float, gravity: str = GRAVITY, torques: str = "") -> str:
+def scene(
+    title: str, body: str, initial: str, duration: float, gravity: str = GRAVITY, torques: str = ""
+) -> str:
     """Return a scene of a robot (and loops) with its start, torques and duration, at the default tolerances."""
     drive = f"torques: {torques}\n" if torques else ""
     return (
@@ -90,13 +92,21 @@ def chain(
         f"inertia: {{zz: {m * length**2 / 12:.17g}}}}}"
         for k, (m, length) in enumerate(zip(masses, lengths))
     ]
-    body = "robot:\n  convention: standard\n  joints:\n" + "\n".join(joints) + "\n  links:\n" + "\n".join(links) + "\n"
+    body = (
+        "robot:\n  convention: standard\n  joints:\n"
+        + "\n".join(joints)
+        + "\n  links:\n"
+        + "\n".join(links)
+        + "\n"
+    )
     q = ", ".join(f"q{k + 1}: {start.get(f'q{k + 1}', 0.0):.17g}" for k in range(len(masses)))
     qd = ", ".join(f"{name}: {value:.17g}" for name, value in (rates or {}).items())
     return scene(title, body, f"{{q: {{{q}}}, qd: {{{qd}}}}}", duration, gravity)
 
 
-def slider(title: str, duration: float, mass: float, force: str, start: str, gravity: str = GRAVITY, keys: str = "") -> str:  # fmt: skip
+def slider(
+    title: str, duration: float, mass: float, force: str, start: str, gravity: str = GRAVITY, keys: str = ""
+) -> str:
     """Return a mass on a vertical (y) slide under a force that is a formula of y and qd.y."""
     body = (
         "robot:\n  joints:\n"
@@ -120,9 +130,13 @@ robot:
 def governor(title: str, duration: float) -> str:
     """Return a flyball on a driven shaft, held by a damped spring whose stiffness rises tenfold every second."""
     return scene(
-        title, GOVERNOR, "{q: {shaft: 0, arm: 0.6}, qd: {shaft: 5}}", duration, "[0, 0, -9.81]",
+        title,
+        GOVERNOR,
+        "{q: {shaft: 0, arm: 0.6}, qd: {shaft: 5}}",
+        duration,
+        "[0, 0, -9.81]",
         '{shaft: "0.2*(8 - qd.shaft)", arm: "-10^(t)*(arm - 0.5) - 0.1*10^(t)*qd.arm"}',
-    )  # fmt: skip
+    )
 
 
 SPINNING = """\
@@ -132,10 +146,17 @@ robot:
     - {name: tilt, type: revolute, axis: [1, 0, 0], origin: {xyz: [0.1, 0, 0]}}
   links:
     - {name: rotor, mass: 3.0, com: [0, 0, 0], com_frame: link, inertia: {xx: 0.01, yy: 0.01, zz: 0.02}}
-    - {name: blade, mass: 0.1, com: [0, 0.05, 0.01], com_frame: link, inertia: {xx: 1e-4, yy: 5e-5, zz: 1.2e-4, xy: 1e-5}}
+    - {name: blade, mass: 0.1, com: [0, 0.05, 0.01], com_frame: link,
+       inertia: {xx: 1e-4, yy: 5e-5, zz: 1.2e-4, xy: 1e-5}}
 """
 
 
 def spinning(title: str, duration: float, speed: float) -> str:
     """Return a rotor at ``speed`` with a blade that swings about its place in the centrifugal field."""
-    return scene(title, SPINNING, f"{{q: {{spin: 0, tilt: 0.1}}, qd: {{spin: {speed:.17g}}}}}", duration, "[0, 0, -9.81]")
+    return scene(
+        title,
+        SPINNING,
+        f"{{q: {{spin: 0, tilt: 0.1}}, qd: {{spin: {speed:.17g}}}}}",
+        duration,
+        "[0, 0, -9.81]",
+    )

@@ -44,14 +44,16 @@ class Verdict:
             "expects": self.case.expects,
             "holds": not self.complaints,
             "found": "; ".join(self.complaints) or "as expected",
-            "reference": None if ref is None else {"methods": list(ref.methods), "digits": round(ref.digits, 2), "until": ref.until},
+            "reference": None
+            if ref is None
+            else {"methods": list(ref.methods), "digits": round(ref.digits, 2), "until": ref.until},
             "stiffness_ratio": None if self.spectrum is None else self.spectrum.stiffness_ratio,
             "fastest_decay": None if self.spectrum is None else self.spectrum.fastest_decay,
             "fastest_oscillation": None if self.spectrum is None else self.spectrum.fastest_oscillation,
             "methods": {t.method: t.as_dict() for t in self.trials},
             "seconds": self.seconds,
             "scene": self.scene,
-        }  # fmt: skip
+        }
 
 
 def suite(
@@ -87,7 +89,9 @@ def suite(
         progress(k + 1, len(chosen))
         if tell is not None:
             v = verdicts[-1]
-            tell(f"{case.name}: {'as expected' if not v.complaints else '; '.join(v.complaints)} ({v.seconds:.1f} s)")
+            tell(
+                f"{case.name}: {'as expected' if not v.complaints else '; '.join(v.complaints)} ({v.seconds:.1f} s)"
+            )
     missed = sum(bool(v.complaints) for v in verdicts)
     result = Result("stability", "Stability suite", "ok", "")
     result.summary = {
@@ -105,9 +109,13 @@ def suite(
             if t.relative is not None:
                 row[["auto", *registry].index(t.method)] = t.relative
     result.add(
-        "suite/relative_error", table, units="1", dims=("case", "method"), names=("auto", *registry),
+        "suite/relative_error",
+        table,
+        units="1",
+        dims=("case", "method"),
+        names=("auto", *registry),
         long_name="largest error over the range of its quantity; cases in the order of summary.cases",
-    )  # fmt: skip
+    )
     return result
 
 
@@ -150,12 +158,16 @@ def judge(case: Case, trials: Sequence[Trial], ref: Reference | None) -> list[st
         complaints.append(f"auto is {auto.status.replace('_', ' ')}: {auto.message or auto.relative}")
     else:
         if auto.relative is None or auto.relative > case.relative:
-            complaints.append(f"auto's error is {auto.relative} of the range, expected at most {case.relative:.0e}")
+            complaints.append(
+                f"auto's error is {auto.relative} of the range, expected at most {case.relative:.0e}"
+            )
         if case.energy is not None and not (auto.energy is not None and auto.energy <= case.energy):
             complaints.append(f"auto's energy drifts by {auto.energy}, expected at most {case.energy:.0e}")
     for t in trials:
         if t.status == "inaccurate" and t.honest is False:
-            complaints.append(f"{t.method} is wrong by {t.relative:.1e} of the range and its estimate hides it")
+            complaints.append(
+                f"{t.method} is wrong by {t.relative:.1e} of the range and its estimate hides it"
+            )
         if t.status == "diverged" and not t.named:
             complaints.append(f"{t.method} breaks down without saying where: {t.message}")
     return complaints

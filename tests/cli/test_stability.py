@@ -1,0 +1,52 @@
+"""``robodyn stability`` as a program: files, exit codes, and the suite."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from robodyn_cli.results.hdf5 import read
+from robodyn_cli.run.stability_cases import CASES, Case
+from robodyn_cli.run.stability_suite import judge
+from robodyn_cli.run.trial import Trial
+from tests.cli.tool import invoke
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+def test_suite_quick(tmp_path: Path) -> None:
+    """Every case does what is expected of it; nothing hangs, returns NaN or is wrong without saying so."""
+    done = invoke("stability", "--suite", "--quick", "--json", "--out", tmp_path)
+    summary = done.data
+    assert done.code == 0, [c["found"] for c in summary["cases"] if not c["holds"]]
+    assert summary["missed"] == 0 and len(summary["cases"]) == len(CASES)
+    for case in summary["cases"]:
+        for name, trial in case["methods"].items():
+            assert trial["status"] in ("stable", "inaccurate", "diverged", "too_slow", "unsupported"), name
+    assert (tmp_path / "stability_suite.png").stat().st_size > 10_000
+    assert (tmp_path / "spring_1e6.yaml").exists()
+    assert read(tmp_path / "result.h5")["suite/relative_error"].shape[0] == len(CASES)
+
+
+def test_scene(tmp_path: Path) -> None:
+    scene = CONFIGS / "benchmarks" / "simple_pendulum.yaml"
+    done = invoke("stability", scene, "--quick", "--out", tmp_path)
+    assert done.code == 0 and "largest steps" in done.out
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert {"stability_spectrum.png", "stability_methods.png", "energy_growth.png"} <= set(summary["outputs"])
+
+
+def test_usage(tmp_path: Path) -> None:
+    assert invoke("stability").code == 2
+    assert invoke("stability", CONFIGS / "double_pendulum.yaml", "--suite").code == 2
+    done = invoke("stability", "--suite", "--cases", "nonsense", "--out", tmp_path)
+    assert done.code == 2 and "spring_1e6" in done.err
+
+
+def test_a_missed_expectation_is_found() -> None:
+    case = Case("x", lambda quick: "", "stable")
+    good = Trial("auto", relative=1e-9)
+    hidden = Trial("rk4", status="inaccurate", relative=0.1, error=0.1, estimate=1e-9, honest=False)
+    assert "no reference" in judge(case, [good], None)[0]
+    assert judge(Case("y", lambda quick: "", "stops", stops="NumericalError"), [good], None)
+    assert "hides" in judge(case, [good, hidden], None)[-1]

@@ -1,0 +1,199 @@
+"""Stability regions, spectra, energy growth, Baumgarte's gains, and the report as a whole."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robodyn_cli import load_scene, load_scene_text, simulate
+from robodyn_cli.errors import NumericalError
+from robodyn_cli.integrators.registry import methods as registry
+from robodyn_cli.integrators.stability_region import amplification, limits, radius
+from robodyn_cli.integrators.tableaus import DOP853, DOPRI5, RK4
+from robodyn_cli.run.energy_growth import growth, period
+from robodyn_cli.run.gains import study
+from robodyn_cli.run.simulate import prepare
+from robodyn_cli.run.stability import at_start, stability
+from robodyn_cli.run.stability_scenes import arm, slider
+from robodyn_cli.run.trial import Budget, attempt, reference
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+FEW = Budget(100_000, 5.0)
+
+
+def test_amplification_is_the_exponential_up_to_the_order() -> None:
+    z = np.array([0.02 + 0.03j, -0.05, 0.04j])
+    for table in (DOP853, DOPRI5, RK4):
+        next_term = np.abs(z) ** (table.order + 1) / math.factorial(table.order + 1)
+        assert np.all(np.abs(amplification(table, z) - np.exp(z)) < 2.0 * next_term + 1e-15)
+
+
+def test_extents_of_regions_are_those_of_the_literature() -> None:
+    # classical method: Hairer and Wanner (1996), IV.2, and 2 sqrt 2; DOPRI5 3.3; DOP853 some 6
+    assert radius(RK4, -1.0)[0] == pytest.approx(2.785293563405282, abs=1e-6)
+    assert radius(RK4, 1j)[0] == pytest.approx(2.0 * math.sqrt(2.0), abs=1e-6)
+    assert radius(DOPRI5, -1.0)[0] == pytest.approx(3.3066, abs=1e-3)
+    assert radius(DOP853, -1.0)[0] == pytest.approx(6.39, abs=1e-2)
+    for table in (DOP853, DOPRI5, RK4):
+        r = radius(table, np.exp(1j * np.linspace(0.6, 1.0, 9) * math.pi))
+        inside = 0.999 * r * np.exp(1j * np.linspace(0.6, 1.0, 9) * math.pi)
+        assert np.all(np.abs(amplification(table, inside)) <= 1.0 + 1e-8)
+
+
+OSCILLATOR = slider("Oscillator", 10.0, 2.0, "-50*y - 4*qd.y", "{q: {y: 0.1}}", "[0, 0, 0]")
+
+
+def test_spectrum_of_a_damped_oscillator() -> None:
+    # m = 2, c = 4, k = 50: lambda = -1 +- sqrt(1 - 25)
+    found = at_start(prepare(load_scene_text(OSCILLATOR)))
+    assert found is not None
+    expected = -1.0 + 1j * math.sqrt(24.0)
+    assert (
+        np.abs(np.sort_complex(found.eigenvalues[0]) - np.array([expected.conjugate(), expected])).max()
+        < 1e-12
+    )
+    assert found.fastest_decay == pytest.approx(1.0) and found.stiffness_ratio == pytest.approx(1.0 / 5.0)
+    steps = {x.method: x.largest_step(found.eigenvalues[0]) for x in limits()}
+    direction = expected / abs(expected)
+    assert steps["rk4"] == pytest.approx(radius(RK4, direction)[0] / 5.0, rel=1e-9)
+
+
+def test_the_step_limit_is_where_a_fixed_step_breaks_down() -> None:
+    stiff = load_scene_text(slider("Overdamped", 2.0, 1.0, "-100*y - 200*qd.y", "{q: {y: 0.1}}", "[0, 0, 0]"))
+    found = at_start(prepare(stiff))
+    assert found is not None
+    limit = next(x for x in limits() if x.method == "rk4").largest_step(found.eigenvalues[0])
+    below, above = (attempt_fixed(stiff, factor * limit) for factor in (0.98, 1.05))
+    assert below < 1e-1 < 1e3 < above
+
+
+def attempt_fixed(scene, step: float) -> float:  # type: ignore[no-untyped-def]
+    import dataclasses
+
+    options = dataclasses.replace(scene.simulate, integrator="rk4", step=step, error_estimate=False)
+    result = simulate(dataclasses.replace(scene, simulate=options))
+    return float(np.abs(result["qd"][-1]).max())
+
+
+def test_spectrum_of_a_four_bar_has_no_modes_across_its_constraints() -> None:
+    setup = prepare(load_scene(CONFIGS / "four_bar_deploy.yaml"))
+    found = at_start(setup)
+    assert found is not None and found.eigenvalues.shape == (1, 2)  # one degree of freedom
+    # the one mode left: reduced mass and its derivative, by differences of the motion along the constraint
+    assert np.all(np.isfinite(found.eigenvalues))
+
+
+def test_spectrum_of_a_long_chain_agrees_with_the_exact_jacobian() -> None:
+    from robodyn_cli.formulations.index1 import index1
+    from robodyn_cli.run.spectrum import jacobians
+    from robodyn_cli.run.stability_scenes import chain
+
+    n = 31
+    scene = load_scene_text(chain("chain", 1.0, [0.1] * n, [0.1] * n, {"q1": -1.0, "q7": 0.3}))
+    setup = prepare(scene)
+    x = np.concatenate([setup.assembled.q, setup.assembled.v + 0.1])[None, :]
+    rolled = index1(setup.problem, work=False)
+    found = jacobians(setup.problem, rolled, np.zeros(1), x)[0]
+    exact = jacobians(setup.problem, index1(setup.problem, work=False, expanded=True), np.zeros(1), x)[0]
+    assert type(rolled.dynamics).__name__ == "Rolled"
+    assert np.abs(found - exact).max() < 1e-6 * np.abs(exact).max()
+
+
+def test_period_of_a_pendulum_and_growth_of_its_energy() -> None:
+    scene = load_scene(CONFIGS / "benchmarks" / "simple_pendulum.yaml")
+    ref = reference(scene, FEW)
+    assert ref is not None and ref.digits > 10
+    long = period(ref, None, scene.simulate.duration)
+    found = {m: growth(scene, m, 1000 * long.seconds, Budget(2_000_000, 20.0)) for m in ("gauss", "dop853")}
+    drift = found["dop853"].exponent
+    assert drift is not None and abs(drift - 1.0) < 0.1  # not symplectic: the energy drifts steadily
+    assert found["gauss"].largest < 1e-11 and (found["gauss"].exponent or 0.0) < 0.85  # rounding only
+
+
+def test_automatic_gains_are_the_smallest_that_keep_the_drift_below_the_error() -> None:
+    scene = load_scene(CONFIGS / "four_bar_deploy.yaml", ["simulate.rtol=1e-6", "simulate.atol=1e-8"])
+    found = study(scene, prepare(scene))
+    chosen = found.choose()
+    assert chosen.met and chosen.drift <= chosen.integration_error
+    assert chosen.alpha == chosen.beta == pytest.approx(chosen.factor / chosen.step)
+    assert (
+        chosen.factor == 2.0**-12
+        or found.outcome(chosen.alpha / 2, chosen.beta / 2).drift > chosen.integration_error
+    )
+
+
+def test_fixed_steps_limit_the_gains_as_the_stability_region_says() -> None:
+    scene = load_scene(
+        CONFIGS / "four_bar_deploy.yaml",
+        ["simulate.integrator=rk4", "simulate.step=0.02", "simulate.duration=10"],
+    )
+    found = study(scene, prepare(scene))
+    # the drift's modes are -alpha +- sqrt(alpha^2 - beta^2): with beta small the fast one is -2 alpha
+    limit = 2.785 / (2.0 * 0.02)
+    assert (
+        np.isfinite(found.outcome(0.95 * limit, 1.0).drift) and found.outcome(0.95 * limit, 1.0).drift < 1e-2
+    )
+    assert not found.outcome(1.1 * limit, 1.0).drift < 1e-2
+
+
+def test_baumgarte_without_gains() -> None:
+    scene = load_scene(CONFIGS / "four_bar_deploy.yaml", ["simulate.stabilisation=baumgarte"])
+    result = simulate(scene)
+    plain = simulate(load_scene(CONFIGS / "four_bar_deploy.yaml"))
+    assert result.summary["baumgarte"]["met"]
+    assert result.summary["constraint_residual"]["position"] < 1e-10
+    assert np.abs(result["q"] - plain["q"]).max() < 1e-9
+
+
+@pytest.mark.parametrize("integrator", ["rk4"])
+def test_a_breakdown_names_time_joint_and_quantity(integrator: str) -> None:
+    text = arm("stiff", 10.0, second=", spring: {stiffness: 1e6}, damper: {damping: 1e4}")
+    scene = load_scene_text(text.replace("samples: 1001", "samples: 101, integrator: rk4, step: 0.01"))
+    with pytest.raises(NumericalError) as caught:
+        simulate(scene)
+    details = caught.value.details
+    assert details["time"] > 0.0 and details["joint"] in ("theta1", "theta2") and details["quantity"]
+    assert details["joint"] in caught.value.message
+    kept = caught.value.result  # type: ignore[attr-defined]
+    assert kept.status == "failed" and np.all(np.isfinite(kept["q"]))
+
+
+def test_trials_tell_what_methods_do() -> None:
+    scene = load_scene_text(arm("stiff", 10.0, second=", spring: {stiffness: 1e6}, damper: {damping: 1e4}"))
+    ref = reference(scene, FEW, stiff=True)
+    assert ref is not None
+    found = {m: attempt(scene, m, ref, Budget(5_000, 5.0)) for m in ("auto", "rodas5p", "dop853", "rk4")}
+    assert found["auto"].status == found["rodas5p"].status == "stable"
+    assert found["dop853"].status == "too_slow" and found["rk4"].status == "diverged"
+    assert (
+        found["rk4"].joint is not None
+        and found["auto"].relative is not None
+        and found["auto"].relative < 1e-6
+    )
+
+
+def test_samples_of_a_stiff_run_are_as_good_as_its_steps() -> None:
+    """Between steps a stiff component must not show the rounding error of its rate."""
+    scene = load_scene_text(
+        arm("light tip", 2.0, ", damper: {damping: 1e4}", ", spring: {stiffness: 1e6, rest: 40 deg}, damper: {damping: 1e4}",
+            1e-6, start="{q: {theta1: 0, theta2: 45 deg}}")
+    )  # fmt: skip
+    result = simulate(scene)
+    late = result.time > 1.0
+    # settled: the spring's joint rests within what gravity's 1e-11 of deflection leaves
+    assert result.summary["integrator"] == "rodas5p"
+    assert np.abs(result["q"][late, 1] - math.radians(40)).max() < 1e-9
+
+
+def test_report_of_a_scene() -> None:
+    result = stability(load_scene(CONFIGS / "four_bar_deploy.yaml", ["simulate.duration=5"]), quick=True)
+    summary = result.summary
+    assert {m["method"] for m in summary["methods"]} == {"auto", *registry}
+    assert summary["reference"]["digits"] > 8
+    assert summary["methods"][0]["status"] == "stable"
+    assert summary["baumgarte"]["own"]["chosen"]["met"]
+    assert result["baumgarte/fixed/drift"].shape == (7, 7)
+    assert {x["method"] for x in summary["step_limits"]} >= {"gauss", "dop853", "dopri5", "rk4"}
