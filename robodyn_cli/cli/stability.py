@@ -25,7 +25,8 @@ def command(
         bool, typer.Option("--suite", help="Run the suite of stiff and extreme cases instead of a scene.")
     ] = False,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Smaller budgets: seconds instead of minutes.")
+        bool,
+        typer.Option("--quick", help="Smaller budgets: one method a family, seconds instead of minutes."),
     ] = False,
     cases: Annotated[
         str | None, typer.Option("--cases", metavar="A,B", help="Cases of the suite to run. [default: all]")
