@@ -287,7 +287,7 @@ def _number(
 
 
 def _fixed_frame(
-    placed: dict[str, _Placed], links: dict[str, sc.Link], point: sc.Point, values: _Values
+    placed: dict[str, _Placed], links: dict[str, sc.Link], point: sc.Place, values: _Values
 ) -> FixedFrame:
     where = placed[point.link]
     frame = where.joint_frame if point.frame == "joint" else where.link_frame

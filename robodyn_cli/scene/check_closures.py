@@ -48,12 +48,6 @@ def check_moving_points(scene: Scene, check: Check) -> None:
                     f"only points on 'base' move by formulas (this one is on {point.link!r}); let a prescribed joint "
                     "move it",
                 )
-    for name, frame in scene.robot.frames.items():
-        with check:
-            if frame.motion is not None:
-                check.fail(
-                    ("robot", "frames", name, "motion"), "only points move by formulas; define it in 'points'"
-                )
     moving = {name for name, point in scene.robot.points.items() if point.motion is not None}
     moving |= {f"base.{name}" for name in moving}
     for k, force in enumerate(scene.forces):

@@ -129,8 +129,8 @@ class Link:
 
 
 @dataclasses.dataclass(frozen=True)
-class Point:
-    """A named point or frame fixed to a link."""
+class Place:
+    """A place fixed to a link."""
 
     link: str = key(Name(of="link"), doc="Link that carries it, or `base`.")
     at: Any = key(
@@ -142,6 +142,12 @@ class Point:
     frame: str = key(
         Choice(("joint", "link")), default="link", doc="Frame of the coordinates of `at` and of `rpy`."
     )
+
+
+@dataclasses.dataclass(frozen=True)
+class Point(Place):
+    """A named point."""
+
     motion: tuple[FormulaTree, ...] | None = key(
         ListOf(Formula(("t",)), minimum=3, maximum=3),
         default=None,
@@ -151,7 +157,7 @@ class Point:
 
 
 @dataclasses.dataclass(frozen=True)
-class Frame(Point):
+class Frame(Place):
     """A named frame fixed to a link."""
 
     rpy: tuple[float, ...] = key(

@@ -110,12 +110,16 @@ def test_every_function_of_formulas_is_in_the_reference() -> None:
 YAML_BLOCKS = [(page.name, *block) for page in PAGES for block in blocks(page.read_text("utf-8"), "yaml")]
 
 
-@pytest.mark.parametrize(("page", "block", "base"), YAML_BLOCKS)
-def test_examples_load(page: str, block: str, base: str) -> None:
+def completed(block: str, base: str) -> str:
+    """Return an example with the lines above it that make it a scene."""
     given = re.findall(r"^(\w+):", block, re.MULTILINE)
     default = FOUR_BAR if base == "four_bar" else ARM
-    lines = [line for key, line in default.items() if key not in given]
-    scene = load_scene_text("\n".join([*lines, block]), str(ROOT / "configs" / "example.yaml"))
+    return "\n".join([*(line for key, line in default.items() if key not in given), block])
+
+
+@pytest.mark.parametrize(("page", "block", "base"), YAML_BLOCKS)
+def test_examples_load(page: str, block: str, base: str) -> None:
+    scene = load_scene_text(completed(block, base), str(ROOT / "configs" / "example.yaml"))
     assert scene.robot.joints
 
 
