@@ -69,14 +69,16 @@ class Constraints:
 def coordinate_row(
     name: str, model: Model, q: Sequence[Scalar], terms: Mapping[str, float], value: Scalar, kind: str
 ) -> Row:
-    """Return the row of a linear relation between joint coordinates, eta = sum c_i q_i - s(t), with its derivatives."""
+    """Return the row of a linear relation between joint coordinates, eta = sum c_i q_i - s(t), with its derivatives.
+
+    ``terms`` are by column of q, of joints whose velocities are the rates of positions.
+    """
     t = model.graph.symbol("t", "t")
     psi = zeros(model.nv)
     eta: Scalar = 0.0
     for joint, coefficient in terms.items():
-        body = model.body_of(joint)
-        psi[body.v] = coefficient
-        eta = eta + coefficient * q[body.q]
+        psi[model.v_names.index(joint)] = coefficient
+        eta = eta + coefficient * q[model.q_names.index(joint)]
     rate = directional([value], [t], [1.0])[0]
     second = directional([rate], [t], [1.0])[0]
     return Row(name, eta - value, psi, -second, -rate, kind)

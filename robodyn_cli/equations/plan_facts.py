@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from robodyn_cli.algorithms.kinematics import poses, transforms
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
 from robodyn_cli.model.build import build_model
+from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import BASE, PARAMETER_GROUP, UNKNOWN_GROUP, Body, Model
 from robodyn_cli.scene import types as sc
 
@@ -73,7 +74,10 @@ class Facts:
     @cached_property
     def frames(self) -> list[Array]:
         """Axes of the bodies (columns) in a pose where nothing is aligned by chance."""
-        q = [0.37 + 0.61 * k for k in range(self.model.nq)]
+        manifold = Manifold(self.model)
+        q = manifold.integrate(
+            manifold.neutral(), 0.37 + 0.61 * np.arange(self.model.nv, dtype=np.float64)
+        ).tolist()
         pose = poses(self.model, transforms(self.model, q))
         return [np.array(pose[k].R, dtype=float) for k in range(len(self.model.bodies))]
 
@@ -136,6 +140,9 @@ class Facts:
     def spatial_reason(self) -> str:
         """Say which joint takes the motion out of the plane."""
         turning = self._of("revolute")
+        for b in self.model.bodies:
+            if b.joint.type not in ("revolute", "prismatic"):
+                return f"joint {b.joint_name} is {b.joint.type}"
         if not turning:
             return "no joint turns, the sliding axes span space"
         first = turning[0]

@@ -298,6 +298,10 @@ def planar_inertia(v: Variant) -> Variant:
     def flat(b: Body) -> Body:
         I = zeros(3, 3)
         I[2, 2] = b.inertia.I[2, 2]
+        if (
+            b.joint.nv > 1
+        ):  # it turns about other axes too: their moments decide whether it can be accelerated
+            I[0, 0], I[1, 1] = b.inertia.I[0, 0], b.inertia.I[1, 1]
         h = vector([b.inertia.h[0], b.inertia.h[1], 0.0])
         return dataclasses.replace(b, inertia=RigidInertia(b.inertia.m, h, I))
 

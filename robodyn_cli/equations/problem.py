@@ -115,8 +115,8 @@ class Problem:
     # -- torques --------------------------------------------------------------------------------------
     def _environment(self) -> dict[str, Any]:
         env: dict[str, Any] = {"t": self.t}
-        for name, q, v in zip(self.model.joint_names, self.q, self.v):
-            env[f"q.{name}"], env[f"qd.{name}"] = q, v
+        env |= {f"q.{name}": q for name, q in zip(self.model.q_names, self.q)}
+        env |= {f"qd.{name}": v for name, v in zip(self.model.v_names, self.v)}
         for name, value in (self.scene.parameters or {}).items():
             env[f"p.{name}"] = value
         return env
@@ -127,7 +127,7 @@ class Problem:
         tau = zeros(self.model.nv)
         env = self._environment()
         for name, torque in (self.scene.torques or {}).items():
-            place = self.model.body_of(name).v
+            place = self.model.v_names.index(name)
             if isinstance(torque, sc.Torque):
                 times, values = zip(*torque.table)
                 tau[place] = interpolate(self.t, tuple(times), tuple(values))
@@ -141,7 +141,7 @@ class Problem:
         outputs: list[tuple[str, list[Scalar]]] = []
         for name, torque in (self.scene.torques or {}).items():
             if not isinstance(torque, sc.Torque):
-                outputs.append((f"torques.{name}", [self.actuator_torques[self.model.body_of(name).v]]))
+                outputs.append((f"torques.{name}", [self.actuator_torques[self.model.v_names.index(name)]]))
         for row in (self.constraints.rows[i] for i in self.constraints.rheonomic):
             outputs.append((row.name, [row.eta, row.eta_t, row.gamma]))
         found = [(key, switch) for key, entries in outputs for switch in switches(entries)]
@@ -237,13 +237,13 @@ class Problem:
         env = {"t": self.t, **{f"p.{n}": x for n, x in (self.scene.parameters or {}).items()}}
         for coupler in self.scene.couplers:
             value = 0.0 if coupler.value is None else coupler.value.evaluate(env)
-            units = {self.model.body_of(name).joint.units[0] for name in coupler.terms}
+            units = {self.model.q_units[self.model.q_names.index(name)] for name in coupler.terms}
             kind = "moment" if units == {"rad"} else "force"
             name = f"{coupler.name}.coupling"
             rows.append(coordinate_row(name, self.model, self.q, coupler.terms, value, kind))
         first = len(rows)
         for name, formula in (self.scene.prescribed or {}).items():
-            kind = self.model.body_of(name).joint.units[0]
+            kind = self.model.q_units[self.model.q_names.index(name)]
             target = formula.evaluate(env)
             rows.append(coordinate_row(f"prescribed.{name}", self.model, self.q, {name: 1.0}, target, kind))
         found = Constraints(tuple(rows), tuple(dropped), tuple(range(first, len(rows))))

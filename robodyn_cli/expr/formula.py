@@ -104,17 +104,21 @@ class Formula:
         joints: Collection[str],
         parameters: Collection[str] = (),
         variables: Collection[str] = ("t", "q", "qd"),
+        rates: Collection[str] | None = None,
     ) -> Formula:
         """Return the formula with canonical names: ``t``, ``q.JOINT``, ``qd.JOINT``, ``p.PARAMETER``.
+
+        ``joints`` are the columns of q (``ball.qw`` is one), ``rates`` those of v where they differ.
 
         Raises
         ------
         SceneError : a name that is unknown, or not among ``variables``.
         """
         canonical: dict[str, str] = {}
+        known = {"p": parameters, "q": joints, "qd": joints if rates is None else rates}
         for name, column in self.columns.items():
             group, dot, rest = name.partition(".")
-            if name == "t" or (dot and rest in (parameters if group == "p" else joints)):
+            if name == "t" or (dot and rest in known[group]):
                 canonical[name] = name
             elif name in parameters:
                 canonical[name] = f"p.{name}"
@@ -123,7 +127,7 @@ class Formula:
             if name in canonical and canonical[name].partition(".")[0] in (*variables, "p"):
                 continue
             options = [x for x in ("t",) if x in variables] + [*parameters]
-            options += [f"{x}.{joint}" for x in ("q", "qd") if x in variables for joint in joints]
+            options += [f"{x}.{joint}" for x in ("q", "qd") if x in variables for joint in known[x]]
             what = f"{name!r} is not allowed here" if name in canonical else f"unknown name {name!r}"
             hint = did_you_mean(name, [*options, *(joints if "q" in variables else ())])
             fail(self.text, column, f"{what}{hint}; allowed: {_listed(options)}", self.where)
@@ -315,10 +319,11 @@ class _Parser:
             if token.text == "deg":
                 self.unexpected(token, "'deg' stands after a number, as in 45 deg")
             group, dot, name = token.text.partition(".")
-            if dot and (group not in GROUPS or "." in name):
+            if dot and (group not in GROUPS or name.count(".") > (group != "p")):
                 self.fail(
                     token,
-                    f"unknown name {token.text!r}; a dot stands only in q.JOINT, qd.JOINT and p.PARAMETER",
+                    f"unknown name {token.text!r}; a dot stands only in q.JOINT, qd.JOINT, q.JOINT.COORDINATE and "
+                    "p.PARAMETER",
                 )
             self.names.setdefault(token.text, token.column)
             return Name(token.text)

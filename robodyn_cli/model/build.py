@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.graph import Graph, is_number
+from robodyn_cli.joints.base import Joint
+from robodyn_cli.joints.helical import Helical
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.model.model import (
     BASE,
@@ -25,6 +30,7 @@ from robodyn_cli.spatial.algebra import (
     Matrix,
     Transform,
     Vector,
+    cross,
     identity,
     matrix,
     rotation_about,
@@ -53,6 +59,22 @@ def moved_link(robot: sc.Robot, index: int) -> str:
 def has_dh(joint: sc.Joint) -> bool:
     """Tell whether a joint is placed by D-H parameters."""
     return any(x is not None for x in (joint.a, joint.alpha, joint.d, joint.theta))
+
+
+def axis_frame(joint: sc.Joint) -> Matrix:
+    """Return the body's axes (columns) in the joint's own frame, for a joint without D-H parameters.
+
+    z is the joint's axis; x its second axis, where one is given (see ``rotation_to_z`` otherwise).
+    """
+    if joint.axis2 is None:
+        return rotation_to_z(joint.axis) if joint.axis is not None else identity()
+    z, x = (vector([e / math.hypot(*a) for e in a]) for a in (joint.axis or (0.0, 0.0, 1.0), joint.axis2))
+    return np.stack([x, cross(z, x), z], axis=1)
+
+
+def joint_kind(joint: sc.Joint) -> Joint:
+    """Return what a joint of the scene is."""
+    return Helical(joint.pitch) if joint.pitch is not None else joint_types[joint.type]
 
 
 @dataclasses.dataclass
@@ -113,7 +135,7 @@ def _joint_placement(
 
     offset = get("offset", joint.offset)
     if not has_dh(joint):
-        R = rotation_to_z(joint.axis) if joint.axis is not None else identity()
+        R = axis_frame(joint)
         to_axis = Transform(R.T, zeros(3))
         back = Transform(R, zeros(3))
         shift = one
@@ -272,7 +294,7 @@ def _number(
             Body(
                 name=body["name"],
                 joint_name=joint.name,
-                joint=joint_types[joint.type],
+                joint=joint_kind(joint),
                 parent=body["parent"],
                 X_tree=body["X_tree"],
                 inertia=merged.get(k, RigidInertia.zero()),

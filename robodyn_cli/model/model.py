@@ -113,6 +113,14 @@ class Model:
         """Return the body carried by a joint."""
         return next(b for b in self.bodies if b.joint_name == joint_name)
 
+    def q_columns(self, joint_name: str) -> tuple[str, ...]:
+        """Return the columns of q of a joint."""
+        return self.body_of(joint_name).joint.coordinates(joint_name, self.body_of(joint_name).joint.names)
+
+    def v_columns(self, joint_name: str) -> tuple[str, ...]:
+        """Return the columns of v of a joint."""
+        return self.body_of(joint_name).joint.coordinates(joint_name, self.body_of(joint_name).joint.v_names)
+
     def path_to(self, body: int) -> list[int]:
         """Return the bodies from the base to ``body``, the base left out."""
         path: list[int] = []

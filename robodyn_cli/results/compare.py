@@ -73,6 +73,8 @@ def _mismatch(actual: Variable, expected: Variable) -> tuple[str, str] | None:
         return "shape", f"{actual.data.shape} instead of {expected.data.shape}"
     if actual.units != expected.units:
         return "units", f"{actual.units} instead of {expected.units}"
+    if actual.column_units != expected.column_units:
+        return "units", f"{', '.join(actual.column_units)} instead of {', '.join(expected.column_units)}"
     if actual.names != expected.names:
         return "names", f"{', '.join(actual.names)} instead of {', '.join(expected.names)}"
     return None

@@ -113,6 +113,7 @@ def _collect(group: Any, prefix: str, result: Result, select: Callable[[str], bo
                 str(attributes.get("units", "")),
                 str(attributes.get("long_name", "")),
                 tuple(str(label) for label in attributes.get("names", ())),
+                tuple(str(unit) for unit in attributes.get("column_units", ())),
             )
 
 

@@ -18,7 +18,7 @@ class Variable:
     """An array with what is needed to read it alone.
 
     ``data`` has the time dimension first when ``dims[0] == "time"``; ``names`` label the columns of the
-    last dimension (joints, constraint rows, axes).
+    last dimension (joints, constraint rows, axes); ``column_units`` are theirs where they differ.
     """
 
     data: Array
@@ -26,6 +26,7 @@ class Variable:
     units: str
     long_name: str
     names: tuple[str, ...] = ()
+    column_units: tuple[str, ...] = ()
 
 
 def make_variable(
@@ -36,6 +37,7 @@ def make_variable(
     long_name: str | None = None,
     dims: tuple[str, ...] | None = None,
     names: tuple[str, ...] | list[str] = (),
+    column_units: tuple[str, ...] = (),
 ) -> Variable:
     """Return ``data`` as a Variable; what is not given comes from the catalogue, shapes are checked."""
     known = catalogue.lookup(path)
@@ -52,7 +54,9 @@ def make_variable(
         raise ValueError(f"{path}: {array.ndim} dimensions, but dims is {tuple(dims)}")
     if names and array.shape[-1] != len(names):
         raise ValueError(f"{path}: {array.shape[-1]} columns, but {len(names)} names")
-    return Variable(array, tuple(dims), units, long_name, tuple(names))
+    if column_units and array.shape[-1] != len(column_units):
+        raise ValueError(f"{path}: {array.shape[-1]} columns, but {len(column_units)} units of columns")
+    return Variable(array, tuple(dims), units, long_name, tuple(names), tuple(column_units))
 
 
 @dataclasses.dataclass
@@ -90,13 +94,14 @@ class Result:
         long_name: str | None = None,
         dims: tuple[str, ...] | None = None,
         names: tuple[str, ...] | list[str] = (),
+        column_units: tuple[str, ...] = (),
     ) -> None:
         """Store an array under ``path``; shapes are checked against ``dims`` and ``names``.
 
         Units, meaning and dimensions of a path in the catalogue may be left out.
         """
         self.variables[path.strip("/")] = make_variable(
-            path, data, units=units, long_name=long_name, dims=dims, names=names
+            path, data, units=units, long_name=long_name, dims=dims, names=names, column_units=column_units
         )
 
     def group(self, prefix: str) -> dict[str, Variable]:

@@ -95,6 +95,7 @@ class ResultWriter:
         long_name: str | None = None,
         dims: tuple[str, ...] | None = None,
         names: tuple[str, ...] | list[str] = (),
+        column_units: tuple[str, ...] = (),
     ) -> None:
         """Add rows to ``path``; ``block`` has the shape of the dataset with its first dimension free.
 
@@ -103,9 +104,16 @@ class ResultWriter:
         path = path.strip("/")
         column = self._columns.get(path)
         if column is None:
-            column = self._declare(
-                path, make_variable(path, block, units=units, long_name=long_name, dims=dims, names=names)
+            meta = make_variable(
+                path,
+                block,
+                units=units,
+                long_name=long_name,
+                dims=dims,
+                names=names,
+                column_units=column_units,
             )
+            column = self._declare(path, meta)
         rows = np.asarray(block, dtype=float)
         if rows.ndim == 0 or rows.shape[1:] != column.meta.data.shape[1:]:
             raise ValueError(f"{path}: a block of shape {rows.shape} after {column.meta.data.shape}")
@@ -243,6 +251,8 @@ class ResultWriter:
         self._h5.set_text(column.dataset, "long_name", meta.long_name)
         if meta.names:
             self._h5.set_texts(column.dataset, "names", meta.names)
+        if meta.column_units:
+            self._h5.set_texts(column.dataset, "column_units", meta.column_units)
 
     def _write_events(self, events: list[Mapping[str, Any]]) -> None:
         core = ("time", "name", "kind")

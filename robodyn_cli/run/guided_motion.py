@@ -94,12 +94,12 @@ class LoopConditions:
         bias: list[Scalar] = [row.gamma for row in rows]
         names, lengths = [row.name for row in rows], [row.kind in ("force", "m") for row in rows]
         for name in lead.joints:
-            body = model.body_of(name)
-            values.append(problem.q[body.q])
-            J += [1.0 if k == body.v else 0.0 for k in range(model.nv)]
+            place = model.v_names.index(name)
+            values.append(problem.q[model.q_names.index(name)])
+            J += [1.0 if k == place else 0.0 for k in range(model.nv)]
             bias.append(0.0)
             names.append(f"trajectory.{name}")
-            lengths.append(body.joint.units[0] == "m")
+            lengths.append(model.v_units[place] == "m")
         if lead.point is not None:
             frame = model.points[lead.point]
             point = PointKinematics.of(model, problem.q, problem.v, frame, lead.components)
@@ -116,8 +116,7 @@ class LoopConditions:
         self.names = tuple(names)
         self.led = len(names) - len(rows)
         self.sizes = np.where(lengths, self.size, 1.0)
-        units = [unit for body in sorted(model.bodies, key=lambda b: b.v) for unit in body.joint.units]
-        self.lengths = np.array([self.size if unit == "m" else 1.0 for unit in units])
+        self.lengths = np.array([self.size if unit == "m" else 1.0 for unit in model.v_units])
         # a sample takes about four evaluations
         self._here = _single(model, [*values, *J], 4 * len(times))
         self._rates = _single(model, [*(row.eta_t for row in rows), *bias], 4 * len(times))

@@ -17,6 +17,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError, did_you_mean
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
 from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.model.model import UNKNOWN_GROUP
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.places import quaternions, world_pose
@@ -86,11 +87,19 @@ def info(path: Path, overrides: Sequence[str] = (), at: Sequence[str] = ()) -> t
     scene = load_scene(path, list(overrides))
     changes = [*overrides, *state_overrides(scene, at)]
     if not scene.loops and not scene.couplers:
-        given = {*scene.initial.q, *scene.prescribed}
-        changes = [*(f"initial.q.{n}=0" for n in moving(scene.robot) if n not in given), *changes]
+        given = {name.partition(".")[0] for name in (*scene.initial.q, *scene.prescribed)}
+        changes = [*(f"initial.q.{x}" for x in _neutral(scene, given)), *changes]
     scene = load_scene(path, changes) if changes else scene
     setup = prepare(scene)
     return _Numbers(setup.problem, setup.assembled.q, setup.assembled.v).report()
+
+
+def _neutral(scene: Scene, given: set[str]) -> Iterable[str]:
+    """Return ``NAME=value`` for the joints that have no position."""
+    for joint in scene.robot.joints:
+        kind = joint_types[joint.type]
+        if kind.nv and joint.name not in given:
+            yield f"{joint.name}={kind.neutral() if kind.names else 0}"
 
 
 class _Numbers:
@@ -122,11 +131,11 @@ class _Numbers:
             "title": scene.title,
             "joints": self._joints(),
             "links": self._links(),
-            "state": {"q": _named(model.joint_names, self.q), "qd": _named(model.joint_names, self.v)},
+            "state": {"q": _named(model.q_names, self.q), "qd": _named(model.v_names, self.v)},
             "mass_matrix": M,
             "mass_matrix_singular_values": singular_values(M),
             "coriolis_matrix": self.array(coriolis(model, problem.q, problem.v, problem.X)),
-            "gravity_torques": _named(model.joint_names, gravity),
+            "gravity_torques": _named(model.v_names, gravity),
             "frames": self._frames(),
             "points": self._points(),
         }

@@ -19,7 +19,7 @@ from robodyn_cli.run.places import FORCES, add_places, place_outputs
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.reactions import add_reactions
 from robodyn_cli.run.stopwatch import Stopwatch
-from robodyn_cli.run.units import unit_text
+from robodyn_cli.run.units import joint_columns
 from robodyn_cli.scene.types import Scene
 
 __all__ = ["ForwardDynamics", "InverseDynamics", "inverse"]
@@ -152,15 +152,12 @@ def energies(problem: Problem, terms: dict[str, list[Scalar]]) -> dict[str, list
 def fill(result: Result, problem: Problem, sampled: Sampled, planned: Planned) -> None:
     """Add time, motion, torques and energies."""
     model, motion = problem.model, sampled.motion
-    names = model.joint_names
-    torque = unit_text(model, "", {"rad": "N m", "m": "N"})
+    columns = joint_columns(model)
     result.add("time", sampled.times)
-    result.add("q", motion.q, units=unit_text(model, ""), names=names)
-    result.add("qd", motion.qd, units=unit_text(model, "/s"), names=names)
-    result.add("qdd", motion.qdd, units=unit_text(model, "/s^2"), names=names)
-    result.add("tau", sampled.tau, units=torque, names=names)
+    for path, data in (("q", motion.q), ("qd", motion.qd), ("qdd", motion.qdd), ("tau", sampled.tau)):
+        result.add(path, data, **columns[path].described())
     for name, term in sampled.terms.items():
-        result.add(f"torque_terms/{name}", term, units=torque, names=names)
+        result.add(f"torque_terms/{name}", term, **columns["tau"].described())
     kinetic, potential = sampled.arrays["kinetic"][:, 0], sampled.arrays["potential"][:, 0]
     result.add("energy/kinetic", kinetic)
     result.add("energy/potential", potential)

@@ -73,7 +73,7 @@ def joint_figures(model: Model, sampled: Sampled) -> dict[str, dict[str, Any]]:
     rms = np.sqrt(np.maximum(0.0, mean_square(tau, h)))
     delivered, net = integrate_positive(power, h), integrate(power, h)
     figures: dict[str, dict[str, Any]] = {}
-    for k, (name, unit) in enumerate(zip(model.joint_names, model.q_units)):
+    for k, (name, unit) in enumerate(zip(model.v_names, model.v_units)):
         at = int(np.argmax(np.abs(tau[:, k])))
         figures[name] = {
             "peak_torque": float(np.abs(tau[at, k])),

@@ -64,7 +64,7 @@ def plan_motion(problem: Problem, times: Array) -> Planned:
             key="trajectory",
         )
     if not isinstance(trajectory, TaskSpace):
-        return Planned(trajectory.motion(times, model.joint_names, parameters))
+        return Planned(trajectory.motion(times, model.q_names, parameters))
     from robodyn_cli.solve.inverse_kinematics import PointTask, follow_point
 
     start = trajectory.ik.guess or scene.initial.q

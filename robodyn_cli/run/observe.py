@@ -24,10 +24,13 @@ from robodyn_cli.run.evaluation import SampleFunction
 from robodyn_cli.run.least_norm import LeastNorm, equations_of
 from robodyn_cli.run.places import FORCES, place_dataset, place_outputs
 from robodyn_cli.run.reactions import ReactionSamples, figures
-from robodyn_cli.run.units import unit_text
+from robodyn_cli.run.units import joint_columns
 
 Array = NDArray[Any]
 XYZ = ("x", "y", "z")
+MEANINGS = {
+    "q": "joint position", "qd": "joint velocity", "qdd": "joint acceleration", "tau": "actuator torque"
+}  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,6 +41,7 @@ class Column:
     long_name: str
     dims: tuple[str, ...]
     names: tuple[str, ...] = ()
+    column_units: tuple[str, ...] = ()
 
 
 def observed(problem: Problem, accelerations: bool = True) -> dict[str, Sequence[Scalar]]:
@@ -234,15 +238,9 @@ class Observer:
 
     def describe(self) -> dict[str, Column]:
         """Return units and names of the datasets whose columns belong to this scene."""
-        model = self.problem.model
-        torque = {"rad": "N m", "m": "N"}
-        names = model.joint_names
-        joints = ("time", "joint")
         table = {
-            "q": Column(unit_text(model, ""), "joint position", joints, names),
-            "qd": Column(unit_text(model, "/s"), "joint velocity", joints, names),
-            "qdd": Column(unit_text(model, "/s^2"), "joint acceleration", joints, names),
-            "tau": Column(unit_text(model, "", torque), "actuator torque", joints, names),
+            path: Column(long_name=MEANINGS[path], **columns.described())
+            for path, columns in joint_columns(self.problem.model).items()
         }
         elements = self.problem.elements.names
         table["forces/potential"] = Column("J", "potential energy of forces", ("time", "force"), elements)
@@ -317,14 +315,7 @@ class Recorder:
         if column is None:
             self.writer.append(path, block)
         else:
-            self.writer.append(
-                path,
-                block,
-                units=column.units,
-                long_name=column.long_name,
-                dims=column.dims,
-                names=column.names,
-            )
+            self.writer.append(path, block, **dataclasses.asdict(column))
 
     def make_last_least_norm(self, time: float) -> None:
         """Replace accelerations and multipliers of the last sample, where Psi has lost rank, by least-norm ones."""
@@ -376,11 +367,4 @@ class Recorder:
             if column is None:
                 result.add(path, data)
             else:
-                result.add(
-                    path,
-                    data,
-                    units=column.units,
-                    long_name=column.long_name,
-                    dims=column.dims,
-                    names=column.names,
-                )
+                result.add(path, data, **dataclasses.asdict(column))

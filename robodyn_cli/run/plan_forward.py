@@ -21,6 +21,7 @@ from robodyn_cli.formulations.system import GROUPS
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.writer import INLINE_LIMIT
 from robodyn_cli.kernels.program import make_program
+from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.run.deployment import Deployment
 from robodyn_cli.run.evaluation import worth_compiling
 from robodyn_cli.run.least_norm import equations_of
@@ -51,8 +52,8 @@ class Forward:
             return
         initial = scene.initial.q or {}
         self.problem = Problem(scene)
-        names = self.problem.model.joint_names
-        q, v = np.zeros(self.problem.model.nq), np.zeros(self.problem.model.nv)
+        names = self.problem.model.q_names
+        q, v = Manifold(self.problem.model).neutral(), np.zeros(self.problem.model.nv)
         # an open chain without initial positions has a plan, though no run
         if self.problem.model.closures or all(n in initial or n in (scene.prescribed or {}) for n in names):
             setup = prepare(scene)

@@ -13,12 +13,13 @@ from robodyn_cli.algorithms.reactions import Reactions, reactions
 from robodyn_cli.algorithms.rnea import Wrench
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
+from robodyn_cli.model.build import axis_frame
 from robodyn_cli.model.model import BASE, UNKNOWN_GROUP, Model
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.evaluation import SampleFunction
 from robodyn_cli.scene import types as sc
 from robodyn_cli.scene.points import has_dh, point_link
-from robodyn_cli.spatial.algebra import Matrix, identity, rotation_to_z
+from robodyn_cli.spatial.algebra import Matrix, identity
 
 Array = NDArray[np.float64]
 NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
@@ -28,9 +29,7 @@ BASE_PATH = "base_wrench"
 
 def joint_axes(joint: sc.Joint) -> Matrix:
     """Return the axes (columns, body coordinates) of the joint's own frame, that of ``com_frame: joint``."""
-    if joint.axis is None or has_dh(joint):
-        return identity()
-    return rotation_to_z(joint.axis).T
+    return identity() if has_dh(joint) else axis_frame(joint).T
 
 
 class ReactionSamples:

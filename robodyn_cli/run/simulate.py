@@ -56,20 +56,23 @@ def prepare(scene: Scene, watch: Stopwatch | None = None) -> Setup:
         problem = Problem(scene)
         given = {**(scene.initial.q or {}), **prescribed_starts(scene)}
         loops = bool(problem.model.closures)
-        for name in scene.initial.hold if loops else problem.model.joint_names:
+        model = problem.model
+        held = [column for name in scene.initial.hold for column in model.q_columns(name)]
+        for name in held if loops else model.q_names:
             if name not in given:
                 why = (
                     "`initial.hold` keeps it at its value"
                     if loops
                     else "an open chain needs one for each joint"
                 )
+                what = "coordinate" if "." in name else "joint"
                 raise SceneError(
-                    f"{scene.path}: initial.q: joint {name!r} has no initial position ({why})",
+                    f"{scene.path}: initial.q: {what} {name!r} has no initial position ({why})",
                     file=scene.path, key="initial.q",
                 )  # fmt: skip
     with watch.stage("assemble"):
         check_prescribed(problem)
-        hold = [*scene.initial.hold, *(n for n in scene.prescribed or {} if n not in scene.initial.hold)]
+        hold = [*held, *(n for n in scene.prescribed or {} if n not in held)]
         assembled = assemble(problem, given, dict(scene.initial.qd or {}), hold)
         refuse_singular(problem.model, assembled.q)
     if assembled.redundant:
@@ -295,14 +298,10 @@ def passive_coordinates(problem: Problem) -> list[int] | None:
     scene, model = problem.scene, problem.model
     if not model.closures:
         return None
-    actuated = list(scene.actuated) if scene.actuated is not None else list(scene.torques or {})
-    driven = {*actuated, *(scene.prescribed or {})}
-    return [
-        b.v + j
-        for b in sorted(model.bodies, key=lambda b: b.v)
-        if b.joint_name not in driven
-        for j in range(b.joint.nv)
-    ]
+    driven = {*(scene.torques or {}), *(scene.prescribed or {})}
+    if scene.actuated is not None:
+        driven = {*(scene.prescribed or {}), *(x for name in scene.actuated for x in model.v_columns(name))}
+    return [k for k, name in enumerate(model.v_names) if name not in driven]
 
 
 def kept_every(scene: Scene, writer: ResultWriter | None) -> int:

@@ -1,12 +1,49 @@
-"""Units of joint quantities in words."""
+"""Names and units of the columns of joint quantities."""
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
 from robodyn_cli.model.model import Model
 
+TORQUE = {"rad": "N m", "m": "N"}
 
-def unit_text(model: Model, suffix: str, table: dict[str, str] | None = None) -> str:
-    """Return one text for the units of all joints: ``rad/s``, ``m/s`` or both."""
-    kinds = list(dict.fromkeys(model.q_units)) or ["rad"]
-    texts = [table[k] if table else k + suffix for k in kinds]
-    return " or ".join(texts)
+
+def unit_text(units: Sequence[str]) -> str:
+    """Return one text for the units of all columns: ``rad/s``, ``m/s`` or ``rad/s or m/s``."""
+    return " or ".join(dict.fromkeys(units)) or "rad"
+
+
+@dataclasses.dataclass(frozen=True)
+class JointColumns:
+    """What is said of an array (T, nq) or (T, nv) of joint quantities (see ``Result.add``)."""
+
+    names: tuple[str, ...]
+    column_units: tuple[str, ...]
+    dims: tuple[str, ...]
+
+    @property
+    def units(self) -> str:
+        """One text for all columns."""
+        return unit_text(self.column_units)
+
+    def described(self) -> dict[str, Any]:
+        """Return what ``Result.add`` takes."""
+        mixed = len(set(self.column_units)) > 1
+        units = {"column_units": self.column_units} if mixed else {}
+        return {"units": self.units, "names": self.names, "dims": self.dims, **units}
+
+
+def joint_columns(model: Model) -> dict[str, JointColumns]:
+    """Return the columns of ``q``, ``qd``, ``qdd`` and ``tau``."""
+    rates = ("time", "joint")
+    # quaternions have other columns than their rates
+    positions = rates if model.q_names == model.v_names else ("time", "position")
+    return {
+        "q": JointColumns(model.q_names, model.q_units, positions),
+        "qd": JointColumns(model.v_names, tuple(f"{u}/s" for u in model.v_units), rates),
+        "qdd": JointColumns(model.v_names, tuple(f"{u}/s^2" for u in model.v_units), rates),
+        "tau": JointColumns(model.v_names, tuple(TORQUE[u] for u in model.v_units), rates),
+    }

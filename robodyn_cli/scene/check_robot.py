@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.scene.check import Check
@@ -14,11 +15,24 @@ ROBOT: Path = ("robot",)
 _DH = ("a", "alpha", "d", "theta")
 # the D-H parameter that is the joint's own coordinate
 _VARIABLE = {"revolute": "theta", "prismatic": "d"}
+_ONE_AXIS = ("revolute", "prismatic", "helical", "cylindrical")
+_TWO_AXES = ("universal", "planar")
+_NO_AXIS = ("spherical", "floating")
 
 
 def moving(robot: Robot) -> tuple[str, ...]:
     """Return the names of the joints that have a coordinate."""
     return tuple(joint.name for joint in robot.joints if joint_types[joint.type].nv > 0)
+
+
+def columns(robot: Robot, quasi: bool | None = None, velocities: bool = False) -> tuple[str, ...]:
+    """Return the columns of q (or v) of the joints; of those with quasi-velocities, or of the others, if asked."""
+    found: list[str] = []
+    for joint in robot.joints:
+        kind = joint_types[joint.type]
+        if kind.nv and quasi in (None, kind.quasi):
+            found += kind.coordinates(joint.name, kind.v_names if velocities else kind.names)
+    return tuple(found)
 
 
 def check_robot(robot: Robot, check: Check) -> Robot:
@@ -95,6 +109,7 @@ def _connect(robot: Robot, check: Check, joints: list[Path], links: list[Path]) 
 
 
 def _check_placement(robot: Robot, joint: Joint, check: Check, path: Path) -> None:
+    _check_kind(joint, check, path)
     variable = _VARIABLE.get(joint.type)
     if variable is not None and getattr(joint, variable) is not None:
         check.fail(
@@ -113,10 +128,44 @@ def _check_placement(robot: Robot, joint: Joint, check: Check, path: Path) -> No
             check.fail(
                 (*path, "axis"), f"does not go with the D-H parameter {given!r}; give one or the other", True
             )
-    elif joint_types[joint.type].nv > 0 and joint.axis is None:
-        check.fail(path, f"joint {joint.name!r} needs D-H parameters (a, alpha, d, theta) or an 'axis'")
-    if joint.axis is not None and not any(joint.axis):
-        check.fail((*path, "axis"), "must not be zero (value [0, 0, 0])")
+    elif joint.type in _ONE_AXIS and joint.axis is None:
+        dh = "D-H parameters (a, alpha, d, theta) or " if joint.type in _VARIABLE else ""
+        check.fail(path, f"joint {joint.name!r} needs {dh}an 'axis'")
+    for name in ("axis", "axis2"):
+        if getattr(joint, name) is not None and not any(getattr(joint, name)):
+            check.fail((*path, name), "must not be zero (value [0, 0, 0])")
+    _check_second_axis(joint, check, path)
+
+
+def _check_kind(joint: Joint, check: Check, path: Path) -> None:
+    """Check the keys that only some kinds of joint take."""
+    dh = next((name for name in _DH if getattr(joint, name) is not None), None)
+    if dh is not None and joint.type not in (*_VARIABLE, "fixed"):
+        message = (
+            f"D-H parameters describe revolute, prismatic and fixed joints; place a {joint.type} joint by"
+        )
+        check.fail((*path, dh), f"{message} 'origin' and 'axis'", at_key=True)
+    if joint.type in _NO_AXIS and joint.axis is not None:
+        message = f"a {joint.type} joint has no axis; turn its frame by origin.rpy"
+        check.fail((*path, "axis"), message, at_key=True)
+    if joint.type == "helical" and joint.pitch is None:
+        check.fail(
+            path, f"joint {joint.name!r} is helical: key 'pitch' is missing; allowed: a number [m/rad]"
+        )
+    if joint.type != "helical" and joint.pitch is not None:
+        check.fail((*path, "pitch"), "is for helical joints only", at_key=True)
+
+
+def _check_second_axis(joint: Joint, check: Check, path: Path) -> None:
+    if joint.axis2 is not None:
+        if joint.type not in _TWO_AXES:
+            check.fail((*path, "axis2"), f"is for {' and '.join(_TWO_AXES)} joints only", at_key=True)
+        axis = joint.axis or (0.0, 0.0, 1.0)
+        cosine = sum(a * b for a, b in zip(axis, joint.axis2)) / (
+            math.hypot(*axis) * math.hypot(*joint.axis2)
+        )
+        if abs(cosine) > 1e-9:
+            check.fail((*path, "axis2"), f"must be at right angles to the axis (cosine {cosine:.3g})")
 
 
 def _check_drive(joint: Joint, check: Check, path: Path) -> None:
@@ -125,6 +174,15 @@ def _check_drive(joint: Joint, check: Check, path: Path) -> None:
     if joint_types[joint.type].nv == 0:
         forces = [name for name, _ in joint.forces]
         for name in ("axis", "offset", "gear_ratio", "rotor_inertia", *forces):
+            with check:
+                if check.has((*path, name)):
+                    message = f"joint {joint.name!r} is {joint.type}: it takes no {name!r}"
+                    check.fail((*path, name), message, at_key=True)
+    elif joint.type not in _VARIABLE:
+        several = joint_types[joint.type].nv > 1
+        # which of several coordinates a spring or a gear belongs to is not said by the joint alone
+        drive = ("gear_ratio", "rotor_inertia", *(name for name, _ in joint.forces)) if several else ()
+        for name in ("offset", *drive):
             with check:
                 if check.has((*path, name)):
                     message = f"joint {joint.name!r} is {joint.type}: it takes no {name!r}"

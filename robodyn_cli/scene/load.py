@@ -63,12 +63,19 @@ def formula_names(root: Node) -> Names:
     robot = root.get("robot") if isinstance(root, Mapping) else None
     joints = robot.get("joints") if isinstance(robot, Mapping) else None
     moving: list[str] = []
+    rates: list[str] = []
     fixed: list[str] = []
+    types: dict[str, str] = {}
     for joint in joints.items if isinstance(joints, SequenceNode) else ():
         name, type_ = (joint.get("name"), joint.get("type")) if isinstance(joint, Mapping) else (None, None)
         kind = joint_types.get(type_.text) if isinstance(type_, Scalar) else None
         if isinstance(name, Scalar):
-            (moving if kind is None or kind.nv > 0 else fixed).append(name.text)
+            if kind is not None and kind.nv == 0:
+                fixed.append(name.text)
+                continue
+            moving += kind.coordinates(name.text, kind.names) if kind else (name.text,)
+            rates += kind.coordinates(name.text, kind.v_names) if kind else (name.text,)
+            types[name.text] = type_.text if isinstance(type_, Scalar) else ""
     parameters = root.get("parameters") if isinstance(root, Mapping) else None
     keys = [key.text for key, _ in parameters.entries] if isinstance(parameters, Mapping) else []
-    return Names(tuple(moving), tuple(keys), tuple(fixed))
+    return Names(tuple(moving), tuple(keys), tuple(fixed), tuple(rates), types)

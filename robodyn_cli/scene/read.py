@@ -6,6 +6,7 @@ import dataclasses
 import math
 import re
 from collections.abc import Callable
+from functools import partial
 from typing import Any, TypeVar
 
 from robodyn_cli.errors import SceneError, did_you_mean
@@ -23,6 +24,7 @@ from robodyn_cli.scene.nodes import (
     located,
     shown,
 )
+from robodyn_cli.scene.read_joints import joint_map
 from robodyn_cli.schema.describe import describe
 from robodyn_cli.schema.fields import (
     Boolean,
@@ -33,6 +35,7 @@ from robodyn_cli.schema.fields import (
     Formula,
     Inline,
     Integer,
+    JointMap,
     Kind,
     ListOf,
     MapOf,
@@ -65,6 +68,8 @@ class Names:
     joints: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
     fixed: tuple[str, ...] = ()  # joints without a coordinate, for a better message
+    rates: tuple[str, ...] = ()  # columns of v, where they differ from those of q
+    types: dict[str, str] = dataclasses.field(default_factory=dict)  # of the joints
 
 
 class Reader:
@@ -74,6 +79,7 @@ class Reader:
         self.names = names
         # looked up once a formula: as sets, but in the order of the scene
         self.joints = dict.fromkeys(names.joints)
+        self.rates = dict.fromkeys(names.rates or names.joints)
         self.parameters = dict.fromkeys(names.parameters)
         self.handlers: dict[type[Kind], Callable[[Any, Node, Path, str], Any]] = {
             Number: self.number,
@@ -86,6 +92,7 @@ class Reader:
             Formula: self.formula,
             ListOf: self.list_of,
             MapOf: self.map_of,
+            JointMap: partial(joint_map, self),
             Section: self.section,
             Tagged: self.tagged,
             Either: self.either,
@@ -214,11 +221,13 @@ class Reader:
             return fm.Formula.number(self.finite(node, path))
         tree = self.parse(node, path, describe(kind, unit))
         for name in tree.names:
-            if name.rpartition(".")[2] in self.names.fixed:
-                message = f"joint {name.rpartition('.')[2]!r} is fixed: it has no coordinate for a formula"
+            parts = name.split(".")
+            joint = parts[1] if len(parts) > 1 else name
+            if joint in self.names.fixed:
+                message = f"joint {joint!r} is fixed: it has no coordinate for a formula"
                 raise located(node, dotted(path), f"{message} (value {describe_node(node)})")
         try:
-            tree = tree.resolve(self.joints, self.parameters, kind.variables)
+            tree = tree.resolve(self.joints, self.parameters, kind.variables, self.rates)
         except SceneError as error:
             raise located(node, dotted(path), error.message) from None
         where = str(located(node, dotted(path), "").message).removesuffix(": ")

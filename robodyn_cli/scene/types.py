@@ -25,6 +25,7 @@ from robodyn_cli.schema.fields import (
     Formula,
     Inline,
     Integer,
+    JointMap,
     ListOf,
     MapOf,
     Name,
@@ -92,7 +93,24 @@ class Joint:
         doc="Placement in the parent link's frame (before any D-H parameters).",
     )
     axis: tuple[float, ...] | None = key(
-        Vector(3), default=None, unit="1", doc="Joint axis in the joint's own frame (without D-H parameters)."
+        Vector(3),
+        default=None,
+        unit="1",
+        doc="Joint axis in the joint's own frame (without D-H parameters); of a universal joint the first one, of "
+        "a planar one the normal of its plane. Not for spherical and floating joints.",
+    )
+    axis2: tuple[float, ...] | None = key(
+        Vector(3),
+        default=None,
+        unit="1",
+        doc="Second axis of a universal joint, or x of a planar one, at right angles to `axis`; default: the frame's "
+        "x for an `axis` along z, y for x, z for y.",
+    )
+    pitch: float | None = key(
+        Number(),
+        default=None,
+        unit="m/rad",
+        doc="Advance of a helical joint along its axis, lead / (2 pi); positive for a right-handed thread.",
     )
     gear_ratio: float = key(
         Number(), default=1.0, unit="1", doc="N: motor turns per joint turn (may be negative)."
@@ -208,10 +226,13 @@ class Initial:
     """The state at t = 0."""
 
     q: dict[str, float] = key(
-        MapOf(Number(angle=True), of="joint"), default=None, unit="rad or m", doc="Positions."
+        JointMap(Number(angle=True)),
+        default=None,
+        unit="rad or m",
+        doc="Positions; a list or a map by coordinate for joints with several.",
     )
     qd: dict[str, float] = key(
-        MapOf(Number(angle=True), of="joint"),
+        JointMap(Number(angle=True), coordinates="v"),
         default=None,
         unit="rad/s or m/s",
         doc="Rates; 0 where not given.",
@@ -349,13 +370,13 @@ class Scene:
         doc="Actuated joints; default: all in open chains, those in `torques` in loops.",
     )
     torques: dict[str, Any] = key(
-        MapOf(Either((Formula(), Section(Torque))), of="joint"),
+        JointMap(Either((Formula(), Section(Torque))), coordinates="v"),
         default=None,
         unit="N m or N",
         doc="Actuator torques: a number, a formula in t, q and qd, or a table.",
     )
     prescribed: dict[str, FormulaTree] = key(
-        MapOf(Formula(("t",)), of="joint"),
+        JointMap(Formula(("t",))),
         default=None,
         unit="rad or m",
         doc="Joints whose motion is prescribed.",

@@ -7,10 +7,11 @@ from collections.abc import Iterable
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.formula import parse
+from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.scene.check import Check
 from robodyn_cli.scene.check_closures import check_couplers, check_moving_points
 from robodyn_cli.scene.check_forces import check_forces
-from robodyn_cli.scene.check_robot import check_robot, moving
+from robodyn_cli.scene.check_robot import check_robot, columns, moving
 from robodyn_cli.scene.methods import FIXED_STEP
 from robodyn_cli.scene.nodes import Node, Path, Scalar
 from robodyn_cli.scene.points import BASE, point_link, point_problem
@@ -26,7 +27,11 @@ class _SceneNames:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        return moving(self.robot)
+        return columns(self.robot, quasi=False)
+
+    @property
+    def quasi(self) -> tuple[str, ...]:
+        return tuple(joint.name for joint in self.robot.joints if joint_types[joint.type].quasi)
 
     def point_problem(self, reference: str) -> str | None:
         return point_problem(self.robot, reference)
@@ -70,7 +75,9 @@ def _check_joints(scene: Scene, names: Iterable[tuple[str, Path]], check: Check,
 
 
 def _keys(names: Iterable[str], *path: str) -> list[tuple[str, Path]]:
-    return [(name, (*path, name)) for name in names]
+    """Return the joints of columns, and where they stand."""
+    joints = dict.fromkeys(name.partition(".")[0] for name in names)
+    return [(name, (*path, name)) for name in joints]
 
 
 def _items(names: Iterable[str], *path: str) -> list[tuple[str, Path]]:
@@ -102,16 +109,24 @@ def _check_drives(scene: Scene, check: Check) -> None:
     check.unique(actuated or (), "joint", [path for _, path in _items(actuated or (), "actuated")])
     _check_joints(scene, _keys(scene.torques, "torques"), check, at_key=True)
     _check_joints(scene, _keys(scene.prescribed, "prescribed"), check, at_key=True)
+    for name, path in _keys(scene.prescribed, "prescribed"):
+        with check:
+            if any(joint.name == name and joint_types[joint.type].quasi for joint in scene.robot.joints):
+                message = f"the motion of joint {name!r} cannot be prescribed, because its velocities are no rates of"
+                check.fail(
+                    path, f"{message} positions; prescribe joints of one axis in its place", at_key=True
+                )
     for name, torque in scene.torques.items():
         with check:
             _check_torque(scene, name, torque, check)
 
 
 def _check_torque(scene: Scene, name: str, torque: object, check: Check) -> None:
-    path: Path = ("torques", name)
-    if scene.actuated is not None and name not in scene.actuated:
+    joint, dot, coordinate = name.partition(".")
+    path: Path = ("torques", joint, *((coordinate,) if dot else ()))
+    if scene.actuated is not None and joint not in scene.actuated:
         allowed = ", ".join(scene.actuated) or "none"
-        check.fail(path, f"joint {name!r} is not in 'actuated'; allowed: {allowed}", at_key=True)
+        check.fail(path, f"joint {joint!r} is not in 'actuated'; allowed: {allowed}", at_key=True)
     if name in scene.prescribed:
         check.fail(path, f"the motion of {name!r} is prescribed, so its torque is a result", at_key=True)
     if isinstance(torque, Torque):

@@ -93,6 +93,17 @@ class MapOf(Kind):
 
 
 @dataclasses.dataclass(frozen=True)
+class JointMap(MapOf):
+    """A map from joints to values: one ``item`` for a joint with one coordinate, a list or a map of them for others.
+
+    coordinates : ``q`` or ``v``, whose columns the values are for. It is read as a flat map by column.
+    """
+
+    of: str = "joint"
+    coordinates: str = "q"
+
+
+@dataclasses.dataclass(frozen=True)
 class Criteria(Kind):
     """A map from key paths of a run's summary (``lock.time``) to what is expected there (``12.28 +- 0.01``)."""
 

@@ -19,6 +19,7 @@ from robodyn_cli.schema.fields import (
     Formula,
     Inline,
     Integer,
+    JointMap,
     Kind,
     ListOf,
     MapOf,
@@ -35,6 +36,8 @@ DRAFT = "https://json-schema.org/draft/2020-12/schema"
 NAME = r"^[A-Za-z_][A-Za-z0-9_-]*$"
 # joints and parameters stand in formulas, where '-' is a sign
 NAME_IN_FORMULAS = r"^[A-Za-z_][A-Za-z0-9_]*$"
+# what the coordinates of joints with several are called, and the forms of an attitude
+COORDINATE = r"^(q[wxyz]|[vw]?[xyz]|theta[12]?|d|xyz|rpy|quaternion|rotation_vector)$"
 # a constant expression holds a digit or a constant, so that most slips of the pen are seen
 EXPRESSION = {"type": "string", "pattern": r"[0-9]|\bpi\b|\be\b"}
 
@@ -143,6 +146,19 @@ class _Maker:
             most = {"maxItems": kind.maximum} if kind.maximum is not None else {}
             least = {"minItems": kind.minimum} if kind.minimum else {}
             return {"type": "array", "items": self.kind(kind.item), **least, **most}
+        if isinstance(kind, JointMap):
+            item = self.kind(kind.item)
+            several = {"type": "array", "items": item, "minItems": 2}
+            by_name = {
+                "type": "object",
+                "propertyNames": {"pattern": COORDINATE},
+                "additionalProperties": {"anyOf": [item, several]},
+            }
+            return {
+                "type": ["object", "null"],
+                "propertyNames": {"pattern": _name_pattern(kind.of)},
+                "additionalProperties": {"anyOf": [item, several, by_name]},
+            }
         if isinstance(kind, MapOf):
             return {
                 "type": ["object", "null"],

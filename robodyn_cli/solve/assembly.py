@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -59,9 +59,9 @@ def assemble(
 
     Parameters
     ----------
-    given : initial values by joint; coordinates that are not given are found from many starts.
-    rates : initial rates by joint; the others follow from the velocity constraints, with least norm.
-    hold : joints whose position stays exactly as given.
+    given : initial values by column of q; coordinates that are not given are found from many starts.
+    rates : initial rates by column of v; the others follow from the velocity constraints, with least norm.
+    hold : columns of q whose position stays exactly as given.
 
     Raises
     ------
@@ -70,9 +70,10 @@ def assemble(
     """
     model = equations.model
     numbers = Numbers(equations, parameters)
-    place = {b.joint_name: b.q for b in model.bodies}
-    rate_place = {b.joint_name: b.v for b in model.bodies}
-    q = np.zeros(model.nq)
+    manifold = numbers.manifold
+    place = {name: k for k, name in enumerate(model.q_names)}
+    rate_place = {name: k for k, name in enumerate(model.v_names)}
+    q = manifold.neutral()
     for name, value in given.items():
         q[place[name]] = value
     v = np.zeros(model.nv)
@@ -81,21 +82,28 @@ def assemble(
     if not numbers.rows:
         return Assembled(q, v, 0.0, 0.0, (), ())
     size = mechanism_size(model)
-    lengths = np.ones(model.nq)
-    sliding = [body.q + k for body in model.bodies for k, unit in enumerate(body.joint.units) if unit == "m"]
-    lengths[sliding] = size
-    missing = [k for name, k in place.items() if name not in given and name not in hold]
+    lengths = np.array([size if unit == "m" else 1.0 for unit in model.v_units])
+    # what is said of a quaternion is said of all three of its velocities
+    said = [manifold.columns(k) for k in range(model.nv)]
+    missing = [
+        k
+        for k, cs in enumerate(said)
+        if not any(model.q_names[c] in given or model.q_names[c] in hold for c in cs)
+    ]
+    held = [k for k, cs in enumerate(said) if any(model.q_names[c] in hold for c in cs)]
     numbers.sizes = np.array([size if row.kind in ("force", "m") else 1.0 for row in numbers.rows])
     task = _Closing(
         lengths,
-        free=[k for name, k in place.items() if name not in hold],
+        free=[k for k in range(model.nv) if k not in held],
         missing=missing,
-        turning=[k for k in missing if k not in sliding],
+        turning=[
+            int(manifold.position[k]) for k in missing if manifold.position[k] >= 0 and lengths[k] == 1.0
+        ],
         held={name: q[place[name]] for name in hold},
     )
     q = _close(numbers, q, task)
     independent, redundant = _independent_rows(numbers, q, lengths)
-    v, remaining = _close_rates(numbers, q, v, [rate_place[n] for n in rates], [rate_place[n] for n in hold])
+    v, remaining = _close_rates(numbers, q, v, [rate_place[n] for n in rates], held)
     return Assembled(
         q, v, float(np.abs(numbers.eta(q)).max()), remaining, independent,
         tuple(numbers.rows[i].name for i in redundant),
@@ -106,8 +114,9 @@ def assemble(
 class _Closing:
     """What closing may move.
 
-    lengths : (nq,) what stands for a large motion. free : coordinates that are not held; missing : those of them
-    without an initial value; turning : those of the missing ones that are angles. held : joints and values.
+    Velocity coordinates but for the last two: lengths : (nv,) what stands for a large motion. free : not held;
+    missing : without an initial value. turning : places in q of the missing ones that are angles. held : columns of q
+    and values.
     """
 
     lengths: Array
@@ -122,10 +131,14 @@ def _close(numbers: Numbers, q: Array, task: _Closing) -> Array:
 
     Missing coordinates may be anywhere. The others are moved further and further only if that does not close.
     """
-    found, tried = _close_from(numbers, q, task, [q, *_starts(q, task.missing, task.lengths, np.pi, 1)])
+    found, tried = _close_from(
+        numbers, q, task, [q, *_starts(numbers, q, task.missing, task.lengths, np.pi, 1)]
+    )
     for seed, spread in enumerate((0.3, 1.0, np.pi), start=2):
         if not found:
-            found, more = _close_from(numbers, q, task, _starts(q, task.free, task.lengths, spread, seed))
+            found, more = _close_from(
+                numbers, q, task, _starts(numbers, q, task.free, task.lengths, spread, seed)
+            )
             tried += more
     if not found:
         raise _open_loop(numbers, task, tried)
@@ -134,14 +147,16 @@ def _close(numbers: Numbers, q: Array, task: _Closing) -> Array:
     return min((f for f, rank in zip(found, ranks) if rank == max(ranks)), key=lambda f: f[0])[1]
 
 
-def _starts(q: Array, coordinates: list[int], lengths: Array, spread: float, seed: int) -> list[Array]:
+def _starts(
+    numbers: Numbers, q: Array, coordinates: list[int], lengths: Array, spread: float, seed: int
+) -> list[Array]:
     """Return starts that differ from q by up to ``spread`` in some coordinates; none if there are no such."""
     rng = np.random.default_rng(seed)
     starts = []
     for _ in range(ATTEMPTS if coordinates else 0):
-        start = q.copy()
-        start[coordinates] += rng.uniform(-spread, spread, len(coordinates)) * lengths[coordinates]
-        starts.append(start)
+        step = np.zeros(numbers.nv)
+        step[coordinates] = rng.uniform(-spread, spread, len(coordinates)) * lengths[coordinates]
+        starts.append(numbers.manifold.integrate(q, step))
     return starts
 
 
@@ -149,7 +164,7 @@ def _close_from(
     numbers: Numbers, q: Array, task: _Closing, starts: list[Array]
 ) -> tuple[list[tuple[float, Array]], list[tuple[float, Array]]]:
     """Return what closes, with its distance from q, and all that was reached, with its residual."""
-    given = [k for k in range(len(q)) if k not in task.missing]
+    given = [k for k in range(numbers.nv) if k not in task.missing]
     found, tried = [], []
     for start in starts:
         if task.missing:  # first the unknown coordinates alone, so that the given ones pick the branch
@@ -162,7 +177,7 @@ def _close_from(
         wrapped[task.turning] = (closed[task.turning] + np.pi) % (2 * np.pi) - np.pi
         if np.abs(numbers.relative(wrapped)).max() <= CLOSED:
             closed = wrapped
-        moved = np.abs(closed - q) / task.lengths
+        moved = np.abs(numbers.manifold.difference(q, closed)) / task.lengths
         # to a few digits, so that rounding does not choose between equal ones
         found.append((float(f"{moved[given].sum() + 1e-6 * moved[task.missing].sum():.9g}"), closed))
     return found, tried
@@ -175,19 +190,26 @@ def _open_loop(numbers: Numbers, task: _Closing, tried: list[tuple[float, Array]
     free = task.free
     best: tuple[float, Array] | None = None
     for _, start in sorted(tried, key=lambda pair: pair[0])[:3]:
-        q = start.copy()
 
-        def squares(x: Array, q: Array = q) -> tuple[float, Array]:
-            q[free] = x * task.lengths[free]
-            r = numbers.relative(q)
-            J = numbers.psi(q)[:, free] * task.lengths[free] / numbers.sizes[:, None]
+        def moved(x: Array, start: Array = start) -> Array:
+            step = np.zeros(numbers.nv)
+            step[free] = x * task.lengths[free]
+            return numbers.manifold.integrate(start, step)
+
+        def squares(x: Array, moved: Callable[[Array], Array] = moved) -> tuple[float, Array]:
+            r = numbers.relative(moved(x))
+            J = numbers.psi(moved(x))[:, free] * task.lengths[free] / numbers.sizes[:, None]
             return 0.5 * float(r @ r), J.T @ r
 
+        q = start
         if free:
+            # over half a turn from the start on the gradient would need the rate of the manifold's exponential
+            exact = not numbers.manifold.quasi
             found = minimize(
-                squares, start[free] / task.lengths[free], jac=True, method="BFGS", options={"gtol": 1e-10}
-            )
-            q[free] = found.x * task.lengths[free]
+                squares if exact else lambda x: squares(x)[0],
+                np.zeros(len(free)), jac=exact, method="BFGS", options={"gtol": 1e-10},
+            )  # fmt: skip
+            q = moved(found.x)
         sum_of_squares = float(np.sum(numbers.relative(q) ** 2))
         if best is None or sum_of_squares < best[0]:
             best = (sum_of_squares, q)
@@ -268,8 +290,8 @@ def _independent_rows(numbers: Numbers, q: Array, lengths: Array) -> tuple[tuple
     rng = np.random.default_rng(7)
     generic, example = here, psi
     for _ in range(6):
-        start = q + 0.05 * rng.normal(size=len(q)) * lengths
-        moved, residual = newton(numbers, start, list(range(len(q))), lengths)
+        start = numbers.manifold.integrate(q, 0.05 * rng.normal(size=numbers.nv) * lengths)
+        moved, residual = newton(numbers, start, list(range(numbers.nv)), lengths)
         if residual < 1e-9:
             rank, _ = _rank(numbers.psi(moved))
             if rank > generic:
@@ -286,11 +308,11 @@ def _independent_rows(numbers: Numbers, q: Array, lengths: Array) -> tuple[tuple
 def _along_the_motion(numbers: Numbers, q: Array, lengths: Array) -> list[Array]:
     """Return Psi at closed configurations on both sides of q along the mechanism's motion."""
     rng = np.random.default_rng(11)
-    everything = list(range(len(q)))
+    everything = list(range(numbers.nv))
     found = []
     for way in (1.0, -1.0):
         here = q.copy()
-        last = way * rng.normal(size=len(q))
+        last = way * rng.normal(size=numbers.nv)
         for _ in range(MOTION_SAMPLES):
             psi = numbers.psi(here) * lengths
             rank, _ = _rank(psi)
@@ -299,7 +321,8 @@ def _along_the_motion(numbers: Numbers, q: Array, lengths: Array) -> list[Array]
             if not np.any(step):
                 break
             last = step / np.abs(step).max()
-            here, residual = newton(numbers, here + MOTION_STEP * last * lengths, everything, lengths)
+            ahead = numbers.manifold.integrate(here, MOTION_STEP * last * lengths)
+            here, residual = newton(numbers, ahead, everything, lengths)
             if residual > CLOSED:
                 break
             found.append(numbers.psi(here))

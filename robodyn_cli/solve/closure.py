@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.loops.base import Row
+from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import Model
 
 Array = NDArray[Any]
@@ -30,6 +31,7 @@ class Numbers:
 
     def __init__(self, equations: Equations, parameters: Sequence[float]) -> None:
         self.rows = equations.constraint_rows
+        self.manifold = Manifold(equations.model)
         self.nv = equations.model.nv
         self._eta = Evaluator([row.eta for row in self.rows])
         self._eta_t = Evaluator([row.eta_t for row in self.rows])
@@ -64,8 +66,8 @@ def newton(
 ) -> tuple[Array, float]:
     """Solve eta = 0 in the free coordinates by damped Gauss-Newton steps; returns q and the largest residual.
 
-    Steps are of least norm in q / lengths (nq,), which makes rad and m comparable. Residuals are relative to
-    the sizes of the rows.
+    Free are velocity coordinates, along which steps go on the joints' manifolds. Steps are of least norm in these over
+    lengths (nv,), which makes rad and m comparable. Residuals are relative to the sizes of the rows.
     """
     q = q.copy()
     residual = numbers.relative(q)
@@ -83,8 +85,9 @@ def newton(
             step *= MOST_STEP / largest
         scale = 1.0
         for _ in range(12):
-            trial = q.copy()
-            trial[free] += scale * step * lengths[free]
+            moved = np.zeros(numbers.nv)
+            moved[free] = scale * step * lengths[free]
+            trial = numbers.manifold.integrate(q, moved)
             new = numbers.relative(trial)
             if np.abs(new).max() < size:
                 break

@@ -6,6 +6,7 @@ with the angular velocity w in body coordinates (Hairer, Lubich and Wanner 2006,
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from robodyn_cli.expr.functions import atan2, cos, maximum, sin, sqrt, where
@@ -13,7 +14,9 @@ from robodyn_cli.spatial.algebra import Matrix, Values, Vector, cross, dot, iden
 
 TINY = 1e-300  # keeps quotients of two vanishing lengths finite
 NEAR = 0.25  # squared angle [rad^2] below which power series replace quotients that lose digits
-# (a - sin a) / a^3 and (1 - a/2 cot(a/2)) / a^2 as series in a^2
+# cos(a/2), sin(a/2) / a, (a - sin a) / a^3 and (1 - a/2 cot(a/2)) / a^2 as series in a^2
+SERIES_HALF_COSINE = tuple((-0.25) ** k / math.factorial(2 * k) for k in range(8))
+SERIES_HALF_SINE = tuple(0.5 * (-0.25) ** k / math.factorial(2 * k + 1) for k in range(8))
 SERIES_SINE = (1 / 6, -1 / 120, 1 / 5040, -1 / 362880, 1 / 39916800, -1 / 6227020800, 1 / 1307674368000)
 SERIES_COTANGENT = (
     1 / 12, 1 / 720, 1 / 30240, 1 / 1209600, 1 / 47900160, 691 / 1307674368000, 1 / 74724249600,
@@ -66,9 +69,12 @@ def unit(q: Values) -> Vector:
 
 
 def from_rotation_vector(u: Values) -> Vector:
-    """Return the quaternion of a rotation by |u| [rad] about u (3,)."""
-    angle = sqrt(dot(u, u))
-    return vector([cos(0.5 * angle), *(_half_sine(angle) * x for x in u)])
+    """Return the quaternion of a rotation by |u| [rad] about u (3,); smooth at 0, derivatives too."""
+    square = dot(u, u)
+    half = 0.5 * sqrt(maximum(square, NEAR))
+    w = where(square - NEAR, cos(half), _series(SERIES_HALF_COSINE, square))
+    k = _half_sine(square)
+    return vector([w, *(k * x for x in u)])
 
 
 def from_rpy(rpy: Values) -> Vector:
@@ -89,10 +95,10 @@ def rotation_vector(q: Values) -> Vector:
     return vector([factor * x for x in xyz])
 
 
-def _half_sine(angle: Any) -> Any:
-    """Return sin(a/2) / a."""
-    a = maximum(angle, TINY)
-    return sin(0.5 * a) / a
+def _half_sine(square: Any) -> Any:
+    """Return sin(a/2) / a, given a^2."""
+    a = sqrt(maximum(square, NEAR))
+    return where(square - NEAR, sin(0.5 * a) / a, _series(SERIES_HALF_SINE, square))
 
 
 def _series(coefficients: tuple[float, ...], x: Any) -> Any:
@@ -109,8 +115,7 @@ def displacement(u: Values, v: Values) -> Vector:
     v + (1 - cos a)/a^2 u x v + (a - sin a)/a^3 u x (u x v) with a = |u| (Murray, Li and Sastry 1994, 2.36).
     """
     square = dot(u, u)
-    angle = sqrt(square)
-    k = _half_sine(angle)
+    k = _half_sine(square)
     safe = maximum(square, NEAR)
     far = (1.0 - sin(sqrt(safe)) / sqrt(safe)) / safe
     third = where(square - NEAR, far, _series(SERIES_SINE, square))

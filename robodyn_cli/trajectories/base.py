@@ -10,19 +10,26 @@ import dataclasses
 from collections.abc import Iterator, Sequence
 from typing import Protocol
 
-from robodyn_cli.schema.fields import Choice, Integer, MapOf, Number, key
+from robodyn_cli.schema.fields import Choice, Integer, JointMap, Number, key
 
 Problems = Iterator[tuple[tuple[str | int, ...], str]]
 
 
 class SceneNames(Protocol):
-    """What a trajectory may ask about the scene: its moving joints, whether loops close it, whether a point exists."""
+    """What a trajectory may ask about the scene: its moving joints, whether loops close it, whether a point exists.
+
+    joints : names of the columns of q that a trajectory gives: joints, or their coordinates (``slide.d``).
+    quasi : joints whose attitude is given as a whole.
+    """
 
     @property
     def joints(self) -> tuple[str, ...]: ...
 
     @property
     def closed(self) -> bool: ...
+
+    @property
+    def quasi(self) -> tuple[str, ...]: ...
 
     def point_problem(self, reference: str) -> str | None: ...
 
@@ -42,7 +49,7 @@ class Ik:
         doc="Branch of a planar 2R arm; elbow_up: theta2 < 0.",
     )
     guess: dict[str, float] = key(
-        MapOf(Number(angle=True), of="joint"),
+        JointMap(Number(angle=True)),
         default=None,
         unit="rad or m",
         doc="Start of Newton's method at t = 0.",
@@ -85,6 +92,16 @@ def led_joints(names: Sequence[str], scene: SceneNames) -> Sequence[str]:
     return names if scene.closed else scene.joints
 
 
+def attitude_problems(kind: str, scene: SceneNames) -> Problems:
+    """Report joints whose attitude a kind of trajectory cannot lead; loops may decide about it."""
+    if scene.quasi and not scene.closed:
+        yield (
+            (),
+            f"a {kind} cannot lead joint {scene.quasi[0]!r}, whose attitude is no list of numbers to interpolate; use "
+            "type: joint with rpy, rotation_vector or quaternion formulas",
+        )
+
+
 def time_problems(times: Sequence[float], paths: Sequence[tuple[str | int, ...]]) -> Problems:
     """Report times that do not start at 0 or do not increase."""
     if times and times[0] != 0.0:
@@ -99,6 +116,7 @@ def point_problems(point: str, ik: Ik, scene: SceneNames) -> Problems:
     problem = scene.point_problem(point)
     if problem is not None:
         yield ("point",), problem
+    yield from attitude_problems("path of a point", scene)
     guessed = tuple(ik.guess)
     for path, message in joint_problems(guessed, scene.joints, ("ik", "guess"), led_joints(guessed, scene)):
         if ik.guess:

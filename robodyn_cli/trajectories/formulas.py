@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.formula import Formula
-from robodyn_cli.expr.graph import Graph
+from robodyn_cli.expr.graph import Expr, Graph
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.trajectories.motion import Array, column_order
 
@@ -31,21 +32,41 @@ def time_derivatives(
     ------
     NumericalError : a value or derivative that is not finite, with its time.
     """
-    graph = Graph()
-    t = graph.symbol("t", "t")
-    env = {"t": t, **{f"p.{name}": value for name, value in parameters.items()}}
+    t, env = time_symbol(parameters)
     x = [formula.evaluate(env) for formula in formulas]
     xd = directional(x, [t], [1.0])
     xdd = directional(xd, [t], [1.0])
+    whose = [f"{name} = {formula.text!r}" for name, formula in zip(names, formulas)]
+    found = sampled([x, xd, xdd], times, [whose] * 3)
+    return found[0], found[1], found[2]
+
+
+def time_symbol(parameters: Mapping[str, float]) -> tuple[Expr, dict[str, Any]]:
+    """Return the symbol t on a graph of its own, and what formulas in t are evaluated with."""
+    t = Graph().symbol("t", "t")
+    return t, {"t": t, **{f"p.{name}": value for name, value in parameters.items()}}
+
+
+def sampled(orders: Sequence[Sequence[Any]], times: Array, whose: Sequence[Sequence[str]]) -> list[Array]:
+    """Return values, rates and accelerations (T, n) of expressions in t.
+
+    Parameters
+    ----------
+    orders : expressions of the three. whose : what each describes, for errors.
+
+    Raises
+    ------
+    NumericalError : one that is not finite, with its time.
+    """
     with np.errstate(all="ignore"):  # what is not finite is reported below, with its time
-        columns = evaluate([*x, *xd, *xdd], {"t": [times]})
-    n, samples = len(formulas), len(times)
-    found = [column_order(columns[k * n : (k + 1) * n], samples) for k in range(3)]
-    for what, array in zip(("value", "rate", "acceleration"), found):
+        columns = evaluate([x for entries in orders for x in entries], {"t": [times]})
+    found = []
+    for what, entries, names in zip(("value", "rate", "acceleration"), orders, whose):
+        array = column_order(columns[: len(entries)], len(times))
+        columns = columns[len(entries) :]
         bad = np.argwhere(~np.isfinite(array))
         if bad.size:
             sample, column = bad[0]
-            raise NumericalError(
-                f"{names[column]} = {formulas[column].text!r} has no finite {what} at t = {times[sample]:g} s"
-            )
-    return found[0], found[1], found[2]
+            raise NumericalError(f"{names[column]} has no finite {what} at t = {times[sample]:g} s")
+        found.append(array)
+    return found

@@ -52,7 +52,7 @@ class JointSpace(Protocol):
     def joints(self) -> tuple[str, ...]: ...
 
     def motion(self, times: Array, joints: Sequence[str], parameters: Mapping[str, float]) -> JointMotion:
-        """Return the motion of ``joints`` at ``times`` (T,); ``parameters`` are those of the scene."""
+        """Return the motion of ``joints``, columns of q, at ``times`` (T,); ``parameters`` are those of the scene."""
         ...
 
 

@@ -7,8 +7,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from robodyn_cli.schema.fields import Choice, ListOf, MapOf, Number, Section, key
-from robodyn_cli.trajectories.base import Problems, SceneNames, joint_problems, led_joints, time_problems
+from robodyn_cli.schema.fields import Choice, JointMap, ListOf, Number, Section, key
+from robodyn_cli.trajectories.base import (
+    Problems,
+    SceneNames,
+    attitude_problems,
+    joint_problems,
+    led_joints,
+    time_problems,
+)
 from robodyn_cli.trajectories.motion import Array, JointMotion
 from robodyn_cli.trajectories.quintic_spline import QuinticSpline
 
@@ -18,14 +25,15 @@ class WayPoint:
     """A time and what the joints do there."""
 
     t: float = key(Number(minimum=0.0), unit="s", doc="Time.")
-    q: dict[str, float] = key(
-        MapOf(Number(angle=True), of="joint"), unit="rad or m", doc="Positions of all joints."
-    )
+    q: dict[str, float] = key(JointMap(Number(angle=True)), unit="rad or m", doc="Positions of all joints.")
     qd: dict[str, float] = key(
-        MapOf(Number(angle=True), of="joint"), default=None, unit="rad/s or m/s", doc="Rates of all joints."
+        JointMap(Number(angle=True), coordinates="v"),
+        default=None,
+        unit="rad/s or m/s",
+        doc="Rates of all joints.",
     )
     qdd: dict[str, float] = key(
-        MapOf(Number(angle=True), of="joint"),
+        JointMap(Number(angle=True), coordinates="v"),
         default=None,
         unit="rad/s^2 or m/s^2",
         doc="Accelerations of all joints.",
@@ -46,6 +54,7 @@ class QuinticTrajectory:
 
     def problems(self, scene: SceneNames) -> Problems:
         """Report what single keys cannot tell."""
+        yield from attitude_problems("quintic polynomial", scene)
         needed = led_joints(self.joints, scene)
         for k, point in enumerate(self.points):
             yield from joint_problems(tuple(point.q), scene.joints, ("points", k, "q"), needed)

@@ -7,8 +7,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from robodyn_cli.schema.fields import Choice, CsvFile, ListOf, Name, Vector, key
-from robodyn_cli.trajectories.base import Problems, SceneNames, joint_problems, led_joints, time_problems
+from robodyn_cli.schema.fields import Choice, CsvFile, ListOf, Text, Vector, key
+from robodyn_cli.trajectories.base import (
+    Problems,
+    SceneNames,
+    attitude_problems,
+    joint_problems,
+    led_joints,
+    time_problems,
+)
 from robodyn_cli.trajectories.motion import Array, JointMotion, column_order
 
 DEGREES = {"linear": 1, "cubic": 3, "quintic": 5}
@@ -28,7 +35,9 @@ class TableTrajectory:
         CsvFile(), default=None, doc="CSV file: a header row `t, joint names`, then numbers."
     )
     columns: tuple[str, ...] = key(
-        ListOf(Name(), minimum=2), default=(), doc="Column names: `t`, then the joints."
+        ListOf(Text(), minimum=2),
+        default=(),
+        doc="Column names: `t`, then the joints, or their coordinates as `slide.d`.",
     )
     rows: tuple[tuple[float, ...], ...] = key(
         ListOf(Vector(0), minimum=2), default=(), unit="s, rad or m", doc="Rows of numbers, times from 0."
@@ -39,6 +48,7 @@ class TableTrajectory:
 
     def problems(self, scene: SceneNames) -> Problems:
         """Report what single keys cannot tell."""
+        yield from attitude_problems("table", scene)
         if not self.columns or not self.rows:
             yield (), "a table needs 'file', or both 'columns' and 'rows'"
             return

@@ -1,0 +1,85 @@
+"""Steps of a mechanism's q along the joints' own manifolds, on numbers.
+
+Where q-dot = v a step is a sum, one for all such joints; others go through their joint.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.model.model import Body, Model
+from robodyn_cli.spatial.algebra import vector
+
+Array = NDArray[np.float64]
+
+
+class Manifold:
+    """q (nq,) as points, steps in velocity coordinates (nv,).
+
+    position : for each velocity coordinate its place in q, -1 where it is no rate of a position.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self.quasi: list[Body] = [body for body in model.bodies if body.joint.quasi]
+        self.nq, self.nv = model.nq, model.nv
+        self.position = np.full(model.nv, -1)
+        neutral = np.zeros(model.nq)
+        for body in model.bodies:
+            if not body.joint.quasi:
+                self.position[body.v : body.v + body.joint.nv] = range(body.q, body.q + body.joint.nq)
+            neutral[body.q : body.q + body.joint.nq] = body.joint.neutral()
+        self._neutral = neutral
+        self._from = np.flatnonzero(self.position >= 0)
+        self._to = self.position[self._from]
+
+    def columns(self, velocity: int) -> range:
+        """Return the places in q of what a velocity coordinate moves: one, or all of a joint with quasi-velocities."""
+        if self.position[velocity] >= 0:
+            return range(self.position[velocity], self.position[velocity] + 1)
+        body = next(b for b in self.quasi if b.v <= velocity < b.v + b.joint.nv)
+        return range(body.q, body.q + body.joint.nq)
+
+    def neutral(self) -> Array:
+        """Return the position at which every joint is at rest: zero, and no rotation."""
+        return self._neutral.copy()
+
+    def integrate(self, q: Array, dq: Array) -> Array:
+        """Return the position reached from ``q`` with constant velocity ``dq`` in unit time."""
+        out = q.copy()
+        out[self._to] += dq[self._from]
+        for body in self.quasi:
+            here, there = self._slices(body)
+            out[here] = _numbers(body.joint.integrate(_vector(q[here]), _vector(dq[there])))
+        return out
+
+    def difference(self, q0: Array, q1: Array) -> Array:
+        """Return the velocity (nv,) that leads from q0 to q1 in unit time."""
+        out = np.zeros(self.nv)
+        out[self._from] = q1[self._to] - q0[self._to]
+        for body in self.quasi:
+            here, there = self._slices(body)
+            out[there] = _numbers(body.joint.difference(_vector(q0[here]), _vector(q1[here])))
+        return out
+
+    def normalise(self, q: Array) -> Array:
+        """Return ``q`` put back on the manifold."""
+        out = q.copy()
+        for body in self.quasi:
+            here, _ = self._slices(body)
+            out[here] = _numbers(body.joint.normalise(_vector(q[here])))
+        return out
+
+    @staticmethod
+    def _slices(body: Body) -> tuple[slice, slice]:
+        return slice(body.q, body.q + body.joint.nq), slice(body.v, body.v + body.joint.nv)
+
+
+def _vector(x: Array) -> Any:
+    return vector(x.tolist())
+
+
+def _numbers(x: Any) -> Array:
+    return np.array([float(e) for e in x])
