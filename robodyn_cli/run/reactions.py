@@ -13,8 +13,8 @@ from robodyn_cli.algorithms.reactions import Reactions, reactions
 from robodyn_cli.algorithms.rnea import Wrench
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
-from robodyn_cli.model.build import axis_frame
 from robodyn_cli.model.model import BASE, UNKNOWN_GROUP, Model
+from robodyn_cli.model.placement import axis_frame
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.evaluation import SampleFunction
 from robodyn_cli.scene import types as sc

@@ -1,0 +1,97 @@
+"""What a joint of the scene is, and where it sits: by D-H parameters, or by origin and axes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.joints.base import Joint
+from robodyn_cli.joints.helical import Helical
+from robodyn_cli.joints.registry import joint_types
+from robodyn_cli.scene import types as sc
+from robodyn_cli.spatial.algebra import (
+    Matrix,
+    Transform,
+    cross,
+    identity,
+    rotation_about,
+    rotation_rpy,
+    rotation_to_z,
+    vector,
+    zeros,
+)
+
+
+def has_dh(joint: sc.Joint) -> bool:
+    """Tell whether a joint is placed by D-H parameters."""
+    return any(x is not None for x in (joint.a, joint.alpha, joint.d, joint.theta))
+
+
+def axis_frame(joint: sc.Joint) -> Matrix:
+    """Return the body's axes (columns) in the joint's own frame, for a joint without D-H parameters.
+
+    z is the joint's axis; x its second axis, where one is given (see ``rotation_to_z`` otherwise).
+    """
+    if joint.axis2 is None:
+        return rotation_to_z(joint.axis) if joint.axis is not None else identity()
+    z, x = (vector([e / math.hypot(*a) for e in a]) for a in (joint.axis or (0.0, 0.0, 1.0), joint.axis2))
+    return np.stack([x, cross(z, x), z], axis=1)
+
+
+def joint_kind(joint: sc.Joint) -> Joint:
+    """Return what a joint of the scene is."""
+    return Helical(joint.pitch) if joint.pitch is not None else joint_types[joint.type]
+
+
+def joint_placement(
+    robot: sc.Robot, joint: sc.Joint, value_of: Callable[[str, float], Any]
+) -> tuple[Transform, Transform, Transform]:
+    """Return (X_tree from the parent's link frame, joint frame, link frame), the latter two from the body frame.
+
+    The body frame has the joint's axis as z. For revolute and prismatic joints with D-H parameters it is the
+    frame right after the joint's own motion.
+    """
+    X = Transform.identity()
+    if joint.origin is not None:
+        X = Transform.from_pose(rotation_rpy(joint.origin.rpy), vector(joint.origin.xyz))
+    one = Transform.identity()
+
+    def get(key: str, value: float) -> Any:
+        return value_of(f"joints.{joint.name}.{key}", value)
+
+    def slide(z: Any) -> Transform:
+        return Transform(identity(), vector([0.0, 0.0, z]))
+
+    def turn(angle: Any) -> Transform:
+        return Transform(rotation_about(2, angle).T, zeros(3))
+
+    offset = get("offset", joint.offset)
+    if not has_dh(joint):
+        R = axis_frame(joint)
+        to_axis = Transform(R.T, zeros(3))
+        back = Transform(R, zeros(3))
+        shift = one
+        if joint.type == "revolute":
+            shift = turn(offset)
+        elif joint.type == "prismatic":
+            shift = slide(offset)
+        return shift @ to_axis @ X, back, back
+    a, alpha = get("a", joint.a or 0.0), get("alpha", joint.alpha or 0.0)
+    d, theta = get("d", joint.d or 0.0), get("theta", joint.theta or 0.0)
+    if joint.type == "revolute":
+        theta = offset
+    elif joint.type == "prismatic":
+        d = offset
+    bend = Transform(rotation_about(0, alpha).T, zeros(3)) @ Transform(identity(), vector([a, 0.0, 0.0]))
+    if robot.convention == "modified":
+        # Rx(alpha) Tx(a) Rz(theta) Tz(d): what is constant about z comes before the joint, it commutes
+        return turn(theta) @ slide(d) @ bend @ X, one, one
+    # standard: Rz(theta) Tz(d) Tx(a) Rx(alpha); the link frame lies beyond the joint's motion
+    if joint.type == "revolute":
+        return turn(theta) @ X, one, bend @ slide(d)
+    if joint.type == "prismatic":
+        return slide(d) @ turn(theta) @ X, one, bend
+    return X, one, bend @ slide(d) @ turn(theta)
