@@ -1,0 +1,188 @@
+"""The robot of a scene as typed, immutable data: joints, links, points (see ``scene.types``)."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from robodyn_cli.expr.formula import Formula as FormulaTree
+from robodyn_cli.forces.registry import joint_forces
+from robodyn_cli.joints.registry import joint_types
+from robodyn_cli.schema.fields import (
+    Choice,
+    Either,
+    Formula,
+    Inline,
+    ListOf,
+    MapOf,
+    Name,
+    Number,
+    Section,
+    Vector,
+    key,
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Placement:
+    """Position and orientation of a frame: ``p = xyz``, ``R = Rz(yaw) Ry(pitch) Rx(roll)``."""
+
+    xyz: tuple[float, ...] = key(Vector(3), default=(0.0, 0.0, 0.0), unit="m", doc="Origin.")
+    rpy: tuple[float, ...] = key(
+        Vector(3, angle=True), default=(0.0, 0.0, 0.0), unit="rad", doc="Roll, pitch, yaw about fixed axes."
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class Inertia:
+    """Rotational inertia about the centre of mass; a component that is not given is *unknown*, not zero."""
+
+    xx: float | None = key(Number(), default=None, unit="kg m^2", doc="Moment about x.")
+    yy: float | None = key(Number(), default=None, unit="kg m^2", doc="Moment about y.")
+    zz: float | None = key(Number(), default=None, unit="kg m^2", doc="Moment about z.")
+    xy: float | None = key(
+        Number(), default=None, unit="kg m^2", doc="Element xy of the tensor (-integral xy dm)."
+    )
+    xz: float | None = key(Number(), default=None, unit="kg m^2", doc="Element xz of the tensor.")
+    yz: float | None = key(Number(), default=None, unit="kg m^2", doc="Element yz of the tensor.")
+
+
+@dataclasses.dataclass(frozen=True)
+class Joint:
+    """A joint and where it sits: by D-H parameters, or by ``origin`` and ``axis``."""
+
+    name: str = key(Name(of="joint"), doc="Name; also the name of its coordinate in formulas.")
+    type: str = key(Choice(tuple(joint_types)), doc="Kind of joint.")
+    parent: str | None = key(
+        Name(of="link"), default=None, doc="Link it hangs on, or `base`; default: the previous joint's link."
+    )
+    link: str | None = key(
+        Name(of="link"),
+        default=None,
+        doc="Link that it moves; default: the link at the same place in `links`.",
+    )
+    a: float | None = key(Number(), default=None, unit="m", doc="D-H length.")
+    alpha: float | None = key(Number(angle=True), default=None, unit="rad", doc="D-H twist.")
+    d: float | None = key(Number(), default=None, unit="m", doc="D-H offset (revolute, fixed).")
+    theta: float | None = key(
+        Number(angle=True), default=None, unit="rad", doc="D-H angle (prismatic, fixed)."
+    )
+    offset: float = key(
+        Number(angle=True), default=0.0, unit="rad or m", doc="Added to q to give the D-H variable."
+    )
+    origin: Placement | None = key(
+        Section(Placement),
+        default=None,
+        doc="Placement in the parent link's frame (before any D-H parameters).",
+    )
+    axis: tuple[float, ...] | None = key(
+        Vector(3),
+        default=None,
+        unit="1",
+        doc="Joint axis in the joint's own frame (without D-H parameters); of a universal joint the first one, of "
+        "a planar one the normal of its plane. Not for spherical and floating joints.",
+    )
+    axis2: tuple[float, ...] | None = key(
+        Vector(3),
+        default=None,
+        unit="1",
+        doc="Second axis of a universal joint, or x of a planar one, at right angles to `axis`; default: the frame's "
+        "x for an `axis` along z, y for x, z for y.",
+    )
+    pitch: float | None = key(
+        Number(),
+        default=None,
+        unit="m/rad",
+        doc="Advance of a helical joint along its axis, lead / (2 pi); positive for a right-handed thread.",
+    )
+    gear_ratio: float = key(
+        Number(), default=1.0, unit="1", doc="N: motor turns per joint turn (may be negative)."
+    )
+    rotor_inertia: float = key(
+        Number(minimum=0.0),
+        default=0.0,
+        unit="kg m^2",
+        doc="J of the rotor, reflected as N^2 J on the joint.",
+    )
+    forces: tuple[tuple[str, Any], ...] = key(
+        Inline(lambda: joint_forces),
+        default=(),
+        doc="Joint forces: each registered kind (`friction`, `spring`, `damper`) is a key of the joint.",
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class Link:
+    """A rigid body. What is not given is unknown; a run that needs it says so."""
+
+    name: str = key(Name(of="link"), doc="Name.")
+    mass: float | None = key(Number(minimum=0.0), default=None, unit="kg", doc="Mass.")
+    com: tuple[float, ...] | None = key(Vector(3), default=None, unit="m", doc="Centre of mass.")
+    com_frame: str | None = key(
+        Choice(("joint", "link")),
+        default=None,
+        doc="Frame of `com` and `inertia`: `joint` (origin and axes at the link's own joint, turning with "
+        "the link) or `link` (the D-H frame, or the frame placed by `origin`).",
+    )
+    inertia: Inertia = key(
+        Section(Inertia), default=Inertia(), doc="About the centre of mass, in the axes of `com_frame`."
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class Place:
+    """A place fixed to a link."""
+
+    link: str = key(Name(of="link"), doc="Link that carries it, or `base`.")
+    at: Any = key(
+        Either((Choice(("origin", "end", "com")), Vector(3))),
+        default="origin",
+        unit="m",
+        doc="`origin` (the link's own joint), `end` (the link frame of D-H, far end), `com`, or coordinates.",
+    )
+    frame: str = key(
+        Choice(("joint", "link")), default="link", doc="Frame of the coordinates of `at` and of `rpy`."
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class Point(Place):
+    """A named point."""
+
+    motion: tuple[FormulaTree, ...] | None = key(
+        ListOf(Formula(("t",)), minimum=3, maximum=3),
+        default=None,
+        unit="m",
+        doc="Displacement from `at` along the axes of the base, formulas in t: for points on `base` that loops join.",
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class Frame(Place):
+    """A named frame fixed to a link."""
+
+    rpy: tuple[float, ...] = key(
+        Vector(3, angle=True), default=(0.0, 0.0, 0.0), unit="rad", doc="Orientation in `frame`."
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class Robot:
+    """The tree of joints and links."""
+
+    joints: tuple[Joint, ...] = key(
+        ListOf(Section(Joint), minimum=1), doc="Joints; their order is that of q."
+    )
+    links: tuple[Link, ...] = key(ListOf(Section(Link), minimum=1), doc="Links.")
+    convention: str | None = key(
+        Choice(("standard", "modified")),
+        default=None,
+        doc="D-H convention; required as soon as a joint has D-H parameters.",
+    )
+    base: Placement = key(
+        Section(Placement),
+        default=Placement(),
+        doc="Placement of the base in the world (gravity is a world vector).",
+    )
+    points: dict[str, Point] = key(MapOf(Section(Point), of="point"), default=None, doc="Named points.")
+    frames: dict[str, Frame] = key(MapOf(Section(Frame), of="frame"), default=None, doc="Named frames.")
