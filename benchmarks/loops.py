@@ -1,0 +1,203 @@
+"""Mechanisms with loops: the error that each formulation reaches, its steps, evaluations and time, beside Exudyn.
+
+    python benchmarks/loops.py [--scenes NAME ...] [--quick] [--json FILE]
+
+Scenes are those of ``configs/benchmarks`` that simulate closed loops. The error is the largest of the position of
+any body's centre of mass [m] at 257 instants, against the reference that ``robodyn work-precision`` would use: two
+methods at tight tolerance, over the time for which they agree. Formulations come from the same place, so that new
+ones appear here by themselves. Exudyn integrates the bodies in redundant coordinates with its implicit methods for
+index 3 (generalized-alpha) and index 2 (trapezoidal); it needs `pip install robodyn[peers]`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from typing import Any
+
+import measure
+
+measure.single_thread()
+
+import numpy as np  # noqa: E402
+from peers.exudyn_loops import Mechanism, Unsupported, solve  # noqa: E402
+
+from robodyn_cli import load_scene  # noqa: E402
+from robodyn_cli.errors import NumericalError, RobodynError  # noqa: E402
+from robodyn_cli.integrators.integrator import Grid, Integrator, Options  # noqa: E402
+from robodyn_cli.run.simulate import prepare  # noqa: E402
+from robodyn_cli.run.work_precision import LONGEST, Reference, formulations, reference  # noqa: E402
+
+FOLDER = measure.ROOT / "configs" / "benchmarks"
+TOLERANCES = (1e-4, 1e-7, 1e-10, 1e-13)
+SOLVERS = (("GeneralizedAlpha", "generalized-alpha, index 3"), ("TrapezoidalIndex2", "trapezoidal, index 2"))
+INTERVALS = 256
+STEPS = (INTERVALS * 4, INTERVALS * 40)
+
+
+def scenes(names: list[str]) -> list[tuple[str, Any]]:
+    """Return the benchmark scenes that simulate mechanisms with loops."""
+    found = []
+    for path in sorted(FOLDER.glob("*.yaml")):
+        if names and path.stem not in names:
+            continue
+        scene = load_scene(path)
+        if scene.command == "simulate" and scene.loops:
+            found.append((path.stem, scene))
+    return found
+
+
+def measured(name: str, scene: Any, quick: bool) -> list[dict[str, Any]]:
+    """Return the rows of one scene."""
+    setup = prepare(scene)
+    problem = setup.problem
+    duration = scene.simulate.duration
+    systems = formulations(scene, problem, duration)
+    main = next(iter(systems.values()))
+    start = main.join(setup.assembled.q, setup.assembled.v)
+    passing = scene.simulate.singular == "pass"
+    ref = explicit_reference(main, start, duration) if passing else reference(main, start, duration)
+    mechanism = Mechanism(problem, setup.assembled.q, setup.assembled.v)
+    nq = problem.model.nq
+    right = np.array([mechanism.centres(x[:nq]) for x in ref.states])
+    method = "dop853" if passing else "gauss"
+    common = {"scene": name, "until": ref.until, "digits": round(ref.digits, 1)}
+    rows = []
+    for formulation, system in systems.items():
+        start = system.join(setup.assembled.q, setup.assembled.v)
+        integrator = Integrator(system, method)
+        for rtol in TOLERANCES[:: 2 if quick else 1]:
+            row = {**common, "engine": f"{formulation}, {method}", "setting": f"rtol {rtol:.0e}"}
+            row.update(own_run(integrator, system, start, rtol, ref, right, mechanism, nq, quick))
+            rows.append(row)
+    # the reference may vouch for a part of the time only; its instants stay
+    rows += exudyn_rows(name, INTERVALS * float(ref.times[1]), common, mechanism, right, quick)
+    return rows
+
+
+def explicit_reference(system: Any, start: Any, duration: float) -> Reference:
+    """Return a reference for scenes that run into singular poses, up to shortly before the first one."""
+    probe = Integrator(system, "dop853")
+    probe.reset(0.0, start, Options(3e-14, 3e-14))
+    try:
+        probe.advance(duration)
+    except NumericalError as error:
+        duration = 0.95 * float(error.details["time"])
+    grid = Grid.over(duration, INTERVALS + 1)
+    found = []
+    for method, tolerance in (("dop853", 3e-14), ("dopri5", 1e-13)):
+        integrator, rows = Integrator(system, method), []
+        integrator.reset(0.0, start, Options(tolerance, tolerance))
+        integrator.run(duration, grid, lambda t, x, rows=rows: rows.append(x.copy()), watch=False)
+        found.append(np.concatenate(rows))
+    x, y = found
+    scale = np.maximum(np.ptp(x, axis=0), 1e-12)
+    running = np.maximum.accumulate(np.max(np.abs(x - y) / scale, axis=1))
+    last = int(np.flatnonzero(running <= 1e-5)[-1])
+    times = grid.times(0, INTERVALS + 1)[: last + 1]
+    digits = float(-np.log10(max(running[last], 1e-16)))
+    return Reference(times, x[: last + 1], scale, float(times[-1]), digits, ("dop853", "dopri5"))
+
+
+def own_run(
+    integrator: Any,
+    system: Any,
+    start: Any,
+    rtol: float,
+    ref: Any,
+    right: Any,
+    m: Mechanism,
+    nq: int,
+    quick: bool,
+) -> dict[str, Any]:
+    options = Options(rtol, 1e-2 * rtol, max_steps=LONGEST)
+    found: list[np.ndarray] = []
+    try:
+        integrator.reset(0.0, start, options)
+        grid = Grid.over(ref.until, len(ref.times))
+        integrator.run(ref.until, grid, lambda t, x: found.append(x.copy()), watch=False)
+        q = system.split(np.concatenate(found))[0]
+        times = []
+        for _ in range(2 if quick else 7):
+            integrator.reset(0.0, start, options)
+            began = time.process_time()
+            integrator.advance(ref.until)
+            times.append(time.process_time() - began)
+    except RobodynError as error:
+        return {"error": float("nan"), "steps": 0, "evaluations": 0, "ms": float("nan"), "note": str(error)}
+    counters = integrator.counters
+    centres = np.array([m.centres(x) for x in q])
+    return {
+        "error": float(np.abs(centres - right).max()), "steps": counters.steps,
+        "evaluations": counters.evaluations, "ms": 1e3 * measure.median(times),
+    }  # fmt: skip
+
+
+def exudyn_rows(
+    name: str, duration: float, common: dict[str, Any], m: Mechanism, right: Any, quick: bool
+) -> list[dict[str, Any]]:
+    rows = []
+    instants = len(right)
+    for kind, label in SOLVERS:
+        for steps in STEPS[: 1 if quick else 2]:
+            row: dict[str, Any] = {
+                **common, "engine": f"Exudyn {label}", "setting": f"step {duration / steps:.2g}"
+            }  # fmt: skip
+            try:
+                run = solve(m, name, duration, INTERVALS, kind, steps)
+                found = [run() for _ in range(1 if quick else 3)]
+            except ImportError:
+                print("exudyn is not installed: left out", file=sys.stderr)
+                return []
+            except Unsupported as error:
+                print(f"{name}: Exudyn's model lacks {error}", file=sys.stderr)
+                return []
+            except Exception as error:
+                print(f"{name}: Exudyn {label}: {error}", file=sys.stderr)
+                rows.append(
+                    {**row, "error": float("nan"), "steps": steps, "evaluations": 0, "ms": float("nan")}
+                )
+                continue
+            path = found[0][0][:instants]
+            error = float(np.abs(path - right).max()) if len(path) == instants else float("nan")
+            row.update(
+                error=error,
+                steps=steps,
+                evaluations=found[0][2],
+                ms=1e3 * measure.median([f[1] for f in found]),
+            )
+            rows.append(row)
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--scenes", nargs="+", default=[], help="names of files in configs/benchmarks")
+    parser.add_argument("--quick", action="store_true", help="fewer settings and repeats")
+    parser.add_argument("--json", metavar="FILE", help="write the rows to FILE")
+    options = parser.parse_args()
+    rows: list[dict[str, Any]] = []
+    for name, scene in scenes(options.scenes):
+        try:
+            rows += measured(name, scene, options.quick)
+        except RobodynError as error:
+            print(f"{name}: {error}", file=sys.stderr)
+    measure.print_machine()
+    for name in dict.fromkeys(row["scene"] for row in rows):
+        mine = [row for row in rows if row["scene"] == name]
+        print(f"\n{name}, {mine[0]['until']:g} s, reference to {mine[0]['digits']} digits\n")
+        head = [["formulation, method", "setting", "error m", "steps", "evaluations", "ms"]]
+        body = [
+            [
+                row["engine"], row["setting"], f"{row['error']:.1e}", str(row["steps"]), str(row["evaluations"]),
+                f"{row['ms']:.3g}",
+            ]
+            for row in mine
+        ]  # fmt: skip
+        print(measure.table(head + body, left=2))
+    measure.write_json(options.json, rows)
+
+
+if __name__ == "__main__":
+    main()
