@@ -11,6 +11,7 @@ from cases import CONFIGS, Chain, Entry, FourBar
 TOLERANCES = {
     "gauss": tuple(10.0**-k for k in range(2, 15)),
     "rodas5p": tuple(10.0**-k for k in range(3, 12)),
+    "radau13": tuple(10.0**-k for k in range(3, 12)),
 }
 
 
@@ -39,10 +40,10 @@ def four_bar_system() -> tuple[Any, np.ndarray]:
 
 
 def entries(case: Any, methods: Any = ()) -> Iterator[Entry]:
-    """Yield a run for each tolerance: Gauss for smooth cases, Rodas5P for stiff ones."""
+    """Yield a run for each tolerance: Gauss for smooth cases, Rodas5P and Radau IIA for stiff ones."""
     from robodyn_cli.integrators.integrator import Integrator, Options
 
-    for method in methods or (("rodas5p",) if case.stiff else ("gauss",)):
+    for method in methods or (("rodas5p", "radau13") if case.stiff else ("gauss",)):
         system, start = four_bar_system() if isinstance(case, FourBar) else chain_system(case)
         integrator = Integrator(system, method)
         for rtol in TOLERANCES.get(method, TOLERANCES["gauss"]):
