@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 
-def table(rows: list[list[str]]) -> str:
+def table(rows: Sequence[Sequence[str]]) -> str:
     """Return rows as aligned columns; the first row is the head, the first column is text."""
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     lines = []
@@ -110,19 +110,36 @@ def describe_deploy(summary: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
+# of the table of an inverse run: heading, key in the summary, quantity that the unit belongs to, digits
+FIGURES = (
+    ("peak torque", "peak_torque", "torque", 6),
+    ("at t", "peak_torque_time", "time", 4),
+    ("RMS torque", "rms_torque", "torque", 6),
+    ("peak speed", "peak_speed", "speed", 4),
+    ("peak power", "peak_power", "power", 4),
+    ("energy", "energy", "energy", 4),
+)
+
+
+def _columns(joints: list[Mapping[str, Any]]) -> list[list[str]]:
+    """Return the columns of figures; a unit that is not the same for all joints stands beside each figure."""
+    columns = []
+    for heading, key, quantity, digits in FIGURES:
+        units = [{**joint.get("units", {}), "time": "s"}.get(quantity, "") for joint in joints]
+        figures = [number(joint.get(key), digits) for joint in joints]
+        if len(set(units)) > 1:
+            columns.append([heading, *(f"{x} {unit}" for x, unit in zip(figures, units))])
+        else:
+            columns.append([f"{heading} [{units[0]}]", *figures])
+    return columns
+
+
 def describe_inverse(summary: Mapping[str, Any]) -> str:
     """Return the summary of an inverse run."""
     lines = [f"{summary['title']}"]
     joints: Mapping[str, Mapping[str, Any]] = summary.get("joints", {})
     if joints:
-        rows = [["joint", "peak torque", "at t", "RMS torque", "peak speed", "peak power", "energy"]]
-        for name, row in joints.items():
-            rows.append(
-                [name, number(row.get("peak_torque")), number(row.get("peak_torque_time"), 4),
-                 number(row.get("rms_torque")), number(row.get("peak_speed"), 4), number(row.get("peak_power"), 4),
-                 number(row.get("energy"), 4)]
-            )  # fmt: skip
-        lines.append(table(rows))
+        lines.append(table(list(zip(["joint", *joints], *_columns(list(joints.values()))))))
     for label, key, unit in (
         ("path error", "ik_residual", "m"),
         ("round trip error", "round_trip", "relative, forward dynamics after inverse"),

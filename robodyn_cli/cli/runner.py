@@ -64,6 +64,8 @@ def run_scene(
             failure = error
             result = error.result  # type: ignore[attr-defined]
         console.clear()
+        for text in result.summary.get("warnings", ()):
+            console.note(f"robodyn: warning: {text}")
         summary = {"status": result.status, "command": command, "title": result.title, **result.summary}
         if failure is not None:
             summary["error"] = {

@@ -24,6 +24,7 @@ from robodyn_cli.run.prescribed import check_prescribed, prescribed_starts
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.redundancy import check_redundant, dependent_rows, describe_dependence
 from robodyn_cli.run.singularity import driven_dead_point, rank_loss_event, stop_at_rank_loss
+from robodyn_cli.run.start import start_warnings
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import Assembled, assemble
@@ -244,6 +245,8 @@ def simulate(
     integrator = run.integrator
     result = new_result(scene, "simulate", recorder, found)
     describe_run(result, setup, recorder, integrator, run.choice)
+    if warnings := start_warnings(problem, setup.assembled.q, passive_coordinates(problem) or []):
+        result.summary["warnings"] = warnings
     if gains is not None:
         result.summary["baumgarte"] = gains
     failure = check_redundant(problem, setup.assembled, recorder, result.summary) or failure
