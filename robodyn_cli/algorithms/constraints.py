@@ -16,7 +16,7 @@ from robodyn_cli.algorithms.kinematics import (
     slice_v,
     step_motion,
 )
-from robodyn_cli.algorithms.linear import LdlFactor
+from robodyn_cli.algorithms.linear import LdlFactor, minimum_degree, stands
 from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.loops.base import LoopFrame, Row
@@ -31,13 +31,27 @@ def loop_rows(
     q: Values,
     qd: Values,
     gravity: Vector | None = None,
+    shared: dict[int, tuple[dict[int, Pose], dict[int, Motion]]] | None = None,
 ) -> list[Row]:
     """Return the rows of one loop closure.
 
     ``gravity`` may be given so that accelerations are shared with the Newton-Euler pass: it cancels in the
-    difference of the two ends.
+    difference of the two ends. ``shared`` keeps poses and motions by common ancestor for the next loop.
     """
     root = model.common_ancestor(loop.first.body, loop.second.body)
+    known = {} if shared is None else shared
+    if root not in known:
+        known[root] = _kinematics(model, X, q, qd, gravity, root)
+    pose, motion = known[root]
+    ends = [_frame(model, q, qd, pose, motion, frame, root) for frame in (loop.first, loop.second)]
+    rows: list[Row] = loop.element.rows(*ends)
+    return rows
+
+
+def _kinematics(
+    model: Model, X: Sequence[Transform], q: Values, qd: Values, gravity: Vector | None, root: int
+) -> tuple[dict[int, Pose], dict[int, Motion]]:
+    """Return poses and motions (for qdd = 0) relative to a body, in its coordinates."""
     pose = poses(model, X, root)
     rest = zeros(model.nv)
     if root == BASE:
@@ -49,9 +63,7 @@ def loop_rows(
                 motion[k] = step_motion(
                     body, X[k], slice_q(body, q), slice_v(body, qd), slice_v(body, rest), motion[body.parent]
                 )
-    ends = [_frame(model, q, qd, pose, motion, frame, root) for frame in (loop.first, loop.second)]
-    rows: list[Row] = loop.element.rows(*ends)
-    return rows
+    return pose, motion
 
 
 def _frame(
@@ -113,28 +125,46 @@ def solve_with_multipliers(factor: LdlFactor, f: Values, psi: Matrix, gamma: Val
     """
     m = psi.shape[0]
     b = factor.forward(f)
-    Y = [factor.forward(psi[i]) for i in range(m)]
-    scaled = [[y * d for y, d in zip(row, factor.inverse)] for row in Y]
+    Y = [_entries(factor.forward(psi[i])) for i in range(m)]
+    scaled = [{k: y * factor.inverse[k] for k, y in row.items()} for row in Y]
     A = zeros(m, m)
     rhs = zeros(m)
+    for i, j in _meeting(Y):
+        A[i, j] = A[j, i] = _product(scaled[i], Y[j])
     for i in range(m):
-        for j in range(i + 1):
-            total: Any = 0.0
-            for x, y in zip(scaled[i], Y[j]):
-                total = total + x * y
-            A[i, j] = A[j, i] = total
         total = gamma[i]
-        for x, y in zip(scaled[i], b):
-            total = total + x * y
+        for k, x in scaled[i].items():
+            total = total + x * b[k]
         rhs[i] = -total
-    lam = LdlFactor.of(A).solve(rhs)
-    loaded = []
-    for k in range(len(b)):
-        total = b[k]
-        for i in range(m):
-            total = total + Y[i][k] * lam[i]
-        loaded.append(total * factor.inverse[k])
-    return Multipliers(factor.backward(loaded), lam)
+    lam = LdlFactor.of(A, minimum_degree(A)).solve(rhs)
+    loaded = list(b)
+    for i, row in enumerate(Y):
+        for k, y in row.items():
+            loaded[k] = loaded[k] + y * lam[i]
+    return Multipliers(factor.backward([x * d for x, d in zip(loaded, factor.inverse)]), lam)
+
+
+def _entries(row: Values) -> dict[int, Any]:
+    """Return a row without its zeros."""
+    return {k: x for k, x in enumerate(row) if stands(x)}
+
+
+def _product(x: dict[int, Any], y: dict[int, Any]) -> Any:
+    """Return the scalar product of two rows."""
+    total: Any = 0.0
+    for k, value in x.items():
+        if k in y:
+            total = total + value * y[k]
+    return total
+
+
+def _meeting(rows: Sequence[dict[int, Any]]) -> list[tuple[int, int]]:
+    """Return the pairs i >= j of rows that share a column."""
+    of_column: dict[int, list[int]] = {}
+    for i, row in enumerate(rows):
+        for k in row:
+            of_column.setdefault(k, []).append(i)
+    return sorted({(i, j) for users in of_column.values() for i in users for j in users if j <= i})
 
 
 def correction(psi: Matrix, residual: Values) -> Vector:
@@ -142,16 +172,29 @@ def correction(psi: Matrix, residual: Values) -> Vector:
 
     mu is 1e-12 of the mean diagonal, far below any regular pose, and bounds the correction where Psi loses rank.
     """
-    m = psi.shape[0]
-    A = psi @ psi.T
+    m, nv = psi.shape
+    rows = [_entries(row) for row in psi]
+    A = gram(psi)
     trace: Any = 0.0
     for i in range(m):
         trace = trace + A[i, i]
     for i in range(m):
         A[i, i] = A[i, i] + trace * (1e-12 / m)
-        for j in range(i):
-            A[i, j] = A[j, i]
-    return psi.T @ LdlFactor.of(A).solve(residual)
+    lam = LdlFactor.of(A, minimum_degree(A)).solve(residual)
+    out = zeros(nv)
+    for row, x in zip(rows, lam):
+        for k, value in row.items():
+            out[k] = out[k] + value * x
+    return out
+
+
+def gram(psi: Matrix) -> Matrix:
+    """Return Psi Psi^T (m, m); rows without a common column cost nothing."""
+    rows = [_entries(row) for row in psi]
+    A = zeros(len(rows), len(rows))
+    for i, j in _meeting(rows):
+        A[i, j] = A[j, i] = _product(rows[i], rows[j])
+    return A
 
 
 def determinant(A: Matrix) -> Any:

@@ -6,18 +6,54 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
+from robodyn_cli.expr.graph import Expr
 from robodyn_cli.spatial.algebra import Matrix, Values, Vector, zeros
+
+LISTED = 8  # rows from which on an order of elimination is looked for
+
+
+def stands(x: Any) -> bool:
+    """Tell whether an entry is there: an expression, or a number other than zero."""
+    return isinstance(x, Expr) or x != 0.0
+
+
+def pattern(A: Matrix) -> list[list[int]]:
+    """Return the places of a matrix's entries, row by row."""
+    return [[k for k, x in enumerate(row) if stands(x)] for row in A]
+
+
+def minimum_degree(A: Matrix) -> tuple[int, ...]:
+    """Return an order of elimination that keeps the factor of a symmetric matrix sparse.
+
+    Always the row with the fewest neighbours left, the first of several (Tinney and Walker 1967); eliminating it
+    joins its neighbours. A small matrix keeps its own order.
+    """
+    n = A.shape[0]
+    if n < LISTED:
+        return tuple(range(n))
+    near = [{k for k in row if k != i} for i, row in enumerate(pattern(A))]
+    left = set(range(n))
+    order = []
+    while left:
+        i = min(left, key=lambda j: (len(near[j]), j))
+        left.remove(i)
+        order.append(i)
+        for j in near[i]:
+            near[j] = (near[j] | near[i]) - {i, j}
+    return tuple(order)
 
 
 @dataclasses.dataclass(frozen=True)
 class LdlFactor:
     """Symmetric positive definite A = P^T L D L^T P; zeros of A that stay zero cost nothing.
 
-    L : unit lower triangle (below the diagonal only). inverse : inverses of the pivots D. order : the
-    permutation; position k of the factor is row order[k] of A.
+    rows, columns : unit lower triangle below the diagonal, {k: L[i, k]} of each row i and {i: L[i, k]} of each
+    column k. inverse : inverses of the pivots D. order : the permutation; position k of the factor is row order[k]
+    of A.
     """
 
-    L: Matrix
+    rows: tuple[dict[int, Any], ...]
+    columns: tuple[dict[int, Any], ...]
     inverse: tuple[Any, ...]
     order: tuple[int, ...]
 
@@ -26,21 +62,26 @@ class LdlFactor:
         """Factor A. Eliminating the leaves of a tree first keeps the branches apart."""
         n = A.shape[0]
         order = tuple(range(n)) if order is None else tuple(order)
-        L = zeros(n, n)
-        LD = zeros(n, n)  # L times D, which falls out before the division
+        L: list[dict[int, Any]] = [{} for _ in range(n)]
+        LD: list[dict[int, Any]] = [{} for _ in range(n)]  # L times D, which falls out before the division
+        columns: list[dict[int, Any]] = [{} for _ in range(n)]
         inverse: list[Any] = []
         for j in range(n):
             pivot = A[order[j], order[j]]
-            for k in range(j):
-                pivot = pivot - L[j, k] * LD[j, k]
+            for k, x in L[j].items():
+                pivot = pivot - x * LD[j][k]
             inverse.append(1.0 / pivot)
-            for i in range(j + 1, n):
+            below = {i for k in L[j] for i in columns[k] if i > j}
+            below.update(i for i in range(j + 1, n) if stands(A[order[i], order[j]]))
+            for i in sorted(below):
                 entry = A[order[i], order[j]]
-                for k in range(j):
-                    entry = entry - L[i, k] * LD[j, k]
-                LD[i, j] = entry
-                L[i, j] = entry * inverse[j]
-        return LdlFactor(L, tuple(inverse), order)
+                for k, x in L[i].items():
+                    if k in LD[j]:
+                        entry = entry - x * LD[j][k]
+                if stands(entry):
+                    LD[i][j] = entry
+                    L[i][j] = columns[j][i] = entry * inverse[j]
+        return LdlFactor(tuple(L), tuple(columns), tuple(inverse), order)
 
     def forward(self, b: Values) -> Vector:
         """Return L^-1 P b."""
@@ -48,8 +89,8 @@ class LdlFactor:
         x = zeros(n)
         for i in range(n):
             entry = b[self.order[i]]
-            for k in range(i):
-                entry = entry - self.L[i, k] * x[k]
+            for k, factor in self.rows[i].items():
+                entry = entry - factor * x[k]
             x[i] = entry
         return x
 
@@ -59,8 +100,8 @@ class LdlFactor:
         x = zeros(n)
         for i in reversed(range(n)):
             entry = y[i]
-            for k in range(i + 1, n):
-                entry = entry - self.L[k, i] * x[k]
+            for k, factor in self.columns[i].items():
+                entry = entry - factor * x[k]
             x[i] = entry
         out = zeros(n)
         for i in range(n):
@@ -70,6 +111,29 @@ class LdlFactor:
     def solve(self, b: Values) -> Vector:
         """Return A^-1 b."""
         return self.backward([x * d for x, d in zip(self.forward(b), self.inverse)])
+
+    def inverse_trace(self) -> Any:
+        """Return tr A^-1, from those entries of the inverse that lie where L has entries.
+
+        Z = A^-1 obeys Z = D^-1 L^-1 + (E - L^T) Z, which gives them column by column from the last to the first
+        (Takahashi, Fagan and Chin 1973).
+        """
+        n = len(self.inverse)
+        Z: list[dict[int, Any]] = [{} for _ in range(n)]
+        total: Any = 0.0
+        for i in reversed(range(n)):
+            below = self.columns[i]
+            for j in sorted(below, reverse=True):
+                entry: Any = 0.0
+                for k, factor in below.items():
+                    entry = entry - factor * (Z[j][k] if k <= j else Z[k][j])
+                Z[j][i] = entry
+            diagonal = self.inverse[i]
+            for k, factor in below.items():
+                diagonal = diagonal - factor * Z[k][i]
+            Z[i][i] = diagonal
+            total = total + diagonal
+        return total
 
 
 @dataclasses.dataclass(frozen=True)

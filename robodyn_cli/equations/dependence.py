@@ -12,7 +12,8 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
-from robodyn_cli.algorithms.linear import LdlFactor
+from robodyn_cli.algorithms.constraints import gram
+from robodyn_cli.algorithms.linear import LdlFactor, minimum_degree
 from robodyn_cli.equations.constraints import Constraints
 from robodyn_cli.expr.graph import Graph, Scalar
 from robodyn_cli.loops.base import Row
@@ -123,14 +124,9 @@ def closeness(psi: Matrix) -> Scalar:
     It lies between the squared ratio of smallest to largest singular value and m^2 times less.
     """
     m = psi.shape[0]
-    A = psi @ psi.T
-    factor = LdlFactor.of(A)
+    A = gram(psi)
     trace: Any = 0.0
-    inverse_trace: Any = 0.0
     for i in range(m):
-        unit = zeros(m)
-        unit[i] = 1.0
         trace = trace + A[i, i]
-        inverse_trace = inverse_trace + factor.solve(unit)[i]
-    value: Scalar = 1.0 / (trace * inverse_trace)
+    value: Scalar = 1.0 / (trace * LdlFactor.of(A, minimum_degree(A)).inverse_trace())
     return value

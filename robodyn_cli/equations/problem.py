@@ -228,8 +228,9 @@ class Problem:
         """Rows of the loop closures, then of couplers, then of prescribed joints."""
         rows: list[Row] = []
         dropped: list[str] = []
+        shared: dict[int, Any] = {}
         for loop in self.model.loops:
-            for row in loop_rows(self.model, loop, self.X, self.q, self.v, self.gravity):
+            for row in loop_rows(self.model, loop, self.X, self.q, self.v, self.gravity, shared):
                 if vanishes(row):
                     dropped.append(row.name)
                 else:

@@ -87,7 +87,7 @@ def write_run(system: System, method: Stepper, fused: bool) -> str:
     w, n : see ``Real`` and ``Whole``. y : the state. p : parameters. dense : what dense output keeps. out : block
     of samples, columns of CAPACITY rows. tables, scratch : of the dynamics. work : see ``memory_function``.
     """
-    w = Writer(system, fused)
+    w = Writer(system, fused, loops=not method.needs_jacobian)
     f = w.f
     method.prepare(w)
     loop, accepted, rejected, samples, leave = (

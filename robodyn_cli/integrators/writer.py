@@ -12,6 +12,7 @@ from robodyn_cli.kernels.lower import call_program, lower, outline
 from robodyn_cli.kernels.program import Program
 
 INLINE_LIMIT = 400  # operations; longer programs become functions
+LONG = 24  # velocities from which on what is done for each of them is a loop
 LANES = 8
 ARGUMENTS = ("w", "n", "y", "p", "dense", "out", "tables", "scratch", "work")
 
@@ -19,11 +20,12 @@ ARGUMENTS = ("w", "n", "y", "p", "dense", "out", "tables", "scratch", "work")
 class Writer:
     """The function under construction, with the state and the programs of the system at hand.
 
-    ``nv``, ``rates`` (nv + nz) and ``size`` are Python ints, or Ints where the code serves systems of any size:
-    then rows of vectors live in memory of the caller, and ``each`` makes a loop.
+    ``nv``, ``rates`` (nv + nz) and ``size`` are Python ints, or Ints for a long system and where the code serves
+    systems of any size: then rows of vectors live in memory of the caller, and ``each`` makes a loop (unless
+    ``loops`` is False and the size is known).
     """
 
-    def __init__(self, system: System, fused: bool) -> None:
+    def __init__(self, system: System, fused: bool, loops: bool = True) -> None:
         self.system = system
         self.fused = fused
         self.f = f = Function("run", [f"ptr noalias %{a}" for a in ARGUMENTS], result="i64", flags=RELAXED)
@@ -32,7 +34,7 @@ class Writer:
         # doubles taken so far in the caller's memory: so many per (padded) velocity, and so many beside
         self._taken = [0, 0]
         self.nv: Int | int = system.nv
-        if system.dynamics.any_size:
+        if system.dynamics.any_size or (loops and system.nv == system.nq > LONG):
             with f.entry():
                 self.nv = f.load_int(self.whole(Whole.VELOCITIES))
                 # a multiple of the lanes, so that every row starts aligned

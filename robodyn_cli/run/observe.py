@@ -31,6 +31,7 @@ XYZ = ("x", "y", "z")
 MEANINGS = {
     "q": "joint position", "qd": "joint velocity", "qdd": "joint acceleration", "tau": "actuator torque"
 }  # fmt: skip
+MOST_ROWS = 40  # of Psi, up to which its singular values are worth their time at every sample
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,7 +63,8 @@ def observed(problem: Problem, accelerations: bool = True) -> dict[str, Sequence
         outputs["lam"] = list(problem.forward.lam)
         outputs["eta"] = found["position"]
         outputs["eta_rate"] = found["velocity"]
-        outputs["psi"] = list(problem.psi.ravel())
+        if len(problem.constraints.rows) <= MOST_ROWS:
+            outputs["psi"] = list(problem.psi.ravel())
     return {**outputs, **place_outputs(problem)}
 
 
@@ -204,7 +206,8 @@ class Observer:
             data["constraints/multipliers"] = found["lam"]
             data["constraints/position_residual"] = found["eta"]
             data["constraints/velocity_residual"] = found["eta_rate"]
-            data.update(self._singular(found["psi"]))
+            if "psi" in found:
+                data.update(self._singular(found["psi"]))
         for path in self.places:
             name, block = place_dataset(path, found[path])
             data[name] = block

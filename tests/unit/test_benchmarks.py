@@ -77,6 +77,40 @@ def test_work_precision(tmp_path: Path) -> None:
         assert all(row["error"] < 1e-2 for row in mine)
 
 
+def test_many_loops_cost_in_proportion(tmp_path: Path) -> None:
+    """Each further loop of the N-four-bar takes the same operations, and the motion stays right."""
+    file = tmp_path / "loops.json"
+    run("n_four_bar.py", "--loops", "2", "4", "6", "--json", str(file))
+    rows = rows_of(file)
+    for key in ("operations", "operations_of_a_step"):
+        first, second, third = (row[key] for row in rows)
+        assert second - first == third - second
+    assert all(row["error"] < 1e-10 for row in rows)
+
+
+def test_operations_of_a_hundred_loops() -> None:
+    """Counted on graphs alone: proportional still, and rows in any order of the loops cost the same."""
+    code = """
+import random
+from n_four_bar import scene
+from robodyn_cli import load_scene_text
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.graph import count_operations
+def operations(text): return count_operations(list(Problem(load_scene_text(text)).forward.qdd))
+found = [operations(scene(n)) for n in (20, 60, 100)]
+assert found[1] - found[0] == found[2] - found[1], found
+lines = scene(60).splitlines()
+first = lines.index("loops:") + 1
+loops = lines[first : first + 60]
+random.Random(1).shuffle(loops)
+lines[first : first + 60] = loops
+shuffled = operations("\\n".join(lines) + "\\n")
+assert shuffled < 1.6 * found[1], (shuffled, found[1])
+"""
+    command = [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(ROOT)!r}); {code}"]
+    subprocess.run(command, check=True, cwd=BENCHMARKS)
+
+
 def test_time_of_the_lock() -> None:
     """The reference of the four-bar is its energy integral, to all the digits of a double."""
     code = "from lock_time import LOCK, lock_time; assert abs(lock_time() - LOCK) < 1e-14"

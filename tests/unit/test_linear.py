@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robodyn_cli.algorithms.linear import LdlFactor
+from robodyn_cli.algorithms.linear import LdlFactor, minimum_degree
 from robodyn_cli.expr.graph import Graph, count_operations
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.spatial.algebra import matrix, vector
@@ -29,10 +29,10 @@ def test_factors(n: int) -> None:
     A = definite(n, 0)
     for order in orders(n):
         f = LdlFactor.of(matrix(A.tolist()), order)
-        L, D = real(f.L) + np.eye(n), np.diag(1.0 / real(f.inverse))
-        assert np.allclose(real(f.L), np.tril(real(f.L), -1), rtol=0, atol=0), (
-            "L is stored below the diagonal only"
-        )
+        L, D = np.eye(n), np.diag(1.0 / real(f.inverse))
+        for i, row in enumerate(f.rows):
+            assert all(k < i and f.columns[k][i] == x for k, x in row.items())
+            L[i, list(row)] = list(row.values())
         p = order if order is not None else list(range(n))
         assert_close(L @ D @ L.T, A[np.ix_(p, p)], 1e-14)
 
@@ -79,10 +79,42 @@ def test_zeros_that_stay_zero_cost_nothing() -> None:
     cost = {}
     for name, order in (("hub", range(n)), ("leaves", range(n - 1, -1, -1))):
         f = LdlFactor.of(A, list(order))
-        cost[name] = count_operations([*f.L.ravel(), *f.inverse])
+        cost[name] = count_operations([*(x for row in f.rows for x in row.values()), *f.inverse])
     assert cost["leaves"] <= 5 * n and cost["hub"] > 3 * cost["leaves"]
 
 
 def test_a_singular_matrix_is_an_error_on_numbers() -> None:
     with pytest.raises(ZeroDivisionError):
         LdlFactor.of(matrix([[1.0, 1.0], [1.0, 1.0]]))
+
+
+@sizes
+def test_the_trace_of_the_inverse(n: int) -> None:
+    A = definite(n, 5)
+    for order in orders(n):
+        found = LdlFactor.of(matrix(A.tolist()), order).inverse_trace()
+        assert_close(found, np.trace(np.linalg.inv(A)), 100 * EPS * np.linalg.cond(A), 1.0)
+
+
+def arrow_and_chain(n: int, seed: int) -> np.ndarray:
+    """Return a chain in shuffled order, whose rows all meet a last one too."""
+    A = 4.0 * np.eye(n)
+    for k in range(n - 2):
+        A[k, k + 1] = A[k + 1, k] = -1.0
+    A[-1, :-1] = A[:-1, -1] = 0.1
+    p = np.random.default_rng(seed).permutation(n)
+    return A[np.ix_(p, p)]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_order_that_keeps_the_factor_sparse(seed: int) -> None:
+    n = 30
+    A = arrow_and_chain(n, seed)
+    order = minimum_degree(matrix(A.tolist()))
+    assert sorted(order) == list(range(n))
+    sparse, natural = LdlFactor.of(matrix(A.tolist()), order), LdlFactor.of(matrix(A.tolist()))
+    assert sum(len(row) for row in sparse.rows) == 2 * n - 3  # nothing fills in
+    assert sum(len(row) for row in natural.rows) > 3 * n
+    b = np.random.default_rng(seed).normal(size=n)
+    assert_close(sparse.solve(b.tolist()), np.linalg.solve(A, b), 1e-13)
+    assert_close(sparse.inverse_trace(), np.trace(np.linalg.inv(A)), 1e-13, 30.0)
