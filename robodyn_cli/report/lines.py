@@ -74,21 +74,51 @@ def draw_magnitudes(ax: Axes, time: Array, data: Array, low: float) -> list[Any]
     return handles
 
 
+def by_unit(variable: Variable) -> dict[str, list[int]]:
+    """Return the columns that go into one panel: those of one unit."""
+    groups: dict[str, list[int]] = {}
+    for column, units in enumerate(variable.column_units or [variable.units] * variable.data.shape[-1]):
+        groups.setdefault(units, []).append(column)
+    return groups
+
+
+def panel_height(panels: int) -> float:
+    """Return the height of a panel [inch], less where there are several."""
+    return {1: 3.3, 2: 2.2}.get(panels, 1.6)
+
+
+def draw_groups(sheet: Sheet, time: Array, data: Array, groups: dict[str, list[int]]) -> list[Any]:
+    """Draw each group of columns in a panel of its own; return the handles in the order of the columns."""
+    styles = style.line_styles(data.shape[1])
+    handles: dict[int, Any] = {}
+    for ax, columns in zip(sheet.axes, groups.values()):
+        drawn = draw_columns(ax, time, data[:, columns], [styles[k] for k in columns])
+        handles.update(zip(columns, drawn))
+    return [handles[k] for k in range(data.shape[1])]
+
+
 def time_plot(result: Result, path: str, quantity: str, subtitle: str) -> Any:
     """Return a figure of all columns of one variable over time, with degrees where it is an angle."""
     variable = result.variables[path]
     names = column_names(variable)
     if len(names) > style.MANY:
         return draw_map(result, variable.data, names, quantity, variable.units, subtitle)
-    angle = variable.units == "rad"
-    sheet = Sheet(result, subtitle, labels=names if len(names) > 1 else (), degrees=angle)
-    ax = sheet.ax
-    handles = draw_columns(ax, result.time, variable.data)
+    groups = by_unit(variable)
+    sheet = Sheet(
+        result,
+        subtitle,
+        panels=len(groups),
+        height=panel_height(len(groups)),
+        labels=names if len(names) > 1 else (),
+        degrees="rad" in groups,
+    )
+    handles = draw_groups(sheet, result.time, variable.data, groups)
     sheet.label_time()
-    ax.set_ylabel(labelled(quantity if len(names) > 1 else f"{names[0]}: {quantity}", variable.units))
-    if angle:
-        degree_axis(ax)
-    mark_lock([ax], result)
+    for ax, units in zip(sheet.axes, groups):
+        ax.set_ylabel(labelled(quantity if len(names) > 1 else f"{names[0]}: {quantity}", units))
+        if units == "rad":
+            degree_axis(ax)
+    mark_lock(sheet.axes, result)
     if len(names) > 1:
         sheet.legend(handles, names)
     return sheet.figure

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from robodyn_cli.errors import OutputError
 from robodyn_cli.report import draw, draw_all, plot_files
@@ -240,3 +241,23 @@ def test_units_and_numbers_as_printed() -> None:
     assert unit("N m or N") == "N·m or N"
     assert number(-1.5e-12) == "−1.5·10⁻¹²"
     assert number(float("nan")) == "not finite"
+
+
+def test_columns_of_different_units_have_panels_of_their_own() -> None:
+    result = pendulum_result(51)
+    result.add(
+        "q", result["q"], units="rad or m", names=result.variables["q"].names, column_units=("rad", "m"),
+        dims=("time", "joint"),
+    )  # fmt: skip
+    labels = [ax.get_ylabel() for ax in draw(result, "joint_angles").axes if ax.get_ylabel()]
+    assert [label.rpartition(" ")[2] for label in labels][:2] == ["[rad]", "[m]"]
+
+
+def test_names_in_the_mechanism_do_not_overlap() -> None:
+    figure = draw(four_bar_result(), "mechanism")
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    figure.draw(renderer)
+    boxes = [text.get_window_extent(renderer) for ax in figure.axes for text in ax.texts]
+    assert len(boxes) == 3
+    assert not any(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[:k])
+    assert all(figure.axes[0].get_window_extent(renderer).overlaps(box) for box in boxes)

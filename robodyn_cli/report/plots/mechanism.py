@@ -9,10 +9,10 @@ from matplotlib import colormaps
 from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 
-from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.decimate import extremes, finite
 from robodyn_cli.report.marks import lock_time
+from robodyn_cli.report.placing import name_lines
 from robodyn_cli.report.plane import AXES, box_height, main_plane
 from robodyn_cli.report.ticks import number
 from robodyn_cli.results.result import Array, Result
@@ -45,9 +45,11 @@ def draw(result: Result) -> Any:
     ax = sheet.ax
     handles = _poses(ax, flat, chosen)
     _pivots(ax, flat, chosen[-1])
-    _names(ax, flat, chosen[-1])
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.08)
+    if len(flat) <= MOST_NAMES:
+        last = {name: data[chosen[-1]] for name, data in flat.items()}
+        name_lines(ax, last, [data[k] for data in flat.values() for k in chosen[:-1]])
     ax.set_xlabel(f"{AXES[plane[0]]} [m]")
     ax.set_ylabel(f"{AXES[plane[1]]} [m]")
     sheet.legend(handles, labels)
@@ -119,22 +121,3 @@ def _pivots(ax: Any, flat: dict[str, Array], sample: int) -> None:
         ax.plot(*np.array(moving).T, marker="o", markersize=6, **marks)
     if still:
         ax.plot(*np.array(still).T, marker="^", markersize=11, **marks)
-
-
-def _names(ax: Any, flat: dict[str, Array], sample: int) -> None:
-    """Write each link's name beside the middle of its last pose."""
-    if len(flat) > MOST_NAMES:
-        return
-    for name, data in flat.items():
-        shape = data[sample]
-        middle = 0.5 * (shape[0] + shape[min(1, len(shape) - 1)])
-        if np.isfinite(middle).all():
-            ax.annotate(
-                name,
-                middle,
-                xytext=(6, 6),
-                textcoords="offset points",
-                color=style.GREY,
-                zorder=6,
-                bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.6},
-            )

@@ -43,7 +43,8 @@ def draw(result: Result) -> Any:
     for ax, joint in zip(sheet.axes, joints):
         columns = [terms[name].data[:, joint] for name in order] + [total.data[:, joint]]
         handles = draw_columns(ax, result.time, np.column_stack(columns), styles)
-        ax.set_ylabel(f"{names[joint]} [{unit(total.units)}]")
+        units = total.column_units[joint] if total.column_units else total.units
+        ax.set_ylabel(f"{names[joint]} [{unit(units)}]")
         if count <= 3:
             ax.yaxis.set_label_coords(-0.085, 0.5)
     sheet.label_time()

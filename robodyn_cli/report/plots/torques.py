@@ -10,9 +10,11 @@ from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.decimate import finite, where_largest
 from robodyn_cli.report.heatmap import draw_map
-from robodyn_cli.report.lines import column_names, draw_columns
+from robodyn_cli.report.lines import by_unit, column_names, draw_groups, panel_height
 from robodyn_cli.report.ticks import labelled, number, unit
 from robodyn_cli.results.result import Result
+
+QUANTITY = {"N m": "torque", "N": "force"}
 
 
 def applies(result: Result) -> bool:
@@ -26,7 +28,7 @@ def draw(result: Result) -> Any:
     """Return the figure."""
     variable = result.variables["tau"]
     data, names = finite(variable.data), column_names(variable)
-    units = unit(variable.units)
+    units = [unit(u) for u in variable.column_units or [variable.units] * len(names)]
     counted = np.maximum(1, np.isfinite(data).sum(axis=0))
     rms = np.sqrt(np.nansum(data**2, axis=0) / counted)
     peak = [where_largest(np.abs(data[:, column])) for column in range(data.shape[1])]
@@ -37,14 +39,16 @@ def draw(result: Result) -> Any:
     if few:
         subtitle = "Actuator torques; dot: peak, thin line: root mean square"
         labels = [
-            f"{name}: peak {number(data[at, k], 4)}, RMS {number(float(rms[k]), 4)} {units}"
+            f"{name}: peak {number(data[at, k], 4)}, RMS {number(float(rms[k]), 4)} {units[k]}"
             for k, (name, at) in enumerate(zip(names, peak))
         ]
-    sheet = Sheet(result, subtitle, labels=labels)
-    ax = sheet.ax
-    handles = draw_columns(ax, result.time, data)
+    groups = by_unit(variable)
+    sheet = Sheet(result, subtitle, panels=len(groups), height=panel_height(len(groups)), labels=labels)
+    handles = draw_groups(sheet, result.time, data, groups)
+    panels = {column: ax for ax, columns in zip(sheet.axes, groups.values()) for column in columns}
     if few:
         for column, handle in enumerate(handles):
+            ax = panels[column]
             at = peak[column]
             colour = handle.get_color()
             ax.plot(
@@ -54,15 +58,16 @@ def draw(result: Result) -> Any:
                 float(rms[column]), color=colour, linewidth=0.8, linestyle=handle.get_linestyle(), alpha=0.7
             )
     sheet.label_time()
-    ax.set_ylabel(labelled("torque" if variable.units == "N m" else "torque or force", variable.units))
+    for ax, units_here in zip(sheet.axes, groups):
+        ax.set_ylabel(labelled(QUANTITY.get(units_here, "torque or force"), units_here))
     sheet.legend(handles, labels)
     return sheet.figure
 
 
-def _worst(names: list[str], data: Any, rms: Any, units: str) -> str:
+def _worst(names: list[str], data: Any, rms: Any, units: list[str]) -> str:
     largest = where_largest(rms)
     peak = data[where_largest(np.abs(data[:, largest])), largest]
     return (
-        f"Actuator torques; largest RMS: {names[largest]} with {number(float(rms[largest]), 4)} {units},"
-        f" peak {number(float(peak), 4)} {units}"
+        f"Actuator torques; largest RMS: {names[largest]} with {number(float(rms[largest]), 4)} {units[largest]},"
+        f" peak {number(float(peak), 4)} {units[largest]}"
     )
