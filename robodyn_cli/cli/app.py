@@ -5,17 +5,20 @@ from __future__ import annotations
 import typer
 
 from robodyn_cli.cli import (
+    assemble,
     check,
     compare,
     deploy,
     info,
     inverse,
+    kinematics,
     new,
     plan,
     run,
     schema,
     simulate,
     stability,
+    statics,
     validate,
     work_precision,
 )
@@ -35,6 +38,9 @@ app = typer.Typer(
 app.command("inverse")(inverse.command)
 app.command("simulate")(simulate.command)
 app.command("deploy")(deploy.command)
+app.command("kinematics")(kinematics.command)
+app.command("assemble")(assemble.command)
+app.command("statics")(statics.command)
 app.command("plan")(plan.command)
 app.command("check")(check.command)
 app.command("compare")(compare.command)

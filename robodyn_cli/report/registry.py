@@ -24,14 +24,21 @@ PLOTS: tuple[str, ...] = (
     "torques",
     "torque_terms",
     "tip_path",
+    "point_motion",
+    "transmission_angle",
     "energy",
     "energy_drift",
     "multipliers",
     "reactions",
     "constraint_residual",
     "singular_values",
+    "branches",
     "mechanism",
 )
+
+# commands that look at one configuration, and what there is to draw of it
+AT_REST = ("assemble", "statics")
+STILL = ("branches", "mechanism")
 
 
 def plot_files() -> list[str]:
@@ -43,7 +50,8 @@ def applicable(result: Result) -> list[str]:
     """Return the names of the plots that ``result`` has the data for."""
     if "time" not in result or not result.time.size:
         return []
-    return [name for name in PLOTS if _module(name).applies(result)]
+    names = STILL if result.command in AT_REST else PLOTS
+    return [name for name in names if _module(name).applies(result)]
 
 
 def draw(result: Result, name: str) -> Figure:

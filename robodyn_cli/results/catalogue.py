@@ -69,6 +69,15 @@ ENTRIES: tuple[Entry, ...] = (
     ),
     Entry("points/NAME", ("time", "axis"), "m", "position of a point in the world frame", XYZ),
     Entry("targets/NAME", ("time", "axis"), "m", "position asked of a point in the world frame", XYZ),
+    Entry("point_velocities/NAME", ("time", "axis"), "m/s", "velocity of a point in the world frame", XYZ),
+    Entry(
+        "point_accelerations/NAME",
+        ("time", "axis"),
+        "m/s^2",
+        "acceleration of a point in the world frame",
+        XYZ,
+    ),
+    Entry("transmission_angle", ("time",), "rad", "angle at the second of three points of the transmission"),
     Entry("frames/NAME/position", ("time", "axis"), "m", "origin of a frame in the world frame", XYZ),
     Entry(
         "frames/NAME/quaternion",
@@ -94,6 +103,22 @@ ENTRIES: tuple[Entry, ...] = (
         "singular values of the block of Psi that belongs to the passive coordinates",
     ),
     Entry("singularity/determinant", ("time",), "1", "determinant of the passive block of Psi"),
+    Entry(
+        "branches/q", ("branch", "joint"), "rad or m", "joint positions of the ways in which the loops close"
+    ),
+    Entry(
+        "branches/determinant",
+        ("branch",),
+        "1",
+        "determinant of the block of Psi of the coordinates solved for",
+    ),
+    Entry(
+        "branch_skeleton/LINK",
+        ("branch", "vertex", "axis"),
+        "m",
+        "corners of a link's outline, by branch",
+        XYZ,
+    ),
     Entry(
         "skeleton/LINK",
         ("time", "vertex", "axis"),

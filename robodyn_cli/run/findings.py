@@ -16,13 +16,16 @@ from robodyn_cli.formulations.dynamics import Rolled
 from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.model.consistency import body_problems
 from robodyn_cli.model.model import Model
+from robodyn_cli.run.commands import execute
 from robodyn_cli.run.dynamics import open_problem
 from robodyn_cli.run.inverse import _check_actuated as check_actuated
 from robodyn_cli.run.inverse import torque_terms
 from robodyn_cli.run.inverse_closed import needed_data
 from robodyn_cli.run.motion import plan_motion, with_led_point
+from robodyn_cli.run.progress import no_progress
 from robodyn_cli.run.simulate import passive_coordinates, prepare
 from robodyn_cli.run.singularity import passive_determinant
+from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.check import Check
 from robodyn_cli.scene.collect import examine
 from robodyn_cli.scene.nodes import Node, dotted, located
@@ -30,6 +33,8 @@ from robodyn_cli.scene.types import Scene
 
 # exit codes from good to bad; what is not listed is worse than all of them
 BADNESS = (0, 1, 3, 2, 4, 5, 74, 70)
+# commands that take no longer than trying them out would
+AT_ONCE = ("assemble", "kinematics", "statics")
 # samples at which a trajectory is tried out
 TRIED = 501
 
@@ -104,6 +109,9 @@ def _trial(scene: Scene, root: Node) -> list[RobodynError]:
     try:
         if command == "inverse":
             model, outputs = _inverse(scene)
+        elif command in AT_ONCE:
+            execute(command, scene, no_progress, Stopwatch())
+            return []
         elif command is not None:
             model, outputs = _forward(scene, command)
         else:
@@ -143,7 +151,7 @@ def _missing(scene: Scene, root: Node, command: str, names: Sequence[str]) -> li
 
 
 def _inverse(scene: Scene) -> tuple[Model, list[Scalar]]:
-    if scene.loops:
+    if scene.loops or scene.couplers:
         return needed_data(scene, min(TRIED, scene.inverse.samples))
     problem = open_problem(with_led_point(scene), "inverse dynamics")
     check_actuated(problem)

@@ -74,11 +74,29 @@ def lead_of(problem: Problem) -> Lead:
             key=f"prescribed.{both[0]}",
         )
 
+    refuse_quasi(problem.model, trajectory.joints)
+
     def joints(times: Array) -> tuple[Array, Array, Array]:
         found = trajectory.motion(times, trajectory.joints, parameters)
         return found.q, found.qd, found.qdd
 
     return Lead(joints, joints=tuple(trajectory.joints))
+
+
+def refuse_quasi(model: Model, names: Sequence[str]) -> None:
+    """Refuse to lead joints whose velocities are no rates of positions, and joints of several axes as a whole.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    for name in names:
+        if name in model.joint_names and name not in model.v_names:
+            columns = ", ".join(model.v_columns(name))
+            raise CapabilityError(
+                f"joint {name!r} of a mechanism with loops cannot be led as a whole: lead joints of one axis, or "
+                f"single coordinates of it where they are rates of positions ({columns})"
+            )
 
 
 class LoopConditions:
@@ -281,6 +299,15 @@ def explain(
         "(a dead point), so its rate is not determined or without bound; the motion cannot go on from there",
         time=stuck.time, kind="dead_point", joint=joint, loop=loop, **angles,
     )  # fmt: skip
+
+
+def velocity_places(model: Model, names: Sequence[str]) -> list[int]:
+    """Return the velocity coordinates of joints and of single columns (``slide``, ``slide.z``), each once."""
+    found: list[int] = []
+    for name in names:
+        columns = (name,) if name in model.v_names else model.v_columns(name)
+        found += [model.v_names.index(column) for column in columns]
+    return list(dict.fromkeys(found))
 
 
 def coordinate_name(model: Model, index: int) -> str:

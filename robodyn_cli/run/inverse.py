@@ -58,7 +58,7 @@ def inverse(
     count = scene.inverse.samples if samples is None else samples
     if count < 2:
         raise ValueError(f"samples: {count}; allowed: 2 or more")
-    if scene.loops:
+    if scene.loops or scene.couplers:
         from robodyn_cli.run.inverse_closed import inverse_closed
 
         result = inverse_closed(scene, count, watch)

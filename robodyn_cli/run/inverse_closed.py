@@ -11,7 +11,14 @@ from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.model.model import Model
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.evaluation import SampleFunction
-from robodyn_cli.run.guided_motion import GuidedMotion, Lead, coordinate_name, guided_motion, lead_of
+from robodyn_cli.run.guided_motion import (
+    GuidedMotion,
+    Lead,
+    coordinate_name,
+    guided_motion,
+    lead_of,
+    velocity_places,
+)
 from robodyn_cli.run.inverse import energies, fill, torque_terms
 from robodyn_cli.run.inverse_checks import DEFINITIONS, Sampled, error_estimate, joint_figures
 from robodyn_cli.run.motion import Planned, with_led_point
@@ -67,7 +74,7 @@ def inverse_closed(scene: Scene, samples: int, watch: Stopwatch) -> Result:
         psi = [x for row in rows for x in row.psi]
         more = {
             "psi": psi, "gamma": [row.gamma for row in rows], "M": list(problem.mass_matrix.ravel()),
-            "eta": [row.eta for row in rows],
+            "eta": [row.eta for row in rows], "eta_t": [row.eta_t for row in rows],
         }  # fmt: skip
         more = {name: entries for name, entries in more.items() if entries}
         function = SampleFunction({**terms, **energies(problem, terms), **more, **places}, GROUPS, samples)
@@ -76,8 +83,12 @@ def inverse_closed(scene: Scene, samples: int, watch: Stopwatch) -> Result:
         arrays = function(t=guided.times[:, None], q=motion.q, v=motion.qd, a=motion.qdd)
         nv = problem.model.nv
         Psi = arrays["psi"].reshape(samples, len(rows), nv)
-        places_of = [problem.model.body_of(name).v for name in actuated]
+        places_of = velocity_places(problem.model, actuated)
         shared = _share(problem, guided, Psi, places_of, {name: arrays[name] for name in terms})
+        # closures to a ground that moves do work at the rate -lambda eta_t
+        arrays["dissipation"] = (
+            arrays["dissipation"] - (shared.multipliers * arrays["eta_t"]).sum(axis=1)[:, None]
+        )
         sampled = Sampled(guided.times, motion, shared.terms, arrays)
     result = Result("inverse", scene.title or "inverse", "ok", scene.text)
     planned = Planned(motion, lead.point, method="newton" if lead.point else None)
@@ -87,7 +98,7 @@ def inverse_closed(scene: Scene, samples: int, watch: Stopwatch) -> Result:
     for path, data in (
         ("constraints/multipliers", shared.multipliers),
         ("constraints/position_residual", arrays["eta"]),
-        ("constraints/velocity_residual", np.einsum("tmv,tv->tm", Psi, motion.qd)),
+        ("constraints/velocity_residual", np.einsum("tmv,tv->tm", Psi, motion.qd) + arrays["eta_t"]),
     ):
         column = described[path]
         result.add(path, data, units=column.units, long_name=column.long_name, names=kept)
@@ -251,7 +262,8 @@ def _summarise(
     summary["round_trip"] = trip
     summary["constraint_residual"] = {key: guided.residuals[key] for key in ("position", "velocity")}
     figures = joint_figures(problem.model, sampled)
-    summary["joints"] = {name: figures[name] for name in actuated}
+    driven = [problem.model.v_names[k] for k in velocity_places(problem.model, actuated)]
+    summary["joints"] = {name: figures[name] for name in driven}
     summary["definitions"] = CLOSED_DEFINITIONS
     summary["counters"] = guided.counters
 

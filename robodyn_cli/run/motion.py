@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,12 +38,19 @@ class Planned:
 def with_led_point(scene: Scene) -> Scene:
     """Return the scene with the point that the trajectory leads (as ``link2.end``) among its named points."""
     trajectory: Any = scene.trajectory
-    if not isinstance(trajectory, TaskSpace) or trajectory.point in scene.robot.points:
+    return with_points(scene, [trajectory.point]) if isinstance(trajectory, TaskSpace) else scene
+
+
+def with_points(scene: Scene, references: Sequence[str]) -> Scene:
+    """Return the scene with points that are referred to (as ``link2.end``) among its named points."""
+    points = dict(scene.robot.points)
+    for reference in references:
+        link, _, at = reference.partition(".")
+        # ``base.NAME`` is a named point too
+        known = points.get(reference) or points.get(at)
+        points[reference] = known or Point(link=link, at=at)
+    if len(points) == len(scene.robot.points):
         return scene
-    link, _, at = trajectory.point.partition(".")
-    # ``base.NAME`` is a named point too
-    led = scene.robot.points[at] if at in scene.robot.points else Point(link=link, at=at)
-    points = {**scene.robot.points, trajectory.point: led}
     return dataclasses.replace(scene, robot=dataclasses.replace(scene.robot, points=points))
 
 

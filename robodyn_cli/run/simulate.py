@@ -55,22 +55,8 @@ def prepare(scene: Scene, watch: Stopwatch | None = None) -> Setup:
     watch = watch or Stopwatch()
     with watch.stage("equations"):
         problem = Problem(scene)
-        given = {**(scene.initial.q or {}), **prescribed_starts(scene)}
-        loops = bool(problem.model.closures)
-        model = problem.model
-        held = [column for name in scene.initial.hold for column in model.q_columns(name)]
-        for name in held if loops else model.q_names:
-            if name not in given:
-                why = (
-                    "`initial.hold` keeps it at its value"
-                    if loops
-                    else "an open chain needs one for each joint"
-                )
-                what = "coordinate" if "." in name else "joint"
-                raise SceneError(
-                    f"{scene.path}: initial.q: {what} {name!r} has no initial position ({why})",
-                    file=scene.path, key="initial.q",
-                )  # fmt: skip
+        given = initial_positions(scene, problem)
+        held = held_columns(scene, problem)
     with watch.stage("assemble"):
         check_prescribed(problem)
         hold = [*held, *(n for n in scene.prescribed or {} if n not in held)]
@@ -82,6 +68,33 @@ def prepare(scene: Scene, watch: Stopwatch | None = None) -> Setup:
             keep = None if groups else assembled.independent
             problem = Problem(scene, keep_rows=keep, model=problem.model, dependent=groups)
     return Setup(problem, assembled, watch)
+
+
+def held_columns(scene: Scene, problem: Problem) -> list[str]:
+    """Return the coordinates of the joints in `initial.hold`."""
+    return [column for name in scene.initial.hold for column in problem.model.q_columns(name)]
+
+
+def initial_positions(scene: Scene, problem: Problem) -> dict[str, float]:
+    """Return the positions at t = 0 that the scene gives, prescribed joints included, by coordinate.
+
+    Raises
+    ------
+    SceneError : a position is missing.
+    """
+    given = {**(scene.initial.q or {}), **prescribed_starts(scene)}
+    loops = bool(problem.model.closures)
+    for name in held_columns(scene, problem) if loops else problem.model.q_names:
+        if name not in given:
+            why = (
+                "`initial.hold` keeps it at its value" if loops else "an open chain needs one for each joint"
+            )
+            what = "coordinate" if "." in name else "joint"
+            raise SceneError(
+                f"{scene.path}: initial.q: {what} {name!r} has no initial position ({why})",
+                file=scene.path, key="initial.q",
+            )  # fmt: skip
+    return given
 
 
 def options_for(scene: Scene) -> Options:

@@ -22,4 +22,7 @@ SCENE_COMMANDS: dict[str, SceneCommand] = {
     "inverse": SceneCommand("robodyn_cli.run.inverse", "inverse"),
     "simulate": SceneCommand("robodyn_cli.run.simulate", "simulate", streamed=True),
     "deploy": SceneCommand("robodyn_cli.run.deploy", "deploy", streamed=True),
+    "statics": SceneCommand("robodyn_cli.run.statics", "statics"),
+    "assemble": SceneCommand("robodyn_cli.run.assemble", "assemble"),
+    "kinematics": SceneCommand("robodyn_cli.run.kinematics", "kinematics"),
 }

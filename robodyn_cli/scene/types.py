@@ -15,6 +15,7 @@ from robodyn_cli.expr.formula import Formula as FormulaTree
 from robodyn_cli.forces.registry import force_types
 from robodyn_cli.loops.registry import loop_types
 from robodyn_cli.scene.commands import SCENE_COMMANDS
+from robodyn_cli.scene.mechanism_options import AssembleOptions, KinematicsOptions, StaticsOptions
 from robodyn_cli.scene.methods import METHODS
 from robodyn_cli.scene.robot_types import Frame as Frame
 from robodyn_cli.scene.robot_types import Inertia as Inertia
@@ -224,7 +225,9 @@ class Scene:
     )
     initial: Initial = key(Section(Initial), default=Initial(), doc="State at t = 0.")
     trajectory: Any = key(
-        OrFile(Tagged(lambda: trajectory_types)), default=None, doc="Motion that `inverse` follows."
+        OrFile(Tagged(lambda: trajectory_types)),
+        default=None,
+        doc="Motion that `inverse` and `kinematics` follow.",
     )
     inverse: InverseOptions = key(
         Section(InverseOptions), default=InverseOptions(), doc="Options of `inverse`."
@@ -233,6 +236,15 @@ class Scene:
         Section(SimulateOptions), default=SimulateOptions(), doc="Options of `simulate` and `deploy`."
     )
     deploy: DeployOptions = key(Section(DeployOptions), default=DeployOptions(), doc="Options of `deploy`.")
+    assemble: AssembleOptions = key(
+        Section(AssembleOptions), default=AssembleOptions(), doc="Options of `assemble`."
+    )
+    kinematics: KinematicsOptions = key(
+        Section(KinematicsOptions), default=KinematicsOptions(), doc="Options of `kinematics`."
+    )
+    statics: StaticsOptions = key(
+        Section(StaticsOptions), default=StaticsOptions(), doc="Options of `statics`."
+    )
     outputs: Outputs = key(Section(Outputs), default=Outputs(), doc="What is recorded beyond the usual.")
     expect: dict[str, Expectation] = key(
         Criteria(), default=None, doc="What `robodyn run` and `check` expect of the summary."

@@ -55,7 +55,9 @@ def validate(scene: Scene, root: Node, collected: list[SceneError] | None = None
     _check_drives(scene, check)
     _check_initial(scene, check)
     if scene.trajectory is not None:
-        for path, message in scene.trajectory.problems(_SceneNames(robot, bool(scene.loops))):
+        for path, message in scene.trajectory.problems(
+            _SceneNames(robot, bool(scene.loops or scene.couplers))
+        ):
             with check:
                 check.fail(("trajectory", *path), message)
     _check_runs(scene, check)
@@ -176,6 +178,7 @@ def _check_runs(scene: Scene, check: Check) -> None:
         if not fixed and options.step is not None:
             message = f"does not go with integrator {options.integrator!r}, which chooses its own"
             check.fail(("simulate", "step"), f"{message}; allowed: with {', '.join(FIXED_STEP)}")
+    _check_kinematics(scene, check)
     if scene.deploy.latch is not None:
         between = scene.deploy.latch.between
         links = [link.name for link in scene.robot.links]
@@ -187,3 +190,23 @@ def _check_runs(scene: Scene, check: Check) -> None:
                 check.fail(
                     ("deploy", "latch", "between"), f"both are {between[0]!r}; a latch joins two links"
                 )
+
+
+def _check_kinematics(scene: Scene, check: Check) -> None:
+    options = scene.kinematics
+    if options.sweep is not None:
+        joint: Path = ("kinematics", "sweep", "joint")
+        _check_joints(scene, [(options.sweep.joint, joint)], check, at_key=False)
+        with check:
+            if options.sweep.start == options.sweep.stop:
+                check.fail(
+                    ("kinematics", "sweep", "stop"), "is where the sweep begins; allowed: another position"
+                )
+        with check:
+            if options.sweep.joint in scene.prescribed:
+                check.fail(joint, f"the motion of {options.sweep.joint!r} is prescribed; sweep another joint")
+    for k, reference in enumerate(options.transmission or ()):
+        with check:
+            problem = point_problem(scene.robot, reference)
+            if problem is not None:
+                check.fail(("kinematics", "transmission", k), problem)

@@ -1,0 +1,57 @@
+"""Options of the commands that look at a mechanism without integrating it: their keys in the scene."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from robodyn_cli.schema.fields import Boolean, Choice, Integer, ListOf, Name, Number, Section, Text, key
+
+
+@dataclasses.dataclass(frozen=True)
+class Sweep:
+    """One joint that goes from one position to another at a constant rate."""
+
+    joint: str = key(Name(of="joint"), doc="The joint that is swept.")
+    start: float = key(Number(angle=True), unit="rad or m", doc="Where it begins.")
+    stop: float = key(Number(angle=True), unit="rad or m", doc="Where it ends.")
+    rate: float = key(
+        Number(minimum=0.0, exclusive=True, angle=True), default=1.0, unit="rad/s or m/s", doc="Its speed."
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class KinematicsOptions:
+    """Options of ``kinematics``."""
+
+    sweep: Sweep | None = key(
+        Section(Sweep),
+        default=None,
+        doc="Motion of one joint; without it, `trajectory` or `prescribed` moves.",
+    )
+    samples: int = key(Integer(minimum=2, maximum=100_000_000), default=361, doc="Number of uniform samples.")
+    transmission: tuple[str, ...] | None = key(
+        ListOf(Text(), minimum=3, maximum=3),
+        default=None,
+        doc="Three points A, B, C: the transmission angle is the one at B between BA and BC.",
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class AssembleOptions:
+    """Options of ``assemble``."""
+
+    branches: bool = key(Boolean(), default=False, doc="Find all the ways in which the loops close.")
+    starts: int = key(
+        Integer(minimum=1, maximum=1_000_000), default=400, doc="Starts of the search for branches, at most."
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class StaticsOptions:
+    """Options of ``statics``."""
+
+    find: str = key(
+        Choice(("balance", "hold")),
+        default="balance",
+        doc="`balance`: the configuration in which all forces balance; `hold`: the torques that hold the given one.",
+    )

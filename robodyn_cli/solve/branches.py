@@ -1,0 +1,116 @@
+"""All the ways in which loops close, found from many starts.
+
+Newton's method from quasi-random starts (Halton 1960), what it finds told apart modulo whole turns. That finds what
+has a region of attraction worth the name; it proves nothing about what it does not find.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.solve.guided import Conditions
+
+Array = NDArray[np.float64]
+
+CLOSED = 1e-11  # rad, or part of the size of the mechanism
+SAME = 1e-6  # the same, for configurations that count as one
+MOST_STEP = 0.7
+ITERATIONS = 60
+FEWEST = 48  # starts at least
+PATIENCE = 16  # starts without anything new, for each branch found
+
+
+@dataclasses.dataclass(frozen=True)
+class Search:
+    """What the search found, and what it took: configurations (nq,) in the order of discovery."""
+
+    found: list[Array]
+    starts: int
+    closed: int
+
+
+def halton(count: int, dimensions: int) -> Array:
+    """Return the first ``count`` points (count, dimensions) of Halton's sequence in the unit cube, 0 left out."""
+    primes: list[int] = []
+    candidate = 2
+    while len(primes) < dimensions:
+        if all(candidate % p for p in primes):
+            primes.append(candidate)
+        candidate += 1
+    points = np.zeros((count, dimensions))
+    for column, base in enumerate(primes):
+        for k in range(count):
+            n, weight = k + 1, 1.0 / base
+            while n:
+                points[k, column] += weight * (n % base)
+                n, weight = n // base, weight / base
+    return points
+
+
+def close(conditions: Conditions, q: Array, free: Sequence[int], t: float = 0.0) -> tuple[Array, float]:
+    """Return q moved onto F = 0 in the free velocity coordinates, and the largest relative residual."""
+    columns = list(free)
+    F, J = conditions.at(q, t)
+    size = float(np.abs(F / conditions.sizes).max(initial=0.0))
+    slow = 0
+    for _ in range(ITERATIONS):
+        if not np.isfinite(size) or not np.all(np.isfinite(J)) or size == 0.0 or slow > 6:
+            break
+        scaled = (J * conditions.lengths / conditions.sizes[:, None])[:, columns]
+        step, *_ = np.linalg.lstsq(scaled, -F / conditions.sizes, rcond=1e-12)
+        step *= min(1.0, MOST_STEP / max(float(np.abs(step).max(initial=0.0)), 1e-300))
+        dq = np.zeros(len(conditions.lengths))
+        for _ in range(12):
+            dq[columns] = step * conditions.lengths[columns]
+            trial = conditions.step(q, dq)
+            F_new, J_new = conditions.at(trial, t)
+            new = float(np.abs(F_new / conditions.sizes).max(initial=0.0))
+            if new < size:
+                break
+            step = 0.5 * step
+        else:
+            break
+        slow = slow + 1 if new > 0.5 * size else 0
+        q, F, J, size = trial, F_new, J_new, new
+    return q, size
+
+
+def search(
+    conditions: Conditions,
+    first: Array,
+    free: Sequence[int],
+    start: Callable[[Array], Array],
+    signature: Callable[[Array], Array],
+    accepted: Callable[[Array], bool],
+    most: int,
+) -> Search:
+    """Return all configurations that close, beginning with the one from ``first``.
+
+    Parameters
+    ----------
+    first : (nq,) a configuration to begin with. free : velocity coordinates that may move.
+    start : a configuration from a point of the unit cube (len(free),). signature : numbers that are equal, to
+    ``SAME``, where configurations are. accepted : whether a closed one is closed as it is meant.
+    most : starts at most; fewer where nothing new turns up.
+    """
+    found: list[Array] = []
+    marks: list[Array] = []
+    closed, last, count = 0, 0, 0
+    cube = halton(most, len(free))
+    for count in range(1, most + 1):
+        begin = first if count == 1 else start(cube[count - 2])
+        q, residual = close(conditions, begin, free)
+        if residual <= CLOSED and accepted(q):
+            closed += 1
+            mark = signature(q)
+            if not any(float(np.abs(mark - other).max(initial=0.0)) < SAME for other in marks):
+                found.append(q)
+                marks.append(mark)
+                last = count
+        if count >= FEWEST and count - last > PATIENCE * (len(found) + 1):
+            break
+    return Search(found, count, closed)

@@ -1,0 +1,139 @@
+"""Balanced configurations of mechanisms: generalised forces that the constraints can hold.
+
+r(q) = Psi^T lambda, F(q) = 0. With N spanning what the constraints leave free, N^T r vanishes, and the reduced
+stiffness K = N^T (d/dq)(r - Psi^T lambda) N says whether a small displacement is driven back: every eigenvalue
+positive is a stable balance (for forces with a potential: a minimum of it).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.solve.branches import close
+from robodyn_cli.solve.guided import Conditions
+from robodyn_cli.solve.load_sharing import allowed_motions
+
+Array = NDArray[np.float64]
+
+MOST_STEP = 0.3  # rad, or part of the size of the mechanism
+ITERATIONS = 400
+CLOSED = 1e-10
+BALANCED = 1e-13  # step that counts as none, rad or part of the size
+INDIFFERENT = 1e-9  # eigenvalue over the largest entry of the stiffness that counts as zero
+
+
+class Forces(Protocol):
+    """Generalised forces at rest, as functions of q."""
+
+    def load(self, q: Array) -> Array:
+        """Return r (nv,): what the constraints, or holding torques, must give."""
+        ...
+
+    def stiffness(self, q: Array, lam: Array) -> Array:
+        """Return d(r - Psi^T lambda)/dq (nv, nv) along the velocity coordinates, lambda held."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Balance:
+    """A balanced configuration.
+
+    lam : multipliers of the conditions, of least norm. stiffness : eigenvalues of the reduced stiffness, smallest
+    real part first. residual : largest entry of N^T r. converged : whether Newton's method came to rest.
+    """
+
+    q: Array
+    lam: Array
+    stiffness: NDArray[np.complex128]
+    residual: float
+    iterations: int
+    converged: bool
+
+    @property
+    def stability(self) -> str:
+        """``stable``, ``unstable``, ``indifferent``, or ``rigid`` where nothing can move."""
+        if not len(self.stiffness):
+            return "rigid"
+        least, size = float(self.stiffness.real.min()), float(np.abs(self.stiffness).max())
+        if least > INDIFFERENT * size:
+            return "stable"
+        return "unstable" if least < -INDIFFERENT * size else "indifferent"
+
+
+@dataclasses.dataclass(frozen=True)
+class _Here:
+    q: Array
+    N: Array
+    lam: Array
+    free: Array  # N^T r
+
+
+def balance(conditions: Conditions, forces: Forces, q: Array) -> Balance:
+    """Return the balance that is reached downhill from a closed configuration q (nq,).
+
+    Steps are Newton's with the signs of the stiffness's eigenvalues made positive, so that they lead down a
+    potential and away from unstable balances; they are shortened where the force changes its sense on the way. A
+    start that is balanced already is left alone, stable or not.
+    """
+    here = _at(conditions, forces, q)
+    bound, count, converged = MOST_STEP, 0, not here.N.shape[1]
+    while count < ITERATIONS and not converged:
+        count += 1
+        K = here.N.T @ forces.stiffness(here.q, here.lam) @ here.N
+        scale = conditions.lengths
+        step = _downhill(K, here.free)
+        length = float(np.abs(here.N @ step / scale).max())
+        if length < BALANCED or not np.any(here.free):
+            converged = True
+            break
+        step = step * min(1.0, bound / length)
+        slope = float(here.free @ step)
+        for _ in range(30):
+            moved, residual = close(conditions, conditions.step(here.q, here.N @ step), range(len(scale)))
+            there = _at(conditions, forces, moved)
+            # the force along the step, carried over to the new tangent space
+            ahead = float((there.N.T @ (here.N @ step)) @ there.free)
+            if residual < CLOSED and ahead <= 0.5 * abs(slope) + 1e-300:
+                break
+            step = 0.5 * step
+            slope *= 0.5
+        bound = min(MOST_STEP, 2.0 * float(np.abs(here.N @ step / scale).max()))
+        if not np.all(np.isfinite(there.free)):
+            break
+        at_rounding = float(np.abs(there.free).max()) >= float(np.abs(here.free).max()) and length < 1e-9
+        here = there
+        if at_rounding:
+            converged = True
+    K = here.N.T @ forces.stiffness(here.q, here.lam) @ here.N
+    values = np.linalg.eigvals(K) if K.size else np.zeros(0)
+    order = np.argsort(values.real)
+    return Balance(
+        here.q,
+        here.lam,
+        values[order].astype(complex),
+        float(np.abs(here.free).max(initial=0.0)),
+        count,
+        converged,
+    )
+
+
+def _at(conditions: Conditions, forces: Forces, q: Array) -> _Here:
+    _, J = conditions.at(q, 0.0)
+    N, _ = allowed_motions(J[None])
+    r = forces.load(q)
+    lam = np.linalg.pinv(J.T, rcond=1e-8) @ r if len(J) else np.zeros(0)
+    return _Here(q, N[0], lam, N[0].T @ r)
+
+
+def _downhill(K: Array, force: Array) -> Array:
+    """Return the step -K^-1 f with the symmetric part's eigenvalues made positive, Newton's where they are."""
+    spectrum, V = np.linalg.eigh(0.5 * (K + K.T))
+    values: Array = np.asarray(spectrum, dtype=np.float64)
+    if values[0] > 1e-8 * max(float(np.abs(values).max()), 1e-300):
+        return np.asarray(np.linalg.solve(K, -force))
+    largest = max(float(np.abs(values).max()), 1e-300)
+    return np.asarray(-V @ ((V.T @ force) / np.maximum(np.abs(values), 1e-6 * largest)))

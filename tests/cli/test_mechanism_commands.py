@@ -1,0 +1,63 @@
+"""``kinematics``, ``statics`` and ``assemble`` as programs: files, tables, JSON, exit codes, batches."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.cli.tool import invoke
+
+ROOT = Path(__file__).parents[2]
+SCENES = ROOT / "configs" / "mechanisms"
+
+
+def test_scenes_meet_their_expectations(tmp_path: Path) -> None:
+    done = invoke("run", str(SCENES), "--out", str(tmp_path), "--no-plots", "--jobs", "1", "--json")
+    report = json.loads(done.out)
+    assert done.code == 0, report
+    assert {scene["verdict"] for scene in report["scenes"]} == {"ok"}
+
+
+def test_branches_are_listed_and_drawn(tmp_path: Path) -> None:
+    scene = str(SCENES / "four_bar_kinematics.yaml")
+    done = invoke("assemble", scene, "--branches", "--at", "q.crank=40 deg", "--out", str(tmp_path))
+    assert done.code == 0 and "2 branches found" in done.out and "1 (chosen)" in done.out
+    names = {path.name for path in tmp_path.iterdir()}
+    assert {
+        "branches.png",
+        "mechanism.png",
+        "result.h5",
+        "summary.json",
+    } <= names and "joint_angles.png" not in names
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["held"] == ["crank"] and len(summary["branches"]) == 2
+
+
+def test_a_gap_is_exit_code_5(tmp_path: Path) -> None:
+    scene = str(SCENES / "four_bar_kinematics.yaml")
+    at = "q.crank=0, q.rocker=0"
+    done = invoke("assemble", scene, "--at", at, "--out", str(tmp_path), "--json")
+    error = json.loads(done.out)["error"]
+    assert done.code == 5 and error["loop"] == "pin" and error["gap"] > 0.1
+
+
+@pytest.mark.parametrize(("command", "scene", "says"), [
+    ("kinematics", "four_bar_kinematics", "transmission       28.955 to 82.284 deg"),
+    ("statics", "balanced_four_bar", "balanced           stable"),
+    ("inverse", "five_bar_circle", "path error"),
+])  # fmt: skip
+def test_tables(command: str, scene: str, says: str, tmp_path: Path) -> None:
+    done = invoke(command, str(SCENES / f"{scene}.yaml"), "--out", str(tmp_path), "--no-plots")
+    assert done.code == 0 and says in done.out
+    assert invoke("validate", str(SCENES / f"{scene}.yaml")).code == 0
+
+
+def test_a_sweep_that_ends_keeps_its_results(tmp_path: Path) -> None:
+    sweep = "kinematics.sweep={joint: rocker, start: 1.5, stop: 3}"
+    scene, q = str(SCENES / "four_bar_kinematics.yaml"), "initial.q={crank: 0.6, coupler: 0.2, rocker: 1.5}"
+    done = invoke("kinematics", scene, "--set", sweep, "--set", q, "--out", str(tmp_path), "--no-plots")
+    assert done.code == 4 and "loop pin lets joint" in done.err
+    assert json.loads((tmp_path / "summary.json").read_text())["status"] == "failed"
+    assert (tmp_path / "result.h5").exists()

@@ -1,0 +1,135 @@
+"""Statics: balances against minima of the potential and closed forms, stability, holding torques, reactions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+
+from robodyn_cli import inverse, load_scene, load_scene_text
+from robodyn_cli.errors import CapabilityError, NumericalError, RobodynError, SceneError
+from robodyn_cli.results.result import Result
+from robodyn_cli.run.statics import statics
+from tests.mechanisms import BENNETT, CONFIGS, SLIDER, close
+
+SPRUNG = CONFIGS / "mechanisms" / "balanced_four_bar.yaml"
+PENDULUM = CONFIGS / "double_pendulum.yaml"
+
+
+def of(text: str, *overrides: str) -> Result:
+    return statics(load_scene_text("schema: 1\n" + text, overrides=overrides))
+
+
+def potential(crank: float) -> float:
+    """Potential energy of the sprung four-bar by geometry written by hand."""
+    a = 0.4 * np.array([np.cos(crank), np.sin(crank)])
+    d = a - [1.0, 0.0]
+    f = np.linalg.norm(d)
+    inner = np.arccos((0.9**2 + f**2 - 1.2**2) / (2 * 0.9 * f))
+    rocker = np.arctan2(d[1], d[0]) - inner
+    pin = np.array([1.0, 0.0]) + 0.9 * np.array([np.cos(rocker), np.sin(rocker)])
+    height = 1 * 0.2 * np.sin(crank) + 3 * (a[1] + pin[1]) / 2 + 2 * 0.45 * np.sin(rocker)
+    return float(9.81 * height + 15 * (crank - np.pi / 3) ** 2)
+
+
+def test_balance_is_the_minimum_of_the_potential() -> None:
+    result = statics(load_scene(SPRUNG))
+    crank = result["q"][0, 0]
+    least = minimize_scalar(potential, bracket=(0.6, 0.9), options={"xtol": 1e-12})
+    assert abs(crank - least.x) < 1e-7
+    facts = result.summary["equilibrium"]
+    assert facts["stability"] == "stable" and facts["residual"] < 1e-10
+    # the reduced stiffness is the curvature along the mechanism's motion of unit length
+    h = 1e-3
+    second = (potential(crank + h) - 2 * potential(crank) + potential(crank - h)) / h**2
+    from robodyn_cli.run.kinematics import kinematics
+
+    sweep = f"kinematics={{samples: 2, sweep: {{joint: crank, start: {crank}, stop: {crank + 0.01}}}}}"
+    rates = kinematics(load_scene(SPRUNG, [sweep]))["qd"][0]
+    assert facts["stiffness"][0] == pytest.approx(second / (rates @ rates), rel=1e-5)
+
+
+def test_the_ground_carries_the_weight() -> None:
+    result = statics(load_scene(SPRUNG))
+    close(result["base_wrench"][0, :3], [0.0, 6 * 9.81, 0.0], 1e-9)
+    spring = 30 * (result["q"][0, 0] - np.pi / 3)
+    close(result["reactions/crank"][0, -1], -spring, 1e-9)
+
+
+def test_stable_unstable_and_held() -> None:
+    down = statics(load_scene(PENDULUM))
+    close(np.cos(down["q"][0, 0]), 0.0, 1e-12)
+    assert (
+        np.sin(down["q"][0, 0]) == pytest.approx(-1.0)
+        and down.summary["equilibrium"]["stability"] == "stable"
+    )
+    up = statics(load_scene(PENDULUM, ["initial.q={theta1: 90 deg, theta2: 0}"]))
+    assert (
+        up.summary["equilibrium"]["stability"] == "unstable" and up.summary["equilibrium"]["iterations"] <= 1
+    )
+    half = statics(load_scene(PENDULUM, ["initial={q: {theta1: 30 deg, theta2: 0.1}, hold: [theta1]}"]))
+    close(np.cos(half["q"][0].sum()), 0.0, 1e-12)
+    assert half["q"][0, 0] == pytest.approx(np.pi / 6) and half["tau"][0, 1] == 0.0
+    # what holds the first joint is the moment of both weights
+    still = statics(
+        load_scene(
+            PENDULUM, [f"initial.q={{theta1: 30 deg, theta2: {half['q'][0, 1]}}}", "statics.find=hold"]
+        )
+    )
+    close(half["tau"], still["tau"], 1e-10)
+
+
+def test_torque_against_weight() -> None:
+    """A constant torque in the scene is part of the balance: m g a cos(q) = tau."""
+    text = """
+gravity: [0, -9.81, 0]
+robot:
+  joints: [{name: swing, type: revolute, axis: [0, 0, 1]}]
+  links: [{name: rod, mass: 2, com: [0.5, 0, 0], inertia: {zz: 0.1}}]
+torques: {swing: TORQUE}
+initial: {q: {swing: -0.4}}
+"""
+    result = of(text.replace("TORQUE", "5"))
+    assert result["q"][0, 0] == pytest.approx(-np.arccos(5 / 9.81), abs=1e-12)
+    assert result.summary["equilibrium"]["stability"] == "stable" and result["tau"][0, 0] == 5.0
+    with pytest.raises(NumericalError, match="no balance found"):
+        of(text.replace("TORQUE", "12"))
+
+
+def test_holding_torques_are_those_of_a_motion_at_rest() -> None:
+    held = of(SLIDER, "statics.find=hold", "actuated=[crank]", "torques=null")
+    still = "trajectory={type: joint, duration: 1, q: {crank: 0.2}}"
+    rest = inverse(
+        load_scene_text("schema: 1\n" + SLIDER, overrides=[still, "torques=null", "inverse.samples=3"])
+    )
+    close(held["tau"], rest["tau"][:1], 1e-12)
+    close(held["constraints/multipliers"], rest["constraints/multipliers"][:1], 1e-12)
+    shared = of(SLIDER, "statics.find=hold", "actuated=[crank, slide]", "torques=null")
+    assert "least norm" in shared.summary["equilibrium"]["torques"]
+    assert np.linalg.norm(shared["tau"]) < np.linalg.norm(held["tau"])
+
+
+def test_redundant_and_rigid_mechanisms() -> None:
+    bennett = of(BENNETT, "initial.hold=[]")
+    assert bennett.summary["equilibrium"]["stability"] == "stable"
+    assert bennett.summary["mobility"]["redundant_rows"] == 3
+    rigid = of(SLIDER, "torques=null")
+    assert rigid.summary["equilibrium"]["stability"] == "rigid"
+    held = of(SLIDER, "statics.find=hold", "actuated=[crank]", "torques=null")
+    close(rigid["tau"], held["tau"], 1e-12)
+
+
+def test_what_is_refused() -> None:
+    with pytest.raises(CapabilityError, match="name more in 'actuated'"):
+        statics(load_scene(PENDULUM, ["statics.find=hold", "actuated=[theta1]", "torques=null"]))
+    with pytest.raises(SceneError, match="inertia|mass"):
+        statics(load_scene(CONFIGS / "mechanisms" / "four_bar_kinematics.yaml", ["gravity=[0, -9.81, 0]"]))
+    dead = [
+        "statics.find=hold",
+        "actuated=[slide]",
+        "torques=null",
+        "initial={q: {crank: 0, rod: 0, slide: 1.2}}",
+    ]
+    with pytest.raises(RobodynError) as caught:
+        of(SLIDER, *dead)
+    assert caught.value.exit_code == 4
