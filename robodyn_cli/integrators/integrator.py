@@ -74,6 +74,7 @@ class Integrator:
         self._values = np.zeros(len(system.events))
         self._values_at = self._values.ctypes.data
         self._saved = self.memory.block.copy()
+        self._saved_at = self._saved.ctypes.data, self._saved.nbytes
         self._make_room(0)
         self._slice = FIRST_SLICE
         self.tick: Callable[[float], None] | None = None
@@ -269,14 +270,14 @@ class Integrator:
     def _handle(self, events: Sequence[Event], on_event: Callable[[Event], bool] | None) -> bool:
         """Report events at the same time, each with the state that the ones before it have left."""
         onward = True
-        for event in events:
+        for k, event in enumerate(events):
             if self.system.events[event.index].renewal:
                 self.parameters.renew(self.time, self.y)
                 self._watch({})
                 continue
             self.events_seen += 1
             if on_event is not None:
-                going = on_event(dataclasses.replace(event, state=self.state))
+                going = on_event(dataclasses.replace(event, state=self.state) if k else event)
             else:
                 going = not self.system.events[event.index].terminal
             onward = onward and going
@@ -299,7 +300,7 @@ class Integrator:
         events = self.system.events
         self._saved[:] = self.memory.block
         t0, last = self.time, int(self.n[Whole.LAST_SAMPLE])
-        arguments = (*self._addresses, self._saved.ctypes.data, self._saved.nbytes)
+        arguments = (*self._addresses, *self._saved_at)
         step = self.options.step or 0.0
         armed, lost = self.w[Real.SIZE : Real.SIZE + len(events)].tolist(), [math.nan] * len(events)
         high = min(float(self.w[Real.EVENT_HIGH]), stop)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import enum
 
 
-class Real(enum.IntEnum):
-    """Places in the array of doubles."""
+class Real:
+    """Places in the array of doubles; plain ints, which index faster than members of an enum."""
 
     T = 0  # current time
     H = 1  # step to try next
@@ -26,7 +26,7 @@ class Real(enum.IntEnum):
     SIZE = 16  # event function values follow
 
 
-class Whole(enum.IntEnum):
+class Whole:
     """Places in the array of 64-bit integers."""
 
     ACCEPTED = 0
