@@ -111,6 +111,27 @@ assert shuffled < 1.6 * found[1], (shuffled, found[1])
     subprocess.run(command, check=True, cwd=BENCHMARKS)
 
 
+def test_against_peers(tmp_path: Path) -> None:
+    """robodyn's part: errors against references that share nothing with it, stiff transients included."""
+    file = tmp_path / "peers.json"
+    run("against_peers.py", "--quick", "--engines", "robodyn", "--json", str(file))
+    rows = rows_of(file)
+    best = {row["case"]: 1.0 for row in rows}
+    for row in rows:
+        best[row["case"]] = min(best[row["case"]], row["error"])
+    assert set(best) == {"plain", "stiff", "light", "heavy", "four_bar", "arm"}
+    for case, error in best.items():
+        assert error < {"arm": 1e-10, "heavy": 1e-11, "light": 1e-11}.get(case, 1e-12), case
+
+
+def test_mechanisms_with_loops(tmp_path: Path) -> None:
+    file = tmp_path / "loops.json"
+    run("loops.py", "--quick", "--scenes", "rbd_four_bar", "--json", str(file))
+    rows = [row for row in rows_of(file) if not row["engine"].startswith("Exudyn")]
+    assert {row["engine"].split(",")[0] for row in rows} >= {"projection", "baumgarte", "none"}
+    assert all(row["error"] < 1e-8 for row in rows if row["setting"] == "rtol 1e-10")
+
+
 def test_time_of_the_lock() -> None:
     """The reference of the four-bar is its energy integral, to all the digits of a double."""
     code = "from lock_time import LOCK, lock_time; assert abs(lock_time() - LOCK) < 1e-14"
