@@ -117,11 +117,17 @@ class Multipliers:
     lam: Vector
 
 
-def solve_with_multipliers(factor: LdlFactor, f: Values, psi: Matrix, gamma: Values) -> Multipliers:
+def solve_with_multipliers(
+    factor: LdlFactor, f: Values, psi: Matrix, gamma: Values, switches: Sequence[Any] = ()
+) -> Multipliers:
     """Solve M qdd = f + Psi^T lambda with Psi qdd + gamma = 0 (equation 36 of the lecture).
 
     With M = L D L^T, b = L^-1 f and Y = L^-1 Psi^T:
     (Y^T D^-1 Y) lambda = -(gamma + Y^T D^-1 b);  qdd = L^-T D^-1 (b + Y lambda).
+
+    Parameters
+    ----------
+    switches : of the last rows, each 1 where the row holds, or 0 where its multiplier is zero instead.
     """
     m = psi.shape[0]
     b = factor.forward(f)
@@ -136,6 +142,14 @@ def solve_with_multipliers(factor: LdlFactor, f: Values, psi: Matrix, gamma: Val
         for k, x in scaled[i].items():
             total = total + x * b[k]
         rhs[i] = -total
+    first = m - len(switches)
+    for k, switch in enumerate(switches):
+        i = first + k
+        rhs[i] = rhs[i] * switch
+        for j in range(m):
+            if j != i:
+                A[i, j] = A[j, i] = A[i, j] * switch
+        A[i, i] = A[i, i] * switch + (1.0 - switch)
     lam = LdlFactor.of(A, minimum_degree(A)).solve(rhs)
     loaded = list(b)
     for i, row in enumerate(Y):

@@ -235,7 +235,7 @@ def force_terms(ledger: Ledger) -> None:
     )  # fmt: skip
     enter(
         "Coulomb friction", lambda e: friction(e) and e.levels() != (0.0, 0.0),
-        lambda e: dataclasses.replace(e, coulomb=0.0) if friction(e) else e,
+        lambda e: dataclasses.replace(e, coulomb=0.0, static=None, stribeck_speed=None) if friction(e) else e,
         variants.general_coulomb, "no joint has any",
     )  # fmt: skip
 
@@ -252,6 +252,13 @@ def force_terms(ledger: Ledger) -> None:
     enter(
         "joint dampers", damper, lambda e: None if damper(e) else e,
         variants.general_dampers, "no joint has one",
+    )  # fmt: skip
+
+    def stop(e: Any) -> bool:
+        return bool(e.term == "stops")
+
+    enter(
+        "joint stops", stop, lambda e: None if stop(e) else e, variants.general_stops, "no joint has any",
     )  # fmt: skip
 
 

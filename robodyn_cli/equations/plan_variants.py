@@ -17,6 +17,7 @@ from robodyn_cli.equations.problem import Constraints, Problem
 from robodyn_cli.expr.graph import Expr, Graph
 from robodyn_cli.forces.damper import Damper
 from robodyn_cli.forces.friction import CoulombPair, Friction
+from robodyn_cli.forces.limits import Limits, Stop
 from robodyn_cli.forces.linear_spring import LinearSpring
 from robodyn_cli.forces.spring import Spring
 from robodyn_cli.loops.base import Row
@@ -206,6 +207,13 @@ def general_springs(v: Variant) -> Variant:
 def general_dampers(v: Variant) -> Variant:
     """A damper in each joint."""
     return _with_force(v, "damper", lambda s: Damper(damping=s.one()))
+
+
+def general_stops(v: Variant) -> Variant:
+    """Stops with springs and dampers at both ends of each joint's travel."""
+    return _with_force(
+        v, "limits", lambda s: Limits(s.one(), s.one(), Stop(stiffness=s.one(), damping=s.one()))
+    )
 
 
 def general_loops(v: Variant) -> Variant:

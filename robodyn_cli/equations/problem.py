@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from robodyn_cli.algorithms.aba import ArticulatedFactor
 from robodyn_cli.algorithms.constraints import Multipliers, loop_rows, solve_with_multipliers, vanishes
 from robodyn_cli.algorithms.crba import crba
@@ -28,13 +30,14 @@ from robodyn_cli.equations.dependence import (
     working_rows,
 )
 from robodyn_cli.equations.elements import Elements
+from robodyn_cli.equations.joint_forces import JointForces
 from robodyn_cli.equations.kinks import is_of_time, switches, switching_times
-from robodyn_cli.errors import CapabilityError
+from robodyn_cli.equations.modes import Gate, gates
 from robodyn_cli.expr.functions import interpolate
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.build import build_model
-from robodyn_cli.model.model import Body, FixedFrame, JointForce, Model
+from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, zeros
 
@@ -145,7 +148,7 @@ class Problem:
         for row in (self.constraints.rows[i] for i in self.constraints.rheonomic):
             outputs.append((row.name, [row.eta, row.eta_t, row.gamma]))
         found = [(key, switch) for key, entries in outputs for switch in switches(entries)]
-        return [*found, *self.elements.switches]
+        return [*found, *self.elements.switches, *self._joint_forces.switches()]
 
     @cached_property
     def breakpoints(self) -> tuple[float, ...]:
@@ -168,12 +171,10 @@ class Problem:
         """Those of ``switches`` that depend on more than time."""
         return [(key, switch) for key, switch in self.switches if not is_of_time(switch, self.t)]
 
-    def _element_torque(self, body: Body, force: JointForce, smooth: bool) -> Scalar:
-        try:
-            torque: Scalar = force.element.torque(self.q[body.q], self.v[body.v], body.gear_ratio, smooth)
-        except CapabilityError as error:
-            raise CapabilityError(f"joint {body.joint_name}: {error.message}") from error
-        return torque
+    @cached_property
+    def gates(self) -> tuple[Gate, ...]:
+        """Joints that a simulation holds and lets go by events."""
+        return gates(self.model)
 
     @cached_property
     def elements(self) -> Elements:
@@ -190,18 +191,20 @@ class Problem:
             terms[name] = terms[name] + torques if name in terms else torques
         return terms
 
+    @cached_property
+    def _joint_forces(self) -> JointForces:
+        return JointForces(self.model, self.q, self.v, self.gates)
+
     def joint_forces(self, smooth: bool) -> dict[str, Vector]:
-        """Return the torques of springs, dampers (``passive``) and friction (``friction``) in the joints.
+        """Return the torques of springs, dampers (``passive``), ``friction`` and ``stops`` in the joints.
 
         ``smooth`` replaces the sign in Coulomb friction, for simulations.
         """
-        terms: dict[str, Vector] = {}
-        for body in self.model.bodies:
-            for force in body.forces:
-                term = terms.setdefault(force.element.term, zeros(self.model.nv))
-                torque = self._element_torque(body, force, smooth)
-                term[body.v] = term[body.v] + torque
-        return terms
+        return self._joint_forces.terms(smooth)
+
+    def losses(self, smooth: bool) -> list[tuple[int, Scalar]]:
+        """Torques of joint elements that are not the gradient of a potential: (velocity index, torque)."""
+        return self._joint_forces.losses(smooth)
 
     @cached_property
     def applied(self) -> Vector:
@@ -213,14 +216,8 @@ class Problem:
 
     @cached_property
     def dissipated(self) -> list[tuple[int, Scalar]]:
-        """Torques of joint elements that are not the gradient of a potential: (velocity index, torque)."""
-        found = []
-        for body in self.model.bodies:
-            for force in body.forces:
-                if force.element.dissipative:
-                    torque = self._element_torque(body, force, True)
-                    found.append((body.v, torque))
-        return found
+        """The losses as a simulation has them."""
+        return self.losses(smooth=True)
 
     # -- constraints ----------------------------------------------------------------------------------
     @cached_property
@@ -287,14 +284,37 @@ class Problem:
     @cached_property
     def forward(self) -> Multipliers:
         """Accelerations (and multipliers) for the applied torques, by whichever way takes fewer operations."""
+        return self._solved[0]
+
+    @cached_property
+    def holding(self) -> list[Scalar]:
+        """Multipliers of the joints with modes: what holds them, zero where nothing does."""
+        return self._solved[1]
+
+    @cached_property
+    def _solved(self) -> tuple[Multipliers, list[Scalar]]:
+        return self.solution(self.working.gamma)
+
+    def solution(self, gamma: Sequence[Scalar]) -> tuple[Multipliers, list[Scalar]]:
+        """Return accelerations and multipliers for ``gamma`` of the working rows, and multipliers of held joints."""
         f = self.applied - self.bias
-        if self.constraints.rows:
-            factor = LdlFactor.of(self.mass_matrix, self.elimination_order)
-            working = self.working
-            found = solve_with_multipliers(factor, f, working.psi(self.model.nv), working.gamma)
-            lam = multipliers_of_rows(self.constraints, self.combinations, found.lam)
-            return Multipliers(found.qdd, lam)
-        return Multipliers(self.free_accelerations(f), zeros(0))
+        held = self.gates
+        if not self.constraints.rows and not held:
+            return Multipliers(self.free_accelerations(f), zeros(0)), []
+        factor = LdlFactor.of(self.mass_matrix, self.elimination_order)
+        units = zeros(len(held), self.model.nv)
+        for k, gate in enumerate(held):
+            units[k, gate.v] = 1.0
+        psi = np.concatenate([self.working.psi(self.model.nv), units])
+        found = solve_with_multipliers(
+            factor, f, psi, [*gamma, *(0.0 for _ in held)], [gate.hold for gate in held]
+        )
+        for gate in held:
+            # rounding must not set a held joint in motion
+            found.qdd[gate.v] = found.qdd[gate.v] * (1.0 - gate.hold)
+        rows = len(gamma)
+        lam = multipliers_of_rows(self.constraints, self.combinations, found.lam[:rows])
+        return Multipliers(found.qdd, lam), list(found.lam[rows:])
 
     def free_accelerations(self, f: Values) -> Vector:
         """Return M^-1 f for the open tree: articulated bodies, or factored mass matrix where that is shorter."""

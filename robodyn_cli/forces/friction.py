@@ -1,12 +1,13 @@
-"""Viscous and Coulomb friction in a joint."""
+"""Viscous, Coulomb and Stribeck friction in a joint."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 from typing import Any, ClassVar
 
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.expr.functions import sign, tanh, where
+from robodyn_cli.expr.functions import exp, sign, tanh, where
 from robodyn_cli.schema.fields import Choice, Either, Number, Section, key
 
 
@@ -24,13 +25,18 @@ class CoulombPair:
     )
 
 
+def _signed(level: Any) -> tuple[float, float]:
+    return (level.positive, level.negative) if isinstance(level, CoulombPair) else (level, -level)
+
+
 @dataclasses.dataclass(frozen=True)
 class Friction:
     """Torque ``tau = -(b qd + tau_c(sign qd))``.
 
-    On the motor side the torque is reflected: ``N^2 b`` and ``|N| tau_c`` (Corke and Armstrong-Helouvry 1994).
-    ``inverse`` uses the exact sign (0 at rest). A simulation needs ``transition_speed`` v: the sign becomes
-    ``tanh(qd / v)``.
+    tau_c falls from ``static`` to ``coulomb`` as exp(-(qd / stribeck_speed)^2). On the motor side the torque is
+    reflected: ``N^2 b`` and ``|N| tau_c`` (Corke and Armstrong-Helouvry 1994). ``inverse`` uses the exact sign (0 at
+    rest). A simulation either smooths it, with ``transition_speed`` v, to ``tanh(qd / v)``, or holds the joint at rest
+    (``law: set_valued``).
     """
 
     term: ClassVar[str] = "friction"
@@ -50,14 +56,72 @@ class Friction:
         Number(minimum=0.0, exclusive=True),
         default=None,
         unit="rad/s or m/s",
-        doc="Joint speed over which a simulation smooths the sign of qd; required there with Coulomb friction.",
+        doc="Joint speed over which a simulation smooths the sign of qd; required there with `law: smooth`.",
+    )
+    law: str = key(
+        Choice(("smooth", "set_valued")),
+        default="smooth",
+        doc="Coulomb friction in simulations: smoothed, or with exact sticking and slipping.",
+    )
+    static: Any = key(
+        Either((Number(minimum=0.0), Section(CoulombPair))),
+        default=None,
+        unit="N m or N",
+        doc="Level at rest (break-away), or {positive, negative}; default: `coulomb`.",
+    )
+    stribeck_speed: float | None = key(
+        Number(minimum=0.0, exclusive=True),
+        default=None,
+        unit="rad/s or m/s",
+        doc="Joint speed over which friction falls from `static` to `coulomb`.",
     )
 
     def levels(self) -> tuple[float, float]:
         """Return the Coulomb levels (for qd > 0, for qd < 0), signed so that they oppose the motion."""
-        if isinstance(self.coulomb, CoulombPair):
-            return self.coulomb.positive, self.coulomb.negative
-        return self.coulomb, -self.coulomb
+        return _signed(self.coulomb)
+
+    @property
+    def set_valued(self) -> bool:
+        """Whether a simulation holds the joint at rest by events."""
+        return self.law == "set_valued" and (self.levels() != (0.0, 0.0) or self.static is not None)
+
+    def problems(self) -> Iterable[tuple[tuple[str, ...], str]]:
+        """Yield what does not fit together."""
+        if self.law == "set_valued" and self.transition_speed is not None:
+            yield ("transition_speed",), "does not go with 'law: set_valued', which smooths nothing"
+        if self.stribeck_speed is not None and self.static is None:
+            yield ("stribeck_speed",), "needs 'static', the level from which friction falls"
+        if self.static is not None and self.law == "smooth" and self.stribeck_speed is None:
+            yield ("static",), "needs 'stribeck_speed' beside it, or 'law: set_valued'"
+        levels = [self.levels()] if self.static is None else [self.levels(), _signed(self.static)]
+        if self.law == "set_valued" and any(plus < 0.0 or minus > 0.0 for plus, minus in levels):
+            yield ("law",), "'set_valued' needs levels that oppose the motion: positive >= 0, negative <= 0"
+        if self.static is not None and any(abs(s) < abs(c) for c, s in zip(*levels)):
+            yield ("static",), "must not be below 'coulomb'"
+
+    def scale(self, gear_ratio: float) -> float:
+        """Return the factor by which a level is seen at the joint."""
+        return abs(gear_ratio) if self.side == "motor" else 1.0
+
+    def breakaway(self, gear_ratio: float) -> tuple[float, float]:
+        """Return the largest torques against motion forwards and backwards at rest, both >= 0 [N m or N]."""
+        plus, minus = _signed(self.coulomb if self.static is None else self.static)
+        return self.scale(gear_ratio) * plus, -self.scale(gear_ratio) * minus
+
+    def sliding(self, qd: Any, gear_ratio: float) -> tuple[Any, Any]:
+        """Return the levels against motion forwards and backwards at rate ``qd``, signed as ``levels``."""
+        factor = self.scale(gear_ratio)
+        plus, minus = (factor * level for level in self.levels())
+        if self.static is None or self.stribeck_speed is None:
+            return plus, minus
+        ratio = qd / self.stribeck_speed
+        falling = exp(-(ratio * ratio))
+        over = [factor * s - c for s, c in zip(_signed(self.static), (plus, minus))]
+        return plus + over[0] * falling, minus + over[1] * falling
+
+    def viscous_torque(self, qd: Any, gear_ratio: float) -> Any:
+        """Return -b qd [N m or N]."""
+        return -self.viscous * (gear_ratio**2 if self.side == "motor" else 1.0) * qd
 
     def torque(self, q: Any, qd: Any, gear_ratio: float, smooth: bool) -> Any:
         """Return the torque on the joint [N m or N]; ``smooth`` for simulations.
@@ -66,25 +130,37 @@ class Friction:
         ------
         CapabilityError : Coulomb friction in a simulation without ``transition_speed``.
         """
-        motor = self.side == "motor"
-        b = self.viscous * (gear_ratio**2 if motor else 1.0)
-        scale = abs(gear_ratio) if motor else 1.0
-        plus, minus = (scale * level for level in self.levels())
-        if plus == 0.0 and minus == 0.0:
-            return -b * qd
+        plus, minus = self.sliding(qd, gear_ratio)
+        drag = self.viscous_torque(qd, gear_ratio)
+        if self.levels() == (0.0, 0.0) and self.static is None:
+            return drag
         if not smooth:
             direction = sign(qd)
         elif self.transition_speed is None:
             raise CapabilityError(
                 "Coulomb friction in a simulation needs friction.transition_speed, the speed over which the "
-                "sign of the rate is smoothed"
+                "sign of the rate is smoothed, or 'law: set_valued'"
             )
         else:
             direction = tanh(qd / self.transition_speed)
-        if plus == -minus:
-            return -b * qd - plus * direction
+        if self._symmetric:
+            return drag - plus * direction
         # the two levels meet in the mean of their magnitudes at rest, where direction is 0
-        return -b * qd - direction * where(qd, plus, -minus)
+        return drag - direction * where(qd, plus, -minus)
+
+    @property
+    def _symmetric(self) -> bool:
+        pairs = [self.levels()] if self.static is None else [self.levels(), _signed(self.static)]
+        return all(plus == -minus for plus, minus in pairs)
+
+    def slip_torque(self, qd: Any, gear_ratio: float, direction: Any) -> Any:
+        """Return the torque while the joint slips in ``direction`` +1 or -1, and of viscous drag at 0."""
+        plus, minus = self.sliding(qd, gear_ratio)
+        drag = self.viscous_torque(qd, gear_ratio)
+        if self._symmetric:
+            return drag - plus * direction
+        forwards, backwards = 0.5 * direction * (direction + 1.0), 0.5 * direction * (direction - 1.0)
+        return drag - plus * forwards - minus * backwards
 
     def potential(self, q: Any) -> Any:
         """Return the potential energy [J]: none."""

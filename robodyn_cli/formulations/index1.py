@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.algorithms.constraints import correction, solve_with_multipliers
+from robodyn_cli.algorithms.constraints import correction
 from robodyn_cli.algorithms.kinematics import slice_q, slice_v
-from robodyn_cli.algorithms.linear import LdlFactor
+from robodyn_cli.equations.modes import FIELDS, Gate
 from robodyn_cli.equations.problem import Constraints, Problem
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.formulations.dynamics import Expanded, Rolled
@@ -43,7 +43,8 @@ def index1(
     """
     constraints = problem.working
     power = problem.power if work else 0.0
-    z_rate = (power,) if isinstance(power, Expr) or power != 0.0 else ()
+    impacts = work and any(gate.stops for gate in problem.gates)  # they take energy at once
+    z_rate = (power,) if isinstance(power, Expr) or power != 0.0 or impacts else ()
     position: Sequence[Scalar] = ()
     velocity: Sequence[Scalar] = ()
     if constraints.rows and isinstance(stabilisation, Baumgarte):
@@ -52,9 +53,7 @@ def index1(
         gamma = [
             g + 2.0 * alpha * r + beta * beta * e for g, r, e in zip(constraints.gamma, rate, constraints.eta)
         ]
-        factor = LdlFactor.of(problem.mass_matrix, problem.elimination_order)
-        psi = constraints.psi(problem.model.nv)
-        qdd = solve_with_multipliers(factor, problem.applied - problem.bias, psi, gamma).qdd
+        qdd = problem.solution(gamma)[0].qdd
     elif not expanded and is_rolled(problem):
         rolled = Rolled(problem.model, list(problem.applied), z_rate)
         return _system(problem, rolled, events)
@@ -71,7 +70,7 @@ def index1(
 def _system(
     problem: Problem, dynamics: Rolled | Expanded, events: Sequence[EventFunction], **corrections: Any
 ) -> System:
-    events = (*events, *kinks(problem), *renewals(problem))
+    events = (*events, *kinks(problem), *renewals(problem), *mode_events(problem))
     layout = Layout.of(problem.model, len(dynamics.z_rate))
     if layout is not None:
         assert isinstance(dynamics, Expanded)
@@ -84,6 +83,7 @@ def _system(
         events=events,
         breakpoints=problem.breakpoints,
         chart=RowChart(problem) if problem.dependent else None,
+        parameters=start_modes(problem),
         **corrections,
     )
 
@@ -126,6 +126,7 @@ def _quasi_system(
         events=tuple(dataclasses.replace(e, value=x) for e, x in zip(events, renamed[4])),
         breakpoints=problem.breakpoints,
         chart=RowChart(problem) if problem.dependent else None,
+        parameters=start_modes(problem),
         layout=layout,
         normalisation=renamed[1],
         normalised=tuple(normal),
@@ -135,7 +136,8 @@ def _quasi_system(
 def is_rolled(problem: Problem) -> bool:
     """Tell whether a simulation goes by loops over the bodies instead of one graph of expressions."""
     quasi = any(body.joint.quasi for body in problem.model.bodies)
-    return not quasi and not problem.scene.prescribed and prefer_rolled(problem.model)
+    plain = not quasi and not problem.scene.prescribed and not problem.gates
+    return plain and prefer_rolled(problem.model)
 
 
 def kinks(problem: Problem) -> tuple[EventFunction, ...]:
@@ -143,6 +145,31 @@ def kinks(problem: Problem) -> tuple[EventFunction, ...]:
     return tuple(
         EventFunction(key, switch, terminal=False, kink=True) for key, switch in problem.state_switches
     )
+
+
+def mode_events(problem: Problem) -> tuple[EventFunction, ...]:
+    """Return the events at which joints with modes may change theirs: by joint, ``stop``, ``rest`` or ``break``."""
+    found: list[EventFunction] = []
+
+    def add(kind: str, gate: Gate, value: Scalar) -> None:
+        found.append(EventFunction(f"{kind} {gate.joint}", value, -1, terminal=False, mode=True))
+
+    for gate, force in zip(problem.gates, problem.holding):
+        for push, at in gate.stops:
+            add("stop", gate, push * (problem.q[gate.q] - at))
+        if gate.friction is not None:
+            add("rest", gate, gate.direction * problem.v[gate.v])
+        add("break", gate, gate.hold * (gate.high - force))
+        add("break", gate, gate.hold * (force - gate.low))
+    return tuple(found)
+
+
+def start_modes(problem: Problem) -> tuple[float, ...]:
+    """Return parameters with which every joint moves freely, without Coulomb friction."""
+    if not problem.gates:
+        return ()
+    last = problem.gates[-1]
+    return (0.0,) * (last.place + len(FIELDS))
 
 
 def _velocity_residual(problem: Problem, constraints: Constraints) -> list[Scalar]:

@@ -28,6 +28,7 @@ class EventFunction:
     direction : +1 for rising, -1 for falling, 0 for both. terminal : whether the run ends there.
     kink : the right-hand side is not smooth there; nothing happens but that a step ends.
     renewal : the system's chart is chosen anew there.
+    mode : a joint is held or let go there, by whoever drives the run.
     """
 
     name: str
@@ -36,6 +37,7 @@ class EventFunction:
     terminal: bool = True
     kink: bool = False
     renewal: bool = False
+    mode: bool = False
 
 
 class Chart(Protocol):
@@ -63,6 +65,7 @@ class System:
     velocity_correction : its v corrected onto the velocity constraints, or empty.
     normalisation : the entries at ``normalised`` places of x, put back on their joints' manifolds.
     breakpoints : times at which the right-hand side has a kink; steps end there.
+    parameters : values of p that a run starts with.
     layout : None where q, v, z are the mechanism's.
     chart : chooses some of the parameters, at the start and at events that are renewals.
     """
@@ -75,6 +78,7 @@ class System:
     velocity_correction: tuple[Scalar, ...] = ()
     events: tuple[EventFunction, ...] = ()
     breakpoints: tuple[float, ...] = ()
+    parameters: tuple[float, ...] = ()
     layout: Layout | None = None
     normalisation: tuple[Scalar, ...] = ()
     normalised: tuple[int, ...] = ()

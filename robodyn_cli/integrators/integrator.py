@@ -49,7 +49,7 @@ class Integrator:
     ----------
     system : what to integrate.
     method : name in the registry.
-    parameters : values of the symbolic parameters p.
+    parameters : values of the symbolic parameters p; by default those of the system.
 
     ``tick``, where set, is told the time every few milliseconds of a run.
     """
@@ -67,7 +67,7 @@ class Integrator:
         self._switching: Callable[..., None] | None = None
         if system.events:
             self._switching, self._trial = bind(compiled)
-        self.parameters = Parameters(system, parameters)
+        self.parameters = Parameters(system, parameters if len(parameters) else system.parameters)
         self.p = self.parameters.values
         self.memory = Memory(len(system.events), system.size, self.stepper.dense_size(system))
         self.w, self.n, self.y = self.memory.w, self.memory.n, self.memory.y
@@ -124,17 +124,20 @@ class Integrator:
             int(n[Whole.PROJECTIONS]), self.events_seen,
         )  # fmt: skip
 
-    def set_state(self, state: Any) -> None:
-        """Replace the state in the middle of a run (a jump); the time stays."""
+    def set_state(self, state: Any, signs: Mapping[int, float] | None = None, step: float = math.inf) -> None:
+        """Replace the state in the middle of a run (a jump); the time stays.
+
+        signs : the side from which event functions start, by index. step : the next step is at most so long.
+        """
         self.y[:] = state
         if self._switching is not None:
             # the next event may come sooner than the last one did, so the step starts short again
             if self.time > self._since:
                 self._restart = RESTART * (self.time - self._since)
                 self._since = self.time
-            self.w[Real.H] = min(self.w[Real.H], self._restart)
+            self.w[Real.H] = min(self.w[Real.H], self._restart, step)
         self._forget()
-        self._watch({})
+        self._watch(signs or {})
 
     # -- running --------------------------------------------------------------------------------------
     def _call(self, end: float) -> Status:

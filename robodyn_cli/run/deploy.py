@@ -15,9 +15,9 @@ from robodyn_cli.run.lock_report import bifurcation, conclude, criteria, describ
 from robodyn_cli.run.observe import Observer, Recorder
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.redundancy import check_redundant
+from robodyn_cli.run.second_run import estimate_error
 from robodyn_cli.run.simulate import (
     describe_run,
-    estimate_error,
     fail,
     keep_last_state,
     kept_every,
@@ -80,7 +80,7 @@ def deploy(
         with watch.stage("error_estimate"):
             grid = Grid.over(scene.simulate.duration, scene.simulate.samples)
             summary["error_estimate"] = estimate_error(
-                run.setup, run.system, run.method, run.start, grid,
+                run.problem, run.system, run.method, run.start, grid,
                 float(recorder.array("time")[-1]), run.options, recorder, integrator.counters,
             )  # fmt: skip
     if stop is None:

@@ -163,7 +163,7 @@ def _inverse(scene: Scene) -> tuple[Model, list[Scalar]]:
 def _forward(scene: Scene, command: str) -> tuple[Model, list[Scalar]]:
     if command == "deploy" and not scene.loops and not scene.couplers:
         raise SceneError("deploy needs a mechanism with closed loops; this scene has none", key="loops")
-    problem = prepare(scene).problem
+    problem = prepare(scene, modes=True).problem
     if command == "deploy" and scene.deploy.criterion != "multipliers":
         passive_determinant(problem, passive_coordinates(problem) or [])
     dynamics = index1(problem, "none", work=False).dynamics

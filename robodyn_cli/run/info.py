@@ -90,7 +90,7 @@ def info(path: Path, overrides: Sequence[str] = (), at: Sequence[str] = ()) -> t
         given = {name.partition(".")[0] for name in (*scene.initial.q, *scene.prescribed)}
         changes = [*(f"initial.q.{x}" for x in _neutral(scene, given)), *changes]
     scene = load_scene(path, changes) if changes else scene
-    setup = prepare(scene)
+    setup = prepare(scene, modes=True)
     return _Numbers(setup.problem, setup.assembled.q, setup.assembled.v).report()
 
 

@@ -127,11 +127,8 @@ def energies(problem: Problem, terms: dict[str, list[Scalar]]) -> dict[str, list
     Data that no torque needs can only shift the level at which the potential energy is zero.
     """
     lost: Any = 0.0
-    for body in problem.model.bodies:
-        q, v = problem.q[body.q], problem.v[body.v]
-        for force in body.forces:
-            if force.element.dissipative:
-                lost = lost + force.element.torque(q, v, body.gear_ratio, False) * v
+    for place, torque in problem.losses(smooth=False):
+        lost = lost + torque * problem.v[place]
     lost = lost + problem.elements.power
     found = {
         "kinetic": [problem.kinetic],

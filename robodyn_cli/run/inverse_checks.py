@@ -19,6 +19,8 @@ from robodyn_cli.trajectories.motion import JointMotion
 Array = NDArray[np.float64]
 
 
+RIGID = ("inertia", "coriolis", "gravity")
+
 # what the figures of the summary mean, for readers of the file alone
 DEFINITIONS = {
     "peak_torque": "largest magnitude among the samples",
@@ -128,9 +130,9 @@ def round_trip(problem: Problem, sampled: Sampled) -> float | None:
     """Return the relative residual of forward after inverse dynamics (see ``error_estimate``)."""
     bias, asked = sampled.arrays["bias"], sampled.motion.qdd
     f = sampled.tau - bias
-    for name in ("friction", "passive", "external"):
-        if name in sampled.terms:
-            f = f - sampled.terms[name]
+    for name, term in sampled.terms.items():
+        if name not in RIGID:
+            f = f - term
     q = np.concatenate([sampled.motion.q] * 2)
     forces = problem.graph.symbols(problem.model.v_names, "f")
     try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.dynamics import Rolled
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.integrator import Counters, Event, Grid, Integrator, Options
+from robodyn_cli.run.modes import Modes
 from robodyn_cli.scene.types import Scene
 
 Array = NDArray[Any]
@@ -49,7 +50,7 @@ def can_be_stiff(problem: Problem) -> bool:
     return any(e.index in rates for tau in problem.actuator_torques for e in free_symbols([tau]))
 
 
-def fastest_decay(system: System, t: float, x: Array) -> float:
+def fastest_decay(system: System, t: float, x: Array, p: Sequence[float] = ()) -> float:
     """Return the largest -Re of the eigenvalues of the Jacobian of (q, v, z)-dot at a state [1/s]."""
     s = system
     a = [*s.acceleration, *s.z_rate]
@@ -60,8 +61,9 @@ def fastest_decay(system: System, t: float, x: Array) -> float:
     rows = jacobian(a, [e for _, e in columns])
     J = np.zeros((s.size, s.size))
     J[: s.nq, s.nq : s.nq + s.nv] = np.eye(s.nq)
-    p = np.zeros(1) if s.chart is None else chart_values(s, t, x)
-    values = {group: x.tolist() for group, x in s.own_groups(np.array([t]), x, p).items()}
+    values = {
+        group: x.tolist() for group, x in s.own_groups(np.array([t]), x, chart_values(s, t, x, p)).items()
+    }
     for i, row in enumerate(rows):
         for k, entry in zip(row, evaluate(list(row.values()), values)):
             J[system.nq + i, columns[k][0]] = entry
@@ -70,9 +72,10 @@ def fastest_decay(system: System, t: float, x: Array) -> float:
     return float(max(0.0, -np.linalg.eigvals(J).real.min()))
 
 
-def chart_values(system: System, t: float, x: Array) -> Array:
-    """Return the parameters p that the system's chart chooses at a state."""
-    assert system.chart is not None
+def chart_values(system: System, t: float, x: Array, given: Sequence[float] = ()) -> Array:
+    """Return the parameters p at a state: those ``given`` (by default the system's), or what its chart chooses."""
+    if system.chart is None:
+        return np.array(given if len(given) else system.parameters or [0.0])
     chosen = system.chart.choose(t, system.split(x)[0], None)
     return np.concatenate([np.zeros(system.chart.first), chosen])
 
@@ -134,7 +137,9 @@ class Run:
         start: Array,
         options: Options,
         tick: Callable[[float], None],
+        modes: Modes | None = None,
     ) -> None:
+        self.modes = modes
         self.scene = scene
         self.problem = problem
         self.system = system
@@ -152,6 +157,8 @@ class Run:
         self.tick = tick
         self.integrator.tick = tick
         self.integrator.reset(0.0, start, self._limited())
+        if modes is not None:
+            modes.attach(self.integrator)
 
     def _limited(self) -> Options:
         if self._watchful:
@@ -186,7 +193,7 @@ class Run:
         time, state = self.integrator.time, self.integrator.state
         self._done = self.counters
         pace = max(self._done.steps, 1) / max(time, 1e-300)
-        decay = fastest_decay(self.system, time, state)
+        decay = fastest_decay(self.system, time, state, self.integrator.p.tolist())
         # the default method is held to steps of a few times the fastest decay time; where that is what it does
         # while nothing else asks for such steps, the motion is stiff
         if decay > 0.1 * pace:
@@ -195,3 +202,5 @@ class Run:
             self.integrator.tick = self.tick
             self._watchful = False
         self.integrator.reset(time, state, self._limited())
+        if self.modes is not None:
+            self.modes.attach(self.integrator)

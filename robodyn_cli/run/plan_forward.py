@@ -56,7 +56,7 @@ class Forward:
         q, v = Manifold(self.problem.model).neutral(), np.zeros(self.problem.model.nv)
         # an open chain without initial positions has a plan, though no run
         if self.problem.model.closures or all(n in initial or n in (scene.prescribed or {}) for n in names):
-            setup = prepare(scene)
+            setup = prepare(scene, modes=True)
             self.problem, q, v = setup.problem, setup.assembled.q, setup.assembled.v
             self._note_redundant(setup.assembled.redundant)
         events = (

@@ -9,20 +9,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import NumericalError, RobodynError, SceneError, SingularConfigurationError
+from robodyn_cli.errors import (
+    CapabilityError,
+    NumericalError,
+    RobodynError,
+    SceneError,
+    SingularConfigurationError,
+)
 from robodyn_cli.formulations.index1 import index1
-from robodyn_cli.formulations.system import EventFunction, System
-from robodyn_cli.integrators.integrator import Counters, Event, Grid, Integrator, Options
-from robodyn_cli.integrators.registry import methods as registry
+from robodyn_cli.formulations.system import EventFunction
+from robodyn_cli.integrators.integrator import Event, Grid, Integrator, Options
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.writer import ResultWriter
 from robodyn_cli.run.divergence import breakdown
 from robodyn_cli.run.mass_matrix import nearly_singular, refuse_singular
 from robodyn_cli.run.method import Choice, Run
+from robodyn_cli.run.modes import Modes
 from robodyn_cli.run.observe import Observer, Recorder
 from robodyn_cli.run.prescribed import check_prescribed, prescribed_starts
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.redundancy import check_redundant, dependent_rows, describe_dependence
+from robodyn_cli.run.second_run import estimate_error
+from robodyn_cli.run.second_run import tighter as tighter
 from robodyn_cli.run.singularity import driven_dead_point, rank_loss_event, stop_at_rank_loss
 from robodyn_cli.run.start import start_warnings
 from robodyn_cli.run.stopwatch import Stopwatch
@@ -30,9 +38,6 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import Assembled, assemble
 
 Array = NDArray[np.float64]
-# the second run of the error estimate: this much tighter, but not below what double precision can resolve
-TIGHTER = 50.0
-TIGHTEST_RTOL = 3e-14
 KEPT_IN_MEMORY = 100_000  # samples, when the whole goes to a file
 
 
@@ -45,16 +50,26 @@ class Setup:
     watch: Stopwatch
 
 
-def prepare(scene: Scene, watch: Stopwatch | None = None) -> Setup:
+def prepare(scene: Scene, watch: Stopwatch | None = None, modes: bool = False) -> Setup:
     """Build the equations and close the loops at t = 0.
+
+    Parameters
+    ----------
+    modes : whether the caller follows the modes of joints (sticking, contact).
 
     Raises
     ------
+    CapabilityError : there are joints with modes, and the caller does not follow them.
     SceneError : an initial position is missing. GeometryError, SingularConfigurationError : from the assembly.
     """
     watch = watch or Stopwatch()
     with watch.stage("equations"):
         problem = Problem(scene)
+        if problem.gates and not modes:
+            raise CapabilityError(
+                f"joint {problem.gates[0].joint!r} has friction with 'law: set_valued' or a rigid stop, which only "
+                "`simulate` follows; allowed here: 'transition_speed', and stops with 'stiffness'"
+            )
         given = initial_positions(scene, problem)
         held = held_columns(scene, problem)
     with watch.stage("assemble"):
@@ -102,97 +117,6 @@ def options_for(scene: Scene) -> Options:
     return Options(s.rtol, s.atol, s.step, max_steps=s.max_steps)
 
 
-def tighter(options: Options, mean_step: float) -> tuple[Options, str]:
-    """Return the options of the second run of the error estimate, and how it differs in words."""
-    if options.step is not None:
-        # a step longer than the run is as long as the run
-        taken = options.step if options.step < 2.0 * mean_step else mean_step
-        return dataclasses.replace(options, step=taken / 2), "step halved"
-    if options.rtol >= 1e-12:
-        rtol = max(options.rtol / TIGHTER, TIGHTEST_RTOL)
-        atol = options.atol * rtol / options.rtol
-        return dataclasses.replace(options, rtol=rtol, atol=atol), f"rtol {rtol:.1g}"
-    # at the limit of double precision a tighter tolerance says nothing; other steps show the rounding errors
-    return other_steps(options, mean_step)
-
-
-def other_steps(options: Options, mean_step: float) -> tuple[Options, str]:
-    """Return the options of a second run with shorter steps, and how it differs in words."""
-    return dataclasses.replace(options, max_step=0.6 * mean_step), "steps 0.6 times as long"
-
-
-def integrate_states(
-    system: System, method: str, start: Array, grid: Grid, end: float, options: Options
-) -> tuple[Array, Counters]:
-    """Integrate without observing, looking for kinks only; returns states (T, nx) up to ``end`` and the counters."""
-    kinks = tuple(event for event in system.events if event.kink or event.renewal)
-    if kinks and len(kinks) < len(system.events):
-        system = dataclasses.replace(system, events=kinks)
-    integrator = Integrator(system, method)
-    integrator.reset(grid.start, start, options)
-    rows: list[Array] = []
-    integrator.run(end, grid, lambda t, x: rows.append(x), watch=bool(kinks))
-    return np.concatenate(rows), integrator.counters
-
-
-def estimate_error(
-    setup: Setup,
-    system: System,
-    method: str,
-    start: Array,
-    grid: Grid,
-    end: float,
-    options: Options,
-    recorder: Recorder,
-    counters: Counters,
-) -> dict[str, Any]:
-    """Estimate the global error by a second integration that is more accurate than the first.
-
-    The difference of the two is the error of the first, up to the (much smaller) error of the second: the
-    largest over all samples, for q and qd apart. Nothing else about the two runs is shared but the method.
-    """
-    second, how = tighter(options, end / max(counters.steps, 1))
-    grid = grid.every(recorder.every)
-    report: dict[str, Any] = {"method": f"difference from a second integration with {how}"}
-    try:
-        states, more = integrate_states(system, method, start, grid, end, second)
-        if more.steps == counters.steps and options.step is None:
-            # the tolerance does not decide about the steps, so the same ones were taken once more
-            second, how = other_steps(options, end / max(counters.steps, 1))
-            report["method"] = f"difference from a second integration with {how}"
-            states, more = integrate_states(system, method, start, grid, end, second)
-    except NumericalError as error:
-        report.update(state_max=None, reason=f"the second integration failed: {error.message}")
-        return report
-    states = recorder.observer.project(grid.times(0, len(states)), states)
-    q, qd = recorder.array("q")[: len(states)], recorder.array("qd")[: len(states)]
-    states = states[: len(q)]
-    halved = 2.0 ** registry[method].order
-    scale = 1.0 if registry[method].adaptive else halved / (halved - 1.0)
-    other_q, other_qd, _ = system.split(states)
-    dq, dv = scale * np.abs(other_q - q), scale * np.abs(other_qd - qd)
-    floor = rounding_floor(q, qd, counters.steps)
-    report.update(
-        q_max=float(dq.max(initial=0.0)), qd_max=float(dv.max(initial=0.0)),
-        state_max=float(max(dq.max(initial=0.0), dv.max(initial=0.0))),
-        q_end=float(dq[-1].max(initial=0.0)), qd_end=float(dv[-1].max(initial=0.0)), rounding_floor=floor,
-        steps=more.steps,
-    )  # fmt: skip
-    spread = float(max(np.ptp(q, axis=0).max(initial=0.0), 1e-300))
-    if report["state_max"] > 1e-2 * max(spread, float(np.ptp(qd, axis=0).max(initial=0.0))):
-        times = recorder.array("time")
-        bad = np.flatnonzero(np.max(dq, axis=1) > 1e-2 * spread)
-        report["meaningful_until"] = float(times[bad[0]]) if len(bad) else float(times[-1])
-    report["at_rounding"] = bool(report["state_max"] < 100 * floor)
-    return report
-
-
-def rounding_floor(q: Array, qd: Array, steps: int) -> float:
-    """Return the error that rounding alone is expected to leave: eps times the state, growing as sqrt(steps)."""
-    size = max(float(np.abs(q).max(initial=0.0)), float(np.abs(qd).max(initial=0.0)))
-    return 1.1e-16 * size * max(1.0, steps) ** 0.5
-
-
 def simulate(
     scene: Scene,
     progress: Progress = no_progress,
@@ -220,7 +144,7 @@ def simulate(
         from robodyn_cli.run.gains import with_gains  # which needs this module
 
         scene, gains = with_gains(scene, watch)
-    setup = prepare(scene, watch)
+    setup = prepare(scene, watch, modes=True)
     problem = setup.problem
     with watch.stage("equations"):
         events: tuple[EventFunction, ...] = ()
@@ -232,19 +156,32 @@ def simulate(
     options = options_for(scene)
     start = system.join(setup.assembled.q, setup.assembled.v)
     with watch.stage("method"):
+        modes = Modes(problem, system, options) if problem.gates else None
+        first = start if modes is None else modes.start(0.0, start)
         run = Run(
-            scene, problem, system, start, options, lambda time: progress(time, scene.simulate.duration)
+            scene,
+            problem,
+            system,
+            first,
+            options,
+            lambda time: progress(time, scene.simulate.duration),
+            modes,
         )
     recorder = Recorder(observer, writer, kept_every(scene, writer))
     found: list[dict[str, Any]] = []
 
     def emit(t: Array, x: Array) -> None:
+        if modes is not None:
+            modes.check(t, x)
+            observer.parameters = modes.p.copy()
         recorder.emit(t, x)
         progress(float(t[-1]), scene.simulate.duration)
 
     def on_event(event: Event) -> bool:
         if system.events[event.index].kink:
             return True
+        if modes is not None and modes.owns(event):
+            return modes.on_event(event)
         stop_at_rank_loss(problem, system, run.choice.method, event, options)
         return True
 
@@ -256,7 +193,7 @@ def simulate(
             keep_last_state(recorder, run.integrator)
             failure = explained(error, problem, run.integrator, scene.simulate.duration)
     integrator = run.integrator
-    result = new_result(scene, "simulate", recorder, found)
+    result = new_result(scene, "simulate", recorder, found if modes is None else modes.log)
     describe_run(result, setup, recorder, integrator, run.choice)
     if warnings := start_warnings(problem, setup.assembled.q, passive_coordinates(problem) or []):
         result.summary["warnings"] = warnings
@@ -264,6 +201,8 @@ def simulate(
         result.summary["baumgarte"] = gains
     failure = check_redundant(problem, setup.assembled, recorder, result.summary) or failure
     result.summary["counters"] = run.counters.as_dict()
+    if modes is not None:
+        result.summary["transitions"] = dict(modes.counts)
     if run.switches:
         result.summary["switches"] = run.switches
     if failure is not None:
@@ -272,7 +211,7 @@ def simulate(
     if scene.simulate.error_estimate:
         with watch.stage("error_estimate"):
             result.summary["error_estimate"] = estimate_error(
-                setup,
+                problem,
                 system,
                 integrator.stepper.name,
                 start,

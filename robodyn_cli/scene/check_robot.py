@@ -171,6 +171,10 @@ def _check_second_axis(joint: Joint, check: Check, path: Path) -> None:
 def _check_drive(joint: Joint, check: Check, path: Path) -> None:
     if joint.gear_ratio == 0.0:
         check.fail((*path, "gear_ratio"), "must not be zero")
+    for name, force in joint.forces:
+        for where, message in getattr(force, "problems", tuple)():
+            with check:
+                check.fail((*path, name, *where), message)
     if joint_types[joint.type].nv == 0:
         forces = [name for name, _ in joint.forces]
         for name in ("axis", "offset", "gear_ratio", "rotor_inertia", *forces):

@@ -1,0 +1,62 @@
+"""Impacts of joints on rigid stops: impulses through the mass matrix, closed loops included."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+ROUNDS = 64
+
+
+def impact(
+    M: Array,
+    psi: Array,
+    v: Array,
+    joint: int,
+    push: float,
+    restitution: float,
+    resting: Mapping[int, float],
+    kept: Collection[int] = (),
+) -> Array:
+    """Return the velocities (nv,) after joint ``joint`` has met a stop.
+
+        M (v+ - v-) = Psi^T mu + e_j Lambda_j + sum e_k Lambda_k,   Psi (v+ - v-) = 0,   v+_j = -e v-_j
+
+    Joints that rest on stops already stay there, or leave them: v+_k and Lambda_k, both away from the stop, are not
+    negative, and one of them is zero. Friction is bounded and has no part in an impulse.
+
+    Parameters
+    ----------
+    M, psi : (nv, nv), (m, nv). v : before the impact, with Psi v as it has to be. push : +1 or -1, away from the stop.
+    resting : push of the stop by velocity index, for joints that rest on one. kept : those of them that stay.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError : M is singular.
+    """
+    active = list(resting)
+    spread = np.linalg.inv(M)
+    out = v.copy()
+    for _ in range(ROUNDS):
+        rows = [joint, *active]
+        units = np.zeros((len(rows), len(v)))
+        units[np.arange(len(rows)), rows] = 1.0
+        G = np.concatenate([psi, units])
+        target = np.concatenate([np.zeros(len(psi)), [-(1.0 + restitution) * v[joint]], -v[active]])
+        impulse, *_ = np.linalg.lstsq(G @ spread @ G.T, target, rcond=1e-13)
+        out = v + spread @ G.T @ impulse
+        loads = impulse[len(psi) + 1 :]
+        pulled = [k for k, load in zip(active, loads) if resting[k] * load < 0.0 and k not in kept]
+        entering = [
+            k for k in resting if k not in active and resting[k] * out[k] < -1e-12 * np.abs(out).max()
+        ]
+        if not pulled and not entering:
+            break
+        active = [k for k in active if k not in pulled[:1]] if pulled else [*active, entering[0]]
+    out[joint] = -restitution * v[joint]
+    for k in active:
+        out[k] = 0.0
+    return out
