@@ -177,7 +177,7 @@ class Rolled:
         raise CapabilityError(
             f"a chain of {self.model.nv} joints is integrated by loops over its bodies, which have no exact "
             "Jacobian, so methods that solve with one, such as 'rodas5p', 'radau' and 'bdf', are not for it; "
-            "allowed: gauss, dop853, dopri5, rk4"
+            "allowed: gauss (of any order), dop853, dopri5, rk4, implicit_midpoint"
         )
 
     def memory(self) -> tuple[Numbers, Numbers]:

@@ -1,4 +1,4 @@
-"""Gauss collocation of order 16, its eight stages evaluated together in the SIMD lanes.
+"""Gauss collocation of order 4 to 16, its two to eight stages evaluated together in the SIMD lanes.
 
 The stage accelerations solve a = f(t + c h, q + h c v + h^2 A^2 a, v + h A a) (Hairer, Lubich and Wanner 2006,
 II.1 and II.2), here by fixed-point iteration from the previous step's polynomial. The method is symplectic and
@@ -13,7 +13,7 @@ import numpy as np
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.gauss_correction import Corrected
-from robodyn_cli.integrators.gauss_dense import WIDTH
+from robodyn_cli.integrators.gauss_dense import dense_width
 from robodyn_cli.integrators.gauss_tables import gauss_table
 from robodyn_cli.integrators.layout import Real, Whole
 from robodyn_cli.integrators.loop import SLACK, Attempt
@@ -41,18 +41,19 @@ class Gauss(Corrected):
     order = 16
     dense_order = 8
     stages = 8
+    symplectic = True
 
     def dense_size(self, system: System) -> int:
         rates = system.nv + system.nz
-        return self.stages * rates + system.size + 2 * WIDTH * rates + rates
+        return (self.lanes + 2 * dense_width(self.stages) + 1) * rates + system.size
 
     def prepare(self, w: Writer) -> None:
         f = w.f
         self.table = gauss_table(self.stages)
-        self.guess = w.array(1, 1, self.stages)
-        self.drift = w.array(1, 0, self.stages)
-        self.x = w.array(2, 1, self.stages)
-        self.fresh = w.array(1, 1, self.stages)
+        self.guess = w.array(1, 1, self.lanes)
+        self.drift = w.array(1, 0, self.lanes)
+        self.x = w.array(2, 1, self.lanes)
+        self.fresh = w.array(1, 1, self.lanes)
         self.weight = w.array(1, 1)
         self.sizes = w.array(1, 1)
         self.before = f.slot()
@@ -64,15 +65,15 @@ class Gauss(Corrected):
 
     def _polynomial(self, w: Writer, j: Int | int) -> str:
         """Return the address of the monomial coefficients of rate j (accelerations, then z rates)."""
-        return w.f.offset("%dense", j * self.stages)
+        return w.f.offset("%dense", j * self.lanes)
 
     def _end(self, w: Writer) -> Array:
         """Return the state at the end of the step, before projection."""
-        return Array(w.f, w.f.offset("%dense", w.rates * self.stages))
+        return Array(w.f, w.f.offset("%dense", w.rates * self.lanes))
 
     def attempt(self, w: Writer, t: Value, h: Value, failed: str) -> Attempt:
         f, T = w.f, self.table
-        lanes = self.stages
+        lanes = self.lanes
         nodes = f.constant(list(T.c))
         rms = self._rms(w)
         self._weigh(w, h, lambda j: rms[j])
@@ -144,7 +145,12 @@ class Gauss(Corrected):
     def _mean(self, w: Writer, x: Value) -> Value:
         """Return the root mean square over the stages."""
         f = w.f
+        x = x * f.constant([float(k < self.stages) for k in range(self.lanes)])
         return f.sqrt(f.reduce("add", x * x) * (1.0 / self.stages))
+
+    def _tolerances(self, w: Writer) -> tuple[Value, Value]:
+        """Return the relative and the absolute tolerance to which a step is solved."""
+        return w.get(Real.RTOL), w.get(Real.ATOL)
 
     def _weigh(self, w: Writer, h: Value, size_of: Callable[[Int | int], Value]) -> None:
         """Set what an error of each rate means for the state over this step, in units of the tolerance.
@@ -153,7 +159,7 @@ class Gauss(Corrected):
         held to an absolute standard; a position sets the standard where the motion is slow.
         """
         f = w.f
-        rtol, atol = w.get(Real.RTOL), w.get(Real.ATOL)
+        rtol, atol = self._tolerances(w)
 
         def weight(j: Int | int) -> Value:
             speed, gained = f.abs(w.state[w.nv + j]), h * size_of(j)
@@ -176,14 +182,15 @@ class Gauss(Corrected):
             x = f.broadcast(a, i)
             part = sums[i & 1]
             sums[i & 1] = x * column if part is None else f.muladd(x, column, part)
-        assert sums[0] is not None and sums[1] is not None
-        total = sums[0] + sums[1]
+        total = sums[0]
+        assert total is not None
+        total = total if sums[1] is None else total + sums[1]
         return total if factor is None else f.muladd(factor, total, start)
 
     def _predict(self, w: Writer, h: Value) -> None:
         """Extrapolate the previous step's rates to the new stages."""
         f = w.f
-        lanes = self.stages
+        lanes = self.lanes
         old_h = w.get(Real.H_OLD)
         stretch = h / old_h
         u = f.splat(stretch, lanes) * f.constant(list(self.table.c))
@@ -242,7 +249,7 @@ class Gauss(Corrected):
         A front that falls there, such as smoothed friction at the turn of a joint, leaves no trace in the stages.
         """
         f, T = w.f, self.table
-        signs = (-1.0) ** np.arange(self.stages)
+        signs = (-1.0) ** np.arange(self.lanes)
         gap = float(T.c[0]) * ACCEPT / SCALE
         for time, state, row in ((t, w.state, signs @ T.M), (t + h, w.new, T.M[0])):
             w.dynamics(time, state, self.edge)
@@ -260,7 +267,7 @@ class Gauss(Corrected):
         with f.when(w.due(t + h, 2.0 * SLACK)):
             self._refine(w, t, h)
         for j in w.each(w.rates):
-            nothing = f.constant(0.0, self.stages)
+            nothing = f.constant(0.0, self.lanes)
             f.store(self._combine(w, self.guess[j], T.M, None, nothing), self._polynomial(w, j))
         end, rms = self._end(w), self._rms(w)
         for k in w.each(w.size):
@@ -302,6 +309,8 @@ class Gauss(Corrected):
             return self._horner(w, [f.load(f.offset(address, first + k)) for k in range(count)], x)
 
         for j in w.each(w.nv):
-            out[j] = f.muladd(h * h, correction(j, WIDTH, 2 * self.stages + 2), self._twice(w, j, u, h))
+            out[j] = f.muladd(
+                h * h, correction(j, dense_width(self.stages), 2 * self.stages + 2), self._twice(w, j, u, h)
+            )
         for j in w.each(w.rates):
             out[w.nv + j] = f.muladd(h, correction(j, 0, 2 * self.stages + 1), self._once(w, j, u, h))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from robodyn_cli.integrators.gauss_dense import WIDTH, dense_table
-from robodyn_cli.integrators.gauss_tables import GaussTable
+from robodyn_cli.integrators.gauss_dense import dense_table, dense_width
+from robodyn_cli.integrators.gauss_tables import GaussTable, padded_width
 from robodyn_cli.integrators.layout import Whole
 from robodyn_cli.integrators.loop import Stepper
 from robodyn_cli.integrators.writer import Writer
@@ -18,17 +18,25 @@ class Corrected(Stepper):
 
     stages: int
     table: GaussTable
+
+    @property
+    def lanes(self) -> int:
+        """Lanes of a vector of stages."""
+        return padded_width(self.stages)
+
     guess: Array
     fresh: Array
     x: Array
 
     def _correction(self, w: Writer, j: Int | int) -> str:
         """Return the address of the correction of rate j: its integral's coefficients, then the double integral's."""
-        return w.f.offset("%dense", w.rates * self.stages + w.size + j * (2 * WIDTH))
+        return w.f.offset("%dense", w.rates * self.lanes + w.size + j * (2 * dense_width(self.stages)))
 
     def _rms(self, w: Writer) -> Array:
         """Return the root mean squares of the rates over the last step."""
-        return Array(w.f, w.f.offset("%dense", w.rates * (self.stages + 2 * WIDTH) + w.size))
+        return Array(
+            w.f, w.f.offset("%dense", w.rates * (self.lanes + 2 * dense_width(self.stages)) + w.size)
+        )
 
     def _table(self, w: Writer, name: str, data: np.ndarray) -> str:
         """Keep a table in memory, columns one after the other, and return its address."""
@@ -38,29 +46,29 @@ class Corrected(Stepper):
         return f"@{name}"
 
     def _products(self, w: Writer, sources: list[str], tables: list[list[tuple[str, Int]]]) -> list[Value]:
-        """Return, for each result, the sum over sources of (8 x 8 block of its table) times source.
+        """Return, for each result, the sum over sources of (m x m block of its table) times source.
 
         ``tables[r][k]`` is the address and block of the table that result r applies to source k, or result r has
         fewer sources. Columns in a loop: this code runs once a step, and unrolled it would be half of all code.
         """
-        f, m = w.f, self.stages
+        f, m = w.f, self.lanes
         totals = [f.slot(m) for _ in tables]
         for slot in totals:
-            f.store(f.constant(0.0, m), slot, 64)
-        with f.count(m) as i:
+            f.store(f.constant(0.0, m), slot, 8 * m)
+        with f.count(self.stages) as i:
             scalars = [f.splat(f.load(f.offset(source, i)), m) for source in sources]
             for slot, row in zip(totals, tables):
-                total = f.load(slot, m, 64)
+                total = f.load(slot, m, 8 * m)
                 for (table, block), scalar in zip(row, scalars):
-                    column = f.load(f.offset(table, block * (m * m) + i * m), m, 64)
+                    column = f.load(f.offset(table, block * (m * m) + i * m), m, 8 * m)
                     total = f.muladd(scalar, column, total)
-                f.store(total, slot, 64)
-        return [f.load(slot, m, 64) for slot in totals]
+                f.store(total, slot, 8 * m)
+        return [f.load(slot, m, 8 * m) for slot in totals]
 
     def _refine(self, w: Writer, t: Value, h: Value) -> None:
         """Correct the collocation polynomial by its residual: between the stages, at them, between them again."""
-        f, m = w.f, self.stages
-        T, D = self.table, dense_table(m)
+        f, m = w.f, self.lanes
+        T, D = self.table, dense_table(self.stages)
 
         def columns(*blocks: np.ndarray) -> np.ndarray:
             return np.concatenate([b.T.ravel() for b in blocks])
@@ -83,7 +91,7 @@ class Corrected(Stepper):
         wide_h, wide_h2 = f.splat(h, m), f.splat(h * h, m)
         with f.count(3) as round_:
             group = (round_ + 1) & 1  # 1, 0, 1
-            c = f.load(f.offset(nodes, group * m), m, 64)
+            c = f.load(f.offset(nodes, group * m), m, 8 * m)
             inner = group * 2
             tables = [
                 [(value, group)],
@@ -111,7 +119,7 @@ class Corrected(Stepper):
                 d = self.fresh[j] - known[j]
                 for k, kept in enumerate((residual[0][j], residual[1][j])):
                     residual[k][j] = f.select(inside, kept if k else d, d if k else kept)
-        rows = WIDTH // m
+        rows = D.width // m
         once_rows = self._table(w, "dense.rows1", self._row_blocks(D.once_coefficients))
         twice_rows = self._table(w, "dense.rows2", self._row_blocks(D.twice_coefficients))
         zero = f.emit_int("add i64 0, 0")
@@ -127,9 +135,11 @@ class Corrected(Stepper):
             store(w.nv + j, [once_rows])
 
     def _row_blocks(self, coefficients: np.ndarray) -> np.ndarray:
-        """Return the tables (group, 24, 8) as 8 x 8 blocks, each stored by columns."""
-        m = self.stages
-        blocks = [group[row : row + m].T.ravel() for group in coefficients for row in range(0, WIDTH, m)]
+        """Return the tables (group, width, m) as m x m blocks, each stored by columns."""
+        m = self.lanes
+        blocks = [
+            group[row : row + m].T.ravel() for group in coefficients for row in range(0, group.shape[0], m)
+        ]
         return np.concatenate(blocks)
 
     def _horner(self, w: Writer, coefficients: list[Value], u: Value) -> Value:

@@ -1,7 +1,7 @@
 """Dense output of the Gauss method at the accuracy of its steps.
 
-The collocation polynomial has order 8 inside a step whose ends have order 16. Where samples are wanted, the
-residual d(u) = f(u, x(u)) - x-dot(u) of that polynomial is evaluated at eight further nodes, integrated, and the
+With s stages the collocation polynomial has order s inside a step whose ends have order 2 s. Where samples are wanted,
+the residual d(u) = f(u, x(u)) - x-dot(u) of that polynomial is evaluated at s further nodes, integrated, and the
 corrected solution is substituted once more (defect correction, Stetter 1978). What is corrected is small, so
 rounding in these tables does not matter.
 """
@@ -15,22 +15,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.integrators.gauss_tables import gauss_table
+from robodyn_cli.integrators.gauss_tables import gauss_table, padded_width
 
 Array = NDArray[Any]
-WIDTH = 24  # coefficients of one correction, padded to whole vectors
 
 
 @dataclasses.dataclass(frozen=True)
 class DenseTable:
-    """Tables over 16 nodes: the 8 of Gauss (group 0) and 8 between them (group 1), in [0, 1].
+    """Tables over 2 s nodes: the s of Gauss (group 0) and s between them (group 1), in [0, 1], padded to m lanes.
 
-    extra : nodes of group 1. value, once, twice : (8, 8), the collocation polynomial's rate, its integral and its
-    double integral at group 1, from the stage rates. inner_once, inner_twice : (2, 2, 8, 8) integrals of the
-    residual's interpolant [at group, from group]. once_coefficients, twice_coefficients : (2, 24, 8) monomials in
-    x = 2 u + 1 of these integrals, from group.
+    width : coefficients of one correction, 2 s + 2 padded to whole vectors. extra : nodes of group 1. value, once,
+    twice : (m, m), the collocation polynomial's rate, its integral and its double integral at group 1, from the stage
+    rates. inner_once, inner_twice : (2, 2, m, m) integrals of the residual's interpolant [at group, from group].
+    once_coefficients, twice_coefficients : (2, width, m) monomials in x = 2 u + 1 of these integrals, from group.
     """
 
+    width: int
     extra: Array
     value: Array
     once: Array
@@ -55,10 +55,17 @@ def _integrate(coefficients: Array) -> Array:
     return out
 
 
-@lru_cache(maxsize=2)
+def dense_width(s: int) -> int:
+    """Return the coefficients of one correction: 2 s + 2, padded to whole vectors."""
+    m = padded_width(s)
+    return -(-(2 * s + 2) // m) * m
+
+
+@lru_cache(maxsize=8)
 def dense_table(s: int = 8) -> DenseTable:
     """Return the tables for s stages."""
-    c = gauss_table(s).c
+    c = gauss_table(s).c[:s]
+    m, width = padded_width(s), dense_width(s)
     # between neighbours in the angle of the cosine, close to Chebyshev's points; the end of the step is not among
     # them, because steps end where the right-hand side jumps
     angle = np.append(np.arccos(1 - 2 * c), np.pi)
@@ -69,20 +76,26 @@ def dense_table(s: int = 8) -> DenseTable:
     both = np.linalg.inv(_powers(np.concatenate(nodes), 2 * s))
     both_once, both_twice = _integrate(both), _integrate(_integrate(both))
 
+    def square(table: Array) -> Array:
+        out = np.zeros((m, m))
+        out[:s, :s] = table
+        return out
+
     def at_groups(table: Array) -> Array:
         values = [_powers(x, table.shape[0]) @ table for x in nodes]
-        return np.array([[v[:, :s], v[:, s:]] for v in values])
+        return np.array([[square(v[:, :s]), square(v[:, s:])] for v in values])
 
     def padded(table: Array) -> Array:
-        out = np.zeros((WIDTH, 2 * s))
-        out[: table.shape[0]] = table
-        return np.array([out[:, :s], out[:, s:]])
+        out = np.zeros((2, width, m))
+        out[0, : table.shape[0], :s], out[1, : table.shape[0], :s] = table[:, :s], table[:, s:]
+        return out
 
     return DenseTable(
-        extra,
-        _powers(extra, s) @ stage,
-        _powers(extra, s + 1) @ stage_once,
-        _powers(extra, s + 2) @ stage_twice,
+        width,
+        np.append(extra, np.repeat(extra[-1], m - s)),
+        square(_powers(extra, s) @ stage),
+        square(_powers(extra, s + 1) @ stage_once),
+        square(_powers(extra, s + 2) @ stage_twice),
         at_groups(both_once),
         at_groups(both_twice),
         padded(both_once),

@@ -14,13 +14,16 @@ from robodyn_cli.integrators.polynomials import evaluate, integrals, lagrange, l
 
 @dataclasses.dataclass(frozen=True)
 class GaussTable:
-    """Gauss method with s stages, order 2 s (Hairer, Lubich and Wanner 2006, section II.1.3).
+    """Gauss method with s stages, order 2 s (Hairer, Lubich and Wanner 2006, section II.1.3), padded to whole vectors.
+
+    Stages beyond s repeat the last one and count for nothing: their columns and weights are zero.
 
     c : nodes. A : Runge-Kutta matrix; A2 = A A, for second-order equations. b : weights; b_bar = b (1 - c).
     M : takes stage values to monomial coefficients in u = c - 1. legendre : takes them to Legendre coefficients.
     """
 
     s: int
+    lanes: int
     c: NDArray[np.float64]
     A: NDArray[np.float64]
     A2: NDArray[np.float64]
@@ -54,25 +57,41 @@ def gauss_table(s: int) -> GaussTable:
     def array(x: list[Decimal] | list[list[Decimal]]) -> NDArray[np.float64]:
         return np.array(x, dtype=float)
 
-    table = GaussTable(
+    lanes = padded_width(s)
+    nodes, weights, matrix = array(c), array(b), array(A)
+    check(nodes, weights, matrix)
+    more = lanes - s
+
+    def vector(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.append(x, np.zeros(more))
+
+    def columns(x: NDArray[np.float64], like_last: bool) -> NDArray[np.float64]:
+        rows = np.concatenate([x, np.repeat(x[-1:] * float(like_last), more, axis=0)])
+        return np.concatenate([rows, np.zeros((lanes, more))], axis=1)
+
+    return GaussTable(
         s,
-        array(c),
-        array(A),
-        array(A2),
-        array(b),
-        array([w * (1 - x) for w, x in zip(b, c)]),
-        array(M),
-        array(L),
+        lanes,
+        np.append(nodes, np.repeat(nodes[-1], more)),
+        columns(matrix, like_last=True),
+        columns(array(A2), like_last=True),
+        vector(weights),
+        vector(array([w * (1 - x) for w, x in zip(b, c)])),
+        columns(array(M), like_last=False),
+        np.concatenate([array(L), np.zeros((s, more))], axis=1),
     )
-    check(table)
-    return table
 
 
-def check(table: GaussTable) -> None:
+def padded_width(s: int) -> int:
+    """Return the lanes of the shortest vector that holds s entries."""
+    return 1 << (s - 1).bit_length()
+
+
+def check(c: NDArray[np.float64], b: NDArray[np.float64], A: NDArray[np.float64]) -> None:
     """Check the sums that define the method: b c^k = 1/(k+1) for k < 2s and A c^k = c^(k+1)/(k+1) for k < s."""
-    for k in range(2 * table.s):
-        if abs(table.b @ table.c**k - 1 / (k + 1)) > 1e-14:
+    for k in range(2 * len(c)):
+        if abs(b @ c**k - 1 / (k + 1)) > 1e-14:
             raise ArithmeticError(f"Gauss weights fail at power {k}")
-    for k in range(table.s):
-        if np.abs(table.A @ table.c**k - table.c ** (k + 1) / (k + 1)).max() > 1e-14:
+    for k in range(len(c)):
+        if np.abs(A @ c**k - c ** (k + 1) / (k + 1)).max() > 1e-14:
             raise ArithmeticError(f"Gauss matrix fails at power {k}")

@@ -50,6 +50,7 @@ class Stepper:
     dense_order = 0
     adaptive = True
     proportion = 1.0
+    symplectic = False
     needs_jacobian = False
     largest_growth = 5.0
 

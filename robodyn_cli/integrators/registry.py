@@ -4,12 +4,28 @@ from __future__ import annotations
 
 from robodyn_cli.integrators.explicit import ClassicalRungeKutta, Dop853, Dopri5
 from robodyn_cli.integrators.gauss import Gauss
+from robodyn_cli.integrators.gauss_orders import (
+    Gauss4,
+    Gauss6,
+    Gauss8,
+    Gauss10,
+    Gauss12,
+    Gauss14,
+    ImplicitMidpoint,
+)
 from robodyn_cli.integrators.loop import Stepper
 from robodyn_cli.integrators.radau import Radau, Radau9, Radau13
 from robodyn_cli.integrators.rosenbrock import Rodas5P, Rosenbrock23
 
 methods: dict[str, type[Stepper]] = {
     "gauss": Gauss,
+    "gauss8": Gauss8,
+    "gauss10": Gauss10,
+    "gauss12": Gauss12,
+    "gauss14": Gauss14,
+    "gauss4": Gauss4,
+    "gauss6": Gauss6,
+    "implicit_midpoint": ImplicitMidpoint,
     "dop853": Dop853,
     "dopri5": Dopri5,
     "rk4": ClassicalRungeKutta,

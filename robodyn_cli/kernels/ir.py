@@ -116,6 +116,8 @@ class Function:
             if width == 1:
                 return Value(self, literal(x), 1)
             return Value(self, "<" + ", ".join([f"double {literal(x)}"] * width) + ">", width)
+        if len(x) == 1:
+            return Value(self, literal(x[0]), 1)
         return Value(self, "<" + ", ".join(f"double {literal(c)}" for c in x) + ">", len(x))
 
     def lift(self, x: Operand, width: int) -> Value:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-FIXED_STEP = ("rk4",)
+FIXED_STEP = ("rk4", "gauss4", "gauss6", "implicit_midpoint")
 METHODS = (
-    "gauss", "dop853", "dopri5", "rodas5p", "rosenbrock23", "radau", "radau9", "radau13", *FIXED_STEP,
+    "gauss", "gauss8", "gauss10", "gauss12", "gauss14", "dop853", "dopri5", "rodas5p", "rosenbrock23", "radau", "radau9", "radau13", *FIXED_STEP,
 )  # fmt: skip
