@@ -16,6 +16,7 @@ from robodyn_cli.integrators.gauss_orders import (
 from robodyn_cli.integrators.loop import Stepper
 from robodyn_cli.integrators.radau import Radau, Radau9, Radau13
 from robodyn_cli.integrators.rosenbrock import Rodas5P, Rosenbrock23
+from robodyn_cli.integrators.symplectic import Symplectic4, Symplectic6, Symplectic8, Verlet
 
 methods: dict[str, type[Stepper]] = {
     "gauss": Gauss,
@@ -26,6 +27,10 @@ methods: dict[str, type[Stepper]] = {
     "gauss4": Gauss4,
     "gauss6": Gauss6,
     "implicit_midpoint": ImplicitMidpoint,
+    "verlet": Verlet,
+    "symplectic4": Symplectic4,
+    "symplectic6": Symplectic6,
+    "symplectic8": Symplectic8,
     "dop853": Dop853,
     "dopri5": Dopri5,
     "rk4": ClassicalRungeKutta,
