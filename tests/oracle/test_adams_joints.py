@@ -31,15 +31,24 @@ CASES = {
     "rot_spring": ("RotSpring", (1.3e-6, 5e-6, 1e-3, 5e-6, 6e-4, 5e-7, 1e-3)),
     "tran_spring": ("TranSpring", (5e-6, 5e-6, 5e-6, 0.0, 0.0, 0.0, 5e-5)),
 }
-QUANTITIES = ("Pos", "Vel", "Acc", "Avel", "Aacc", "Quat", "Rforce")
+# the same, and Rtorque, of cases whose reactions are recorded: the joint on the ground, and data beside it
+RECORDED = {
+    "spherical": ("Spherical", (8e-4, 3e-3, 0.0, 1e-3, 0.0, 2e-4, 1.3e-2, 0.0), "ball"),
+    "universal": ("Universal", (8e-4, 3e-3, 0.0, 1e-3, 0.0, 2e-4, 1.3e-2, 0.0), "cross"),
+    "cylindrical": ("Cylindrical", (5e-4, 5e-5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), "sleeve"),
+    "rev_spherical": ("RevSpherical", (5e-6, 1.4e-5, 0.0, 3e-5, 0.0, 7e-7, 3e-3, 4e-3), "hinge"),
+}
+DEVIATIONS = {name: case[1] for name, case in (CASES | RECORDED).items()}
+FILES = {name: case[0] for name, case in (CASES | RECORDED).items()}
+QUANTITIES = ("Pos", "Vel", "Acc", "Avel", "Aacc", "Quat", "Rforce", "Rtorque")
 FORCE = {"lin_actuator": "RforceA"}
-both = pytest.mark.parametrize("name", CASES)
+every = pytest.mark.parametrize("name", [*CASES, *RECORDED])
 
 
 @lru_cache
 def adams(name: str) -> dict[str, np.ndarray]:
     """Return the columns of a case by name."""
-    path = DATA / f"{CASES[name][0]}.csv"
+    path = DATA / f"{FILES[name]}.csv"
     with open(path, encoding="utf-8") as stream:
         head = stream.readline().strip().split(",")
     return dict(zip(head, np.loadtxt(path, delimiter=",", skiprows=1).T))
@@ -68,7 +77,7 @@ def accelerations(name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def gate(name: str, quantity: str) -> float:
-    deviation = CASES[name][1][QUANTITIES.index(quantity)]
+    deviation = DEVIATIONS[name][QUANTITIES.index(quantity)]
     largest = max(
         (np.abs(x).max() for key, x in adams(name).items() if key.startswith(quantity)), default=0.0
     )
@@ -80,19 +89,23 @@ def compare(name: str, quantity: str, found: np.ndarray) -> None:
     assert np.abs(found[::10] - column(name, key)).max() <= gate(name, quantity), quantity
 
 
-@both
+@every
 def test_motion_of_the_body(name: str) -> None:
     found = ours(name)
     assert np.abs(found.time[::10] - adams(name)["t"]).max() < 1e-12
     compare(name, "Pos", found["frames/body/position"])
     compare(name, "Vel", found["frames/body/twist"][:, 3:])
     compare(name, "Avel", found["frames/body/twist"][:, :3])
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_accelerations(name: str) -> None:
     linear, angular = accelerations(name)
     compare(name, "Acc", linear)
     compare(name, "Aacc", angular)
 
 
-@both
+@every
 def test_attitude(name: str) -> None:
     """Quaternions q and -q are one attitude."""
     theirs = np.column_stack([adams(name)[f"Quat.e{k}"] for k in range(4)])
@@ -101,7 +114,7 @@ def test_attitude(name: str) -> None:
     assert np.abs(overlap - 1.0).max() <= gate(name, "Quat")
 
 
-@both
+@pytest.mark.parametrize("name", CASES)
 def test_reactions(name: str) -> None:
     """What the joint alone bears is m (g - a) of the body on the ground; a bar and an actuator report it themselves."""
     found = ours(name)
@@ -119,6 +132,26 @@ def test_reactions(name: str) -> None:
         if name == "prismatic":
             force[:, 2] = 0.0  # along the guide there is nothing that could bear
     compare(name, "Rforce", force)
+
+
+@pytest.mark.parametrize("name", RECORDED)
+def test_recorded_reactions(name: str) -> None:
+    """The force and the moment of the first link on the ground, about the joint's origin; theirs of the ground's point."""
+    wrench = -ours(name)[f"reactions/{RECORDED[name][2]}"][::10]
+    suffix = "_Body1" if name == "rev_spherical" else ""
+    force, moment = column(name, f"Rforce{suffix}"), column(name, f"Rtorque{suffix}")
+    assert np.abs(wrench[:, :3] - force).max() <= gate(name, "Rforce")
+    if name != "cylindrical":
+        assert np.abs(wrench[:, 3:] - moment).max() <= gate(name, "Rtorque")
+
+
+def test_force_of_the_ball_joint_at_the_end_of_the_rod() -> None:
+    """Theirs is the force on the body."""
+    found = ours("rev_spherical")["reactions/ball"][::10]
+    assert np.abs(found[:, :3] - column("rev_spherical", "Rforce_Body2")).max() <= gate(
+        "rev_spherical", "Rforce"
+    )
+    assert np.abs(found[:, 3:]).max() <= 1e-9
 
 
 def test_torque_of_the_spring_in_the_hinge() -> None:
