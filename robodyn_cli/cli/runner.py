@@ -30,24 +30,27 @@ def run_scene(
     describe: Callable[[dict[str, Any]], str],
 ) -> int:
     """Run one scene, write its results, print its summary; return the exit code."""
-    from robodyn_cli.report.registry import plot_files
+    import importlib
+
     from robodyn_cli.results.hdf5 import write
     from robodyn_cli.results.output_dir import OutputDirectory
     from robodyn_cli.results.writer import ResultWriter
     from robodyn_cli.run.commands import execute, streams
     from robodyn_cli.run.stopwatch import Stopwatch
+    from robodyn_cli.scene.commands import SCENE_COMMANDS
     from robodyn_cli.scene.load import load_scene
 
     watch = Stopwatch()
+    plots = importlib.import_module(SCENE_COMMANDS[command].plots)
     target = out or default_directory(scene_path, command)
     try:
         with watch.stage("load"):
             scene = load_scene(scene_path, list(overrides or ()))
             warn(scene, strict, console)
     except RobodynError as error:
-        _replace_old(target, plot_files(), _failed(command, scene_path.stem, error))
+        _replace_old(target, plots.plot_files(), _failed(command, scene_path.stem, error))
         raise
-    with OutputDirectory(target, drawings=plot_files()) as directory, contextlib.ExitStack() as stack:
+    with OutputDirectory(target, drawings=plots.plot_files()) as directory, contextlib.ExitStack() as stack:
         failure: RobodynError | None = None
         writer = None
         if streams(command, scene):
@@ -81,9 +84,7 @@ def run_scene(
                 write(result, directory.result_path)
         if not no_plots:
             with watch.stage("plots"):
-                from robodyn_cli.report.registry import draw_all
-
-                directory.record(draw_all(result, directory.path))
+                directory.record(plots.draw_all(result, directory.path))
         summary["wall_time_s"] = watch.report()
         directory.write_summary(summary)
     text = (directory.path / "summary.json").read_text(encoding="utf-8")

@@ -64,20 +64,20 @@ def report(
 ) -> int:
     """Report on one scene."""
     from robodyn_cli.cli.runner import default_directory
-    from robodyn_cli.report.plots_stability import files, save
+    from robodyn_cli.report.plots_stability import draw_all, plot_files
     from robodyn_cli.results.hdf5 import write
     from robodyn_cli.results.output_dir import OutputDirectory
     from robodyn_cli.run.stability import stability
     from robodyn_cli.scene.load import load_scene
 
     loaded = load_scene(scene, list(overrides or ()))
-    with OutputDirectory(out or default_directory(scene, "stability"), files()) as directory:
+    with OutputDirectory(out or default_directory(scene, "stability"), plot_files()) as directory:
         result = stability(loaded, quick, console.progress)
         console.clear()
         result.summary = {"status": "ok", "command": "stability", "title": result.title, **result.summary}
         write(result, directory.result_path)
         if not no_plots:
-            directory.record(save(result, directory.path))
+            directory.record(draw_all(result, directory.path))
         directory.write_summary(result.summary)
         console.data((directory.path / "summary.json").read_text(encoding="utf-8").rstrip())
         console.say(describe(result.summary))
@@ -89,13 +89,13 @@ def run_suite(
     cases: Sequence[str] | None, quick: bool, out: Path | None, no_plots: bool, console: Console
 ) -> int:
     """Run the suite; 1 if a case misses its expectation."""
-    from robodyn_cli.report.plots_suite import files, save
+    from robodyn_cli.report.plots_suite import draw_all, plot_files
     from robodyn_cli.results.atomic import write_bytes
     from robodyn_cli.results.hdf5 import write
     from robodyn_cli.results.output_dir import OutputDirectory
     from robodyn_cli.run.stability_suite import suite
 
-    with OutputDirectory(out or Path("outputs") / "stability-suite", files()) as directory:
+    with OutputDirectory(out or Path("outputs") / "stability-suite", plot_files()) as directory:
         result = suite(quick, cases, console.progress, lambda line: console.note(line))
         console.clear()
         result.summary = {"status": result.status, "command": "stability", **result.summary}
@@ -103,7 +103,7 @@ def run_suite(
         for case in result.summary["cases"]:
             write_bytes(directory.path / f"{case['name']}.yaml", case.pop("scene").encode())
         if not no_plots:
-            directory.record(save(result, directory.path))
+            directory.record(draw_all(result, directory.path))
         directory.write_summary(result.summary)
         console.data((directory.path / "summary.json").read_text(encoding="utf-8").rstrip())
         console.say(describe_suite(result.summary))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -13,7 +12,8 @@ from robodyn_cli.cli.options import Quiet, ReportAsJson, Strict
 
 def command(
     scenes: Annotated[
-        list[Path], typer.Argument(metavar="SCENE...", help="Scenes to check.", show_default=False)
+        list[str],
+        typer.Argument(metavar="SCENE...|GLOB|DIR", help="Scenes, patterns, folders.", show_default=False),
     ],
     as_json: ReportAsJson = False,
     quiet: Quiet = False,
@@ -26,9 +26,10 @@ def command(
         import json
 
         from robodyn_cli.run.findings import findings, worst
+        from robodyn_cli.run.gather import gather
 
         report = []
-        for path in scenes:
+        for path in gather(scenes):
             found = findings(path, strict)
             code = worst([f.exit_code for f in found])
             report.append({"scene": str(path), "exit_code": code, "findings": [f.as_dict() for f in found]})

@@ -27,7 +27,7 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 LEAST = 1e-16
 
 
-def files() -> tuple[str, ...]:
+def plot_files() -> tuple[str, ...]:
     """Return the names of the drawings that may be made."""
     return tuple(f"{name}.png" for name in DRAWINGS)
 
@@ -259,7 +259,7 @@ DRAWINGS: Mapping[str, Callable[[Result], Any]] = {
 }
 
 
-def save(result: Result, directory: str | Path) -> list[Path]:
+def draw_all(result: Result, directory: str | Path) -> list[Path]:
     """Draw what the result has the data for into ``directory``; return the files."""
     from robodyn_cli.report.canvas import save_png
     from robodyn_cli.report.style import styled

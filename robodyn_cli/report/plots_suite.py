@@ -22,7 +22,7 @@ LIGHT = {
 }
 
 
-def files() -> tuple[str, ...]:
+def plot_files() -> tuple[str, ...]:
     """Return the names of the drawings that may be made."""
     return (NAME,)
 
@@ -93,7 +93,7 @@ def draw(result: Result) -> Figure:
     return figure
 
 
-def save(result: Result, directory: str | Path) -> list[Path]:
+def draw_all(result: Result, directory: str | Path) -> list[Path]:
     """Draw into ``directory`` and return the file."""
     from robodyn_cli.report.canvas import save_png
     from robodyn_cli.report.style import styled

@@ -29,4 +29,7 @@ def execute(
     function: Callable[..., Result] = getattr(importlib.import_module(entry.module), entry.function)
     if writer is not None:
         return function(scene, progress=progress, watch=watch, writer=writer)
+    if not entry.watched:
+        with watch.stage(command):
+            return function(scene, progress=progress)
     return function(scene, progress=progress, watch=watch)

@@ -36,5 +36,6 @@ def breakdown(problem: Problem, integrator: Integrator, status: str) -> tuple[st
             return f"; joint {joint!r} has no finite {quantity} there", {"joint": joint, "quantity": quantity}
     worst = int(np.argmax(np.abs(a) / (1.0 + np.abs(v))))
     joint = str(model.v_names[worst])
-    words = f"; the largest acceleration there, {a[worst]:.3g} rad/s^2 or m/s^2, is that of joint {joint!r}"
+    units = f"{model.v_units[worst]}/s^2"
+    words = f"; the largest acceleration there, {abs(a[worst]):.3g} {units}, is that of joint {joint!r}"
     return words, {"joint": joint, "quantity": "acceleration"}

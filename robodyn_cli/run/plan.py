@@ -42,8 +42,8 @@ VARIANTS = 25
 
 def command_of(scene: sc.Scene) -> str:
     """Return the command that a scene is made for."""
-    if scene.command is not None:
-        return scene.command
+    if scene.command in COMMANDS:
+        return str(scene.command)
     return "inverse" if scene.trajectory is not None else "simulate"
 
 

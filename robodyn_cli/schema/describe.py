@@ -26,7 +26,7 @@ from robodyn_cli.schema.fields import (
 
 def describe(kind: Kind, unit: str = "") -> str:
     """Return what ``kind`` allows, such as ``a number > 0 [m]``."""
-    return _plain(kind) + (f" [{unit}]" if unit else "")
+    return _plain(kind) + (f" [{unit}]" if unit and unit != "1" else "")
 
 
 def _plain(kind: Kind) -> str:
