@@ -25,6 +25,8 @@ DRAWINGS = {
     "four_bar_prescribed": DEPLOY | {"tip_path"},
     "parallelogram": DEPLOY,
     "spinning_top": SIMULATE,
+    "bouncing_pendulum": SIMULATE,
+    "stick_slip": SIMULATE | {"torques", "multipliers", "constraint_residual"},
     "tumbling_body": SIMULATE,
 }
 SUMMARY = {
