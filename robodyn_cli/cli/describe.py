@@ -30,7 +30,7 @@ def _error_line(summary: Mapping[str, Any]) -> list[str]:
     if isinstance(estimate, Mapping) and estimate.get("state_max") is not None:
         note = ""
         if estimate.get("at_rounding"):
-            note = " (at rounding)"
+            note = f" (at rounding, whose floor is {estimate['rounding_floor']:.0e})"
         elif estimate.get("meaningful_until") is not None:
             note = f" (not meaningful after t = {estimate['meaningful_until']:.4g} s)"
         if estimate.get("q_max") is not None:
@@ -59,7 +59,8 @@ def _cost_line(summary: Mapping[str, Any]) -> str:
     times = summary.get("wall_time_s", {})
     steps = f"{counters.get('steps', 0)} steps, {counters.get('evaluations', 0)} evaluations"
     parts = ", ".join(f"{k} {1e3 * v:.3g}" for k, v in times.items() if k != "total" and v >= 5e-5)
-    return f"  cost               {steps}; ms: {parts}; in all {1e3 * times.get('total', 0.0):.4g}"
+    told = " without an error estimate" if summary.get("error_estimate", {}) is None else ""
+    return f"  cost               {steps}; ms: {parts}; in all {1e3 * times.get('total', 0.0):.4g}{told}"
 
 
 def describe_simulate(summary: Mapping[str, Any]) -> str:

@@ -22,4 +22,7 @@ ReportAsJson = Annotated[
     bool, typer.Option("--json", help="Print the report as JSON, alone, on standard output.")
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
+NoErrorEstimate = Annotated[
+    bool, typer.Option("--no-error-estimate", help="Skip the second integration that estimates the error.")
+]
 Strict = Annotated[bool, typer.Option("--strict", help="Take warnings about the scene as errors.")]

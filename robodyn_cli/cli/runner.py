@@ -19,6 +19,11 @@ def default_directory(scene: Path, command: str) -> Path:
     return Path("outputs") / scene.stem / command
 
 
+def without_estimate(overrides: Sequence[str] | None, skip: bool) -> list[str]:
+    """Return the overrides with the one that skips the error estimate, where it is to be skipped."""
+    return [*(overrides or ()), *(["simulate.error_estimate=false"] if skip else [])]
+
+
 def run_scene(
     command: str,
     scene_path: Path,

@@ -4,8 +4,17 @@ from __future__ import annotations
 
 from robodyn_cli.cli.console import Console, guarded
 from robodyn_cli.cli.describe import describe_simulate
-from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, SceneFile, Strict
-from robodyn_cli.cli.runner import run_scene
+from robodyn_cli.cli.options import (
+    AsJson,
+    NoErrorEstimate,
+    NoPlots,
+    OutDir,
+    Overrides,
+    Quiet,
+    SceneFile,
+    Strict,
+)
+from robodyn_cli.cli.runner import run_scene, without_estimate
 
 
 def command(
@@ -16,10 +25,12 @@ def command(
     as_json: AsJson = False,
     quiet: Quiet = False,
     strict: Strict = False,
+    no_error_estimate: NoErrorEstimate = False,
 ) -> None:
     """Motion that the torques give (forward dynamics)."""
     console = Console(as_json, quiet)
+    chosen = without_estimate(overrides, no_error_estimate)
     guarded(
         console,
-        lambda: run_scene("simulate", scene, out, overrides, no_plots, strict, console, describe_simulate),
+        lambda: run_scene("simulate", scene, out, chosen, no_plots, strict, console, describe_simulate),
     )

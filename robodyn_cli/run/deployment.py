@@ -46,6 +46,7 @@ class Found:
     driven: bool = False
     growth: GrowthMonitor = dataclasses.field(default_factory=lambda: GrowthMonitor(()))
     end: float = 0.0
+    steps: int = 0
     clean_until: float = 0.0
     norm_at_end: float = 0.0
 
@@ -131,7 +132,7 @@ class Deployment:
         except NumericalError as error:
             found.stopped = error
             self._driven_dead_point(found, integrator)
-        found.end = integrator.time
+        found.end, found.steps = integrator.time, integrator.counters.steps
         return found
 
     def _loop_multipliers(self) -> SampleKernel | LeastNorm:

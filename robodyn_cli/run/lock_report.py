@@ -13,7 +13,7 @@ from robodyn_cli.run.deployment import Deployment, Found
 from robodyn_cli.run.growth import GRID
 from robodyn_cli.run.latch import close_latch
 from robodyn_cli.run.observe import Recorder
-from robodyn_cli.run.simulate import tighter
+from robodyn_cli.run.second_run import other_steps, remainder, tighter
 from robodyn_cli.run.singularity import classify, loop_rows, psi_at
 from robodyn_cli.run.stopwatch import Stopwatch
 
@@ -83,7 +83,9 @@ def describe_lock(
     report: dict[str, Any] = {
         "time": stop,
         "time_error": error,
-        "time_error_method": "difference from a second, tighter integration; for growth, one grid interval",
+        "time_error_method": "not asked for"
+        if error is None and not scene.simulate.error_estimate
+        else "difference from a second, tighter integration; for growth, one grid interval",
         "angles": dict(zip(problem.model.q_names, q.tolist())),
         "angles_deg": {
             name: float(np.degrees(x))
@@ -138,12 +140,20 @@ def _time_error(run: Deployment, found: Found, stop: float, criterion: str) -> f
         return GRID
     if found.driven:  # pure geometry: the root of a smooth function, to rounding
         return 1e-15 * max(1.0, abs(stop)) * 10
-    second, _ = tighter(run.options, stop / 50)
+    if not run.scene.simulate.error_estimate:
+        return None
+    mean_step = found.end / max(found.steps, 1)
+    second, _ = tighter(run.options, mean_step, run.method)
     again = run.scan(second, multipliers=False)
+    if again.steps <= 1.02 * found.steps and run.options.step is None:
+        again = run.scan(other_steps(run.options, mean_step)[0], multipliers=False)
     if again.dead_point is None:
         return None
+    # the scans may end at different times, so it is steps per second that count
+    pace = found.end / max(again.end, 1e-300)
+    apart = abs(again.dead_point[0] - stop) * remainder(run.method, found.steps, round(again.steps * pace))
     # an agreement below what rounding leaves over the steps of a run says nothing
-    return max(abs(again.dead_point[0] - stop), 1e-14 * stop)
+    return max(apart, 1e-14 * stop)
 
 
 def conclude(result: Result, run: Deployment, found: Found, stop: float, criterion: str) -> None:

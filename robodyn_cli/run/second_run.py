@@ -1,8 +1,9 @@
-"""The estimate of a simulation's global error by a second, more accurate integration."""
+"""The error of a simulation, estimated by a second and more accurate integration."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -17,32 +18,54 @@ from robodyn_cli.run.modes import Modes
 from robodyn_cli.run.observe import Recorder
 
 Array = NDArray[np.float64]
-# the second run of the error estimate: this much tighter, but not below what double precision can resolve
+# the second run: so many times the steps, so that both together take less than three times the first, unless a
+# tolerance so much tighter does it with fewer
+MORE_STEPS = 1.9
 TIGHTER = 50.0
-TIGHTEST_RTOL = 3e-14
+TIGHTEST_RTOL = 1e-14  # not below what double precision can resolve
+FINEST_RTOL = 1e-12  # below it, methods of high order are at rounding, where a tighter tolerance says nothing
+SHORTER = 0.6
+HIGH_ORDER = 7
+NOT_MEANINGFUL = (
+    1e-2  # part of its range beyond which an estimate of a quantity says no more than that it is lost
+)
+AT_ROUNDING = 100.0  # times the rounding floor
 
 
-def tighter(options: Options, mean_step: float) -> tuple[Options, str]:
-    """Return the options of the second run of the error estimate, and how it differs in words."""
+def tighter(options: Options, mean_step: float, method: str) -> tuple[Options, str]:
+    """Return the options of the second run, and how it differs in words.
+
+    A local error falls as h to the power p of the error estimate, so MORE_STEPS times the steps take a tolerance
+    MORE_STEPS^p times tighter.
+    """
+    kind = registry[method]
     if options.step is not None:
         # a step longer than the run is as long as the run
         taken = options.step if options.step < 2.0 * mean_step else mean_step
         return dataclasses.replace(options, step=taken / 2), "step halved"
-    if options.rtol >= 1e-12:
-        rtol = max(options.rtol / TIGHTER, TIGHTEST_RTOL)
-        atol = options.atol * rtol / options.rtol
-        return dataclasses.replace(options, rtol=rtol, atol=atol), f"rtol {rtol:.1g}"
+    factor = min(TIGHTER, MORE_STEPS ** (kind.order / kind.proportion))
+    rtol = options.rtol / factor
+    fine = options.rtol >= FINEST_RTOL if kind.order >= HIGH_ORDER else rtol >= TIGHTEST_RTOL
+    if kind.adaptive and fine:
+        return dataclasses.replace(options, rtol=rtol, atol=options.atol / factor), f"rtol {rtol:.1g}"
     # at the limit of double precision a tighter tolerance says nothing; other steps show the rounding errors
     return other_steps(options, mean_step)
 
 
 def other_steps(options: Options, mean_step: float) -> tuple[Options, str]:
     """Return the options of a second run with shorter steps, and how it differs in words."""
-    return dataclasses.replace(options, max_step=0.6 * mean_step), "steps 0.6 times as long"
+    return dataclasses.replace(options, max_step=SHORTER * mean_step), f"steps {SHORTER:g} times as long"
 
 
 def integrate_states(
-    problem: Problem, system: System, method: str, start: Array, grid: Grid, end: float, options: Options
+    problem: Problem,
+    system: System,
+    method: str,
+    start: Array,
+    grid: Grid,
+    end: float,
+    options: Options,
+    tick: Callable[[float], None] | None = None,
 ) -> tuple[Array, Counters]:
     """Integrate without observing, looking for kinks and modes only; returns states (T, nx) and the counters."""
     watched = tuple(event for event in system.events if event.kink or event.renewal or event.mode)
@@ -50,6 +73,7 @@ def integrate_states(
         system = dataclasses.replace(system, events=watched)
     modes = Modes(problem, system, options) if problem.gates else None
     integrator = Integrator(system, method)
+    integrator.tick = tick
     integrator.reset(grid.start, start if modes is None else modes.start(grid.start, start), options)
     if modes is not None:
         modes.attach(integrator)
@@ -72,31 +96,34 @@ def estimate_error(
     options: Options,
     recorder: Recorder,
     counters: Counters,
+    tick: Callable[[float], None] | None = None,
 ) -> dict[str, Any]:
     """Estimate the global error by a second integration that is more accurate than the first.
 
-    The difference of the two is the error of the first, up to the (much smaller) error of the second: the
-    largest over all samples, for q and qd apart. Nothing else about the two runs is shared but the method.
+    The difference of the two, D = e_1 - e_2, is the error of the first up to that of the second, which is smaller by
+    (n_1 / n_2)^p for n steps each and order p: e_1 = D / (1 - (n_1 / n_2)^p). Reported are the largest over all
+    samples, for q and qd apart. Nothing else about the two runs is shared but the method.
     """
-    second, how = tighter(options, end / max(counters.steps, 1))
+    mean_step = end / max(counters.steps, 1)
+    second, how = tighter(options, mean_step, method)
+    # more steps than the first are what is asked of it
+    second = dataclasses.replace(second, max_steps=4 * options.max_steps)
     grid = grid.every(recorder.every)
     report: dict[str, Any] = {"method": f"difference from a second integration with {how}"}
     try:
-        states, more = integrate_states(problem, system, method, start, grid, end, second)
-        if more.steps == counters.steps and options.step is None:
+        states, more = integrate_states(problem, system, method, start, grid, end, second, tick)
+        if more.steps <= 1.02 * counters.steps and options.step is None:
             # the tolerance does not decide about the steps, so the same ones were taken once more
-            second, how = other_steps(options, end / max(counters.steps, 1))
+            second, how = other_steps(second, mean_step)
             report["method"] = f"difference from a second integration with {how}"
-            states, more = integrate_states(problem, system, method, start, grid, end, second)
+            states, more = integrate_states(problem, system, method, start, grid, end, second, tick)
     except NumericalError as error:
         report.update(state_max=None, reason=f"the second integration failed: {error.message}")
         return report
     states = recorder.observer.project(grid.times(0, len(states)), states)
     q, qd = recorder.array("q")[: len(states)], recorder.array("qd")[: len(states)]
-    states = states[: len(q)]
-    halved = 2.0 ** registry[method].order
-    scale = 1.0 if registry[method].adaptive else halved / (halved - 1.0)
-    other_q, other_qd, _ = system.split(states)
+    other_q, other_qd, _ = system.split(states[: len(q)])
+    scale = remainder(method, counters.steps, more.steps)
     dq, dv = scale * np.abs(other_q - q), scale * np.abs(other_qd - qd)
     floor = rounding_floor(q, qd, counters.steps)
     report.update(
@@ -105,13 +132,23 @@ def estimate_error(
         q_end=float(dq[-1].max(initial=0.0)), qd_end=float(dv[-1].max(initial=0.0)), rounding_floor=floor,
         steps=more.steps,
     )  # fmt: skip
-    spread = float(max(np.ptp(q, axis=0).max(initial=0.0), 1e-300))
-    if report["state_max"] > 1e-2 * max(spread, float(np.ptp(qd, axis=0).max(initial=0.0))):
-        times = recorder.array("time")
-        bad = np.flatnonzero(np.max(dq, axis=1) > 1e-2 * spread)
-        report["meaningful_until"] = float(times[bad[0]]) if len(bad) else float(times[-1])
-    report["at_rounding"] = bool(report["state_max"] < 100 * floor)
+    lost = np.zeros(len(dq), dtype=bool)
+    for found, motion in ((dq, q), (dv, qd)):
+        spread = max(float(np.ptp(motion, axis=0).max(initial=0.0)), 1e-300)
+        lost |= found.max(axis=1, initial=0.0) > NOT_MEANINGFUL * spread
+    report["at_rounding"] = bool(report["state_max"] < AT_ROUNDING * floor)
+    if lost.any() and not report["at_rounding"]:
+        report["meaningful_until"] = float(recorder.array("time")[int(np.argmax(lost))])
     return report
+
+
+def remainder(method: str, steps: int, more: int) -> float:
+    """Return 1 / (1 - (n_1 / n_2)^p), at most 2: what the second run's own error hides of the first one's."""
+    kind = registry[method]
+    # between steps the dense output decides
+    power = min(kind.order, kind.dense_order + 1)
+    left = min(1.0, steps / max(more, 1)) ** power
+    return float(1.0 / (1.0 - min(left, 0.5)))
 
 
 def rounding_floor(q: Array, qd: Array, steps: int) -> float:

@@ -30,7 +30,6 @@ from robodyn_cli.run.prescribed import check_prescribed, prescribed_starts
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.redundancy import check_redundant, dependent_rows, describe_dependence
 from robodyn_cli.run.second_run import estimate_error
-from robodyn_cli.run.second_run import tighter as tighter
 from robodyn_cli.run.singularity import driven_dead_point, rank_loss_event, stop_at_rank_loss
 from robodyn_cli.run.start import start_warnings
 from robodyn_cli.run.stopwatch import Stopwatch
@@ -211,16 +210,9 @@ def simulate(
     if scene.simulate.error_estimate:
         with watch.stage("error_estimate"):
             result.summary["error_estimate"] = estimate_error(
-                problem,
-                system,
-                integrator.stepper.name,
-                start,
-                grid,
-                integrator.time,
-                options,
-                recorder,
-                run.counters,
-            )
+                problem, system, integrator.stepper.name, start, grid, integrator.time, options, recorder, run.counters,
+                lambda time: progress(time, scene.simulate.duration),
+            )  # fmt: skip
     result.summary["wall_time_s"] = watch.report()
     return result
 

@@ -21,7 +21,7 @@ from robodyn_cli.run.trial import Budget, Reference, Trial, attempts, reference
 from robodyn_cli.scene.load import load_scene_text
 from robodyn_cli.scene.types import Scene
 
-FULL = (Budget(2_000_000, 20.0), Budget(5_000_000, 60.0))  # of a trial, of a reference
+FULL = (Budget(2_000_000, 6.0), Budget(5_000_000, 40.0))  # of a trial, of a reference
 QUICK = (Budget(100_000, 0.3), Budget(400_000, 2.0))
 # relatives of methods that a quick suite runs anyway: to compile them takes most of its time
 LEFT_OUT_OF_QUICK = ("dopri5", "rosenbrock23", "radau9", "radau13")

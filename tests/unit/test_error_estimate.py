@@ -1,0 +1,108 @@
+"""The error that a run reports beside its true error, over the scenes of the repository."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from functools import lru_cache
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from robodyn_cli import deploy, load_scene, simulate
+from robodyn_cli.integrators.integrator import Options
+from robodyn_cli.integrators.registry import methods as registry
+from robodyn_cli.run.second_run import remainder, tighter
+
+ROOT = Path(__file__).parents[2]
+
+
+@lru_cache
+def script() -> ModuleType:
+    spec = importlib.util.spec_from_file_location(
+        "error_estimates", ROOT / "benchmarks" / "error_estimates.py"
+    )
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["error_estimates"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+TOLD: dict[str, int] = {}
+METHODS = ("gauss", "rodas5p")
+
+
+@pytest.mark.parametrize("path", script().scenes(), ids=lambda p: p.stem)
+def test_estimate_is_within_a_factor_of_ten(path: Path) -> None:
+    rows = list(script().measure(path, METHODS, (1e-5, 1e-9)))
+    told = [row for row in rows if row.ratio is not None]
+    TOLD[path.stem] = len(told)
+    for row in told:
+        assert 0.1 <= row.ratio <= 10.0, row
+    for row in rows:
+        assert row.estimate is not None, row
+
+
+@pytest.mark.parametrize("method", registry)
+def test_estimates_of_each_method(method: str) -> None:
+    path = ROOT / "configs" / "double_pendulum.yaml"
+    rows = list(script().measure(path, [method], (1e-3, 1e-6, 1e-9)))
+    told = [row for row in rows if row.ratio is not None]
+    assert told or not rows
+    for row in told:
+        assert 0.1 <= row.ratio <= 10.0, row
+
+
+def test_enough_errors_could_be_told() -> None:
+    assert sum(TOLD.values()) >= 25 or len(TOLD) < len(script().scenes())
+
+
+@pytest.mark.parametrize("method", ["gauss", "dopri5", "rodas5p"])
+@pytest.mark.parametrize("rtol", ["1e-5", "1e-7", "1e-9"])
+def test_error_of_the_time_of_the_lock(method: str, rtol: str) -> None:
+    scene = ROOT / "configs" / "four_bar_deploy.yaml"
+    exact = 12.28299560962995  # README: an independent integral of the energy
+    loose = [
+        f"simulate.integrator={method}",
+        f"simulate.rtol={rtol}",
+        f"simulate.atol={rtol}",
+        "simulate.samples=101",
+    ]
+    lock = deploy(load_scene(scene, loose)).summary["lock"]
+    true = abs(lock["time"] - exact)
+    if true > 1e-11:
+        assert 0.1 * true <= lock["time_error"] <= 10.0 * true
+
+
+def test_the_second_run_takes_less_than_twice_the_steps() -> None:
+    for name, kind in registry.items():
+        if kind.adaptive:
+            options, _ = tighter(Options(rtol=1e-7, atol=1e-9), 0.1, name)
+            more = (1e-7 / options.rtol) ** (kind.proportion / kind.order)
+            assert more < 1.95, name
+            assert 1.0 <= remainder(name, 1000, round(1000 * more)) < 2.0
+
+
+def test_estimate_says_where_it_means_nothing() -> None:
+    """A double pendulum thrown over loses its first digits; a run at tight tolerance is at rounding."""
+    scene = ROOT / "configs" / "double_pendulum.yaml"
+    thrown = [
+        "initial.q={theta1: 80 deg, theta2: 30 deg}",
+        "simulate.duration=60",
+        "simulate.rtol=1e-5",
+        "simulate.atol=1e-5",
+    ]
+    found = simulate(load_scene(scene, thrown)).summary["error_estimate"]
+    assert 0.0 < found["meaningful_until"] < 60.0 and not found["at_rounding"]
+    calm = ["simulate.integrator=dop853", "simulate.rtol=1e-15", "simulate.atol=1e-15", "simulate.duration=1"]
+    found = simulate(load_scene(scene, calm)).summary["error_estimate"]
+    assert found["at_rounding"] and "meaningful_until" not in found
+
+
+def test_without_an_estimate() -> None:
+    scene = load_scene(ROOT / "configs" / "four_bar_deploy.yaml", ["simulate.error_estimate=false"])
+    summary = deploy(scene).summary
+    assert summary["error_estimate"] is None and summary["lock"]["time_error"] is None
+    assert "error_estimate" not in summary["wall_time_s"]
