@@ -16,6 +16,9 @@ class Counters:
     projections: int = 0
     events: int = 0
 
+    def __add__(self, other: Counters) -> Counters:
+        return Counters(**{k: v + getattr(other, k) for k, v in self.as_dict().items()})
+
     def as_dict(self) -> dict[str, int]:
         return dataclasses.asdict(self)
 

@@ -18,12 +18,12 @@ from robodyn_cli.formulations.dynamics import Rolled
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.integrator import Counters, Event, Grid, Integrator, Options
 from robodyn_cli.run.modes import Modes
+from robodyn_cli.run.passage import Passage
 from robodyn_cli.scene.types import Scene
 
 Array = NDArray[Any]
 DEFAULT = "gauss"
 STIFF = "radau13"
-PASSING = "dop853"
 LARGEST = 12  # velocities up to which an exact Jacobian is worth its code
 FAST_DECAYS = 2e3  # decays of the fastest mode within the run from which on stiffness is looked into
 TRIAL = 0.02  # part of the run over which two methods are compared
@@ -100,11 +100,6 @@ def choose(scene: Scene, problem: Problem, system: System, start: Array, options
     asked = scene.simulate.integrator
     if asked != "auto":
         return Choice(asked, "asked for in simulate.integrator")
-    if problem.model.closures and scene.simulate.singular == "pass":
-        return Choice(
-            PASSING,
-            "loops may pass a singular configuration: close to one, implicit iterations may leave the branch",
-        )
     usual = Choice(
         DEFAULT, "collocation of order 16: the fastest at every accuracy where the motion is not stiff"
     )
@@ -138,6 +133,7 @@ class Run:
         options: Options,
         tick: Callable[[float], None],
         modes: Modes | None = None,
+        passage: Passage | None = None,
     ) -> None:
         self.modes = modes
         self.scene = scene
@@ -154,6 +150,7 @@ class Run:
             and can_be_stiff(problem)
         )
         self._done = Counters()
+        self.passage = passage
         self.tick = tick
         self.integrator.tick = tick
         self.integrator.reset(0.0, start, self._limited())
@@ -168,8 +165,7 @@ class Run:
     @property
     def counters(self) -> Counters:
         """Counters over all methods used."""
-        now = self.integrator.counters.as_dict()
-        return Counters(**{k: v + getattr(self._done, k) for k, v in now.items()})
+        return self._done + self.integrator.counters
 
     def run(
         self,
@@ -181,12 +177,19 @@ class Run:
         """Integrate to ``end`` as ``Integrator.run`` does."""
         while True:
             try:
-                self.integrator.run(end, grid, emit, on_event)
+                if self.passage is None:
+                    self.integrator.run(end, grid, emit, on_event)
+                else:
+                    self.passage.run(self.integrator, end, grid, emit, on_event, self._passed)
                 return
             except NumericalError as error:
                 if not self._watchful or error.details.get("status") != "max_steps":
                     raise
                 self._reconsider(end)
+
+    def _passed(self, counters: Counters) -> None:
+        """Note the counters of a stretch that ended at a singular configuration."""
+        self._done = self._done + counters
 
     def _reconsider(self, end: float) -> None:
         """After many steps, ask whether the motion has turned stiff; go on from here either way."""

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import NumericalError
+from robodyn_cli.errors import NumericalError, SingularConfigurationError
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.integrator import Counters, Event, Grid, Integrator, Options
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.run.modes import Modes
 from robodyn_cli.run.observe import Recorder
+from robodyn_cli.run.passage import NEAR_PASSAGE, Passage
 
 Array = NDArray[np.float64]
 # the second run: so many times the steps, so that both together take less than three times the first, unless a
@@ -66,9 +67,13 @@ def integrate_states(
     end: float,
     options: Options,
     tick: Callable[[float], None] | None = None,
+    passage: Passage | None = None,
 ) -> tuple[Array, Counters]:
-    """Integrate without observing, looking for kinks and modes only; returns states (T, nx) and the counters."""
-    watched = tuple(event for event in system.events if event.kink or event.renewal or event.mode)
+    """Integrate without observing; returns states (T, nx) and the counters.
+
+    Of the events only those are looked for that change how the motion goes on: kinks, modes, poses to be passed.
+    """
+    watched = tuple(e for e in system.events if e.kink or e.renewal or e.mode or e.name == NEAR_PASSAGE)
     if watched and len(watched) < len(system.events):
         system = dataclasses.replace(system, events=watched)
     modes = Modes(problem, system, options) if problem.gates else None
@@ -82,8 +87,12 @@ def integrate_states(
     def on_event(event: Event) -> bool:
         return modes is None or not modes.owns(event) or modes.on_event(event)
 
-    integrator.run(end, grid, lambda t, x: rows.append(x), on_event, watch=bool(watched))
-    return np.concatenate(rows), integrator.counters
+    stretches: list[Counters] = []
+    if passage is None:
+        integrator.run(end, grid, lambda t, x: rows.append(x), on_event, watch=bool(watched))
+    else:
+        passage.run(integrator, end, grid, lambda t, x: rows.append(x), on_event, stretches.append)
+    return np.concatenate(rows), sum(stretches, integrator.counters)
 
 
 def estimate_error(
@@ -97,6 +106,7 @@ def estimate_error(
     recorder: Recorder,
     counters: Counters,
     tick: Callable[[float], None] | None = None,
+    passage: Passage | None = None,
 ) -> dict[str, Any]:
     """Estimate the global error by a second integration that is more accurate than the first.
 
@@ -111,13 +121,13 @@ def estimate_error(
     grid = grid.every(recorder.every)
     report: dict[str, Any] = {"method": f"difference from a second integration with {how}"}
     try:
-        states, more = integrate_states(problem, system, method, start, grid, end, second, tick)
+        states, more = integrate_states(problem, system, method, start, grid, end, second, tick, passage)
         if more.steps <= 1.02 * counters.steps and options.step is None:
             # the tolerance does not decide about the steps, so the same ones were taken once more
             second, how = other_steps(second, mean_step)
             report["method"] = f"difference from a second integration with {how}"
-            states, more = integrate_states(problem, system, method, start, grid, end, second, tick)
-    except NumericalError as error:
+            states, more = integrate_states(problem, system, method, start, grid, end, second, tick, passage)
+    except (NumericalError, SingularConfigurationError) as error:
         report.update(state_max=None, reason=f"the second integration failed: {error.message}")
         return report
     states = recorder.observer.project(grid.times(0, len(states)), states)

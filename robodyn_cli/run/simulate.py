@@ -26,6 +26,7 @@ from robodyn_cli.run.mass_matrix import nearly_singular, refuse_singular
 from robodyn_cli.run.method import Choice, Run
 from robodyn_cli.run.modes import Modes
 from robodyn_cli.run.observe import Observer, Recorder
+from robodyn_cli.run.passage import Passage, passage_event
 from robodyn_cli.run.prescribed import check_prescribed, prescribed_starts
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.redundancy import check_redundant, dependent_rows, describe_dependence
@@ -149,8 +150,12 @@ def simulate(
         events: tuple[EventFunction, ...] = ()
         if problem.model.closures and scene.simulate.singular == "stop":
             events = rank_loss_event(problem)
+        elif problem.model.closures and not problem.gates:
+            events = passage_event(problem)
         system = index1(problem, scene.simulate.stabilisation, events)
         observer = Observer(problem, system, passive_coordinates(problem))
+        passing = scene.simulate.singular == "pass" and bool(events)
+        passage = Passage(problem, system, observer) if passing else None
     grid = Grid.over(scene.simulate.duration, scene.simulate.samples)
     options = options_for(scene)
     start = system.join(setup.assembled.q, setup.assembled.v)
@@ -165,6 +170,7 @@ def simulate(
             options,
             lambda time: progress(time, scene.simulate.duration),
             modes,
+            passage,
         )
     recorder = Recorder(observer, writer, kept_every(scene, writer))
     found: list[dict[str, Any]] = []
@@ -202,6 +208,8 @@ def simulate(
     result.summary["counters"] = run.counters.as_dict()
     if modes is not None:
         result.summary["transitions"] = dict(modes.counts)
+    if passage is not None:
+        result.summary["passed"] = list(passage.crossed)
     if run.switches:
         result.summary["switches"] = run.switches
     if failure is not None:
@@ -211,7 +219,7 @@ def simulate(
         with watch.stage("error_estimate"):
             result.summary["error_estimate"] = estimate_error(
                 problem, system, integrator.stepper.name, start, grid, integrator.time, options, recorder, run.counters,
-                lambda time: progress(time, scene.simulate.duration),
+                lambda time: progress(time, scene.simulate.duration), passage,
             )  # fmt: skip
     result.summary["wall_time_s"] = watch.report()
     return result

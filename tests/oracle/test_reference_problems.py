@@ -223,7 +223,7 @@ FOUR_BAR_N2 = {
 
 @pytest.mark.parametrize("time", FOUR_BAR_N2)
 def test_double_four_bar(time: float) -> None:
-    """It passes 9 horizontal poses, each a bifurcation, and stays a parallelogram."""
+    """It passes 10 horizontal poses, each a bifurcation, and stays a parallelogram."""
     found = result("four_bar_n2")
     q, (theta, rate) = at(found, "q", time), FOUR_BAR_N2[time]
     close(q[[0, 2, 4]], theta, 1e-7)
