@@ -100,6 +100,7 @@ def describe_deploy(summary: Mapping[str, Any]) -> str:
                 f"  latch              energy lost {latch['energy_lost']:.8g} J, angular impulse "
                 f"{latch['angular_impulse']:.6g} N m s"
             )
+        lines += _after_lock(summary)
     else:
         lines.append(f"  no lock            within {number(summary['termination'].get('time'))} s")
     growth = criteria.get("growth_times", {})
@@ -133,6 +134,23 @@ def _columns(joints: list[Mapping[str, Any]]) -> list[list[str]]:
         else:
             columns.append([f"{heading} [{units[0]}]", *figures])
     return columns
+
+
+def _after_lock(summary: Mapping[str, Any]) -> list[str]:
+    """Return what is said of the locked structure, and of loads beyond their limit."""
+    lines = []
+    after = summary.get("after_lock")
+    if after and after.get("latch"):
+        latch = after["latch"]
+        lines.append(
+            f"  locked structure   {after['degrees_of_freedom']} degrees of freedom, followed to t = "
+            f"{number(after['until'])} s; latch bears up to {number(latch['peak_moment'])} N m and "
+            f"{number(latch['peak_force'])} N"
+        )
+    over = summary.get("termination", {}).get("overload")
+    if over:
+        lines.append(f"  overload           {over}")
+    return lines
 
 
 def describe_inverse(summary: Mapping[str, Any]) -> str:

@@ -18,6 +18,8 @@ STREAMED_ABOVE = 200_000
 
 def streams(command: str, scene: Scene) -> bool:
     """Tell whether a run is so long that its file is written block by block."""
+    if command == "deploy" and scene.deploy.after == "continue":
+        return False  # the latch adds columns to what was written before
     return SCENE_COMMANDS[command].streamed and scene.simulate.samples > STREAMED_ABOVE
 
 

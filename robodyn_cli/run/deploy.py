@@ -12,8 +12,10 @@ from robodyn_cli.results.writer import ResultWriter
 from robodyn_cli.run.deployment import Deployment, Found
 from robodyn_cli.run.gains import with_gains
 from robodyn_cli.run.lock_report import bifurcation, conclude, criteria, describe_lock, events
+from robodyn_cli.run.locked_motion import first_overload, follow_locked
 from robodyn_cli.run.observe import Observer, Recorder
 from robodyn_cli.run.progress import Progress, no_progress
+from robodyn_cli.run.reactions import ReactionSamples
 from robodyn_cli.run.redundancy import check_redundant
 from robodyn_cli.run.second_run import estimate_error
 from robodyn_cli.run.simulate import (
@@ -100,8 +102,53 @@ def deploy(
                 time_error=error,
             )
             raise fail(result, doubt, watch)
+        if scene.deploy.after == "continue" and result.status == "locked":
+            _follow(result, run, found, stop, criterion, recorder, watch)
+    if scene.deploy.loads:
+        _judge_loads(result, scene)
     summary["wall_time_s"] = watch.report()
     return result
+
+
+def _follow(
+    result: Result,
+    run: Deployment,
+    found: Found,
+    stop: float,
+    criterion: str,
+    recorder: Recorder,
+    watch: Stopwatch,
+) -> None:
+    """Go on as the locked structure, where the latch could close."""
+    summary = result.summary
+    if run.latch is None or run.impact is None:
+        summary["after_lock"] = None
+        return
+    lost = {"energy_lost": run.impact.energy_lost, "degrees_of_freedom": run.latch.freedom}
+    result.events.append({"time": stop, "name": run.latch.name, "kind": "lock", **lost})
+    result.events.sort(key=lambda event: float(event["time"]))
+    if found.dead_point is not None and criterion == "dead_point":
+        state = found.dead_point[1]
+    else:
+        z = recorder.array("energy/work")[-1:] if "energy/work" in recorder.blocks else None
+        state = run.system.join(recorder.array("q")[-1], recorder.array("qd")[-1], z)
+    follow_locked(result, run, recorder, run.latch, run.impact, stop, state, watch)
+
+
+def _judge_loads(result: Result, scene: Scene) -> None:
+    """Turn the status into an overload where a joint or closure bore more than it may."""
+    over = first_overload(result, scene.deploy.loads)
+    result.summary["overload"] = over
+    if over is None:
+        return
+    unit = "N" if over["quantity"] == "force" else "N m"
+    result.status = result.summary["status"] = "overload"
+    result.summary["termination"]["overload"] = (
+        f"{over['name']} bears a {over['quantity']} of {over['value']:.6g} {unit} at t = {over['time']:.6g} s, more "
+        f"than its {over['limit']:.6g} {unit}"
+    )
+    result.events.append({"time": over["time"], "name": over["name"], "kind": "overload"})
+    result.events.sort(key=lambda event: float(event["time"]))
 
 
 def _record(
@@ -123,6 +170,8 @@ def _record(
     at_event = stop is not None and stop in located
     with watch.stage("equations"):
         observer = Observer(run.problem, run.system, run.passive)
+        if scene.deploy.loads or scene.deploy.after == "continue":
+            observer.reactions = ReactionSamples(run.problem, scene.simulate.samples)
         integrator = Integrator(run.system, run.method)
     recorder = Recorder(observer, writer, kept_every(scene, writer))
     grid = Grid.over(duration, scene.simulate.samples)

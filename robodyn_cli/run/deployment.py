@@ -15,6 +15,7 @@ from robodyn_cli.formulations.system import GROUPS, EventFunction, System
 from robodyn_cli.integrators.integrator import Event, Grid, Integrator, Options
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.run.growth import GRID, GrowthMonitor, levels_with
+from robodyn_cli.run.latch import LatchImpact, Locked
 from robodyn_cli.run.least_norm import LeastNorm
 from robodyn_cli.run.method import choose
 from robodyn_cli.run.progress import Progress, no_progress
@@ -61,6 +62,9 @@ class Deployment:
 
     def __init__(self, scene: Scene, watch: Stopwatch) -> None:
         self.scene = scene
+        # what the report finds out about the latch, for what follows the lock
+        self.latch: Locked | None = None
+        self.impact: LatchImpact | None = None
         if not scene.loops and not scene.couplers:
             raise CapabilityError(
                 f"{scene.path}: deploy needs a mechanism with closed loops; this scene has none"

@@ -1,4 +1,4 @@
-"""A latch that closes: the jump of the rates, its impulses and the energy that it costs."""
+"""A latch that closes: the structure that it makes, the jump of the rates, its impulses, the energy that it costs."""
 
 from __future__ import annotations
 
@@ -8,20 +8,40 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.algorithms.kinematics import point_jacobian
+from robodyn_cli.algorithms.kinematics import transforms
+from robodyn_cli.algorithms.reactions import loop_wrench
 from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.graph import Expr
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.run.singularity import psi_at
+from robodyn_cli.loops.fixed import FixedLoop
+from robodyn_cli.model.model import BASE, FixedFrame, Loop, Model
+from robodyn_cli.spatial.algebra import matrix, vector
 
 Array = NDArray[np.float64]
+
+NEW = 1e-6  # part of a row that the others must leave before it counts as a further constraint
+
+
+@dataclasses.dataclass(frozen=True)
+class Locked:
+    """A mechanism with its latch closed.
+
+    problem : the equations with the latch as one more closure. name : of that closure. rows : names of the latch's
+    rows that say something new. freedom : degrees of freedom that are left.
+    """
+
+    problem: Problem
+    name: str
+    rows: tuple[str, ...]
+    freedom: int
 
 
 @dataclasses.dataclass(frozen=True)
 class LatchImpact:
     """What the latch does at the instant it closes.
 
-    qd_after : rates after it. impulse : of each constraint row [N s or N m s]. angular_impulse : of the latch on
-    its second link, base axes [N m s]. energy_lost [J].
+    qd_after : rates after it. impulse : of each constraint row [N s or N m s]. angular_impulse and linear_impulse : of
+    the latch on its second link, about the latch's point, base axes [N m s, N s]. energy_lost [J].
     """
 
     qd_before: Array
@@ -29,6 +49,7 @@ class LatchImpact:
     rows: tuple[str, ...]
     impulse: Array
     angular_impulse: Array
+    linear_impulse: Array
     energy_lost: float
 
     def as_dict(self, joints: tuple[str, ...]) -> dict[str, Any]:
@@ -38,40 +59,132 @@ class LatchImpact:
             "impulse": dict(zip(self.rows, self.impulse.tolist())),
             "angular_impulse": float(np.linalg.norm(self.angular_impulse)),
             "angular_impulse_vector": self.angular_impulse.tolist(),
+            "linear_impulse": float(np.linalg.norm(self.linear_impulse)),
             "energy_lost": self.energy_lost,
         }
 
 
-def close_latch(problem: Problem, first: str, second: str, q: Array, qd: Array, t: float) -> LatchImpact:
-    """Lock two links to each other by an impulse (momentum balance, no bounce).
+def locked(problem: Problem, first: str, second: str, q: Array, t: float) -> Locked:
+    """Return the mechanism with two links fixed to each other as they are at q.
 
-    M (v+ - v-) = Psi^T I + J^T Lambda with Psi v+ = Psi v- and J v+ = 0, J the relative angular velocity of the
-    links. Least norm where the rows depend on each other.
+    The latch is a closure of type ``fixed`` at the joint between the links (the second link's origin where there is
+    none). Of its rows only those stay that the joints and closures leave open: a latch on a hinge bears the moment
+    about the hinge, and the hinge goes on bearing what it bore.
     """
     model = problem.model
+    names = {loop.name for loop in model.loops}
+    name = "latch"
+    while name in names:
+        name += "_"
+    ends = _ends(problem, first, second, q, t)
+    element = FixedLoop(name=name, type="fixed", between=(first, second))
+    loops = (*model.loops, Loop(name, element, *ends))
+    whole = Problem(problem.scene, model=dataclasses.replace(model, loops=loops), dependent=problem.dependent)
     values = {"q": q.tolist(), "t": [t], "p": []}
     nv = model.nv
+    rows = whole.constraints.rows
+    psi = np.array(evaluate([x for row in rows for x in row.psi], values), dtype=float).reshape(-1, nv)
+    before = set(problem.constraints.names)
+    basis = _basis(psi[[i for i, row in enumerate(rows) if row.name in before]])
+    added: list[int] = []
+    candidates = [i for i, row in enumerate(rows) if row.name.rsplit(".", 1)[0] == name]
+    # moments before forces: a joint between the links bears forces already
+    candidates.sort(key=lambda i: rows[i].kind != "moment")
+    for kind in ("moment", "force"):
+        left = [i for i in candidates if rows[i].kind == kind]
+        while left:
+            rest = {i: psi[i] - basis.T @ (basis @ psi[i]) for i in left}
+            best = max(left, key=lambda i: float(np.linalg.norm(rest[i])))
+            size = float(np.linalg.norm(rest[best]))
+            if size <= NEW * max(float(np.linalg.norm(psi[best])), 1e-300):
+                break
+            basis = np.vstack([basis, rest[best] / size])
+            added.append(best)
+            left.remove(best)
+    keep = [i for i, row in enumerate(rows) if row.name in before or i in added]
+    problem_locked = Problem(problem.scene, keep_rows=keep, model=whole.model, dependent=problem.dependent)
+    new = tuple(rows[i].name for i in sorted(added))
+    return Locked(problem_locked, name, new, nv - len(basis))
 
-    def numbers(entries: Any) -> Array:
-        return np.array(evaluate(list(np.asarray(entries, dtype=object).ravel()), values), dtype=float)
 
-    M = numbers(problem.mass_matrix).reshape(nv, nv)
-    psi = psi_at(problem, q, t)
-    J = np.zeros((3, nv))
-    for link, sign in ((second, 1.0), (first, -1.0)):
-        frame = model.links[link]
-        if frame.body >= 0:
-            here = problem.pose[frame.body]
-            _, angular = point_jacobian(model, problem.q, problem.pose, frame.body, here.point(frame.p))
-            J += sign * numbers(angular).reshape(3, nv)
-    rows = np.vstack([psi, J])
-    m = len(rows)
-    # the rates in the metric of M: rows W = R M^-1 R^T, solved with least norm
-    Minv_rows = np.linalg.solve(M, rows.T)
-    target = np.concatenate([np.zeros(len(psi)), -J @ qd])
-    impulse, *_ = np.linalg.lstsq(rows @ Minv_rows, target, rcond=1e-12)
-    after = qd + Minv_rows @ impulse
+def _basis(psi: Array) -> Array:
+    """Return orthonormal rows that span those of Psi."""
+    if not len(psi):
+        return psi
+    _, s, Vt = np.linalg.svd(psi, full_matrices=False)
+    return np.asarray(Vt[s > NEW * s[0]])
+
+
+def _ends(problem: Problem, first: str, second: str, q: Array, t: float) -> tuple[FixedFrame, FixedFrame]:
+    """Return one frame in the two links' bodies, where the links are joined, in the attitude of the first body."""
+    model = problem.model
+    one, two = model.links[first].body, model.links[second].body
+    pose = {}
+    values = {"q": q.tolist(), "t": [t], "p": []}
+    for body in (one, two):
+        here = problem.pose[body]
+        R = np.array(evaluate(list(here.R.ravel()), values), dtype=float).reshape(3, 3)
+        pose[body] = (R, np.array(evaluate(list(here.p), values), dtype=float))
+
+    def placed(frame: FixedFrame) -> Array:
+        R, p = pose[frame.body]
+        own = np.array(evaluate(list(frame.p), values), dtype=float)
+        return np.asarray(p + R @ own)
+
+    where = placed(model.links[second])
+    if two != BASE:
+        where = pose[two][1]
+    if one != BASE and model.bodies[one].parent == two:
+        where = pose[one][1]
+    for loop in model.loops:
+        if {loop.first.body, loop.second.body} == {one, two}:
+            where = placed(loop.first)
+    R1, p1 = pose[one]
+    R2, p2 = pose[two]
+    ends = []
+    for body, R, p in ((one, R1, p1), (two, R2, p2)):
+        ends.append(FixedFrame(body, vector((R.T @ (where - p)).tolist()), matrix((R.T @ R1).tolist())))
+    return ends[0], ends[1]
+
+
+def close_latch(problem: Problem, latch: Locked, q: Array, qd: Array, t: float) -> LatchImpact:
+    """Lock two links to each other by an impulse (momentum balance, no bounce).
+
+    M (v+ - v-) = Psi^T I with Psi v+ = Psi v- in the rows of joints and loops, and Psi v+ = 0 in those of the latch.
+    Least norm where rows depend on each other.
+    """
+    model, rows = problem.model, latch.problem.constraints.rows
+    values = {"q": q.tolist(), "t": [t], "p": []}
+    nv = model.nv
+    M = np.array(evaluate(list(problem.mass_matrix.ravel()), values), dtype=float).reshape(nv, nv)
+    psi = np.array(evaluate([x for row in rows for x in row.psi], values), dtype=float).reshape(-1, nv)
+    closes = np.array([row.name in latch.rows for row in rows])
+    target = np.where(closes, -psi @ qd, 0.0)
+    # in the metric of M: Psi M^-1 Psi^T, solved with least norm
+    spread = np.linalg.solve(M, psi.T)
+    impulse, *_ = np.linalg.lstsq(psi @ spread, target, rcond=1e-12)
+    after = qd + spread @ impulse
     lost = 0.5 * qd @ M @ qd - 0.5 * after @ M @ after
-    assert impulse.shape == (m,)
-    names = [problem.constraints.rows[i].name for i in range(len(psi))]
-    return LatchImpact(qd, after, tuple(names), impulse[: len(psi)], impulse[len(psi) :], float(lost))
+    by_name = {row.name: float(x) for row, x in zip(rows, impulse) if row.name in latch.rows}
+    angular, linear = _latch_wrench(latch.problem.model, latch.name, q, t, by_name)
+    names = [row.name for row in rows if row.name not in latch.rows]
+    own = np.array([x for x, closing in zip(impulse, closes) if not closing])
+    return LatchImpact(qd, after, tuple(names), own, angular, linear, float(lost))
+
+
+def _latch_wrench(
+    model: Model, name: str, q: Array, t: float, impulse: dict[str, float]
+) -> tuple[Array, Array]:
+    """Return moment and force of the latch on its second link, base axes."""
+    X = transforms(model, q.tolist())
+    loop = next(loop for loop in model.loops if loop.name == name)
+    wrench = loop_wrench(model, loop, X, impulse)
+    R = np.eye(3)
+    for body in reversed(model.path_to(wrench.root)):
+        R = np.array(X[body].E.T, dtype=float) @ R
+    moment, force = (np.array([_number(x, t) for x in part]) for part in wrench.on_second)
+    return R @ moment, R @ force
+
+
+def _number(x: Any, t: float) -> float:
+    return float(evaluate([x], {"t": [t], "p": []})[0]) if isinstance(x, Expr) else float(x)

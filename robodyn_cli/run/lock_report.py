@@ -11,10 +11,10 @@ from robodyn_cli.formulations.index1 import multiplier_norm
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.deployment import Deployment, Found
 from robodyn_cli.run.growth import GRID
-from robodyn_cli.run.latch import close_latch
+from robodyn_cli.run.latch import close_latch, locked
 from robodyn_cli.run.observe import Recorder
 from robodyn_cli.run.second_run import other_steps, remainder, tighter
-from robodyn_cli.run.singularity import classify, loop_rows, psi_at
+from robodyn_cli.run.singularity import classify, culprit, loop_rows, psi_at
 from robodyn_cli.run.stopwatch import Stopwatch
 
 
@@ -51,13 +51,14 @@ def bifurcation(run: Deployment, found: Found) -> RobodynError:
     time, state = found.bifurcation
     q, _, _ = run.system.split(state)
     kind = classify(run.problem, q, run.passive)
-    loops = ", ".join(run.problem.model.closures)
+    named = culprit(run.problem, q, range(run.problem.model.nv), time)
     angles = dict(zip(run.problem.model.q_names, q.tolist()))
     return SingularConfigurationError(
-        f"bifurcation instead of a lock at t = {time:.9g} s: the constraint Jacobian of loop {loops} loses rank "
+        f"bifurcation instead of a lock at t = {time:.9g} s: the constraint Jacobian of loop {named.loop} loses rank "
         f"(singular values {kind.psi[0]:.3g} to {kind.psi[-1]:.1e}); the multipliers are not unique there and the "
         "mechanism may go on in more than one way",
         time=time, kind="bifurcation", singular_values=kind.psi.tolist(), angles=angles,
+        loop=named.loop, joint=named.joint,
     )  # fmt: skip
 
 
@@ -74,6 +75,7 @@ def describe_lock(
     kind = here.kind
     if kind == "regular":
         kind = "approaching_dead_point" if _approaches(run, found, stop) else "overload"
+    named = culprit(problem, q, run.passive, stop) if run.passive else None
     norm = multiplier_norm(recorder.array("constraints/multipliers")[:, loop_rows(problem)])
     growth = criteria(run, found)["growth_times"]
     error = None
@@ -94,6 +96,8 @@ def describe_lock(
         },
         "rates": dict(zip(problem.model.v_names, qd.tolist())) if not found.driven else None,
         "kind": kind,
+        "joint": named.joint if named else None,
+        "loop": named.loop if named else None,
         "criterion": criterion,
         "driven": found.driven,
         "multiplier_growth": {
@@ -114,9 +118,9 @@ def describe_lock(
     if kind == "overload":
         report["latch"] = None
     elif latch is not None and not found.driven:
-        report["latch"] = close_latch(problem, latch.between[0], latch.between[1], q, qd, stop).as_dict(
-            problem.model.v_names
-        )
+        run.latch = locked(problem, latch.between[0], latch.between[1], q, stop)
+        run.impact = close_latch(problem, run.latch, q, qd, stop)
+        report["latch"] = run.impact.as_dict(problem.model.v_names)
     elif latch is not None:
         report["latch"] = None
         report["latch_note"] = (

@@ -40,6 +40,25 @@ class Singularity:
     passive: Array
 
 
+@dataclasses.dataclass(frozen=True)
+class Culprit:
+    """The joint that moves most, and the closure that resists least, in the direction in which rank is lost."""
+
+    joint: str
+    loop: str
+
+
+def culprit(problem: Problem, q: Array, columns: Sequence[int], t: float = 0.0) -> Culprit:
+    """Return joint and closure of the smallest singular value of the loops' Psi in some velocity coordinates."""
+    psi = psi_at(problem, q, t)[:, list(columns)]
+    U, _, Vt = np.linalg.svd(psi)
+    column = columns[int(np.argmax(np.abs(Vt[min(psi.shape) - 1])))]
+    row = loop_rows(problem)[int(np.argmax(np.abs(U[:, min(psi.shape) - 1])))]
+    model = problem.model
+    joint = next(b.joint_name for b in model.bodies if b.v <= column < b.v + b.joint.nv)
+    return Culprit(joint, problem.constraints.rows[row].name.rsplit(".", 1)[0])
+
+
 def loop_rows(problem: Problem) -> list[int]:
     """Return the indices of rows that close loops (not those that prescribe a joint)."""
     constraints = problem.constraints
@@ -244,9 +263,11 @@ def stop_at_rank_loss(problem: Problem, system: System, method: str, event: Even
     q, _, _ = system.split(state)
     refuse_dependent_rows(problem, q, time)
     found = classify(problem, q, ())
-    loops = ", ".join(problem.model.closures)
+    named = culprit(problem, q, range(problem.model.nv), time)
     raise SingularConfigurationError(
-        f"bifurcation at t = {time:.9g} s: the constraint Jacobian of loop {loops} loses rank, so the "
-        "multipliers are not unique and the motion may branch; set simulate.singular: pass to go on",
+        f"bifurcation at t = {time:.9g} s: the constraint Jacobian of loop {named.loop} loses rank and lets joint "
+        f"{named.joint} go, so the multipliers are not unique and the motion may branch; set simulate.singular: "
+        "pass to go on",
         time=time, kind="bifurcation", singular_values=found.psi.tolist(), q=q.tolist(),
+        loop=named.loop, joint=named.joint,
     )  # fmt: skip

@@ -13,6 +13,7 @@ from robodyn_cli.errors import CapabilityError, NumericalError, SingularConfigur
 from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.expr.rebuild import Evaluator, evaluate
+from robodyn_cli.formulations.index1 import start_modes
 from robodyn_cli.kernels.program import unknown_data
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.evaluation import without_idle_unknowns
@@ -86,6 +87,7 @@ class _RestForces:
 
     def __init__(self, problem: Problem, conditions: LoopConditions) -> None:
         model = self.model = problem.model
+        self.modes = start_modes(problem)  # nothing sticks, and no stop is met
         load = list(problem.bias - problem.applied)
         lam = problem.graph.symbols(list(conditions.names), "lam")
         rows = problem.constraints.rows
@@ -107,7 +109,7 @@ class _RestForces:
         self._load, self._stiffness = Evaluator(load), Evaluator(without_idle_unknowns(entries, load))
 
     def _values(self, q: Array) -> dict[str, Any]:
-        return {"q": q.tolist(), "v": [0.0] * self.model.nv, "t": [0.0], "p": []}
+        return {"q": q.tolist(), "v": [0.0] * self.model.nv, "t": [0.0], "p": self.modes}
 
     def load(self, q: Array) -> Array:
         return np.array(self._load(self._values(q)), dtype=float)

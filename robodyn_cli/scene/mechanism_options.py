@@ -8,6 +8,18 @@ from robodyn_cli.schema.fields import Boolean, Choice, Integer, ListOf, Name, Nu
 
 
 @dataclasses.dataclass(frozen=True)
+class LoadLimit:
+    """What a joint or a closure may bear."""
+
+    force: float | None = key(
+        Number(minimum=0.0, exclusive=True), default=None, unit="N", doc="Largest force."
+    )
+    moment: float | None = key(
+        Number(minimum=0.0, exclusive=True), default=None, unit="N m", doc="Largest moment."
+    )
+
+
+@dataclasses.dataclass(frozen=True)
 class Sweep:
     """One joint that goes from one position to another at a constant rate."""
 

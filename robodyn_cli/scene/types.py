@@ -15,7 +15,12 @@ from robodyn_cli.expr.formula import Formula as FormulaTree
 from robodyn_cli.forces.registry import force_types
 from robodyn_cli.loops.registry import loop_types
 from robodyn_cli.scene.commands import SCENE_COMMANDS
-from robodyn_cli.scene.mechanism_options import AssembleOptions, KinematicsOptions, StaticsOptions
+from robodyn_cli.scene.mechanism_options import (
+    AssembleOptions,
+    KinematicsOptions,
+    LoadLimit,
+    StaticsOptions,
+)
 from robodyn_cli.scene.methods import METHODS
 from robodyn_cli.scene.robot_types import Frame as Frame
 from robodyn_cli.scene.robot_types import Inertia as Inertia
@@ -167,6 +172,16 @@ class DeployOptions:
         Number(minimum=0.0, exclusive=True), default=None, unit="N", doc="Or: the norm passes this value."
     )
     latch: Latch | None = key(Section(Latch), default=None, doc="Links that lock to each other.")
+    after: str = key(
+        Choice(("stop", "continue")),
+        default="stop",
+        doc="What follows the lock: nothing, or the locked structure until the end of the duration.",
+    )
+    loads: dict[str, LoadLimit] = key(
+        MapOf(Section(LoadLimit), of="joint"),
+        default=None,
+        doc="What joints, closures and the `latch` may bear; more is an overload.",
+    )
 
 
 @dataclasses.dataclass(frozen=True)

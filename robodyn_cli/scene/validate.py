@@ -179,6 +179,7 @@ def _check_runs(scene: Scene, check: Check) -> None:
             message = f"does not go with integrator {options.integrator!r}, which chooses its own"
             check.fail(("simulate", "step"), f"{message}; allowed: with {', '.join(FIXED_STEP)}")
     _check_kinematics(scene, check)
+    _check_deploy(scene, check)
     if scene.deploy.latch is not None:
         between = scene.deploy.latch.between
         links = [link.name for link in scene.robot.links]
@@ -190,6 +191,19 @@ def _check_runs(scene: Scene, check: Check) -> None:
                 check.fail(
                     ("deploy", "latch", "between"), f"both are {between[0]!r}; a latch joins two links"
                 )
+
+
+def _check_deploy(scene: Scene, check: Check) -> None:
+    options = scene.deploy
+    with check:
+        if options.after == "continue" and options.latch is None:
+            check.fail(
+                ("deploy", "after"), "needs a latch that holds the structure together: key 'latch' beside it"
+            )
+    known = [*moving(scene.robot), *(loop.name for loop in scene.loops), "latch"]
+    for name in options.loads:
+        with check:
+            check.known(name, known, "joint or closure", ("deploy", "loads", name), at_key=True)
 
 
 def _check_kinematics(scene: Scene, check: Check) -> None:
