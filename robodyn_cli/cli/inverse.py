@@ -2,24 +2,7 @@
 
 from __future__ import annotations
 
-from robodyn_cli.cli.console import Console, guarded
 from robodyn_cli.cli.describe import describe_inverse
-from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, SceneFile, Strict
-from robodyn_cli.cli.runner import run_scene
+from robodyn_cli.cli.scene_command import scene_command
 
-
-def command(
-    scene: SceneFile,
-    out: OutDir = None,
-    overrides: Overrides = None,
-    no_plots: NoPlots = False,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
-    strict: Strict = False,
-) -> None:
-    """Torques that a motion needs (inverse dynamics)."""
-    console = Console(as_json, quiet)
-    guarded(
-        console,
-        lambda: run_scene("inverse", scene, out, overrides, no_plots, strict, console, describe_inverse),
-    )
+command = scene_command("inverse", "Torques that a motion needs (inverse dynamics).", describe_inverse)

@@ -79,7 +79,7 @@ def test_what_is_not_plain_is_left_to_typer(words: list[str]) -> None:
 
 
 def test_several_scenes() -> None:
-    assert read(COMMANDS["validate"], ["a.yaml", "b.yaml"])["scenes"] == [Path("a.yaml"), Path("b.yaml")]
+    assert read(COMMANDS["validate"], ["a.yaml", "b.yaml"])["scenes"] == ["a.yaml", "b.yaml"]
 
 
 @pytest.mark.parametrize("name", COMMANDS)
