@@ -16,7 +16,7 @@ def command(
         str,
         typer.Argument(
             metavar="KIND",
-            help="inverse, joint, waypoints, table, path, simulate, loop or deploy.",
+            help="inverse, joint, waypoints, table, path, simulate, body, loop or deploy.",
             show_default=False,
         ),
     ],

@@ -115,7 +115,8 @@ def time_plot(result: Result, path: str, quantity: str, subtitle: str) -> Any:
     handles = draw_groups(sheet, result.time, variable.data, groups)
     sheet.label_time()
     for ax, units in zip(sheet.axes, groups):
-        ax.set_ylabel(labelled(quantity if len(names) > 1 else f"{names[0]}: {quantity}", units))
+        what = "quaternion" if path == "q" and units == "1" else quantity
+        ax.set_ylabel(labelled(what if len(names) > 1 else f"{names[0]}: {what}", units))
         if units == "rad":
             degree_axis(ax)
     mark_lock(sheet.axes, result)

@@ -70,7 +70,8 @@ def _items(value: str, joints: Sequence[str], text: str) -> Iterable[tuple[str, 
         return [(joints[0], value)]
     if not (value.startswith("[") and value.endswith("]")):
         raise SceneError(f"--at {text!r}: {value!r} is no list; {FORMS}")
-    items = [item.strip() for item in value[1:-1].split(",")]
+    # commas within brackets belong to the value of one joint
+    items = [item.strip() for item in re.split(r",(?![^\[]*\]|[^{]*\})", value[1:-1])]
     if len(items) != len(joints):
         raise SceneError(
             f"--at {text!r}: {len(items)} values for {len(joints)} joints; needed: one each of {', '.join(joints)}"

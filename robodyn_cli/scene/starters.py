@@ -120,6 +120,25 @@ expect: # what `robodyn run` and `robodyn check` ask of the summary
   error_estimate.q_max: < 1e-7
 """
 
+_BODY = """\
+robot:
+  joints: # revolute, prismatic, helical, cylindrical, universal, planar, spherical, floating or fixed
+    - {name: body, type: floating} # free in space: position and unit quaternion
+    - {name: ball, type: spherical, origin: {xyz: [0.2, 0, 0]}} # turns about a point of the link before
+  links: # com and inertia in the link's own axes, inertia about the centre of mass
+    - {name: craft, mass: 12, com: [0, 0, 0], inertia: {xx: 0.3, yy: 0.4, zz: 0.5}}
+    - {name: arm, mass: 2, com: [0.15, 0, 0], inertia: {xx: 0.002, yy: 0.02, zz: 0.02}}
+  points:
+    tip: {link: arm, at: [0.3, 0, 0]}
+torques: {ball: [0, 0, -0.05*qd.ball.wz]} # moments about the link's own axes: wx, wy, wz
+initial: # an attitude as rpy, rotation_vector or quaternion; rates in the link's own axes, 0 where not given
+  q: {body: {xyz: [0, 0, 1], rpy: [0, 0, 30 deg]}, ball: {quaternion: [1, 0, 0, 0]}}
+  qd: {body: {vx: 0.1, wz: 0.5}, ball: [0, 1, 2]}
+simulate: {duration: 5, samples: 501, rtol: 1e-10, atol: 1e-12}
+expect: # what `robodyn run` and `robodyn check` ask of the summary
+  error_estimate.q_max: < 1e-7
+"""
+
 _FOUR_BAR = """\
 robot:
   convention: standard
@@ -169,6 +188,9 @@ STARTERS = {
     "path": Starter("Arm along a path", "Torques along a path of the tip.", "inverse", _ARM + _PATH),
     "simulate": Starter(
         "Arm swinging", "Motion that torques and gravity give.", "simulate", _ARM + _SIMULATE
+    ),
+    "body": Starter(
+        "Body in space", "A free body with an arm on a ball joint.", "simulate", _BODY, "[0, 0, 0]"
     ),
     "loop": Starter("Four-bar mechanism", "Motion of a closed mechanism.", "simulate", _FOUR_BAR + _CLOSED),
     "deploy": Starter(
