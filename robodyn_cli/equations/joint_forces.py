@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from robodyn_cli.equations.modes import Gate
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Expr, Scalar
+from robodyn_cli.forces.gear import Gear
 from robodyn_cli.model.model import Body, JointForce, Model
 from robodyn_cli.spatial.algebra import Values, Vector, zeros
 
@@ -36,6 +37,8 @@ class JointForces:
         terms: dict[str, Vector] = {}
         for body in self.model.bodies:
             for force in body.forces:
+                if isinstance(force.element, Gear):  # depends on the load: see ``gears``
+                    continue
                 term = terms.setdefault(force.element.term, zeros(self.model.nv))
                 term[body.v] = term[body.v] + self.torque(body, force, smooth)
         return terms
@@ -45,6 +48,8 @@ class JointForces:
         found: list[tuple[int, Scalar]] = []
         for body in self.model.bodies:
             for force in body.forces:
+                if isinstance(force.element, Gear):
+                    continue
                 if force.element.dissipative:
                     found.append((body.v, self.torque(body, force, smooth)))
                 elif hasattr(force.element, "loss"):

@@ -254,6 +254,15 @@ def force_terms(ledger: Ledger) -> None:
         variants.general_dampers, "no joint has one",
     )  # fmt: skip
 
+    losses = force_joints(model, lambda e: e.term == "gear")
+    if losses:
+        ledger.keep(
+            "gear losses", f"in {plural(len(losses), 'joint')}: {listed(losses)}",
+            variants.without_force(ledger.scene, lambda e: None if e.term == "gear" else e),
+        )  # fmt: skip
+    else:
+        ledger.leave("gear losses", "no gear has an efficiency", saved=0)
+
     def stop(e: Any) -> bool:
         return bool(e.term == "stops")
 

@@ -30,6 +30,7 @@ from robodyn_cli.equations.dependence import (
     working_rows,
 )
 from robodyn_cli.equations.elements import Elements
+from robodyn_cli.equations.gears import geared, losses_of_drive, losses_of_load
 from robodyn_cli.equations.joint_forces import JointForces
 from robodyn_cli.equations.kinks import is_of_time, switches, switching_times
 from robodyn_cli.equations.modes import Gate, gates
@@ -147,6 +148,7 @@ class Problem:
                 outputs.append((f"torques.{name}", [self.actuator_torques[self.model.v_names.index(name)]]))
         for row in (self.constraints.rows[i] for i in self.constraints.rheonomic):
             outputs.append((row.name, [row.eta, row.eta_t, row.gamma]))
+        outputs += [("gear", [torque]) for torque in self.gear_losses(smooth=True).values()]
         found = [(key, switch) for key, entries in outputs for switch in switches(entries)]
         return [*found, *self.elements.switches, *self._joint_forces.switches()]
 
@@ -189,7 +191,23 @@ class Problem:
         terms = self.joint_forces(smooth)
         for name, torques in self.elements.torques.items():
             terms[name] = terms[name] + torques if name in terms else torques
+        if geared(self.model):
+            terms["gear"] = zeros(self.model.nv)
+            for place, torque in self.gear_losses(smooth).items():
+                terms["gear"][place] = torque
         return terms
+
+    def gear_losses(self, smooth: bool) -> dict[int, Scalar]:
+        """Return the torques of losses in gears by velocity index: of the drives (``smooth``) or of the load."""
+        if not geared(self.model):
+            return {}
+        terms = self.joint_forces(smooth)
+        if smooth:
+            given = self.scene.prescribed or {}
+            return losses_of_drive(self.model, self.actuator_torques, self.v, terms, given)
+        others = [*terms.items(), *self.elements.torques.items()]
+        load = {f"{k} {name}" if name != "friction" else name: term for k, (name, term) in enumerate(others)}
+        return losses_of_load(self.model, self.inverse_dynamics, self.a, self.v, load)
 
     @cached_property
     def _joint_forces(self) -> JointForces:
@@ -204,7 +222,7 @@ class Problem:
 
     def losses(self, smooth: bool) -> list[tuple[int, Scalar]]:
         """Torques of joint elements that are not the gradient of a potential: (velocity index, torque)."""
-        return self._joint_forces.losses(smooth)
+        return [*self._joint_forces.losses(smooth), *self.gear_losses(smooth).items()]
 
     @cached_property
     def applied(self) -> Vector:

@@ -10,6 +10,7 @@ from robodyn_cli.forces.bushing import Bushing
 from robodyn_cli.forces.constant_force import ConstantForce
 from robodyn_cli.forces.damper import Damper
 from robodyn_cli.forces.friction import Friction
+from robodyn_cli.forces.gear import Gear
 from robodyn_cli.forces.limits import Limits
 from robodyn_cli.forces.linear_spring import LinearSpring
 from robodyn_cli.forces.spring import Spring
@@ -21,6 +22,7 @@ joint_forces: dict[str, type] = {
     "spring": Spring,
     "damper": Damper,
     "limits": Limits,
+    "gear": Gear,
 }
 
 force_types: dict[str, type] = {

@@ -148,7 +148,7 @@ def kinks(problem: Problem) -> tuple[EventFunction, ...]:
 
 
 def mode_events(problem: Problem) -> tuple[EventFunction, ...]:
-    """Return the events at which joints with modes may change theirs: by joint, ``stop``, ``rest`` or ``break``."""
+    """Return the events at which joints with modes may change theirs: stops, ``rest``, and ``break``."""
     found: list[EventFunction] = []
 
     def add(kind: str, gate: Gate, value: Scalar) -> None:
@@ -156,11 +156,11 @@ def mode_events(problem: Problem) -> tuple[EventFunction, ...]:
 
     for gate, force in zip(problem.gates, problem.holding):
         for push, at in gate.stops:
-            add("stop", gate, push * (problem.q[gate.q] - at))
+            add("stop lower" if push > 0.0 else "stop upper", gate, push * (problem.q[gate.q] - at))
         if gate.friction is not None:
             add("rest", gate, gate.direction * problem.v[gate.v])
-        add("break", gate, gate.hold * (gate.high - force))
-        add("break", gate, gate.hold * (force - gate.low))
+        add("break high", gate, gate.hold * (gate.high - force))
+        add("break low", gate, gate.hold * (force - gate.low))
     return tuple(found)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.equations.gears import geared
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import free_symbols
@@ -121,6 +122,11 @@ class InverseDynamics:
         if _prefer_rolled(problem):
             from robodyn_cli.kernels.rolled import RolledInverseDynamics
 
+            if geared(problem.model):
+                raise CapabilityError(
+                    "gear losses have no place in loops over bodies; allowed: the command inverse"
+                )
+
             rigid, forces = RolledInverseDynamics(problem.model), _JointForces(problem)
             operations = rigid.plan.bodies * rigid.plan.recursion.operations + forces.operations
             return "rolled", lambda q, qd, qdd: forces.take_from(rigid(q, qd, qdd), q, qd), operations
@@ -144,6 +150,10 @@ class ForwardDynamics:
 
     def __init__(self, source: sc.Scene | Model | Problem) -> None:
         problem = open_problem(source, "forward dynamics")
+        if geared(problem.model):
+            raise CapabilityError(
+                "gear losses depend on the drive, so they have no forward dynamics of samples"
+            )
         self.joints = problem.model.v_names
         self.shape, self._call, self.operations = self._compile(problem)
 

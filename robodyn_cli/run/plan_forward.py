@@ -219,11 +219,14 @@ class Forward:
 
     def _events(self, ledger: Ledger) -> None:
         names = {"dead_point": "dead point", "rank": "loss of rank"}
+        watched: dict[str, list[Scalar]] = {}
         for event in self.system.events:
+            watched.setdefault(event.name, []).append(event.value)
+        for name, values in watched.items():
             ledger.keep(
-                f"event: {names.get(event.name, event.name.replace('_', ' '))}",
+                f"event: {names.get(name, name.replace('_', ' '))}",
                 "watched along the motion, in a program of its own",
-                operations=count_operations([event.value]),
+                operations=count_operations(values),
             )
         if not self.system.events:
             ledger.leave(

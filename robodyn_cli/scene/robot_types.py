@@ -107,7 +107,7 @@ class Joint:
     forces: tuple[tuple[str, Any], ...] = key(
         Inline(lambda: joint_forces),
         default=(),
-        doc="Joint forces: each registered kind (`friction`, `spring`, `damper`, `limits`) is a key of the joint.",
+        doc="Joint forces: each registered kind (`friction`, `spring`, `damper`, `limits`, `gear`) is a key.",
     )
 
 

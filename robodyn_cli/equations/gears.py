@@ -1,0 +1,75 @@
+"""Losses of gears, which depend on the load: what the joint needs (inverse), or what the actuator gives (forward)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.expr.graph import Scalar, is_number
+from robodyn_cli.forces.friction import Friction
+from robodyn_cli.forces.gear import Gear
+from robodyn_cli.model.model import Body, Model
+from robodyn_cli.spatial.algebra import Values, Vector
+
+
+def geared(model: Model) -> list[tuple[Body, Gear]]:
+    """Return the bodies whose joints have gears with losses."""
+    return [(b, f.element) for b in model.bodies for f in b.forces if isinstance(f.element, Gear)]
+
+
+def _on_motor(body: Body) -> bool:
+    """Tell whether the joint's friction acts on the motor's side of the gear."""
+    return any(isinstance(f.element, Friction) and f.element.side == "motor" for f in body.forces)
+
+
+def losses_of_load(
+    model: Model, needed: Values, a: Values, v: Values, terms: Mapping[str, Vector]
+) -> dict[int, Scalar]:
+    """Return the torques of the losses by velocity index, for what the joints need.
+
+    The gear passes on what rigid bodies need, less passive, external and joint friction; the rotor's inertia and
+    friction on the motor's side do not go through it.
+
+    Parameters
+    ----------
+    needed : M a + C v + G (nv,), rotors included. terms : torques of everything else on the joints.
+    """
+    found = {}
+    for body, gear in geared(model):
+        k = body.v
+        load: Any = needed[k] - body.armature * a[k]
+        for name, term in terms.items():
+            if not (name == "friction" and _on_motor(body)):
+                load = load - term[k]
+        found[k] = gear.torque_of_load(load, v[k])
+    return found
+
+
+def losses_of_drive(
+    model: Model, drive: Values, v: Values, terms: Mapping[str, Vector], prescribed: Mapping[str, Any]
+) -> dict[int, Scalar]:
+    """Return the torques of the losses by velocity index, for what the actuators give.
+
+    Raises
+    ------
+    CapabilityError : the rotor has inertia, or the motion is prescribed: what the gear passes on is then not known
+        before the accelerations.
+    """
+    found = {}
+    for body, gear in geared(model):
+        k = body.v
+        if (is_number(body.armature) and body.armature != 0.0) or body.joint_name in prescribed:
+            what = "rotor_inertia" if body.joint_name not in prescribed else "prescribed motion"
+            raise CapabilityError(
+                f"joint {body.joint_name}: gear losses together with {what} are done by `inverse` only; allowed in "
+                "simulations: gear losses without rotor inertia, of joints driven by torques"
+            )
+        torque: Any = drive[k]
+        if "friction" in terms and _on_motor(body):
+            torque = torque + terms["friction"][k]
+        try:
+            found[k] = gear.torque_of_drive(torque, v[k])
+        except CapabilityError as error:
+            raise CapabilityError(f"joint {body.joint_name}: {error.message}") from error
+    return found
