@@ -124,6 +124,17 @@ def test_against_peers(tmp_path: Path) -> None:
         assert error < {"arm": 1e-10, "heavy": 1e-11, "light": 1e-11}.get(case, 1e-12), case
 
 
+def test_reference_of_the_swinging_arms() -> None:
+    """Collocation in extended precision agrees with itself, and with a Taylor series in quadruple precision."""
+    found = json.loads((BENCHMARKS / "reference.json").read_text(encoding="utf-8"))
+    taylor = [-1.62889639534036989, 0.477493006480734381, -1.42990244445507279, 2.56888649044476188]
+    assert found["plain"]["states"][-1] == pytest.approx(taylor, rel=0, abs=5e-16)
+    assert found["times"][0] == 1e-4 and found["times"][-1] == 10.0
+    for variant in ("plain", "stiff", "light", "heavy"):
+        assert found[variant]["angles_agree"] < 1e-15 and found[variant]["rates_agree"] < 1e-12
+    assert found["arm"]["agree"] < 1e-13
+
+
 def test_mechanisms_with_loops(tmp_path: Path) -> None:
     file = tmp_path / "loops.json"
     run("loops.py", "--quick", "--scenes", "rbd_four_bar", "--json", str(file))
