@@ -16,7 +16,8 @@ def command(
         str,
         typer.Argument(
             metavar="KIND",
-            help="inverse, joint, waypoints, table, path, simulate, body, loop or deploy.",
+            help="inverse, joint, waypoints, table, path, simulate, body, loop, mechanism, kinematics, statics, "
+            "assemble or deploy.",
             show_default=False,
         ),
     ],

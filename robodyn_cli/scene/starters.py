@@ -176,6 +176,49 @@ expect: # what `robodyn run` and `robodyn check` ask of the summary
   constraint_residual.position: < 1e-10
 """
 
+_LED = """\
+# near these values the loop is closed at the start
+initial: {q: {theta1: 70 deg, phi2: -51 deg, phi1: 114 deg}}
+trajectory: # as many joints as the mechanism has degrees of freedom; the loop decides about the others
+  type: joint
+  duration: 4
+  q: {theta1: "70 deg + 20 deg * sin(pi*t/2)"}
+inverse: {samples: 401}
+outputs: {reactions: true} # the load in every joint and in the pin
+expect: # what `robodyn run` and `robodyn check` ask of the summary
+  round_trip: < 1e-9
+"""
+
+_SWEEP = """\
+# near these values the loop is closed at the start
+initial: {q: {theta1: 50 deg, phi2: -20 deg, phi1: 110 deg}}
+kinematics: # no forces, so masses are not needed
+  sweep: {joint: theta1, start: 50 deg, stop: 90 deg, rate: 0.5}
+  transmission: [coupler.origin, coupler.end, follower.origin] # the angle at the pin
+expect: # what `robodyn run` and `robodyn check` ask of the summary
+  mobility.actual: 1
+  error_estimate.closure.acceleration: < 1e-9
+"""
+
+_REST = """\
+torques: {theta1: "60*(75 deg - theta1)"} # a torsion spring on the crank holds the weight
+# from here downhill to the balance; add hold: [theta1] to find what holds the crank in place
+initial: {q: {theta1: 70 deg, phi2: -51 deg, phi1: 114 deg}}
+statics: {find: balance} # or hold: the torques of actuated joints that hold the initial configuration
+outputs: {reactions: true} # the load in every joint and in the pin
+expect: # what `robodyn run` and `robodyn check` ask of the summary
+  equilibrium.stability: stable
+"""
+
+_BRANCHES = """\
+# with theta1 held where it is, in how many ways do the others close the loop?
+initial: {q: {theta1: 70 deg, phi2: -51 deg, phi1: 114 deg}, hold: [theta1]}
+assemble: {branches: true}
+expect: # what `robodyn run` and `robodyn check` ask of the summary
+  branch_search.found: 2
+  residual.position: < 1e-10
+"""
+
 STARTERS = {
     "inverse": Starter(
         "Arm tracing a circle", "Torques that a motion of the tip needs.", "inverse", _ARM + _CIRCLE
@@ -193,6 +236,14 @@ STARTERS = {
         "Body in space", "A free body with an arm on a ball joint.", "simulate", _BODY, "[0, 0, 0]"
     ),
     "loop": Starter("Four-bar mechanism", "Motion of a closed mechanism.", "simulate", _FOUR_BAR + _CLOSED),
+    "mechanism": Starter("Four-bar driven", "Torques that drive a mechanism.", "inverse", _FOUR_BAR + _LED),
+    "kinematics": Starter(
+        "Four-bar in motion", "Motion of a mechanism without forces.", "kinematics", _FOUR_BAR + _SWEEP
+    ),
+    "statics": Starter("Four-bar at rest", "Where a mechanism balances.", "statics", _FOUR_BAR + _REST),
+    "assemble": Starter(
+        "Four-bar put together", "The ways in which a loop closes.", "assemble", _FOUR_BAR + _BRANCHES
+    ),
     "deploy": Starter(
         "Four-bar deploying",
         "A mechanism unfolds until it locks.",

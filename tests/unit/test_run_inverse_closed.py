@@ -238,3 +238,65 @@ def test_dead_point_of_the_actuators() -> None:
         "inverse.samples=100",
     )
     assert "between t = 0.989" in between.message and between.details["joint"] in ("crank", "rod")
+
+
+def test_stewart_platform() -> None:
+    """Six slides lead a platform that floats: six loops, balls and quaternions, and back by forward dynamics."""
+    lengths = dict.fromkeys(range(1, 7), 0.6857)
+    moves = ", ".join(f"slide{k}: '{x} + 0.03*sin({2 + 0.3 * k}*t)'" for k, x in lengths.items())
+    scene = load_scene(
+        CONFIGS / "benchmarks" / "stewart_platform.yaml",
+        [
+            f"trajectory={{type: joint, duration: 1, q: {{{moves}}}}}", "torques=null", "inverse.samples=41",
+            "outputs={reactions: true, reaction_axes: world}",
+        ],
+    )  # fmt: skip
+    result = inverse(scene)
+    summary = result.summary
+    assert summary["mechanism"]["degrees_of_freedom"] == 6 and summary["mechanism"]["torques"] == "unique"
+    assert summary["round_trip"] < 1e-11 and max(summary["error_estimate"]["closure"].values()) < 1e-11
+    assert abs(summary["error_estimate"]["energy_balance_relative"]) < 1e-5
+    quaternion = result["q"][:, [k for k, name in enumerate(result.variables["q"].names) if ".q" in name]]
+    close((quaternion**2).sum(axis=1), 1.0, 1e-13)
+    # what the six legs bear on the base is what the ground gives
+    base = sum(result[f"reactions/cross{k}"][:, :3] for k in range(1, 7))
+    close(result["base_wrench"][:, :3], base, 1e-9)
+
+
+def test_couplers_count_as_loops() -> None:
+    """Two wheels on one mesh: the pinion's torque moves both, as through a gear."""
+    text = """
+gravity: [0, 0, 0]
+robot:
+  joints:
+    - {name: pinion, type: revolute, parent: base, axis: [0, 0, 1]}
+    - {name: wheel, type: revolute, parent: base, axis: [0, 0, 1], origin: {xyz: [0.3, 0, 0]}}
+  links:
+    - {name: small, mass: 1, com: [0, 0, 0], inertia: {zz: 0.02}}
+    - {name: large, mass: 3, com: [0, 0, 0], inertia: {zz: 0.3}}
+couplers: [{name: mesh, terms: {pinion: 20, wheel: 40}}]
+trajectory: {type: joint, duration: 1, q: {pinion: sin(3*t)}}
+initial: {q: {pinion: 0, wheel: 0}}
+inverse: {samples: 31}
+"""
+    result = solve(text)
+    close(result["tau"][:, 0], (0.02 + 0.3 / 4) * result["qdd"][:, 0], 1e-12)
+    close(result["q"][:, 1], -0.5 * result["q"][:, 0], 1e-13)
+    assert result.summary["round_trip"] < 1e-12
+
+
+def test_grounds_that_move_do_work() -> None:
+    """A slider-crank whose slide's line is shaken: energies balance with the work of the ground."""
+    text = SLIDER.replace("loops:", "#").replace("torques:", "# ")
+    shaken = """
+loops: [{name: pin, type: point_on_line, between: [line, bar.end], axis: [1, 0, 0]}]
+"""
+    robot = "robot.points={line: {link: base, at: [0, 0, 0], motion: [0, '0.05*sin(4*t)', 0]}}"
+    moves = "trajectory={type: joint, duration: 2, q: {crank: '0.2 + t', slide: 1.1}}"
+    result = solve(
+        text + shaken, robot, moves, "initial={q: {crank: 0.2, rod: -0.3, slide: 1.1}}", "inverse.samples=401"
+    )
+    assert result.summary["error_estimate"]["energy_balance_relative"] == pytest.approx(0.0, abs=1e-7)
+    assert result.summary["round_trip"] < 1e-11
+    tip = result["q"][:, 0] + result["q"][:, 1]
+    close(0.3 * np.sin(result["q"][:, 0]) + 0.9 * np.sin(tip), 0.05 * np.sin(4 * result.time), 1e-12)

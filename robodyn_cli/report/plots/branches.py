@@ -19,37 +19,42 @@ def applies(result: Result) -> bool:
 
 
 def draw(result: Result) -> Any:
-    """Return the figure: the branch that was chosen heavy, the others told apart by colour and dash."""
+    """Return the figure: a panel a branch, with the others faintly behind it."""
     links = {name: finite(item.data) for name, item in result.group("branch_skeleton").items()}
     plane = list(main_plane([data.reshape(1, -1, 3) for data in links.values()]))
     flat = {name: data[:, :, plane] for name, data in links.items()}
     count = len(next(iter(flat.values())))
     shown = min(count, style.FEW)
-    labels = [f"branch {k + 1}" + (" (chosen)" if k == 0 else "") for k in range(shown)]
     everything = np.concatenate([data[:shown].reshape(-1, 2) for data in flat.values()])
     more = f", {shown} of them drawn" if shown < count else ""
-    subtitle = f"{count} branch{'es' if count != 1 else ''} of the closed loops{more}"
-    sheet = Sheet(result, subtitle, labels=labels, height=box_height(everything))
-    ax = sheet.ax
-    handles = []
-    for k, look in enumerate(style.line_styles(shown)):
-        width = 2.8 if k == 0 else 1.6
-        line: Any = None
+    plural = "es" if count != 1 else ""
+    subtitle = (
+        f"{count} branch{plural} of the closed loops in the {AXES[plane[0]]}-{AXES[plane[1]]} plane{more}"
+    )
+    across = min(shown, 2)
+    height = box_height(everything) * (0.62 if across == 2 else 1.0)
+    sheet = Sheet(result, subtitle, panels=shown, across=across, height=height, gap=0.45)
+    for k, ax in enumerate(sheet.axes):
+        for other in range(shown):
+            for data in flat.values():
+                if other != k:
+                    ax.plot(*data[other].T, color="#d0d0d0", linewidth=1.0, zorder=1)
         for data in flat.values():
-            (line,) = ax.plot(*data[k].T, **{**look, "linewidth": width})
-        handles.append(line)
-    still = [
-        data[0, corner]
-        for data in flat.values()
-        for corner in range(data.shape[1])
-        if np.allclose(data[:, corner], data[0, corner], atol=1e-9)
-    ]
-    if still and count > 1:
-        look = {"color": "white", "markeredgecolor": "black", "markeredgewidth": 1.4, "linestyle": "none"}
-        ax.plot(*np.array(still).T, marker="^", markersize=10, zorder=5, **look)
-    ax.set_aspect("equal", adjustable="datalim")
-    ax.margins(0.08)
-    ax.set_xlabel(f"{AXES[plane[0]]} [m]")
-    ax.set_ylabel(f"{AXES[plane[1]]} [m]")
-    sheet.legend(handles, labels)
+            ax.plot(*data[k].T, color=style.COLOURS[0], linewidth=2.0, zorder=2, solid_capstyle="round")
+            ax.plot(*data[k].T, "o", color="white", markeredgecolor="black", markersize=3.5, zorder=3)
+        ax.set_title(_name(result, k), fontsize=style.FONT_SIZE, loc="left", pad=3)
+        ax.set_aspect("equal", adjustable="datalim")
+        ax.margins(0.08)
+        if k % across == 0:
+            ax.set_ylabel(f"{AXES[plane[1]]} [m]")
+        if k + across >= shown:
+            ax.set_xlabel(f"{AXES[plane[0]]} [m]")
     return sheet.figure
+
+
+def _name(result: Result, k: int) -> str:
+    """Return what stands above a panel: number, orientation, whether the assembly chose it."""
+    listed = result.summary.get("branches") or []
+    facts: dict[str, Any] = listed[k] if k < len(listed) else {}
+    sign = {1: ", orientation +", -1: ", orientation \u2212"}.get(facts.get("orientation", 0), "")
+    return f"branch {k + 1}{sign}" + (", chosen" if facts.get("chosen") else "")

@@ -12,8 +12,10 @@ from robodyn_cli.report.decimate import finite, where_largest
 from robodyn_cli.report.heatmap import draw_map
 from robodyn_cli.report.lines import draw_columns
 from robodyn_cli.report.marks import mark_lock
-from robodyn_cli.report.ticks import number
+from robodyn_cli.report.ticks import log_axis, number
 from robodyn_cli.results.result import Array, Result, Variable
+
+SPREAD = 30.0  # largest over typical load from which on the scale is logarithmic
 
 
 def applies(result: Result) -> bool:
@@ -35,16 +37,28 @@ def draw(result: Result) -> Any:
     if len(names) > style.MANY:
         return draw_map(result, force, names, "force", "N", subtitle)
     sheet = Sheet(result, subtitle, panels=2, height=2.4, labels=names)
-    handles = draw_columns(sheet.axes[0], result.time, force)
-    draw_columns(sheet.axes[1], result.time, moment)
-    sheet.axes[0].set_ylabel("force [N]")
-    sheet.axes[1].set_ylabel("moment [N m]")
-    for ax in sheet.axes:
-        ax.set_ylim(bottom=0.0)
+    handles: list[Any] = []
+    for ax, data, label in zip(sheet.axes, (force, moment), ("force [N]", "moment [N m]")):
+        handles = _draw(ax, result.time, data)
+        ax.set_ylabel(label)
     sheet.label_time()
     mark_lock(sheet.axes, result)
     sheet.legend(handles, names)
     return sheet.figure
+
+
+def _draw(ax: Any, time: Array, data: Array) -> list[Any]:
+    """Draw magnitudes: logarithmically where the largest would press the others to the ground."""
+    top = float(np.nanmax(data, initial=0.0))
+    typical = float(np.nanmedian(data.max(axis=1))) if data.size else 0.0
+    if not 0.0 < SPREAD * typical < top:
+        handles = draw_columns(ax, time, data)
+        ax.set_ylim(bottom=0.0)
+        return handles
+    low = 1e-3 * typical
+    handles = draw_columns(ax, time, np.where(data > low, data, np.nan))
+    log_axis(ax, low, top)
+    return handles
 
 
 def magnitude(item: Variable, letter: str) -> Array:
