@@ -114,7 +114,7 @@ def _resolution(a: float, b: float) -> float:
 
 
 def _root(index: int, values: Values, a: float, g_a: float, b: float, g_b: float) -> Root | None:
-    """Bracket the sign change between a and b by regula falsi (Illinois variant); None where there is none."""
+    """Bracket the sign change between a and b by regula falsi; None where there is none."""
     sign, side, exact = math.copysign(1.0, g_a) if g_a else 0.0, 0, False
     g_a = float(values(a)[index])
     if g_a * sign <= 0.0:
@@ -138,16 +138,20 @@ def _root(index: int, values: Values, a: float, g_a: float, b: float, g_b: float
             break
         g = float(values(middle)[index])
         if g * sign > 0.0:
-            a, g_a = middle, g
-            g_b *= 0.5 if side < 0 else 1.0
-            side = -1
+            g_b *= _weight(g, g_a) if side < 0 else 1.0
+            a, g_a, side = middle, g, -1
         else:
-            b, g_b, exact = middle, g, g == 0.0
-            g_a *= 0.5 if side > 0 else 1.0
-            side = 1
+            g_a *= _weight(g, g_b) if side > 0 else 1.0
+            b, g_b, exact, side = middle, g, g == 0.0, 1
     if exact:
         a = max(a, b - resolution)  # no bracket says more than a value of zero
     return Root(index, a, b, -sign) if math.isfinite(g_b) else None
+
+
+def _weight(new: float, old: float) -> float:
+    """Return by how much the value at the end that stayed counts less (Anderson and Bjorck 1973)."""
+    weight = 1.0 - new / old if old else 0.5
+    return weight if weight > 0.0 else 0.5
 
 
 def _last_followed(index: int, values: Values, a: float, g_a: float, b: float) -> float:
