@@ -107,7 +107,10 @@ def unique_names(paths: Sequence[Path]) -> list[str]:
     if len(set(stems)) == len(stems):
         return stems
     full = [Path(os.path.abspath(path)).with_suffix("") for path in paths]
-    root = os.path.commonpath([path.parent for path in full])
+    try:
+        root = os.path.commonpath([path.parent for path in full])
+    except ValueError:  # on different drives
+        return [f"{stem}-{k}" if stems.count(stem) > 1 else stem for k, stem in enumerate(stems)]
     return [
         stem if stems.count(stem) == 1 else path.relative_to(root).as_posix()
         for stem, path in zip(stems, full)
