@@ -10,7 +10,7 @@ from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import Model
-from robodyn_cli.spatial.algebra import Matrix, zeros
+from robodyn_cli.spatial.algebra import Matrix, Values, zeros
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,6 +48,16 @@ class Constraints:
             for i, row in enumerate(self.rows)
             if i in self.prescribed or any(s.value[1] == "t" for s in free_symbols([row.eta]))
         )
+
+    def velocity_residual(self, v: Values) -> list[Scalar]:
+        """Return Psi v + eta_t."""
+        out = []
+        for row in self.rows:
+            total: Scalar = row.eta_t
+            for x, rate in zip(row.psi, v):
+                total = total + x * rate
+            out.append(total)
+        return out
 
     def psi(self, nv: int) -> Matrix:
         """Return Psi (m, nv)."""

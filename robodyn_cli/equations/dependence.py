@@ -118,15 +118,19 @@ def multipliers_of_rows(every: Constraints, found: Sequence[Combination], lam: V
     return out
 
 
-def closeness(psi: Matrix) -> Scalar:
-    """Return how far the rows of Psi (m, nv) are from losing rank: 1 / (tr A tr A^-1) of A = Psi Psi^T.
+def closeness(psi: Matrix, whole: Matrix | None = None) -> Scalar:
+    """Return how far the rows of Psi (m, nv) are from losing rank: 1 / (tr B tr A^-1) of A = Psi Psi^T, B = A.
 
     It lies between the squared ratio of smallest to largest singular value and m^2 times less.
+
+    Parameters
+    ----------
+    whole : what Psi is a part of, or made of; B is its square then, so that a single row counts as well.
     """
-    m = psi.shape[0]
     A = gram(psi)
     trace: Any = 0.0
-    for i in range(m):
-        trace = trace + A[i, i]
+    for row in psi if whole is None else whole:
+        for x in row:
+            trace = trace + x * x
     value: Scalar = 1.0 / (trace * LdlFactor.of(A, minimum_degree(A)).inverse_trace())
     return value

@@ -17,7 +17,7 @@ from robodyn_cli.algorithms.aba import ArticulatedFactor
 from robodyn_cli.algorithms.constraints import Multipliers, loop_rows, solve_with_multipliers, vanishes
 from robodyn_cli.algorithms.crba import crba
 from robodyn_cli.algorithms.energy import gravity_energy, kinetic_energy, spring_energy
-from robodyn_cli.algorithms.kinematics import Pose, poses, transforms
+from robodyn_cli.algorithms.kinematics import Pose, poses, slice_q, slice_v, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.equations.constraints import Constraints as Constraints
@@ -40,7 +40,7 @@ from robodyn_cli.loops.base import Row
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.scene import types as sc
-from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, zeros
+from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, vector, zeros
 
 GROUPS = ("t", "q", "v", "a", "p")
 
@@ -282,6 +282,14 @@ class Problem:
     def working(self) -> Constraints:
         """Rows to solve with: independent combinations of those that depend on each other, and the others."""
         return working_rows(self.constraints, self.combinations)
+
+    def moved(self, dq: Values) -> list[Scalar]:
+        """Return q - dq (nq,) for a step dq (nv,), along the joints' manifolds."""
+        q: list[Scalar] = list(self.q)
+        for body in self.model.bodies:
+            step = vector([-x for x in slice_v(body, dq)])
+            q[body.q : body.q + body.joint.nq] = body.joint.integrate(slice_q(body, self.q), step)
+        return q
 
     @property
     def loop_rank(self) -> int:

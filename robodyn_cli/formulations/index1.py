@@ -12,15 +12,15 @@ import numpy as np
 from robodyn_cli.algorithms.constraints import correction
 from robodyn_cli.algorithms.kinematics import slice_q, slice_v
 from robodyn_cli.equations.modes import FIELDS, Gate
-from robodyn_cli.equations.problem import Constraints, Problem
+from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.formulations.dynamics import Expanded, Rolled
+from robodyn_cli.formulations.independent import PartitionChart, partition
 from robodyn_cli.formulations.layout import Layout
 from robodyn_cli.formulations.row_chart import RowChart, renewals
 from robodyn_cli.formulations.system import EventFunction, System
 from robodyn_cli.kernels.rolled import prefer_rolled
 from robodyn_cli.scene.types import Baumgarte
-from robodyn_cli.spatial.algebra import vector
 
 
 def index1(
@@ -36,8 +36,9 @@ def index1(
 
     Parameters
     ----------
-    stabilisation : ``projection`` (position and velocity put back after each step), ``none``, or Baumgarte's
-        gains, which add -2 alpha (Psi v + eta_t) - beta^2 eta to the acceleration constraint.
+    stabilisation : ``projection`` (position and velocity put back after each step), ``independent`` (see
+        ``formulations.independent``), ``none``, or Baumgarte's gains, which add -2 alpha (Psi v + eta_t) - beta^2 eta
+        to the acceleration constraint.
     work : carry the work of actuators and damping as a further state, where there is any.
     expanded : give expressions in any case, for those who look into them.
     """
@@ -49,7 +50,7 @@ def index1(
     velocity: Sequence[Scalar] = ()
     if constraints.rows and isinstance(stabilisation, Baumgarte):
         alpha, beta = stabilisation.alpha, stabilisation.beta
-        rate = _velocity_residual(problem, constraints)
+        rate = constraints.velocity_residual(problem.v)
         gamma = [
             g + 2.0 * alpha * r + beta * beta * e for g, r, e in zip(constraints.gamma, rate, constraints.eta)
         ]
@@ -61,10 +62,29 @@ def index1(
         qdd = problem.forward.qdd
     if constraints.rows and stabilisation == "projection":
         position, velocity = projection(problem)
+    elif constraints.rows and stabilisation == "independent":
+        return _partitioned(problem, z_rate, events)
     return _system(
         problem, Expanded(tuple(qdd), z_rate), events,
         position_correction=tuple(position), velocity_correction=tuple(velocity),
     )  # fmt: skip
+
+
+def _partitioned(problem: Problem, z_rate: Sequence[Scalar], events: Sequence[EventFunction]) -> System:
+    found = partition(problem, z_rate)
+    system = _system(
+        problem, Expanded(tuple(found.acceleration), tuple(found.z_rate)), (*events, found.renewal),
+        position_correction=tuple(found.position), velocity_correction=tuple(found.velocity),
+    )  # fmt: skip
+    positions, velocities = projection(problem)
+    if system.layout is not None:
+        positions, velocities = system.layout.renamed(positions), system.layout.renamed(velocities)
+    return dataclasses.replace(
+        system,
+        chart=PartitionChart(problem),
+        sample_positions=tuple(positions),
+        sample_velocities=tuple(velocities),
+    )
 
 
 def _system(
@@ -172,17 +192,6 @@ def start_modes(problem: Problem) -> tuple[float, ...]:
     return (0.0,) * (last.place + len(FIELDS))
 
 
-def _velocity_residual(problem: Problem, constraints: Constraints) -> list[Scalar]:
-    """Return Psi v + eta_t."""
-    out = []
-    for row in constraints.rows:
-        total: Scalar = row.eta_t
-        for x, v in zip(row.psi, problem.v):
-            total = total + x * v
-        out.append(total)
-    return out
-
-
 def projection(problem: Problem) -> tuple[list[Scalar], list[Scalar]]:
     """Return one Newton step onto eta = 0, along the joints' manifolds, and the step onto Psi v + eta_t = 0.
 
@@ -191,11 +200,8 @@ def projection(problem: Problem) -> tuple[list[Scalar], list[Scalar]]:
     constraints = problem.working
     psi = constraints.psi(problem.model.nv)
     dq = correction(psi, constraints.eta)
-    dv = correction(psi, _velocity_residual(problem, constraints))
-    q: list[Scalar] = list(problem.q)
-    for body in problem.model.bodies:
-        step = vector([-x for x in slice_v(body, dq)])
-        q[body.q : body.q + body.joint.nq] = body.joint.integrate(slice_q(body, problem.q), step)
+    dv = correction(psi, constraints.velocity_residual(problem.v))
+    q = problem.moved(dq)
     v: list[Scalar] = [x - d for x, d in zip(problem.v, dv)]
     return q, v
 
@@ -203,7 +209,7 @@ def projection(problem: Problem) -> tuple[list[Scalar], list[Scalar]]:
 def residuals(problem: Problem) -> dict[str, list[Scalar]]:
     """Return eta and Psi v + eta_t, for reports."""
     constraints = problem.constraints
-    return {"position": constraints.eta, "velocity": _velocity_residual(problem, constraints)}
+    return {"position": constraints.eta, "velocity": constraints.velocity_residual(problem.v)}
 
 
 def multiplier_norm(lam: np.ndarray) -> np.ndarray:

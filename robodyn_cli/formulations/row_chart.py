@@ -67,6 +67,6 @@ def renewals(problem: Problem) -> tuple[EventFunction, ...]:
         for i in range(group.rank):
             for w, row in zip(combination.W[i], combination.rows):
                 psi[i] = psi[i] + w * problem.psi[row]
-        value = closeness(psi) - combination.threshold
+        value = closeness(psi, problem.psi[list(combination.rows)]) - combination.threshold
         found.append(EventFunction(f"renewal{k}", value, terminal=False, renewal=True))
     return tuple(found)

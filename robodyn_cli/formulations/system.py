@@ -68,6 +68,7 @@ class System:
     parameters : values of p that a run starts with.
     layout : None where q, v, z are the mechanism's.
     chart : chooses some of the parameters, at the start and at events that are renewals.
+    sample_positions, sample_velocities : corrections of samples, where those of steps depend on the chart.
     """
 
     nq: int
@@ -83,6 +84,8 @@ class System:
     normalisation: tuple[Scalar, ...] = ()
     normalised: tuple[int, ...] = ()
     chart: Chart | None = None
+    sample_positions: tuple[Scalar, ...] = ()
+    sample_velocities: tuple[Scalar, ...] = ()
 
     @property
     def size(self) -> int:

@@ -36,7 +36,6 @@ class Parameters:
 
     def start(self, time: float, state: Array) -> None:
         """Let the chart choose for a run from ``state``."""
-        self.renewals = 0
         self._choose(time, state, None)
 
     def renew(self, time: float, state: Array) -> None:

@@ -131,12 +131,10 @@ class Observer:
             self.kernel = LeastNorm(problem, outputs) if problem.dependent else SampleKernel(outputs, GROUPS)
         self.places = [path for path in outputs if path.startswith(("points/", "skeleton/", "frames/"))]
         self.normalise = SampleKernel({"n": system.normalisation}, GROUPS) if system.normalisation else None
-        self.correct_q = (
-            SampleKernel({"q": system.position_correction}, GROUPS) if system.position_correction else None
-        )
-        self.correct_v = (
-            SampleKernel({"v": system.velocity_correction}, GROUPS) if system.velocity_correction else None
-        )
+        positions = system.sample_positions or system.position_correction
+        velocities = system.sample_velocities or system.velocity_correction
+        self.correct_q = SampleKernel({"q": positions}, GROUPS) if positions else None
+        self.correct_v = SampleKernel({"v": velocities}, GROUPS) if velocities else None
         self.parameters = np.zeros(max(1, len(problem.model.parameters)))
         asked = problem.scene.outputs.reactions
         self.reactions = ReactionSamples(problem, problem.scene.simulate.samples) if asked else None

@@ -310,6 +310,8 @@ def describe_run(
             "redundant_rows": list(setup.assembled.redundant),
             "vanishing_rows": list(setup.problem.constraints.dropped),
         }
+        if setup.problem.scene.simulate.stabilisation == "independent":
+            summary["repartitions"] = integrator.parameters.renewals
         summary["multipliers"] = describe_dependence(setup.problem, integrator.parameters.renewals)
     if recorder.observer.reactions is not None:
         summary["reactions"] = {**recorder.observer.reactions.note(), "largest": recorder.loads}

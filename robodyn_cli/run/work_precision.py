@@ -149,8 +149,10 @@ def formulations(scene: Scene, problem: Problem, duration: float) -> dict[str, S
     if not problem.constraints.rows:
         return {"tree": index1(problem, work=False)}
     gain = 20.0 / (duration / 100.0)
+    separable = not problem.dependent and not problem.gates
     return {
         "projection": index1(problem, "projection", work=False),
+        **({"independent": index1(problem, "independent", work=False)} if separable else {}),
         "baumgarte": index1(problem, Baumgarte(alpha=gain, beta=gain), work=False),
         "none": index1(problem, "none", work=False),
     }
@@ -168,7 +170,7 @@ def run_entry(system: System, entry: Entry, start: Array, ref: Reference, repeat
         rows: list[Array] = []
         integrator.reset(0.0, start, options)
         began = time.perf_counter()
-        integrator.run(ref.until, grid, lambda t, x: rows.append(x), watch=False)
+        integrator.run(ref.until, grid, lambda t, x: rows.append(x), watch=system.chart is not None)
         took = time.perf_counter() - began
         entry.steps, entry.evaluations = integrator.counters.steps, integrator.counters.evaluations
         difference = np.abs(_motion(system, np.concatenate(rows)) - ref.states)

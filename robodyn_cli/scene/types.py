@@ -134,10 +134,10 @@ class SimulateOptions:
     )
     max_steps: int = key(Integer(minimum=1), default=10_000_000, doc="Steps after which the run is stopped.")
     stabilisation: Any = key(
-        Either((Choice(("projection", "baumgarte", "none")), Section(Baumgarte))),
+        Either((Choice(("projection", "independent", "baumgarte", "none")), Section(Baumgarte))),
         default="projection",
-        doc="How loops stay closed: `projection`, `none`, Baumgarte's {alpha, beta}, or `baumgarte` with "
-        "gains that the run chooses.",
+        doc="How loops stay closed: `projection`, `independent` coordinates, `none`, Baumgarte's {alpha, beta}, or "
+        "`baumgarte` with gains that the run chooses.",
     )
     singular: str = key(
         Choice(("stop", "pass")),

@@ -1,0 +1,129 @@
+"""Independent coordinates: as many as there are degrees of freedom are integrated, the others follow from the loops.
+
+At every evaluation the dependent coordinates are solved for, two Newton steps from where the integrator has them, and
+the dependent velocities from Psi v + eta_t = 0; the accelerations are those of equation (36) there (Wehage and Haug
+1982). So what the integrator carries of the dependent coordinates is a first guess and nothing else, and loops are
+closed in the stages of a step too.
+
+Which coordinates depend is in parameters w (nv,), 1 for a dependent one and 0 for an independent one: with Psi_w =
+Psi diag(w), the step dq = -Psi_w^T (Psi_w Psi_w^T)^-1 eta moves dependent ones only. They are chosen by pivoting on the
+columns of Psi, and chosen anew where Psi_w comes nearer to losing rank than it was by a factor (an event).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.algorithms.constraints import correction
+from robodyn_cli.equations.dependence import closeness
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.expr.graph import Expr, Scalar
+from robodyn_cli.expr.rebuild import Evaluator, evaluate
+from robodyn_cli.formulations.system import EventFunction
+from robodyn_cli.model.model import PARAMETER_GROUP
+from robodyn_cli.spatial.algebra import Matrix, vector, zeros
+
+Array = NDArray[np.float64]
+NEWTON_STEPS = 2
+RENEW = 0.1  # of the closeness to losing rank at the choice, at which it is made anew
+FLOOR = 1e-12  # closeness below which the loops themselves have lost rank
+
+
+@dataclasses.dataclass(frozen=True)
+class Partition:
+    """What the formulation makes of a problem.
+
+    acceleration, z_rate : with the dependent coordinates solved for. position, velocity : one step of the solution,
+    after each step of the integration.
+    """
+
+    acceleration: list[Scalar]
+    z_rate: list[Scalar]
+    position: list[Scalar]
+    velocity: list[Scalar]
+    renewal: EventFunction
+
+
+class PartitionChart:
+    """Chooses the dependent coordinates at a pose (see ``formulations.system.Chart``)."""
+
+    def __init__(self, problem: Problem) -> None:
+        nv = problem.model.nv
+        self.first = len(problem.model.parameters)
+        self.count = nv + 1
+        psi = problem.working.psi(nv)
+        self.shape = psi.shape
+        self.psi = Evaluator(list(psi.ravel()))
+
+    def choose(self, t: float, q: Array, before: Array | None) -> Array:
+        """Return w (nv,) and the threshold of closeness at which the choice is made anew."""
+        values = {"q": q.tolist(), "t": [t], "p": [0.0] * self.first}
+        psi = np.array(self.psi(values), dtype=float).reshape(self.shape)
+        if not np.all(np.isfinite(psi)):
+            return np.append(np.ones(self.shape[1]), 0.0) if before is None else before
+        w = np.zeros(self.shape[1])
+        rest = psi.copy()
+        for _ in range(self.shape[0]):
+            size = np.linalg.norm(rest, axis=0) * (1.0 - w)
+            k = int(np.argmax(size))
+            w[k] = 1.0
+            if size[k] > 0.0:
+                axis = rest[:, k] / size[k]
+                rest -= np.outer(axis, axis @ rest)
+        s = np.linalg.svd(psi[:, w > 0.0], compute_uv=False)
+        close = 1.0 / ((psi**2).sum() * (1.0 / np.maximum(s, 1e-150) ** 2).sum())
+        return np.append(w, RENEW * close if close > FLOOR else 2.0 * FLOOR)
+
+
+def partition(problem: Problem, z_rate: Sequence[Scalar]) -> Partition:
+    """Return the equations in independent coordinates.
+
+    Raises
+    ------
+    CapabilityError : rows depend on each other, or joints stick and slip, whose own parameters change along the motion.
+    """
+    if problem.dependent or problem.gates:
+        why = "redundant rows" if problem.dependent else "joints that stick or meet rigid stops"
+        raise CapabilityError(
+            f"simulate.stabilisation: independent coordinates do not go with {why}; allowed: projection, none, "
+            "Baumgarte's {alpha, beta}"
+        )
+    nv, first = problem.model.nv, len(problem.model.parameters)
+    w = [problem.graph.symbol(f"w[{k}]", PARAMETER_GROUP, first + k) for k in range(nv)]
+    threshold = problem.graph.symbol(f"w[{nv}]", PARAMETER_GROUP, first + nv)
+    psi = problem.working.psi(nv)
+    masked = _masked(psi, w)
+    q_step = problem.moved(correction(masked, problem.working.eta))
+    rate = problem.working.velocity_residual(problem.v)
+    v_step: list[Scalar] = [x - d for x, d in zip(problem.v, correction(masked, rate))]
+    q: list[Any] = list(problem.q)
+    for _ in range(NEWTON_STEPS):
+        q = _at(problem, q_step, q, problem.v)
+    v = _at(problem, v_step, q, problem.v)
+    outputs = _at(problem, [*problem.forward.qdd, *z_rate], q, v)
+    event = EventFunction("repartition", closeness(masked, psi) - threshold, terminal=False, renewal=True)
+    return Partition(outputs[:nv], outputs[nv:], q_step, v_step, event)
+
+
+def _masked(psi: Matrix, w: Sequence[Expr]) -> Matrix:
+    out = zeros(*psi.shape)
+    for i in range(psi.shape[0]):
+        out[i] = vector([x * y for x, y in zip(psi[i], w)])
+    return out
+
+
+def _at(problem: Problem, entries: Sequence[Scalar], q: Sequence[Scalar], v: Sequence[Scalar]) -> list[Any]:
+    """Return expressions of (t, q, v, p) with other expressions in the place of q and v."""
+    p = {e.value[2]: e for e in problem.graph.nodes if e.op == "sym" and e.value[1] == PARAMETER_GROUP}
+    unknown = {
+        group: {e.value[2]: e for e in problem.graph.nodes if e.op == "sym" and e.value[1] == group}
+        for group in {e.value[1] for e in problem.graph.nodes if e.op == "sym"}
+        - {"t", "q", "v", PARAMETER_GROUP}
+    }
+    return evaluate(entries, {"t": [problem.t], "q": q, "v": v, PARAMETER_GROUP: p, **unknown})
