@@ -40,7 +40,8 @@ class Modes:
 
     Parameters
     ----------
-    options : of the integration; a joint rests on a stop when its next bounce would be lower than the tolerance.
+    options : of the integration; a joint rests on a stop when its next bounce would be lower than the tolerance, or
+        shorter than a fixed step resolves.
     """
 
     def __init__(self, problem: Problem, system: System, options: Options) -> None:
@@ -327,10 +328,14 @@ class Modes:
         a = self.rates(t, bounced)[0]
         toward = -push * float(a[gate.v])
         height = self.options.atol + self.options.rtol * abs(at)
-        if speed <= 0.0 or (toward > 0.0 and speed * speed < 2.0 * toward * height):
+        # a method of fixed step cannot follow flights that are short beside it
+        briefest = FLIGHT * (self.options.step or 0.0)
+        low = speed * speed < 2.0 * toward * height or speed < briefest * toward
+        if speed <= 0.0 or (toward > 0.0 and low):
             self.rest, self.contact, self.mode = saved
             # joints that would leave their stops by less than this height rest on, or they would hit each other off
-            slow = np.sqrt(2.0 * height * float(np.abs(a).max()))
+            most = float(np.abs(a).max())
+            slow = max(np.sqrt(2.0 * height * most), briefest * most)
             bounced = after(0.0)
             bounced = after(0.0, [j for j in resting if abs(bounced[places[j]]) <= slow])
             bounced[self._v(gate)] = 0.0

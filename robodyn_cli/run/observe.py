@@ -323,7 +323,7 @@ class Recorder:
         problem = self.observer.problem
         nv = problem.model.nv
         q, qd = self.blocks["q"][-1][-1], self.blocks["qd"][-1][-1]
-        values = {"q": q.tolist(), "v": qd.tolist(), "t": [time], "p": []}
+        values = {"q": q.tolist(), "v": qd.tolist(), "t": [time], "p": self.observer.parameters.tolist()}
         entries = [
             *problem.mass_matrix.ravel(),
             *(problem.applied - problem.bias),

@@ -97,6 +97,15 @@ def test_dead_and_lively_balls(e: float) -> None:
     assert np.abs(found.events[0]["time"] - fall) < 1e-13
 
 
+def test_a_fixed_step_rests_where_it_cannot_follow_the_bounces() -> None:
+    found = run(BALL, "simulate.integrator=rk4", "simulate.step=1e-3")
+    exact = run(BALL)
+    assert len(of_kind(found, "contact")) == 1 and len(of_kind(found, "impact")) < len(
+        of_kind(exact, "impact")
+    )
+    assert np.abs(found["q"] - exact["q"]).max() < 1e-6 and found["qd"][-1, 0] == 0.0
+
+
 def test_a_joint_rests_on_its_stop_until_it_is_pulled_off() -> None:
     """m g holds it down; the force 8 t lifts it off at m g / 8."""
     lift = 2 * 9.81 / 8
