@@ -61,7 +61,7 @@ def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwat
     with watch.stage("evaluate"):
         arrays = function(t=times[:, None], q=motion.q, v=motion.qd, a=motion.qdd)
     result = Result("kinematics", scene.title or "kinematics", "ok", scene.text)
-    names = problem.model.joint_names
+    names = problem.model.v_names
     result.add("time", times)
     columns = joint_columns(problem.model)
     for path, data in (("q", motion.q), ("qd", motion.qd), ("qdd", motion.qdd)):
@@ -86,7 +86,7 @@ def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwat
 
 
 def _motion(problem: Problem) -> tuple[GuidedMotion, tuple[str, ...]]:
-    """Return the motion and the joints that lead it."""
+    """Return the motion and the columns of v that lead it."""
     scene, model = problem.scene, problem.model
     samples = scene.kinematics.samples
     sweep = scene.kinematics.sweep
@@ -98,7 +98,7 @@ def _motion(problem: Problem) -> tuple[GuidedMotion, tuple[str, ...]]:
     if sweep is None and scene.trajectory is not None and not problem.model.closures and not scene.prescribed:
         times = np.linspace(0.0, scene.trajectory.duration, samples)
         planned = plan_motion(problem, times)
-        return GuidedMotion(times, planned.motion, {}, planned.counters), model.joint_names
+        return GuidedMotion(times, planned.motion, {}, planned.counters), model.v_names
     if sweep is None:
         lead = lead_of(problem)
         duration = scene.trajectory.duration if scene.trajectory is not None else scene.simulate.duration
@@ -155,12 +155,7 @@ def _point_motion(problem: Problem) -> dict[str, list[Scalar]]:
 def _add_singular_values(result: Result, problem: Problem, psi: Array, led: tuple[str, ...]) -> None:
     result.add("singularity/psi", np.linalg.svd(psi, compute_uv=False))
     model = problem.model
-    passive = [
-        b.v + j
-        for b in sorted(model.bodies, key=lambda b: b.v)
-        if b.joint_name not in led
-        for j in range(b.joint.nv)
-    ]
+    passive = [k for k, name in enumerate(model.v_names) if name not in led]
     if not passive or not led:
         return
     block = psi[:, :, passive]
@@ -186,14 +181,16 @@ def _summarise(result: Result, names: tuple[str, ...], guided: GuidedMotion) -> 
     summary["termination"] = {"reason": "end of the motion", "time": float(times[-1])}
     summary["samples"] = len(times)
     summary["joints"] = {}
-    for name in names:
-        columns = [k for k, column in enumerate(result.variables["qd"].names) if column.split(".")[0] == name]
-        places = [k for k, column in enumerate(result.variables["q"].names) if column.split(".")[0] == name]
-        q, qd, qdd = result["q"][:, places], result["qd"][:, columns], result["qdd"][:, columns]
+    positions = result.variables["q"].names
+    for k, name in enumerate(names):
+        # quasi-velocities are the rates of no position
+        q = result["q"][:, positions.index(name)] if name in positions else None
         summary["joints"][name] = {
-            "smallest": float(q.min()), "largest": float(q.max()),
-            "peak_speed": float(np.abs(qd).max()), "peak_acceleration": float(np.abs(qdd).max()),
-        }  # fmt: skip
+            "smallest": None if q is None else float(q.min()),
+            "largest": None if q is None else float(q.max()),
+            "peak_speed": float(np.abs(result["qd"][:, k]).max()),
+            "peak_acceleration": float(np.abs(result["qdd"][:, k]).max()),
+        }
     summary["points"] = {}
     for name, item in result.group("point_velocities").items():
         fast = np.linalg.norm(item.data, axis=1)

@@ -258,4 +258,5 @@ def test_every_sample_has_unit_quaternions_and_all_methods_agree(method: str, te
     exact.reset(0.0, start, Options(1e-13, 1e-14))
     _, states = collect(exact, 1.5, Grid(0.0, 0.01, 151))
     q, v, _ = body.split(states)
-    assert np.abs(found["q"] - q).max() < 1e-5 and np.abs(found["qd"] - v).max() < 1e-4
+    bound = 1e-5 if methods[method].order > 3 else 1e-4
+    assert np.abs(found["q"] - q).max() < bound and np.abs(found["qd"] - v).max() < 10 * bound
