@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.equations.gears import geared
 from robodyn_cli.equations.problem import GROUPS, Problem
 from robodyn_cli.errors import CapabilityError, RobodynError, SceneError, SingularConfigurationError
 from robodyn_cli.expr.graph import Scalar
@@ -60,6 +61,7 @@ def inverse_closed(scene: Scene, samples: int, watch: Stopwatch) -> Result:
     """
     with watch.stage("equations"):
         problem = Problem(with_led_point(scene))
+        refuse_gears(problem)
         lead = lead_of(problem)
         duration = motion_duration(scene)
         actuated = actuated_joints(problem, lead)
@@ -132,6 +134,20 @@ def needed_data(scene: Scene, samples: int) -> tuple[Model, list[Scalar]]:
     if guided.stopped is not None:
         raise guided.stopped
     return problem.model, [x for term in torque_terms(problem).values() for x in term]
+
+
+def refuse_gears(problem: Problem) -> None:
+    """Refuse losses that depend on the load of a drive: loops share the load, and they would decide about the share.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    if geared(problem.model):
+        raise CapabilityError(
+            "losses in gears depend on the load of each drive, and with closed loops that load depends on the losses; "
+            "allowed here: friction in the joints"
+        )
 
 
 def motion_duration(scene: Scene) -> float:

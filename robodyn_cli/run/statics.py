@@ -19,7 +19,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.run.evaluation import without_idle_unknowns
 from robodyn_cli.run.guided_motion import Lead, LoopConditions, velocity_places
 from robodyn_cli.run.inverse import torque_terms
-from robodyn_cli.run.inverse_closed import lost_rank
+from robodyn_cli.run.inverse_closed import lost_rank, refuse_gears
 from robodyn_cli.run.mobility import mobility
 from robodyn_cli.run.observe import loop_columns
 from robodyn_cli.run.places import add_places, place_outputs
@@ -170,6 +170,8 @@ def _facts(found: Balance) -> dict[str, Any]:
 
 def _held(problem: Problem, q: Array) -> _State:
     scene, model = problem.scene, problem.model
+    if model.closures:
+        refuse_gears(problem)
     names = scene.actuated
     if names is None:
         driven = tuple(dict.fromkeys((*scene.torques, *scene.prescribed, *scene.initial.hold)))

@@ -214,6 +214,20 @@ def test_what_stands_in_the_way_is_named() -> None:
     )
 
 
+def test_losses_that_depend_on_the_share_are_refused() -> None:
+    gear = "robot.joints.crank.gear={efficiency: 0.9}"
+    refusal(CapabilityError, "losses in gears", SLIDER, f"trajectory={MOVES}", "torques=null", gear)
+    rough = [
+        "robot.joints.crank.friction={viscous: 0.4, coulomb: 0.3}",
+        "robot.joints.slide.damper={damping: 2}",
+    ]
+    result = solve(SLIDER, f"trajectory={MOVES}", "torques=null", "inverse.samples=401", *rough)
+    assert {"friction", "passive"} <= set(result.group("torque_terms"))
+    assert result.summary["round_trip"] < 1e-12
+    assert abs(result.summary["error_estimate"]["energy_balance_relative"]) < 1e-8
+    sums_to_tau(result)
+
+
 def test_dead_point_of_the_motion() -> None:
     """The slide is led beyond its stroke: crank and rod align at 1.2 m, where the crank's rate has no bound."""
     moves = "trajectory={type: joint, duration: 1, q: {slide: '1.1 + 0.2*t'}}"
