@@ -50,6 +50,26 @@ initial: {q: {j1: 0.3, j2: 0.8, j3: 0.1}, qd: {j1: 1}}
 simulate: {duration: 3, samples: 301}
 """
 
+FLOATING = """
+schema: 1
+gravity: [0, 0, -9.81]
+robot:
+  joints:
+    - {name: ball, type: floating}
+    - {name: arm, type: revolute, axis: [0, 1, 0.2], origin: {xyz: [0.3, 0, 0]}, limits: {lower: -0.5, upper: 0.5, stop: {restitution: 0.7}}, friction: {law: set_valued, coulomb: 0.05}}
+  links:
+    - {name: body, mass: 3, com: [0.02, 0.03, 0.01], inertia: {xx: 0.05, yy: 0.06, zz: 0.07, xy: 0.01, xz: -0.005, yz: 0.002}}
+    - {name: tail, mass: 0.6, com: [0.1, 0.05, -0.02], inertia: {xx: 0.003, yy: 0.004, zz: 0.005}}
+  points: {hook: {link: base, at: [0, 0, 1]}, eye: {link: body, at: [0.1, 0.05, 0.1]}}
+forces:
+  - {name: cord, type: spring, between: [hook, eye], stiffness: 200, length: 0.6, damping: 1}
+  - {name: bush, type: bushing, between: [base.origin, tail.com], stiffness: [3, 4, 5, 0.2, 0.3, 0.1], damping: [0.1, 0.1, 0.1, 0.01, 0.01, 0.01]}
+  - {name: push, type: force, at: tail.com, force: ["sin(3*t)", "q.arm", "qd.arm"]}
+initial: {q: {ball: {xyz: [0,0,0], rpy: [0,0,0]}, arm: 0.1}, qd: {arm: 1}}
+simulate: {duration: 1, samples: 51}
+outputs: {reactions: true}
+"""
+
 
 def run(text: str, *overrides: str) -> Any:
     return simulate(load_scene_text(text, overrides=overrides))
@@ -240,3 +260,11 @@ def test_limits_that_do_not_fit_together(limits: str, words: str) -> None:
 def test_a_start_beyond_a_stop_is_refused() -> None:
     with pytest.raises(SceneError, match="beyond its stop"):
         run(BALL, "initial.q.z=-0.1")
+
+
+def test_a_floating_body_with_forces_and_a_tail_that_sticks_and_bounces() -> None:
+    """Quaternions, forces between bodies, friction and stops together: energy balances."""
+    found = run(FLOATING)
+    assert {"impact", "slip"} <= set(found.summary["transitions"])
+    assert found.summary["energy_drift_relative"] < 1e-10
+    assert found.summary["error_estimate"]["state_max"] < 1e-8
