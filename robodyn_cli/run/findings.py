@@ -110,7 +110,11 @@ def _trial(scene: Scene, root: Node) -> list[RobodynError]:
         if command == "inverse":
             model, outputs = _inverse(scene)
         elif command in AT_ONCE:
-            execute(command, scene, no_progress, Stopwatch())
+            try:
+                execute(command, scene, no_progress, Stopwatch())
+            except RobodynError as error:
+                if getattr(error, "result", None) is None:  # else it ran, and ended on the way
+                    raise
             return []
         elif command is not None:
             model, outputs = _forward(scene, command)

@@ -133,6 +133,7 @@ class LoopConditions:
                 lengths.append(True)
         self.names = tuple(names)
         self.led = len(names) - len(rows)
+        self.prescribed = problem.constraints.prescribed
         self.sizes = np.where(lengths, self.size, 1.0)
         self.lengths = np.array([self.size if unit == "m" else 1.0 for unit in model.v_units])
         # a sample takes about four evaluations
@@ -294,11 +295,32 @@ def explain(
     loop = conditions.names[int(np.argmax(loops))].rsplit(".", 1)[0] if len(loops) else "none"
     last = stuck.last
     angles = {} if last is None else {"q": last.q.tolist()}
+    if last is not None and _bifurcates(conditions, last):
+        return SingularConfigurationError(
+            f"bifurcation at t = {stuck.time:.9g} s: the rows of loop {loop} lose rank and let joint {joint} go, so "
+            "the mechanism may go on in more than one way",
+            time=stuck.time, kind="bifurcation", joint=joint, loop=loop, **angles,
+        )  # fmt: skip
     return SingularConfigurationError(
         f"singular configuration at t = {stuck.time:.9g} s: loop {loop} lets joint {joint} move without the input "
         "(a dead point), so its rate is not determined or without bound; the motion cannot go on from there",
         time=stuck.time, kind="dead_point", joint=joint, loop=loop, **angles,
     )  # fmt: skip
+
+
+def _bifurcates(conditions: LoopConditions, last: Place) -> bool:
+    """Tell whether it is the loops themselves that lose rank, as fast as all conditions together do.
+
+    At a dead point of what is led they keep it.
+    """
+    held = len(conditions.names) - conditions.led - len(conditions.prescribed)
+    independent = last.J.shape[1] - conditions.led - len(conditions.prescribed)
+    if not 0 < independent <= held:
+        return False
+    loops = [i for i in range(len(conditions.names) - conditions.led) if i not in conditions.prescribed]
+    s = np.linalg.svd(last.J[loops], compute_uv=False)
+    together = np.linalg.svd(last.J, compute_uv=False)
+    return bool(s[independent - 1] < 10.0 * together[-1] and s[independent - 1] < 1e-2 * s[0])
 
 
 def velocity_places(model: Model, names: Sequence[str]) -> list[int]:

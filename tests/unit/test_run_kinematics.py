@@ -113,3 +113,13 @@ def test_what_is_refused() -> None:
         turn("kinematics.sweep.stop=0")
     with pytest.raises(SceneError, match="unknown point 'pim'"):
         turn("kinematics.transmission=[bar.origin, pim, base.pivot]")
+
+
+def test_bifurcations_are_told_from_dead_points() -> None:
+    """The parallelogram led through its flat pose: the loop itself loses rank there."""
+    sweep = "kinematics={samples: 101, sweep: {joint: theta1, start: 60 deg, stop: -60 deg}}"
+    q = "initial={q: {theta1: 60 deg, phi2: -60 deg, phi1: 60 deg}}"
+    with pytest.raises(SingularConfigurationError) as caught:
+        kinematics(load_scene(CONFIGS / "parallelogram.yaml", [sweep, q]))
+    assert caught.value.details["kind"] == "bifurcation" and caught.value.details["loop"] == "pin"
+    assert caught.value.details["time"] == pytest.approx(np.pi / 3, abs=1e-3)
