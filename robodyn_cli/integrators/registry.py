@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from robodyn_cli.integrators.bdf import Bdf
 from robodyn_cli.integrators.explicit import ClassicalRungeKutta, Dop853, Dopri5
 from robodyn_cli.integrators.gauss import Gauss
 from robodyn_cli.integrators.gauss_orders import (
@@ -36,6 +37,7 @@ methods: dict[str, type[Stepper]] = {
     "rk4": ClassicalRungeKutta,
     "rodas5p": Rodas5P,
     "rosenbrock23": Rosenbrock23,
+    "bdf": Bdf,
     "radau": Radau,
     "radau9": Radau9,
     "radau13": Radau13,

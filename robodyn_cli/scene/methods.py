@@ -6,6 +6,6 @@ FIXED_STEP = (
     "rk4", "gauss4", "gauss6", "implicit_midpoint", "verlet", "symplectic4", "symplectic6", "symplectic8",
 )  # fmt: skip
 METHODS = (
-    "gauss", "gauss8", "gauss10", "gauss12", "gauss14", "dop853", "dopri5", "rodas5p", "rosenbrock23", "radau",
+    "gauss", "gauss8", "gauss10", "gauss12", "gauss14", "dop853", "dopri5", "rodas5p", "rosenbrock23", "bdf", "radau",
     "radau9", "radau13", *FIXED_STEP,
 )  # fmt: skip

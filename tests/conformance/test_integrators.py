@@ -94,7 +94,20 @@ def slope(points: list[tuple[float, float]], order: int) -> float:
     return -float(np.polyfit(np.log(used[:, 0]), np.log(used[:, 1]), 1)[0])
 
 
-@each_method
+@pytest.mark.parametrize("case", [systems.oscillator(), systems.damped(), systems.controlled()], ids=str)
+def test_backward_differences_reach_their_highest_order(case: Case) -> None:
+    """Order and step are chosen together, so what counts is how the error falls with the number of steps."""
+    points = []
+    for k in range(6, 13):
+        integrator = Integrator(case.system, "bdf")
+        integrator.reset(0.0, case.start, Options(10.0**-k, 10.0**-k))
+        integrator.advance(case.end)
+        points.append((integrator.counters.steps, end_error(case, integrator)))
+    x, y = np.log(np.array(points)).T
+    assert 4.3 < -np.polyfit(x, y, 1)[0] < 6.0
+
+
+@pytest.mark.parametrize("method", [m for m in METHODS if m != "bdf"])
 @pytest.mark.parametrize(
     "case", [systems.forced(work=True), systems.kepler(0.3), systems.pendulums(1.0, 2.0)], ids=str
 )

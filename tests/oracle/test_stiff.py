@@ -1,0 +1,93 @@
+"""Stiff problems with known solutions, by every method that solves with a Jacobian."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robodyn_cli.expr import functions as f
+from robodyn_cli.formulations.index1 import index1
+from robodyn_cli.integrators.integrator import Grid, Integrator, Options
+from robodyn_cli.integrators.registry import methods
+from robodyn_cli.run.simulate import prepare
+from robodyn_cli.scene.load import load_scene_text
+from tests.systems import samples, system
+
+STIFF = [m for m in methods if methods[m].needs_jacobian]
+each_stiff = pytest.mark.parametrize("method", STIFF)
+
+
+@each_stiff
+@pytest.mark.parametrize("decay", [1e2, 1e4, 1e8])
+def test_prothero_and_robinson(method: str, decay: float) -> None:
+    """z-dot = -decay (z - cos t) - sin t from z(0) = 1 has the solution cos t, however stiff it is."""
+
+    def rates(t: Any, q: Any, v: Any, z: Any, p: Any) -> Any:
+        return [-q[0]], [-decay * (z[0] - f.cos(t)) - f.sin(t)]
+
+    body = system(1, rates, nz=1)
+    for tolerance in (1e-4, 1e-6):
+        grid = Grid(0.0, 0.05, 201)
+        times, states, integrator = samples(
+            body, method, (1.0, 0.0, 1.0), grid, rtol=tolerance, atol=tolerance
+        )
+        assert np.abs(states[:, 2] - np.cos(times)).max() < 100 * tolerance
+        assert integrator.counters.steps < (200_000 if method == "rosenbrock23" else 2000)
+
+
+@each_stiff
+def test_van_der_pol(method: str) -> None:
+    """The relaxation oscillation with eps = 1e-6; reference digits of the test set of Bari at t = 2."""
+    body = system(1, lambda t, q, v, z, p: [((1.0 - q[0] * q[0]) * v[0] - q[0]) * 1e6])
+    integrator = Integrator(body, method)
+    tolerance = 1e-7 if method == "rosenbrock23" else 1e-9
+    integrator.reset(0.0, (2.0, 0.0), Options(tolerance, tolerance, max_steps=200_000))
+    integrator.advance(2.0)
+    expected = (1.706167732170469, -0.8928097010248125)
+    bound = 1e-3 if method == "rosenbrock23" else 2e-6
+    np.testing.assert_allclose(integrator.state, expected, rtol=bound)
+
+
+PENDULUM = """
+schema: 1
+gravity: [0, -9.81, 0]
+robot:
+  convention: standard
+  joints:
+    - {name: theta1, type: revolute, a: 1.0, alpha: 0, d: 0, damper: {damping: 1e4}}
+    - {name: theta2, type: revolute, a: 1.0, alpha: 0, d: 0, damper: {damping: 1e4}, spring: {stiffness: 1e6, rest: 0}}
+  links:
+    - {name: link1, mass: 12.456, com: [0.773, 0, 0], com_frame: joint, inertia: {zz: 1.042}}
+    - {name: link2, mass: 12.456, com: [0.583, 0, 0], com_frame: joint, inertia: {zz: 1.042}}
+initial: {q: {theta1: -90 deg, theta2: 45 deg}, qd: {theta1: 0, theta2: 0}}
+simulate: {duration: 10}
+"""
+
+
+@each_stiff
+def test_a_double_pendulum_on_a_stiff_spring(method: str) -> None:
+    """The largest error along the whole run, transient included, against an explicit method in tiny steps."""
+    setup = prepare(load_scene_text(PENDULUM))
+    body = index1(setup.problem, work=False)
+    start = np.concatenate([setup.assembled.q, setup.assembled.v])
+    grid = Grid(0.0, 1.0 / 128, 129)
+    _, exact, _ = samples(body, "dop853", start, grid, rtol=1e-12, atol=1e-13)
+    low = method == "rosenbrock23"
+    for tolerance in (1e-4, 1e-6) if low else (1e-4, 1e-7, 1e-9):
+        integrator = Integrator(body, method)
+        integrator.reset(0.0, start, Options(tolerance, tolerance))
+        rows: list[np.ndarray] = []
+        integrator.run(1.0, grid, lambda t, x: rows.append(x))  # noqa: B023
+        error = np.abs(np.concatenate(rows) - exact)
+        assert error[:, :2].max() < 30 * tolerance
+        assert integrator.counters.steps + integrator.counters.rejected < (2000 if low else 1000)
+
+
+def test_auto_takes_the_method_for_stiff_motion() -> None:
+    from robodyn_cli.run.simulate import simulate
+
+    result = simulate(load_scene_text(PENDULUM.replace("duration: 10", "duration: 10, samples: 51")))
+    assert result.summary["integrator"] == "radau13"
+    assert "stiff" in result.summary["integrator_reason"]
