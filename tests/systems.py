@@ -169,7 +169,7 @@ def is_low(method: str) -> bool:
 
 def within_reach(method: str, accuracy: float) -> float:
     """Return an accuracy, or the finest that is asked of the method."""
-    return max(accuracy, FINEST) if is_low(method) else accuracy
+    return max(accuracy, FINEST if is_low(method) else 1e-13 if method in GENEROUS else 0.0)
 
 
 def settings(method: str, rtol: float = 1e-10, atol: float = 1e-12, **more: Any) -> Options:

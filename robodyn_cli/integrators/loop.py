@@ -62,6 +62,10 @@ class Stepper:
         """Return the program that a method with ``needs_jacobian`` evaluates in each step."""
         return None
 
+    def obstacle(self, system: System) -> str:
+        """Return why the method cannot do a system, or nothing."""
+        return "it needs a Jacobian" if self.needs_jacobian and system.dynamics.any_size else ""
+
     def prepare(self, w: Writer) -> None:
         """Emit what is needed once at entry (slots, constants)."""
 

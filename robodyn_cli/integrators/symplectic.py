@@ -52,6 +52,9 @@ class Verlet(HermiteStepper):
     def dense_size(self, system: System) -> int:
         return super().dense_size(system) + system.size
 
+    def obstacle(self, system: System) -> str:
+        return obstacle(system)
+
     def prepare(self, w: Writer) -> None:
         refuse(self.name, w.system)
         f = w.f

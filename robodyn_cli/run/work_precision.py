@@ -27,6 +27,11 @@ from robodyn_cli.scene.types import Baumgarte, Scene
 
 Array = NDArray[Any]
 SAMPLES = 257  # instants at which solutions are compared
+# one of each kind; the others by name
+DEFAULT_METHODS = (
+    "gauss", "dop853", "dopri5", "rk4", "radau13", "radau", "rodas5p", "rosenbrock23", "bdf", "gauss6",
+    "implicit_midpoint", "symplectic8",
+)  # fmt: skip
 TOLERANCES = tuple(10.0**-k for k in range(2, 14))
 STEPS = 10  # step sizes tried for a method without step control, each half the one before
 LONGEST = 400_000  # steps after which a run counts as too slow
@@ -193,7 +198,9 @@ def run_entry(system: System, entry: Entry, start: Array, ref: Reference, repeat
 
 def supported(method: str, system: System) -> bool:
     """Tell whether a method can do a system."""
-    return not (registry[method].needs_jacobian and system.nv > LARGEST)
+    if registry[method].needs_jacobian and system.nv > LARGEST:
+        return False
+    return not registry[method]().obstacle(system)
 
 
 def best_at(entries: Sequence[Entry], levels: Sequence[float]) -> list[dict[str, Any]]:
@@ -229,7 +236,7 @@ def work_precision(
     ------
     CapabilityError : an unknown method. NumericalError : no reference.
     """
-    chosen = list(methods or registry)
+    chosen = list(methods or DEFAULT_METHODS)
     for name in chosen:
         if name not in registry:
             raise CapabilityError(f"unknown method {name!r}; allowed: {', '.join(registry)}")

@@ -151,9 +151,11 @@ def test_a_bouncing_ball_follows_the_closed_form(method: str, restitution: float
     found, integrator = events_of(ball(5.0), method, (5.0, 0.0), 100.0, react=react, **fine)
     flights = 2.0 * restitution ** np.arange(1, 12)
     times = 1.0 + np.concatenate([[0.0], np.cumsum(flights)])
-    np.testing.assert_allclose([e.time for e in found], times, rtol=1e-8 if method == "rk4" else 1e-11)
+    np.testing.assert_allclose(
+        [e.time for e in found], times, rtol={"rk4": 1e-8, "bdf": 1e-9}.get(method, 1e-11)
+    )
     speeds = 10.0 * restitution ** np.arange(12)
-    np.testing.assert_allclose(impacts, speeds, rtol=1e-10)
+    np.testing.assert_allclose(impacts, speeds, rtol=1e-7 if method == "bdf" else 1e-10)
     assert integrator.time == found[-1].time, "the run stops at the event that says so"
 
 
