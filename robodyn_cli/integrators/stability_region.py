@@ -94,7 +94,7 @@ def limits() -> tuple[Limit, ...]:
         if issubclass(cls, ExplicitRungeKutta):
             along = radius(cls.table, np.array([-1.0, 1j]))
             found.append(Limit(name, "region", float(along[0]), float(along[1])))
-        elif cls is Gauss:
-            reach = 1.0 / float(np.abs(np.linalg.eigvals(gauss_table(8).A)).max())
+        elif issubclass(cls, Gauss):
+            reach = 1.0 / float(np.abs(np.linalg.eigvals(gauss_table(cls.stages).A)).max())
             found.append(Limit(name, "iteration", reach, reach))
     return tuple(found)

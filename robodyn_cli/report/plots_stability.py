@@ -23,6 +23,7 @@ STATUS = {
     "too_slow": ("#56B4E9", "..."),
     "unsupported": ("#bbbbbb", ""),
 }
+SHOWN = ("gauss", "gauss4", "implicit_midpoint", "dop853", "dopri5", "rk4")  # step limits that are drawn
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 LEAST = 1e-16
 
@@ -84,8 +85,10 @@ def spectrum(result: Result) -> Figure | None:
     figure.colorbar(dots, cax=bar).set_label("time [s]")
     steps = result["stability/step_limit"]
     names = result.variables["stability/step_limit"].names
+    shown = [k for k, name in enumerate(names) if name in SHOWN]
     ax = figure.add_axes((0.1, 0.17, 0.84, 0.265))
-    for k, name in enumerate(names):
+    for k in shown:
+        name = names[k]
         good = np.isfinite(steps[:, k])
         ax.plot(
             time[good], steps[good, k], color=COLOURS[k % len(COLOURS)], linestyle=DASHES[k % len(DASHES)], label=name,

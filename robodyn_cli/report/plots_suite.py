@@ -46,8 +46,13 @@ def draw(result: Result) -> Figure:
     from matplotlib.patches import Patch, Rectangle
 
     cases, methods = result.summary["cases"], result.summary["methods"]
-    left, wide, high = 2.05, 0.82, 0.27
-    width, height = left + wide * len(methods) + 0.25, 1.15 + high * len(cases) + 0.5
+    left, high = 2.05, 0.27
+    wide = 0.82 if len(methods) <= 12 else 0.6
+    slanted = len(methods) > 8
+    width, height = (
+        left + wide * len(methods) + 0.45,
+        1.15 + (0.55 if slanted else 0.0) + high * len(cases) + 0.5,
+    )
     figure = Figure(figsize=(width, height), dpi=120)
     kept = len(cases) - result.summary["missed"]
     figure.text(
@@ -76,9 +81,21 @@ def draw(result: Result) -> Figure:
             dark = "black" if status != "unsupported" else GREY
             mark = "" if status != "inaccurate" else " !"
             ax.text(
-                column + 0.5, row + 0.52, cell(trial) + mark, ha="center", va="center", fontsize=8, color=dark
+                column + 0.5,
+                row + 0.52,
+                cell(trial) + mark,
+                ha="center",
+                va="center",
+                fontsize=8 if wide > 0.7 else 7,
+                color=dark,
             )
-    ax.set_xticks([k + 0.5 for k in range(len(methods))], methods, rotation=0, fontsize=8)
+    ax.set_xticks(
+        [k + 0.5 for k in range(len(methods))],
+        methods,
+        rotation=40 if slanted else 0,
+        fontsize=8,
+        ha="left" if slanted else "center",
+    )
     ax.xaxis.tick_top()
     marks = ["" if case["holds"] else "  MISSED" for case in cases]
     ax.set_yticks(

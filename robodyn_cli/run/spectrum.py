@@ -122,14 +122,15 @@ def jacobians(problem: Problem, system: System, times: Array, states: Array) -> 
     places = [
         (i, k) for i in range(n) for k in range(n) if isinstance(entries[i, k], Expr) or entries[i, k] != 0.0
     ]
-    groups = _samples(system.own_groups(np.asarray(times, dtype=float), states, _parameters(problem)))
+    groups = _samples(system.own_groups(np.asarray(times, dtype=float), states, _parameters(system)))
     for (i, k), value in zip(places, evaluate([entries[place] for place in places], groups)):
         J[:, i, k] = value
     return J
 
 
-def _parameters(problem: Problem) -> Array:
-    return np.zeros(max(1, len(problem.model.parameters)))
+def _parameters(system: System) -> Array:
+    """Return the values of p that a run starts with."""
+    return np.array(system.parameters) if system.parameters else np.zeros(1)
 
 
 def _samples(groups: dict[str, Any]) -> dict[str, Any]:
@@ -166,7 +167,7 @@ def tangents(problem: Problem, system: System, times: Array, states: Array) -> l
         return [None] * len(times)
     nv, m = problem.model.nv, len(rows)
     rates = [sum((x * v for x, v in zip(row.psi, problem.v)), row.eta_t) for row in rows]
-    groups = _samples(system.groups(np.asarray(times, dtype=float), states, _parameters(problem)))
+    groups = _samples(system.groups(np.asarray(times, dtype=float), states, _parameters(system)))
     found: list[Array | None] = []
     psi = np.zeros((len(times), m, nv))
     for k, value in enumerate(evaluate(list(problem.psi.ravel()), groups)):

@@ -20,7 +20,7 @@ from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.simulate import Setup, prepare
 from robodyn_cli.run.spectrum import Spectrum, spectrum
 from robodyn_cli.run.stopwatch import Stopwatch
-from robodyn_cli.run.trial import Budget, Reference, Trial, attempts, reference
+from robodyn_cli.run.trial import FAMILIES, Budget, Reference, Trial, attempts, reference
 from robodyn_cli.scene.types import Scene
 
 Array = NDArray[Any]
@@ -61,7 +61,7 @@ def stability(scene: Scene, quick: bool = False, progress: Progress = no_progres
     """
     effort = QUICK if quick else FULL
     watch = Stopwatch()
-    setup = prepare(scene, watch)
+    setup = prepare(scene, watch, modes=True)
     stages = 4
     with watch.stage("reference"):
         first = at_start(setup)
@@ -71,11 +71,15 @@ def stability(scene: Scene, quick: bool = False, progress: Progress = no_progres
     with watch.stage("spectrum"):
         found = along(setup, ref) or first
     with watch.stage("methods"):
-        trials = attempts(scene, ref, effort.trial)
+        chosen = None if not quick else ["auto", *(name for name in registry if name in FAMILIES)]
+        trials = attempts(scene, ref, effort.trial, chosen)
         progress(2, stages)
     with watch.stage("energy"):
         long = period(ref, found, scene.simulate.duration)
-        usable = [t.method for t in trials if t.status in ("stable", "inaccurate") and t.method != "auto"]
+        own = {*FAMILIES, scene.simulate.integrator, *(t.chosen for t in trials if t.method == "auto")}
+        usable = [
+            t.method for t in trials if t.status in ("stable", "inaccurate") and t.method in own - {"auto"}
+        ]
         energies = [growth(scene, m, PERIODS * long.seconds, effort.long) for m in usable]
         progress(3, stages)
     result = Result("stability", scene.title or "stability", "ok", scene.text)

@@ -204,6 +204,28 @@ CASES: tuple[Case, ...] = (
         relative=1e-5,
     ),
     Case(
+        "sticking_set_valued",
+        lambda quick: arm(
+            "Two-link arm that set-valued friction stops and holds",
+            10.0,
+            ", friction: {law: set_valued, coulomb: 150, viscous: 1}",
+            ", friction: {law: set_valued, coulomb: 80, viscous: 1}",
+            start="{q: {theta1: -60 deg, theta2: 45 deg}, qd: {theta1: 3, theta2: -2}}",
+        ),
+        "stable: sticks exactly, so nothing creeps and nothing is stiff",
+        relative=1e-5,
+    ),
+    Case(
+        "rigid_stops",
+        lambda quick: arm(
+            "Two-link arm swinging into rigid stops",
+            2.0,
+            second=", limits: {lower: -1, upper: 1, stop: {restitution: 0.6}}",
+        ),
+        "stable: every impact is met at its instant, and the joint comes to rest on its stop",
+        relative=1e-4,
+    ),
+    Case(
         "stiff_stops",
         lambda quick: arm(
             "Two-link arm swinging into stiff, damped stops",

@@ -17,14 +17,12 @@ from robodyn_cli.run.spectrum import Spectrum
 from robodyn_cli.run.stability import STIFF, along, at_start
 from robodyn_cli.run.stability_cases import CASES, Case
 from robodyn_cli.run.stopwatch import Stopwatch
-from robodyn_cli.run.trial import Budget, Reference, Trial, attempts, reference
+from robodyn_cli.run.trial import FAMILIES, Budget, Reference, Trial, attempts, reference
 from robodyn_cli.scene.load import load_scene_text
 from robodyn_cli.scene.types import Scene
 
-FULL = (Budget(2_000_000, 6.0), Budget(5_000_000, 40.0))  # of a trial, of a reference
+FULL = (Budget(2_000_000, 3.0), Budget(5_000_000, 40.0))  # of a trial, of a reference
 QUICK = (Budget(100_000, 0.3), Budget(400_000, 2.0))
-# relatives of methods that a quick suite runs anyway: to compile them takes most of its time
-LEFT_OUT_OF_QUICK = ("dopri5", "rosenbrock23", "radau9", "radau13")
 
 
 @dataclasses.dataclass
@@ -133,7 +131,7 @@ def run_case(case: Case, quick: bool) -> Verdict:
         found, stiff = _spectrum(scene)
         ref = reference(scene, reference_budget, stiff)
         if ref is not None:
-            found = along(prepare(scene), ref) or found
+            found = along(prepare(scene, modes=True), ref) or found
     trials = attempts(scene, ref, trial_budget, methods_of(quick))
     complaints = judge(case, trials, ref)
     return Verdict(case, text, ref, found, trials, complaints, watch.report()["total"])
@@ -141,12 +139,12 @@ def run_case(case: Case, quick: bool) -> Verdict:
 
 def methods_of(quick: bool) -> list[str]:
     """Return the methods that the suite runs."""
-    return ["auto", *(name for name in registry if not (quick and name in LEFT_OUT_OF_QUICK))]
+    return ["auto", *(name for name in registry if not quick or name in FAMILIES)]
 
 
 def _spectrum(scene: Scene) -> tuple[Spectrum | None, bool]:
     try:
-        setup = prepare(scene)
+        setup = prepare(scene, modes=True)
     except RobodynError:
         return None, False
     found = at_start(setup)

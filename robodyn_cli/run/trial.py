@@ -23,6 +23,18 @@ VOUCHED = 1e-5  # agreement of the references, relative to the range, beyond whi
 TIGHT = {"gauss": 3e-14, "dop853": 3e-14, "rodas5p": 1e-12}  # tolerance of a reference; others below
 TIGHT_OTHERS = 1e-11
 SMALL = 1e-3  # a quantity that ranges over less than this part of the largest of its kind is judged by that
+# one method of each family: enough where to compile all of them would take longer than to run them
+FAMILIES = (
+    "gauss",
+    "implicit_midpoint",
+    "verlet",
+    "dop853",
+    "rk4",
+    "rodas5p",
+    "radau",
+    "bdf",
+    "generalized_alpha",
+)
 HONEST = 0.1  # an estimate below this part of the true error would hide it
 
 
