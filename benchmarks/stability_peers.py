@@ -77,7 +77,11 @@ class Chain:
 def with_mujoco(chain: Chain) -> Iterator[tuple[str, Run]]:
     import mujoco
 
-    for name, kind in (("Euler", "mjINT_EULER"), ("implicitfast", "mjINT_IMPLICITFAST"), ("RK4", "mjINT_RK4")):
+    for name, kind in (
+        ("Euler", "mjINT_EULER"),
+        ("implicitfast", "mjINT_IMPLICITFAST"),
+        ("RK4", "mjINT_RK4"),
+    ):
 
         def run(times: np.ndarray, kind: str = kind) -> np.ndarray:
             built = to_mujoco(chain.model)
@@ -110,7 +114,8 @@ def with_exudyn(chain: Chain) -> Iterator[tuple[str, Run]]:
     import exudyn as exu
     from exudyn import itemInterface as items
 
-    if not chain.plain or any(b.parent != k - 1 and not (k == 0 and b.parent == BASE) for k, b in enumerate(chain.model.bodies)):
+    in_line = [BASE, *range(len(chain.model.bodies) - 1)]
+    if not chain.plain or [b.parent for b in chain.model.bodies] != in_line:
         return
     kinds = {"revolute": exu.JointType.RevoluteZ, "prismatic": exu.JointType.PrismaticZ}
 
@@ -187,7 +192,9 @@ def with_scipy(chain: Chain) -> Iterator[tuple[str, Run]]:
 
             start = np.concatenate([chain.q, chain.v])
             atol = 1e-6 if rtol == 1e-3 else 1e-2 * rtol
-            found = solve_ivp(rates, (0.0, times[-1]), start, method=method, rtol=rtol, atol=atol, t_eval=times)
+            found = solve_ivp(
+                rates, (0.0, times[-1]), start, method=method, rtol=rtol, atol=atol, t_eval=times
+            )
             if not found.success:
                 raise ArithmeticError(found.message)
             return found.y.T
@@ -207,12 +214,21 @@ def outcome(run: Run, ref: Reference) -> dict[str, Any]:
     except TooSlow:
         return {"status": "too_slow", "relative": None, "seconds": SECONDS}
     except Exception as error:  # a peer may fail in ways of its own
-        return {"status": "diverged", "relative": None, "seconds": time.perf_counter() - began, "message": str(error)}
+        return {
+            "status": "diverged",
+            "relative": None,
+            "seconds": time.perf_counter() - began,
+            "message": str(error),
+        }
     seconds = time.perf_counter() - began
     if not np.all(np.isfinite(states)):
         return {"status": "not finite", "relative": None, "seconds": seconds}
     relative = float((np.abs(states - ref.states) / ref.scale).max())
-    return {"status": "stable" if relative <= 1e-3 else "inaccurate", "relative": relative, "seconds": seconds}
+    return {
+        "status": "stable" if relative <= 1e-3 else "inaccurate",
+        "relative": relative,
+        "seconds": seconds,
+    }
 
 
 def compare(case: Case) -> dict[str, Any] | None:
@@ -248,7 +264,9 @@ def shown(run: dict[str, Any] | None) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cases", default="", help="names of the suite's cases; default: all that are open chains")
+    parser.add_argument(
+        "--cases", default="", help="names of the suite's cases; default: all that are open chains"
+    )
     parser.add_argument("--json", type=Path, help="write everything there")
     options = parser.parse_args()
     names = options.cases.split(",") if options.cases else [c.name for c in CASES]

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 COLOURS = ("#000000", "#E69F00", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#8C6D31")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 DASHES = ("-", "--", ":", "-.")
+# more curves than these cannot be told apart; all of them are in runs.csv
+MOST = 12
+KNOWN = ("gauss", "dop853", "dopri5", "rk4", "rodas5p", "radau")
 
 
 def _curves(runs: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
@@ -28,6 +31,22 @@ def _curves(runs: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
     return curves
 
 
+def _readable(
+    curves: dict[str, list[dict[str, Any]]], best: list[dict[str, Any]]
+) -> dict[str, list[dict[str, Any]]]:
+    """Return at most MOST curves: those that are best somewhere first, then in the order of the registry."""
+    if len(curves) <= MOST:
+        return curves
+    front = {(b["method"], b["formulation"]) for b in best}
+
+    def rank(name: str) -> tuple[bool, bool]:
+        run = curves[name][0]
+        return (run["method"], run["formulation"]) not in front, run["method"] not in KNOWN
+
+    kept = set(sorted(curves, key=rank)[:MOST])
+    return {name: runs for name, runs in curves.items() if name in kept}
+
+
 def draw(result: Result) -> Figure:
     """Return the figure: two panels that share the error axis."""
     from matplotlib.figure import Figure
@@ -35,7 +54,7 @@ def draw(result: Result) -> Figure:
 
     from robodyn_cli.report.ticks import PowerFormatter
 
-    curves = _curves(result.summary["runs"])
+    curves = _readable(_curves(result.summary["runs"]), result.summary["best"])
     rows = -(-len(curves) // 3)
     height = 4.6 + 0.2 * rows
     figure = Figure(figsize=(9.0, height))
@@ -54,6 +73,7 @@ def draw(result: Result) -> Figure:
     for axis, label in zip(axes, ("run time [ms], median", "evaluations of the right-hand side [1]")):
         axis.set_xscale("log")
         axis.set_yscale("log")
+        axis.margins(0.04)
         axis.set_xlabel(label)
         for one in (axis.xaxis, axis.yaxis):
             one.set_major_formatter(PowerFormatter())

@@ -111,7 +111,8 @@ def slider(
     body = (
         "robot:\n  joints:\n"
         f"    - {{name: y, type: prismatic, origin: {{rpy: [-90 deg, 0, 0]}}, axis: [0, 0, 1]{keys}}}\n"
-        f"  links:\n    - {{name: body, mass: {mass:.17g}, com: [0, 0, 0], com_frame: link, inertia: {{xx: 1, yy: 1, zz: 1}}}}\n"
+        f"  links:\n    - {{name: body, mass: {mass:.17g}, com: [0, 0, 0], com_frame: link,\n"
+        "       inertia: {xx: 1, yy: 1, zz: 1}}\n"
     )
     return scene(title, body, start, duration, gravity, f'{{y: "{force}"}}' if force else "")
 

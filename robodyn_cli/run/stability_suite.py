@@ -22,7 +22,7 @@ from robodyn_cli.scene.load import load_scene_text
 from robodyn_cli.scene.types import Scene
 
 FULL = (Budget(2_000_000, 3.0), Budget(5_000_000, 40.0))  # of a trial, of a reference
-QUICK = (Budget(100_000, 0.3), Budget(400_000, 2.0))
+QUICK = (Budget(100_000, 0.3), Budget(400_000, 10.0))
 
 
 @dataclasses.dataclass

@@ -5,13 +5,12 @@ from __future__ import annotations
 import dataclasses
 import statistics
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError
 from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.formulations.system import System
@@ -19,9 +18,10 @@ from robodyn_cli.integrators.integrator import Grid, Integrator, Options
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.kernels.report import REPORT
 from robodyn_cli.results.result import Result
+from robodyn_cli.run.gains import study
 from robodyn_cli.run.method import LARGEST
 from robodyn_cli.run.progress import Progress, no_progress
-from robodyn_cli.run.simulate import prepare
+from robodyn_cli.run.simulate import Setup, prepare
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Baumgarte, Scene
 
@@ -35,6 +35,8 @@ DEFAULT_METHODS = (
 TOLERANCES = tuple(10.0**-k for k in range(2, 14))
 STEPS = 10  # step sizes tried for a method without step control, each half the one before
 LONGEST = 400_000  # steps after which a run counts as too slow
+SECONDS = 20.0  # as the last resort, the time after which it does; three times that for a reference
+REFERENCES = (("gauss", 3e-14), ("dop853", 3e-14), ("rodas5p", 1e-12), ("radau13", 1e-13), ("radau", 1e-11))
 VOUCHED = (
     1e-9  # relative agreement that the references must keep; beyond the time they lose it nothing is compared
 )
@@ -78,10 +80,22 @@ def _solve(
     system: System, method: str, start: Array, grid: Grid, options: Options
 ) -> tuple[Array, Integrator]:
     integrator = Integrator(system, method)
+    integrator.tick = deadline(3.0 * SECONDS)
     integrator.reset(0.0, start, options)
     rows: list[Array] = []
     integrator.run(grid.start + (grid.count - 1) * grid.step, grid, lambda t, x: rows.append(x), watch=False)
     return np.concatenate(rows), integrator
+
+
+def deadline(seconds: float) -> Callable[[float], None]:
+    """Return a callback that ends an integration when its time is up."""
+    end = time.perf_counter() + seconds
+
+    def tick(t: float) -> None:
+        if time.perf_counter() > end:
+            raise NumericalError(f"not done after {seconds:g} s, stopped at t = {t:.6g} s", status="too_slow")
+
+    return tick
 
 
 def _motion(system: System, states: Array) -> Array:
@@ -95,14 +109,13 @@ def reference(system: System, start: Array, duration: float) -> Reference:
 
     Raises
     ------
-    NumericalError : fewer than two methods get through at tight tolerance.
+    NumericalError : fewer than two methods get through at tight tolerance, or they never agree.
     """
     grid = Grid.over(duration, SAMPLES)
     found: list[tuple[str, Array]] = []
-    order = [("gauss", 3e-14), ("dop853", 3e-14)]
-    if system.nv <= LARGEST:
-        order.append(("rodas5p", 1e-12))
-    for method, tolerance in order:
+    for method, tolerance in REFERENCES:
+        if not supported(method, system):
+            continue
         options = Options(tolerance, tolerance, max_steps=5 * LONGEST)
         try:
             states, _ = _solve(system, method, start, grid, options)
@@ -120,7 +133,12 @@ def reference(system: System, start: Array, duration: float) -> Reference:
     apart = np.max(np.abs(x - y) / scale, axis=1)
     running = np.maximum.accumulate(apart)
     good = np.flatnonzero(running <= VOUCHED)
-    last = int(good[-1]) if len(good) > 1 else SAMPLES - 1
+    if len(good) < 2:
+        raise NumericalError(
+            f"{first} and {second} at tight tolerance agree to no more than {apart[1:].min():.1e} of the motion's "
+            "range, so nothing can vouch for a reference"
+        )
+    last = int(good[-1])
     agreement = max(float(running[last]), 1e-16)
     times = grid.times(0, SAMPLES)
     return Reference(
@@ -133,34 +151,44 @@ def reference(system: System, start: Array, duration: float) -> Reference:
     )
 
 
-def perturbation_growth(system: System, start: Array, until: float) -> float:
+def perturbation_growth(system: System, start: Array, until: float, method: str) -> float:
     """Return by how much a small change of the start has grown at ``until``."""
     grid = Grid.over(until, 2)
     places = list(system.q_places)
     change = 1e-7 * (1.0 + np.abs(start[places]))
     moved = start.copy()
     moved[places] += change
-    options = Options(1e-13, 1e-13, max_steps=5 * LONGEST)
+    tolerance = max(dict(REFERENCES)[method], 1e-13)
+    options = Options(tolerance, tolerance, max_steps=5 * LONGEST)
     try:
-        a, _ = _solve(system, "gauss", start, grid, options)
-        b, _ = _solve(system, "gauss", moved, grid, options)
+        a, _ = _solve(system, method, start, grid, options)
+        b, _ = _solve(system, method, moved, grid, options)
     except NumericalError:
         return float("nan")
     return float(np.abs(_motion(system, a[-1]) - _motion(system, b[-1])).max() / change.max())
 
 
-def formulations(scene: Scene, problem: Problem, duration: float) -> dict[str, System]:
-    """Return the formulations to compare: the tree itself, or the loops kept closed in different ways."""
+def formulations(scene: Scene, setup: Setup) -> tuple[dict[str, System], dict[str, Any] | None]:
+    """Return the formulations to compare: the tree itself, or the loops kept closed in different ways.
+
+    Baumgarte's gains are the scene's, or those that ``stabilisation: baumgarte`` would choose; they come second.
+    """
+    problem = setup.problem
     if not problem.constraints.rows:
-        return {"tree": index1(problem, work=False)}
-    gain = 20.0 / (duration / 100.0)
+        return {"tree": index1(problem, work=False)}, None
+    asked = scene.simulate.stabilisation
+    if isinstance(asked, Baumgarte):
+        gains: dict[str, Any] = dataclasses.asdict(asked)
+    else:
+        gains = study(scene, setup).choose().as_dict()
+        asked = Baumgarte(alpha=gains["alpha"], beta=gains["beta"])
     separable = not problem.dependent and not problem.gates
     return {
         "projection": index1(problem, "projection", work=False),
         **({"independent": index1(problem, "independent", work=False)} if separable else {}),
-        "baumgarte": index1(problem, Baumgarte(alpha=gain, beta=gain), work=False),
+        "baumgarte": index1(problem, asked, work=False),
         "none": index1(problem, "none", work=False),
-    }
+    }, gains
 
 
 def run_entry(system: System, entry: Entry, start: Array, ref: Reference, repeats: int) -> Entry:
@@ -172,6 +200,7 @@ def run_entry(system: System, entry: Entry, start: Array, ref: Reference, repeat
     try:
         integrator = Integrator(system, entry.method)
         entry.compile_time_s = REPORT.seconds - compiling
+        integrator.tick = deadline(SECONDS)
         rows: list[Array] = []
         integrator.reset(0.0, start, options)
         began = time.perf_counter()
@@ -191,8 +220,11 @@ def run_entry(system: System, entry: Entry, start: Array, ref: Reference, repeat
         entry.run_time_s = statistics.median(times)
         # without output there are fewer evaluations: those belong to the time
         entry.evaluations = integrator.counters.evaluations
+    except CapabilityError:
+        entry.status = "unsupported"
     except NumericalError as error:
-        entry.status = "too_slow" if error.details.get("status") == "max_steps" else "diverged"
+        slow = error.details.get("status") in ("max_steps", "too_slow")
+        entry.status = "too_slow" if slow else "diverged"
     return entry
 
 
@@ -243,12 +275,13 @@ def work_precision(
     watch = Stopwatch()
     setup = prepare(scene, watch)
     duration = scene.simulate.duration
-    systems = formulations(scene, setup.problem, duration)
+    with watch.stage("gains"):
+        systems, gains = formulations(scene, setup)
     main = next(iter(systems.values()))
     start = main.join(setup.assembled.q, setup.assembled.v)
     with watch.stage("reference"):
         ref = reference(main, start, duration)
-        growth = perturbation_growth(main, start, ref.until)
+        growth = perturbation_growth(main, start, ref.until, ref.methods[0])
     entries: list[Entry] = []
     plan: list[tuple[System, Entry]] = []
     for formulation, system in systems.items():
@@ -262,12 +295,23 @@ def work_precision(
                 for k in range(STEPS):
                     plan.append((system, Entry(method, formulation, None, ref.until / 100.0 / 2**k)))
     with watch.stage("runs"):
+        unable: set[tuple[str, str]] = set()
         for k, (system, entry) in enumerate(plan):
-            entries.append(
-                entry if entry.status == "unsupported" else run_entry(system, entry, start, ref, repeats)
-            )
             progress(k + 1, len(plan))
-    return _result(scene, ref, growth, entries, watch, repeats)
+            pair = (entry.formulation, entry.method)
+            if pair in unable:
+                continue
+            if entry.status != "unsupported":
+                run_entry(system, entry, start, ref, repeats)
+            if entry.status == "unsupported":
+                # once is enough
+                unable.add(pair)
+                entry.tolerance = entry.step = None
+            entries.append(entry)
+    result = _result(scene, ref, growth, entries, watch, repeats)
+    if gains is not None:
+        result.summary["baumgarte"] = gains
+    return result
 
 
 def _result(
