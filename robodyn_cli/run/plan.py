@@ -122,7 +122,10 @@ def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
 def describe(problem: Problem, redundant: int) -> str:
     """Return the mechanism in a few words."""
     model = problem.model
-    parts = [plural(len(model.bodies), "moving body").replace("bodys", "bodies"), plural(model.nv, "joint")]
+    parts = [
+        plural(len(model.bodies), "moving body").replace("bodys", "bodies"),
+        plural(len(model.joint_names), "joint"),
+    ]
     if model.loops:
         parts.append(plural(len(model.loops), "loop"))
         rows = len(problem.working.rows)

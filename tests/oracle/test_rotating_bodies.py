@@ -260,3 +260,31 @@ def test_every_sample_has_unit_quaternions_and_all_methods_agree(method: str, te
     q, v, _ = body.split(states)
     bound = 1e-5 if methods[method].order > 3 else 1e-4
     assert np.abs(found["q"] - q).max() < bound and np.abs(found["qd"] - v).max() < 10 * bound
+
+
+# -- with everything else ---------------------------------------------------------------------------------
+MIXED = """
+schema: 1
+gravity: [0, 0, -9.81]
+robot:
+  joints:
+    - {name: base, type: spherical}
+    - {name: h, type: revolute, axis: [1, 0, 0], origin: {xyz: [0.2, 0.1, 0]}, friction: {coulomb: 0.05, viscous: 0.01, law: set_valued}, limits: {lower: -60 deg, upper: 60 deg, stop: {restitution: 0.5}}}
+  links:
+    - {name: a, mass: 1.5, com: [0.1, 0.05, -0.2], inertia: {xx: 0.02, yy: 0.03, zz: 0.04, xy: 0.002}}
+    - {name: b, mass: 0.5, com: [0.1, 0.05, -0.2], inertia: {xx: 0.02, yy: 0.03, zz: 0.04}}
+  points: {tip: {link: b, at: [0, 0.1, 0.4]}, anchor: {link: base, at: [0.5, 0, 0.5]}}
+forces: [{name: s, type: spring, between: [anchor, tip], stiffness: 20, length: 0.3}]
+initial: {q: {base: {rpy: [40 deg, 0, 0]}, h: 0.1}, qd: {base: [0, 1, 2], h: 2}}
+simulate: {duration: 1.2, samples: 121}
+"""
+
+
+def test_friction_and_stops_beside_a_ball() -> None:
+    """Sticking, slipping and impacts in one joint while another carries a quaternion: energy balances all along."""
+    result = simulate(load_scene_text(MIXED))
+    kinds = {event["kind"] for event in result.events}
+    assert {"impact", "slip"} <= kinds
+    assert result.summary["energy_drift"] < 1e-10
+    assert np.abs(np.linalg.norm(result["q"][:, :4], axis=1) - 1.0).max() < 1e-14
+    assert result["q"][:, 4].max() < np.pi / 3 + 1e-12
