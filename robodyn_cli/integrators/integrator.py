@@ -202,6 +202,9 @@ class Integrator:
         ------
         NumericalError : the step size underflows, the state stops being finite, or there are too many steps.
         """
+        if self.system.chart is not None:  # which wears out on the way
+            self.run(end, Grid(end, 0.0, 0), lambda t, x: None, watch=False)
+            return
         self.n[Whole.WATCH], self.n[Whole.LAST_SAMPLE] = 0, -1
         self._forget()
         for stop in [b for b in self.system.breakpoints if self.time < b < end] + [end]:
@@ -238,7 +241,8 @@ class Integrator:
         if first < grid.count and grid.begins_by(first, self.time):
             emit(np.array([self.time]), self.y[None, :].copy())
             self.n[Whole.NEXT_SAMPLE] += 1
-        watch = watch and self._switching is not None
+        # a chart wears out whether anyone looks or not
+        watch = (watch or self.system.chart is not None) and self._switching is not None
         self.n[Whole.WATCH] = watch
         if not watch:
             self._forget()
