@@ -215,7 +215,7 @@ def outcome(run: Run, ref: Reference) -> dict[str, Any]:
         return {"status": "too_slow", "relative": None, "seconds": SECONDS}
     except Exception as error:  # a peer may fail in ways of its own
         return {
-            "status": "diverged",
+            "status": "model refused" if "inertia" in str(error) else "failed",
             "relative": None,
             "seconds": time.perf_counter() - began,
             "message": str(error),

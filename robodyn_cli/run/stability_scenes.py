@@ -123,7 +123,7 @@ robot:
     - {name: shaft, type: revolute, axis: [0, 0, 1]}
     - {name: arm, type: revolute, axis: [0, 1, 0]}
   links:
-    - {name: hub, mass: 2.0, com: [0, 0, 0], com_frame: link, inertia: {xx: 0.02, yy: 0.02, zz: 0.05}}
+    - {name: hub, mass: 2.0, com: [0, 0, 0], com_frame: link, inertia: {xx: 0.02, yy: 0.02, zz: 0.03}}
     - {name: flyball, mass: 0.5, com: [0.3, 0, 0], com_frame: link, inertia: {xx: 1e-4, yy: 2e-3, zz: 2e-3}}
 """
 

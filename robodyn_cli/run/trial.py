@@ -22,6 +22,9 @@ INACCURATE = 1e-3  # an error above this part of the range of its quantity is a 
 VOUCHED = 1e-5  # agreement of the references, relative to the range, beyond which nothing is judged
 TIGHT = {"gauss": 3e-14, "dop853": 3e-14, "rodas5p": 1e-12}  # tolerance of a reference; others below
 TIGHT_OTHERS = 1e-11
+# neighbours are of different families: two orders of one method would share what is wrong with it
+REFERENCES = ("gauss", "dop853", "rodas5p", "radau13", "radau")
+STIFF_REFERENCES = ("radau13", "rodas5p", "dop853", "radau", "gauss")
 SMALL = 1e-3  # a quantity that ranges over less than this part of the largest of its kind is judged by that
 # one method of each family: enough where to compile all of them would take longer than to run them
 FAMILIES = (
@@ -127,9 +130,7 @@ def reference(scene: Scene, budget: Budget, stiff: bool = False) -> Reference | 
     Two methods, explicit ones last where the scene is ``stiff``; where only one gets through, itself at two
     tolerances a hundred apart, which the names tell.
     """
-    names = [n for n, cls in registry.items() if cls.adaptive]
-    implicit = [n for n in names if n not in ("gauss", "dop853", "dopri5")]
-    order = [*implicit, "dop853", "gauss"] if stiff else ["gauss", "dop853", *implicit]
+    order = [n for n in (STIFF_REFERENCES if stiff else REFERENCES) if n in registry]
     found: list[tuple[str, Solution]] = []
     for name in order:
         tolerance = TIGHT.get(name, TIGHT_OTHERS)
