@@ -54,7 +54,7 @@ def measured(name: str, scene: Any, quick: bool) -> list[dict[str, Any]]:
     setup = prepare(scene)
     problem = setup.problem
     duration = scene.simulate.duration
-    systems = formulations(scene, problem, duration)
+    systems, _ = formulations(scene, setup)
     main = next(iter(systems.values()))
     start = main.join(setup.assembled.q, setup.assembled.v)
     passing = scene.simulate.singular == "pass"

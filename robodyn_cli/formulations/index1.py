@@ -174,7 +174,8 @@ def mode_events(problem: Problem) -> tuple[EventFunction, ...]:
     def add(kind: str, gate: Gate, value: Scalar) -> None:
         found.append(EventFunction(f"{kind} {gate.joint}", value, -1, terminal=False, mode=True))
 
-    for gate, force in zip(problem.gates, problem.holding):
+    # forces that hold cost the accelerations, which the loops of a long chain do without
+    for gate, force in zip(problem.gates, problem.holding if problem.gates else []):
         for push, at in gate.stops:
             add("stop lower" if push > 0.0 else "stop upper", gate, push * (problem.q[gate.q] - at))
         if gate.friction is not None:

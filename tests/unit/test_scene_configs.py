@@ -14,10 +14,13 @@ import pytest
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.scene import load_scene, load_scene_text
+from robodyn_cli.scene.commands import SCENE_COMMANDS
 from robodyn_cli.scene.types import Link, Scene
 
 CONFIGS = Path(__file__).parents[2] / "configs"
-SCENES = sorted([*CONFIGS.glob("*.yaml"), *CONFIGS.glob("benchmarks/*.yaml")])
+SCENES = sorted(
+    [*CONFIGS.glob("*.yaml"), *CONFIGS.glob("benchmarks/*.yaml"), *CONFIGS.glob("mechanisms/*.yaml")]
+)
 
 
 def load(name: str) -> Scene:
@@ -29,7 +32,7 @@ def test_loads_and_its_text_loads_again(path: Path, tmp_path: Path, monkeypatch:
     scene = load_scene(path)
     assert scene.path == str(path)
     assert scene.sources[0] == str(path)
-    assert scene.title and scene.command in ("inverse", "simulate", "deploy")
+    assert scene.title and scene.command in SCENE_COMMANDS
     monkeypatch.chdir(tmp_path)  # the text must not need any file
     again = load_scene_text(scene.text)
     assert again == scene
