@@ -364,7 +364,12 @@ class Integrator:
             raise NumericalError(f"the state stops being finite {where}", **facts)
         if not np.all(np.isfinite(self._rates())):
             raise NumericalError(f"the equations of motion give no finite accelerations {where}", **facts)
-        raise NumericalError(f"the step size became too small {where} (step {self.w[Real.H]:.3g} s)", **facts)
+        hint = ""
+        if self.options.atol == 0.0 and np.any(self.y == 0.0):
+            hint = "; with 'atol: 0' what is or passes zero may have no error at all: allow some, as 'atol: 1e-12'"
+        raise NumericalError(
+            f"the step size became too small {where} (step {self.w[Real.H]:.3g} s){hint}", **facts
+        )
 
     def _rates(self) -> Array:
         """Return accelerations and z rates at the current state (slowly, without a compiler)."""

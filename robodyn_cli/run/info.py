@@ -90,9 +90,20 @@ def info(path: Path, overrides: Sequence[str] = (), at: Sequence[str] = ()) -> t
     if not scene.loops and not scene.couplers:
         given = {name.partition(".")[0] for name in (*scene.initial.q, *scene.prescribed)}
         changes = [*(f"initial.q.{x}" for x in _neutral(scene, given)), *changes]
-    scene = load_scene(path, changes) if changes else scene
+    scene = _changed(path, changes, at) if changes else scene
     setup = prepare(scene, modes=True)
     return _Numbers(setup.problem, setup.assembled.q, setup.assembled.v).report()
+
+
+def _changed(path: Path, changes: Sequence[str], at: Sequence[str]) -> Scene:
+    try:
+        return load_scene(path, changes)
+    except SceneError as error:
+        # the user wrote no --set for the state
+        label, mark, message = error.message.partition(": initial.")
+        if at and mark and label.startswith("--set initial."):
+            raise SceneError(f"--at {', '.join(at)!r}: {message}", **error.details) from None
+        raise
 
 
 def _neutral(scene: Scene, given: set[str]) -> Iterable[str]:

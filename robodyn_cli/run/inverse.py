@@ -13,7 +13,7 @@ from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.dynamics import ForwardDynamics, InverseDynamics, joint_force_terms, open_problem
 from robodyn_cli.run.evaluation import SampleFunction, without_idle_unknowns
-from robodyn_cli.run.inverse_checks import DEFINITIONS, Sampled, error_estimate, joint_figures
+from robodyn_cli.run.inverse_checks import DEFINITIONS, Sampled, beyond_limits, error_estimate, joint_figures
 from robodyn_cli.run.motion import Planned, plan_motion, with_led_point
 from robodyn_cli.run.places import FORCES, add_places, place_outputs
 from robodyn_cli.run.progress import Progress, no_progress
@@ -179,6 +179,8 @@ def _summarise(
     summary["status"] = "ok"
     summary["termination"] = {"reason": "end of the trajectory", "time": float(sampled.times[-1])}
     summary["samples"] = len(sampled.times)
+    if warnings := beyond_limits(problem, sampled.times, sampled.motion):
+        summary["warnings"] = warnings
     if planned.target is not None:
         summary["inverse_kinematics"] = planned.method
         gap = result[f"points/{planned.point}"] - result[f"targets/{planned.point}"]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
+from robodyn_cli.forces.limits import Limits
 from robodyn_cli.model.model import Model
 from robodyn_cli.run.evaluation import SampleFunction, without_idle_unknowns
 from robodyn_cli.run.quadrature import integrate, integrate_positive, mean_square
@@ -91,6 +92,32 @@ def joint_figures(model: Model, sampled: Sampled) -> dict[str, dict[str, Any]]:
             },
         }  # fmt: skip
     return figures
+
+
+def beyond_limits(problem: Problem, times: Array, motion: JointMotion) -> list[str]:
+    """Return a warning for each joint that the motion takes beyond its limits.
+
+    A compliant stop has its torque there, a rigid one is passed as if it were not.
+    """
+    model, found = problem.model, []
+    for joint in problem.scene.robot.joints:
+        limits = next((force for _, force in joint.forces if isinstance(force, Limits)), None)
+        if limits is None or joint.name not in model.q_names:
+            continue
+        column = model.q_names.index(joint.name)
+        q, unit = motion.q[:, column], model.q_units[column]
+        what = "its rigid stop is ignored" if limits.rigid else "the torques press on its stop"
+        for side, limit, over in (
+            ("lower", limits.lower, None if limits.lower is None else limits.lower - q),
+            ("upper", limits.upper, None if limits.upper is None else q - limits.upper),
+        ):
+            if over is not None and over.max() > 1e-12 * max(1.0, abs(limit or 0.0)):
+                at = int(np.argmax(over))
+                found.append(
+                    f"the motion leaves the limits of joint {joint.name!r}: {q[at]:.6g} {unit} at t = {times[at]:.6g} s, "
+                    f"{side} {limit:.6g} {unit}; {what}"
+                )
+    return found
 
 
 def error_estimate(problem: Problem, sampled: Sampled, trip: float | None = None) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from robodyn_cli.run.guided_motion import (
     velocity_places,
 )
 from robodyn_cli.run.inverse import energies, fill, torque_terms
-from robodyn_cli.run.inverse_checks import DEFINITIONS, Sampled, error_estimate, joint_figures
+from robodyn_cli.run.inverse_checks import DEFINITIONS, Sampled, beyond_limits, error_estimate, joint_figures
 from robodyn_cli.run.motion import Planned, with_led_point
 from robodyn_cli.run.observe import loop_columns
 from robodyn_cli.run.places import add_places, place_outputs
@@ -258,6 +258,8 @@ def _summarise(
     summary["status"] = "ok"
     summary["termination"] = {"reason": "end of the trajectory", "time": float(sampled.times[-1])}
     summary["samples"] = len(sampled.times)
+    if warnings := beyond_limits(problem, sampled.times, sampled.motion):
+        summary["warnings"] = warnings
     summary["mechanism"] = {
         "degrees_of_freedom": shared.freedom,
         "actuated": list(actuated),

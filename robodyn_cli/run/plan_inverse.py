@@ -66,7 +66,7 @@ class Inverse:
             extra = count_operations(list(sum(forces[1:], forces[0]))) if forces else 0
             found = [rolled("torques (InverseDynamics)", RolledPlan(self.problem.model, "inverse"), extra)]
         else:
-            torques = make_program({"out": self.outputs(self.problem)}, ("q", "v", "a"))
+            torques = make_program({"out": self.outputs(self.problem)}, ("t", "q", "v", "a"))
             found = [sampled("torques (InverseDynamics)", torques)]
         varying = [v for v in self.evaluated.values() if any(isinstance(e, Expr) for e in v)]
         named: dict[str, Sequence[Scalar]] = {f"o{k}": v for k, v in enumerate(varying)}

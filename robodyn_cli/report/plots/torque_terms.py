@@ -14,7 +14,7 @@ from robodyn_cli.report.ticks import unit
 from robodyn_cli.results.result import Result
 
 # The order of the contract, so that a term has the same colour in every drawing.
-ORDER = ("inertia", "coriolis", "gravity", "friction", "passive")
+ORDER = ("inertia", "coriolis", "gravity", "friction", "passive", "external", "stops", "gear")
 MOST_JOINTS = 8
 
 
@@ -54,8 +54,10 @@ def draw(result: Result) -> Any:
 
 def _look(name: str) -> dict[str, Any]:
     colours = [colour for colour in COLOURS if colour != "#000000"]
-    index = ORDER.index(name) if name in ORDER else len(ORDER) + len(name) % 2
-    return {"color": colours[index], "linestyle": DASHES[index + 1], "linewidth": 1.4}
+    index = ORDER.index(name) if name in ORDER else len(ORDER)
+    # there are more terms than colours: the last ones share one, with another dash
+    again, colour = divmod(index, len(colours))
+    return {"color": colours[colour], "linestyle": DASHES[1 + (colour + 3 * again) % 7], "linewidth": 1.4}
 
 
 def _largest(data: Any) -> list[int]:

@@ -58,7 +58,9 @@ def draw(result: Result) -> Any:
                 float(rms[column]), color=colour, linewidth=0.8, linestyle=handle.get_linestyle(), alpha=0.7
             )
     sheet.label_time()
-    for ax, units_here in zip(sheet.axes, groups):
+    for ax, (units_here, columns) in zip(sheet.axes, groups.items()):
+        if not np.any(data[:, columns]):
+            ax.set_ylim(-1.0, 1.0)  # or the axis would show what rounding makes of zero
         ax.set_ylabel(labelled(QUANTITY.get(units_here, "torque or force"), units_here))
     sheet.legend(handles, labels)
     return sheet.figure
