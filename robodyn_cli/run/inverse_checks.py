@@ -114,8 +114,8 @@ def beyond_limits(problem: Problem, times: Array, motion: JointMotion) -> list[s
             if over is not None and over.max() > 1e-12 * max(1.0, abs(limit or 0.0)):
                 at = int(np.argmax(over))
                 found.append(
-                    f"the motion leaves the limits of joint {joint.name!r}: {q[at]:.6g} {unit} at t = {times[at]:.6g} s, "
-                    f"{side} {limit:.6g} {unit}; {what}"
+                    f"the motion leaves the limits of joint {joint.name!r}: {q[at]:.6g} {unit} "
+                    f"at t = {times[at]:.6g} s, {side} {limit:.6g} {unit}; {what}"
                 )
     return found
 
