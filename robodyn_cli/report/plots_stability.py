@@ -216,16 +216,20 @@ def baumgarte(result: Result) -> Figure | None:
             ax = figure.add_axes((0.1 + 0.47 * column, y, 0.31, 2.35 / height))
             bar = figure.add_axes((0.42 + 0.47 * column, y, 0.015, 2.35 / height))
             _plane(figure, ax, bar, gain, result[f"baumgarte/{name}/{path}"], f"{words} [rad, m]")
+            # where no gain is needed the star stands in the corner, for the axes have no zero
             ax.plot(
-                [chosen["beta"]],
-                [chosen["alpha"]],
+                [max(chosen["beta"], gain[0])],
+                [max(chosen["alpha"], gain[0])],
                 marker="*",
                 markersize=13,
                 color="white",
                 markeredgecolor="black",
+                clip_on=False,
             )
+            none = ", no gain needed" if chosen["alpha"] == 0.0 == chosen["beta"] else ""
             ax.set_title(
-                f"{found[name]['method']}, {path}, h = {found[name]['reference_step']:.2g} s", fontsize=9
+                f"{found[name]['method']}, {path}, h = {found[name]['reference_step']:.2g} s{none}",
+                fontsize=9,
             )
             ax.set_xlabel("beta [1/s]")
             if column == 0:
