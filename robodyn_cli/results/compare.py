@@ -63,8 +63,27 @@ def compare(
             found.append(Difference(path, *reason))
         else:
             found.append(_worst(result, path, actual, expected, rtol, atol, relative_to))
+    found += _events(result, baseline, rtol, atol)
     rank = {"missing": 0, "shape": 0, "units": 0, "names": 0, "differs": 1, "equal": 2, "extra": 3}
     return Comparison(tuple(sorted(found, key=lambda item: (rank[item.verdict], -item.ratio, item.path))))
+
+
+def _events(result: Result, baseline: Result, rtol: float, atol: float) -> list[Difference]:
+    """Return how the events compare: the same ones in the same order, and their times; nothing without any."""
+    if not result.events and not baseline.events:
+        return []
+    actual, expected = ([f"{e.get('kind')} of {e.get('name')}" for e in r.events] for r in (result, baseline))
+    for k, (a, b) in enumerate(zip(actual, expected)):
+        if a != b:
+            time = float(baseline.events[k]["time"])
+            return [Difference("events", "shape", f"{a} instead of {b} as number {k}, at t = {time:.9g} s")]
+    if len(actual) != len(expected):
+        return [Difference("events", "shape", f"{len(actual)} events instead of {len(expected)}")]
+    times = [np.array([float(e["time"]) for e in r.events]) for r in (result, baseline)]
+    a, b = (Variable(x, ("event",), "s", "time of events") for x in times)
+    worst = _worst(result, "events/time", a, b, rtol, atol, "peak")
+    at = int(np.argmax(np.abs(times[0] - times[1])))
+    return [dataclasses.replace(worst, time=float(times[1][at]), column=expected[at])]
 
 
 def _mismatch(actual: Variable, expected: Variable) -> tuple[str, str] | None:

@@ -217,6 +217,12 @@ def _open_loop(numbers: Numbers, task: _Closing, tried: list[tuple[float, Array]
     eta = numbers.eta(best[1])
     if np.abs(eta / numbers.sizes).max() <= CLOSED:
         names = ", ".join(numbers.turned(best[1]))
+        if not names:
+            there = ", ".join(f"{n} {x:.6g}" for n, x in zip(numbers.q_names, best[1]))
+            raise GeometryError(
+                f"the loops close only far from 'initial.q', at {there}; give a start near that, or another one",
+                gap=0.0, q=best[1].tolist(),
+            )  # fmt: skip
         raise GeometryError(
             f"the loops close only with {names} in another attitude than asked for; check its rpy",
             loop=names, gap=0.0, q=best[1].tolist(),

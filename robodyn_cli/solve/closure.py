@@ -31,6 +31,7 @@ class Numbers:
 
     def __init__(self, equations: Equations, parameters: Sequence[float]) -> None:
         self.rows = equations.constraint_rows
+        self.q_names = equations.model.q_names
         self.manifold = Manifold(equations.model)
         self.nv = equations.model.nv
         self._eta = Evaluator([row.eta for row in self.rows])

@@ -224,3 +224,20 @@ def test_rows_that_vanish_are_left_out_of_the_equations() -> None:
     setup = prepare(load_scene(CONFIGS / "four_bar_deploy.yaml"))
     assert setup.problem.constraints.dropped == ("pin.z", "pin.axis1", "pin.axis2")
     assert setup.problem.constraints.names == ("pin.x", "pin.y")
+
+
+def test_closing_far_from_the_start_is_told_with_the_place() -> None:
+    """A screw that must turn some 49 rad to reach: the loops can close, and no attitude is in the way."""
+    text = """
+gravity: [0, 0, 0]
+robot:
+  joints:
+    - {name: a, type: universal, axis: [1, 0, 0], axis2: [0, 1, 0]}
+    - {name: d, type: helical, axis: [0, 0, 1], pitch: 0.1}
+  links: [{name: l1, mass: 1, com: [1, 0, 0]}, {name: l2, mass: 1, com: [1, 0, 0]}]
+loops: [{name: far, type: distance, between: [base.origin, l2.com], length: 5}]
+initial: {q: {a: [1, 0], d: 2}}
+simulate: {duration: 1}
+"""
+    with pytest.raises(GeometryError, match=r"only far from 'initial.q', at a.theta1 .*, d 48\.98"):
+        assembled(text)

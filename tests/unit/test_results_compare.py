@@ -103,3 +103,26 @@ def test_the_reference_lists_exactly_the_paths_of_the_catalogue() -> None:
 def test_the_reference_lists_exactly_the_attributes_of_the_catalogue() -> None:
     rows = re.findall(r"^\| `([^/`]+)` \| (.*) \| (.*) \|$", DOC.read_text(encoding="utf-8"), re.M)
     assert rows == [(entry.name, entry.kind, entry.meaning) for entry in catalogue.ATTRIBUTES]
+
+
+def test_events_are_compared_by_order_and_time() -> None:
+    result, baseline = inverse_result(), inverse_result()
+    for one in (result, baseline):
+        one.events = [
+            {"time": 0.1, "name": "hinge", "kind": "stick"},
+            {"time": 0.3, "name": "hinge", "kind": "slip"},
+        ]
+    assert compare(result, baseline).agrees
+    result.events[1]["time"] = 0.3001
+    worst = compare(result, baseline).differences[0]
+    assert (worst.path, worst.verdict, worst.column, worst.time) == (
+        "events/time",
+        "differs",
+        "slip of hinge",
+        0.3,
+    )
+    result.events[1]["kind"] = "impact"
+    worst = compare(result, baseline).differences[0]
+    assert worst.verdict == "shape" and "impact of hinge instead of slip of hinge" in worst.detail
+    del result.events[1]
+    assert compare(result, baseline).differences[0].detail == "1 events instead of 2"
