@@ -80,8 +80,8 @@ def _events(result: Result, baseline: Result, rtol: float, atol: float) -> list[
     if len(actual) != len(expected):
         return [Difference("events", "shape", f"{len(actual)} events instead of {len(expected)}")]
     times = [np.array([float(e["time"]) for e in r.events]) for r in (result, baseline)]
-    a, b = (Variable(x, ("event",), "s", "time of events") for x in times)
-    worst = _worst(result, "events/time", a, b, rtol, atol, "peak")
+    found, wanted = (Variable(x, ("event",), "s", "time of events") for x in times)
+    worst = _worst(result, "events/time", found, wanted, rtol, atol, "peak")
     at = int(np.argmax(np.abs(times[0] - times[1])))
     return [dataclasses.replace(worst, time=float(times[1][at]), column=expected[at])]
 

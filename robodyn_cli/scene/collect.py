@@ -18,7 +18,7 @@ from robodyn_cli.scene.read import BROKEN, Reader
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.scene.validate import validate
 from robodyn_cli.scene.yaml_nodes import compose, read_text
-from robodyn_cli.schema.fields import Kind, ListOf, MapOf, Section
+from robodyn_cli.schema.fields import Kind, ListOf, MapOf, Name, Section
 
 
 @dataclasses.dataclass(frozen=True)
@@ -165,6 +165,16 @@ class _Reader(Reader):
             if f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
         ]
         return cls(**known) if all(name in known for name in needed) else BROKEN
+
+    def name(self, kind: Name, node: Node, path: Path, unit: str) -> str:
+        try:
+            return super().name(kind, node, path, unit)
+        except SceneError as error:
+            if not isinstance(node, ScalarNode) or not isinstance(node.value, str):
+                raise
+            # a bad name still tells things apart, and without it nothing of the list could be checked
+            self.errors.append(error)
+            return node.text
 
     def list_of(self, kind: ListOf, node: Node, path: Path, unit: str) -> Any:
         found = super().list_of(kind, node, path, unit)

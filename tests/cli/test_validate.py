@@ -176,3 +176,22 @@ def test_order_of_badness() -> None:
     assert [worst(pair) for pair in ((0, 1), (3, 1), (3, 2), (2, 4), (4, 5), (5, 70), (70, 130))] == [
         1, 3, 2, 4, 5, 70, 130,
     ]  # fmt: skip
+
+
+def test_a_bad_name_hides_nothing(tmp_path: Path) -> None:
+    """A name that formulas cannot use does not keep the other joints from being checked."""
+    path = tmp_path / "names.yaml"
+    path.write_text(
+        """\
+schema: 1
+gravity: [0, 0, -9.81]
+robot:
+  joints:
+    - {name: e, type: revolute, axis: [0, 0, 1]}
+    - {name: b, type: helical, axis: [0, 0, 0], pitch: 1}
+  links: [{name: l1, mass: 1, com: [0, 0, 0]}, {name: l2, mass: 1, com: [0, 0, 0]}]
+forces: [{name: s, type: spring, between: [l1.origin, l1.com], stiffness: 3}]
+"""
+    )
+    keys = [error.details["key"] for error in examine(path).errors]
+    assert keys == ["robot.joints.0.name", "robot.joints.1.axis", "forces.0.between"]
