@@ -150,7 +150,7 @@ def _time_error(run: Deployment, found: Found, stop: float, criterion: str) -> f
     second, _ = tighter(run.options, mean_step, run.method)
     again = run.scan(second, multipliers=False)
     if again.steps <= 1.02 * found.steps and run.options.step is None:
-        again = run.scan(other_steps(run.options, mean_step)[0], multipliers=False)
+        again = run.scan(other_steps(second, mean_step)[0], multipliers=False)
     if again.dead_point is None:
         return None
     # the scans may end at different times, so it is steps per second that count
