@@ -322,6 +322,13 @@ class Modes:
 
         bounced = after(gate.restitution)
         speed = push * bounced[self._v(gate)]
+        torn = np.abs(psi @ (bounced[places] - v)).max(initial=0.0)
+        if torn > MISSED * np.abs(psi).max(initial=0.0) * abs(v[gate.v]):
+            raise NumericalError(
+                f"joint {gate.joint!r} runs into its rigid stop at t = {t:.6g} s, and prescribed motion or loops "
+                "force it on",
+                time=t, status="blocked",
+            )  # fmt: skip
         saved = set(self.rest), dict(self.contact), list(self.mode)
         self._settle_speeds(bounced)
         self._write()

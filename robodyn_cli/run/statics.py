@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.kinematics import slice_q, slice_v
+from robodyn_cli.equations.modes import gates
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError, SingularConfigurationError
 from robodyn_cli.expr.calculus import directional
@@ -66,11 +67,23 @@ def statics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch 
         q = assemble(problem, given, {}, held).q
     with watch.stage("solve"):
         state = _balanced(problem, q) if find == "balance" else _held(problem, q)
+    _within_stops(problem, state.q)
     result = Result("statics", scene.title or "statics", "ok", scene.text)
     _fill(result, problem, state)
     progress(0.0, 0.0)
     result.summary["wall_time_s"] = watch.report()
     return result
+
+
+def _within_stops(problem: Problem, q: Array) -> None:
+    """Refuse a configuration beyond a rigid stop: what the stop bears is not among the forces that balance."""
+    for gate in gates(problem.model):
+        for push, at in gate.stops:
+            if push * (q[gate.q] - at) < -1e-9 * max(1.0, abs(at)):
+                raise CapabilityError(
+                    f"joint {gate.joint!r} would be at {q[gate.q]:.6g}, beyond its rigid stop at {at:.6g}, which "
+                    "`statics` does not follow; allowed: stops with 'stiffness', or the joint in 'initial.hold'"
+                )
 
 
 class _State:

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from robodyn_cli.errors import NumericalError, SceneError
+from robodyn_cli.errors import CapabilityError, NumericalError, SceneError
 from robodyn_cli.run.info import info
 from robodyn_cli.run.inverse import inverse
 from robodyn_cli.run.plan import plan
 from robodyn_cli.run.simulate import simulate
+from robodyn_cli.run.statics import statics
 from robodyn_cli.scene.load import load_scene_text
 
 ARM = """
@@ -70,3 +71,31 @@ def test_wrong_states_are_told_as_they_were_given(tmp_path: Path, state: str, sa
     with pytest.raises(SceneError) as caught:
         info(path, at=[state])
     assert caught.value.message.startswith(f"--at {state!r}: {said}")
+
+
+STOPPED = """
+schema: 1
+gravity: [0, -9.81, 0]
+robot:
+  joints:
+    - {name: a, type: revolute, axis: [0, 0, 1], limits: {lower: -0.5, upper: 0.5, stop: {restitution: 0.5}}}
+    - {name: b, type: revolute, axis: [0, 0, 1], origin: {xyz: [0.3, 0, 0]}}
+  links:
+    - {name: la, mass: 1, com: [0.15, 0, 0], inertia: {zz: 0.01}}
+    - {name: lb, mass: 1, com: [0.15, 0, 0], inertia: {zz: 0.01}}
+initial: {q: {a: 0.2, b: 0}}
+simulate: {duration: 3, samples: 31}
+"""
+
+
+def test_prescribed_motion_into_a_rigid_stop_ends_there() -> None:
+    scene = load_scene_text(STOPPED, overrides=["prescribed={a: 'sin(t)'}", "initial.q.a=null"])
+    with pytest.raises(NumericalError, match=r"'a' runs into its rigid stop at t = 0\.523599 s"):
+        simulate(scene)
+
+
+def test_a_balance_beyond_a_rigid_stop_is_refused() -> None:
+    with pytest.raises(CapabilityError, match=r"'a' would be at -1\.5708, beyond its rigid stop at -0\.5"):
+        statics(load_scene_text(STOPPED))
+    held = statics(load_scene_text(STOPPED, overrides=["initial.hold=[a]"]))
+    assert held.summary["configuration"]["a"] == 0.2
