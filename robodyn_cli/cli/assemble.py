@@ -30,7 +30,7 @@ def command(
     quiet: Quiet = False,
     strict: Strict = False,
 ) -> None:
-    """Close the loops: positions, rates and accelerations, and in which ways they close."""
+    """Close the loops, and find the ways in which they close."""
     console = Console(as_json, quiet)
 
     def action() -> int:

@@ -29,7 +29,7 @@ def command(
     as_json: ReportAsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Check a result against the criteria (`expect`) of its scene."""
+    """Check a result against what its scene expects."""
     console = Console(as_json, quiet)
 
     def action() -> int:

@@ -34,7 +34,7 @@ def command(
     as_json: ReportAsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Compare two results dataset by dataset; exit code 1 where they differ."""
+    """Compare two results dataset by dataset."""
     console = Console(as_json, quiet)
 
     def action() -> int:

@@ -25,7 +25,7 @@ def command(
     as_json: ReportAsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Kinematic tree, frames, mass matrix, Coriolis matrix, gravity and Jacobians at a state."""
+    """Tree, frames, M, C, G and Jacobians at a state."""
     console = Console(as_json, quiet)
 
     def action() -> int:

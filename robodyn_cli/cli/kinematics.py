@@ -7,6 +7,6 @@ from robodyn_cli.cli.scene_command import scene_command
 
 command = scene_command(
     "kinematics",
-    "Positions, rates and accelerations of a motion without forces; mobility, transmission.",
+    "Motion without forces, mobility, transmission.",
     describe_kinematics,
 )

@@ -27,7 +27,7 @@ def command(
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Write a commented scene to begin with; never over another file."""
+    """Write a commented scene to begin with."""
     console = Console(quiet=quiet)
 
     def action() -> int:

@@ -20,7 +20,7 @@ def command(
     as_json: ReportAsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """What a scene needs and what is left out, with operation counts."""
+    """What a scene needs, what is left out, and operations."""
     console = Console(as_json, quiet)
 
     def action() -> int:

@@ -41,7 +41,7 @@ def command(
     as_json: ReportAsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Run many scenes, each by its own command, and check their criteria."""
+    """Run many scenes, each by its own command; check them."""
     console = Console(as_json, quiet)
 
     def action() -> int:

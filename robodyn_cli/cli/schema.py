@@ -6,7 +6,7 @@ from robodyn_cli.cli.console import Console, guarded
 
 
 def command() -> None:
-    """Print the JSON Schema of scenes, with which editors complete and check them."""
+    """Print the JSON Schema of scenes, for editors."""
 
     def action() -> int:
         import json

@@ -37,7 +37,7 @@ def command(
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """What limits the step, and what every method makes of a scene or of the suite of extreme cases."""
+    """Stiffness, step limits, and what each method does."""
     console = Console(as_json, quiet)
 
     def action() -> int:

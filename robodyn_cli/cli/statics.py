@@ -7,6 +7,6 @@ from robodyn_cli.cli.scene_command import scene_command
 
 command = scene_command(
     "statics",
-    "The balanced configuration, its stability and its loads, or the torques that hold one.",
+    "Balance and its stability, or torques that hold a pose.",
     describe_statics,
 )

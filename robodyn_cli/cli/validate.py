@@ -19,7 +19,7 @@ def command(
     quiet: Quiet = False,
     strict: Strict = False,
 ) -> None:
-    """Check scenes and list all that is wrong, without running them."""
+    """Check scenes and list all that is wrong."""
     console = Console(as_json, quiet)
 
     def action() -> int:

@@ -39,7 +39,7 @@ def command(
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Error against run time, for every method that can do the scene."""
+    """Error against run time, for every method."""
     console = Console(as_json, quiet)
 
     def action() -> int:
