@@ -16,6 +16,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.formulations.dynamics import Expanded, Rolled
 from robodyn_cli.formulations.independent import PartitionChart, partition
+from robodyn_cli.formulations.index3 import Index3
 from robodyn_cli.formulations.layout import Layout
 from robodyn_cli.formulations.row_chart import RowChart, renewals
 from robodyn_cli.formulations.system import EventFunction, System
@@ -64,10 +65,12 @@ def index1(
         position, velocity = projection(problem)
     elif constraints.rows and stabilisation == "independent":
         return _partitioned(problem, z_rate, events)
-    return _system(
+    system = _system(
         problem, Expanded(tuple(qdd), z_rate), events,
         position_correction=tuple(position), velocity_correction=tuple(velocity),
     )  # fmt: skip
+    index3 = None if isinstance(stabilisation, Baumgarte) or system.layout is not None else Index3(problem)
+    return dataclasses.replace(system, index3=index3)
 
 
 def _partitioned(problem: Problem, z_rate: Sequence[Scalar], events: Sequence[EventFunction]) -> System:

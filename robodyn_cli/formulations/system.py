@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,9 @@ from robodyn_cli.formulations.dynamics import Dynamics
 from robodyn_cli.formulations.layout import Layout
 from robodyn_cli.formulations.linearisation import complex_factors, real_factors
 from robodyn_cli.kernels.program import Program, make_program
+
+if TYPE_CHECKING:
+    from robodyn_cli.formulations.index3 import Index3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,6 +72,7 @@ class System:
     layout : None where q, v, z are the mechanism's.
     chart : chooses some of the parameters, at the start and at events that are renewals.
     sample_positions, sample_velocities : corrections of samples, where those of steps depend on the chart.
+    index3 : the same motion as equations with multipliers, where there are such; built when asked for.
     """
 
     nq: int
@@ -86,6 +90,7 @@ class System:
     chart: Chart | None = None
     sample_positions: tuple[Scalar, ...] = ()
     sample_velocities: tuple[Scalar, ...] = ()
+    index3: Index3 | None = None
 
     @property
     def size(self) -> int:

@@ -30,6 +30,11 @@ class HermiteStepper(Stepper):
         w.rate(t, here, rates)
         return [rates[k] for k in range(len(x))]
 
+    def _end_rate(self, w: Writer, t: Value, x: list[Value]) -> list[Value]:
+        """Return x-dot at the end of the step."""
+        w.count(Whole.EVALUATIONS)
+        return self._rate(w, t, x)
+
     def save_dense(self, w: Writer, t: Value, h: Value) -> None:
         f, s = w.f, w.system
         wanted = f.compare_int(
@@ -38,8 +43,7 @@ class HermiteStepper(Stepper):
         watched = f.compare_int("ne", f.load_int(w.whole(Whole.WATCH)), 0)
         with f.when(wanted | watched), f.when(w.due(t + h, 2.0 * SLACK) | watched):
             x1 = [w.new[k] for k in range(s.size)]
-            rate1 = self._rate(w, t + h, x1)
-            w.count(Whole.EVALUATIONS)
+            rate1 = self._end_rate(w, t + h, x1)
             kept = [*self.x0, *self.increments, *self.rate0[s.nq :], *rate1[s.nq :]]
             for k, value in enumerate(kept):
                 f.store(value, f.offset("%dense", k))

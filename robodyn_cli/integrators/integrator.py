@@ -59,7 +59,8 @@ class Integrator:
         self.stepper: Stepper = methods[method]()
         host = machine()
         compiled = compile_module(
-            f"run {method} {system.digest}", lambda: write_run(system, methods[method](), host.fused)
+            f"run {method} {system.digest}{self.stepper.digest(system)}",
+            lambda: write_run(system, methods[method](), host.fused),
         )
         self._run = compiled.function("run", *[ctypes.c_void_p] * len(ARGUMENTS), result=ctypes.c_int64)
         room = compiled.function("memory", ctypes.c_int64, result=ctypes.c_int64)(system.nv)
@@ -362,6 +363,9 @@ class Integrator:
             raise NumericalError(f"more than {self.options.max_steps} steps, stopped {where}", **facts)
         if status is Status.NOT_FINITE:
             raise NumericalError(f"the state stops being finite {where}", **facts)
+        if status is Status.NOT_SOLVED:
+            words = f"the equations of a step of {self.w[Real.H]:.3g} s have no solution nearby"
+            raise NumericalError(f"{words} {where}; allowed: a shorter simulate.step", **facts)
         if not np.all(np.isfinite(self._rates())):
             raise NumericalError(f"the equations of motion give no finite accelerations {where}", **facts)
         hint = ""

@@ -55,3 +55,4 @@ class Status(enum.IntEnum):
     MAX_STEPS = 3
     STEP_TOO_SMALL = 4
     NOT_FINITE = 5
+    NOT_SOLVED = 6  # the equations of a step whose length is fixed

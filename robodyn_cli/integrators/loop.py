@@ -42,7 +42,8 @@ class Attempt:
 class Stepper:
     """A method of integration. ``order`` is that of the solution, ``dense_order`` that of the dense output.
 
-    proportion : the global error falls at least as the tolerance to this power.
+    proportion : the global error falls at least as the tolerance to this power. projected : states are put back on
+    manifolds and constraints after each step.
     """
 
     name = ""
@@ -52,7 +53,12 @@ class Stepper:
     proportion = 1.0
     symplectic = False
     needs_jacobian = False
+    projected = True
     largest_growth = 5.0
+
+    def digest(self, system: System) -> str:
+        """Return a key of the code that the method takes from a system beyond ``System.digest``."""
+        return ""
 
     def dense_size(self, system: System) -> int:
         """Return how many doubles dense output keeps."""
@@ -146,7 +152,8 @@ def write_run(system: System, method: Stepper, fused: bool) -> str:
         w.put(Real.H, h * shrink)
         f.jump(retry)
     else:
-        f.store_int(Status.NOT_FINITE, status)
+        broken = f.compare("uno", outcome.error, 0.0)
+        f.store_int(f.select_int(broken, int(Status.NOT_FINITE), int(Status.NOT_SOLVED)), status)
         f.jump(leave)
     f.place(retry)
     w.count(Whole.REJECTED)
@@ -172,7 +179,8 @@ def write_run(system: System, method: Stepper, fused: bool) -> str:
     w.count(Whole.ACCEPTED)
     for k in w.each(w.size):
         w.state[k] = w.new[k]
-    _project(w, reached)
+    if method.projected:
+        _project(w, reached)
     f.jump(samples)
 
     f.place(samples)

@@ -14,6 +14,7 @@ from robodyn_cli.integrators.gauss_orders import (
     Gauss14,
     ImplicitMidpoint,
 )
+from robodyn_cli.integrators.generalized_alpha import GeneralizedAlpha
 from robodyn_cli.integrators.loop import Stepper
 from robodyn_cli.integrators.radau import Radau, Radau9, Radau13
 from robodyn_cli.integrators.rosenbrock import Rodas5P, Rosenbrock23
@@ -41,4 +42,5 @@ methods: dict[str, type[Stepper]] = {
     "radau": Radau,
     "radau9": Radau9,
     "radau13": Radau13,
+    "generalized_alpha": GeneralizedAlpha,
 }
