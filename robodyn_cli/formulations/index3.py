@@ -56,7 +56,9 @@ class Index3:
         g = weights(p.graph)
         columns: list[Column] = [(x, k, g[0]) for k, x in enumerate(p.q)]
         columns += [(x, k, g[1]) for k, x in enumerate(p.v)]
-        return newton_step(r, p.mass_matrix, columns, psi, [e / g[0] for e in constraints.eta], p.elimination_order)
+        return newton_step(
+            r, p.mass_matrix, columns, psi, [e / g[0] for e in constraints.eta], p.elimination_order
+        )
 
 
 def first_order_step(system: System) -> Program:

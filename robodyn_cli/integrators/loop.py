@@ -42,8 +42,7 @@ class Attempt:
 class Stepper:
     """A method of integration. ``order`` is that of the solution, ``dense_order`` that of the dense output.
 
-    proportion : the global error falls at least as the tolerance to this power. projected : states are put back on
-    manifolds and constraints after each step.
+    proportion : the global error falls at least as the tolerance to this power.
     """
 
     name = ""
@@ -53,7 +52,6 @@ class Stepper:
     proportion = 1.0
     symplectic = False
     needs_jacobian = False
-    projected = True
     largest_growth = 5.0
 
     def digest(self, system: System) -> str:
@@ -71,6 +69,10 @@ class Stepper:
     def obstacle(self, system: System) -> str:
         """Return why the method cannot do a system, or nothing."""
         return "it needs a Jacobian" if self.needs_jacobian and system.dynamics.any_size else ""
+
+    def projects(self, system: System) -> bool:
+        """Tell whether states are to be put back on manifolds and constraints after each step."""
+        return True
 
     def prepare(self, w: Writer) -> None:
         """Emit what is needed once at entry (slots, constants)."""
@@ -179,7 +181,7 @@ def write_run(system: System, method: Stepper, fused: bool) -> str:
     w.count(Whole.ACCEPTED)
     for k in w.each(w.size):
         w.state[k] = w.new[k]
-    if method.projected:
+    if method.projects(system):
         _project(w, reached)
     f.jump(samples)
 

@@ -30,7 +30,7 @@ SAMPLES = 257  # instants at which solutions are compared
 # one of each kind; the others by name
 DEFAULT_METHODS = (
     "gauss", "dop853", "dopri5", "rk4", "radau13", "radau", "rodas5p", "rosenbrock23", "bdf", "gauss6",
-    "implicit_midpoint", "symplectic8",
+    "implicit_midpoint", "symplectic8", "generalized_alpha",
 )  # fmt: skip
 TOLERANCES = tuple(10.0**-k for k in range(2, 14))
 STEPS = 10  # step sizes tried for a method without step control, each half the one before

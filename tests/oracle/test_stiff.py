@@ -17,6 +17,7 @@ from tests.systems import samples, system
 
 STIFF = [m for m in methods if methods[m].needs_jacobian]
 each_stiff = pytest.mark.parametrize("method", STIFF)
+each_adaptive = pytest.mark.parametrize("method", [m for m in STIFF if methods[m].adaptive])
 
 
 @each_stiff
@@ -37,7 +38,7 @@ def test_prothero_and_robinson(method: str, decay: float) -> None:
         assert integrator.counters.steps < (200_000 if method == "rosenbrock23" else 2000)
 
 
-@each_stiff
+@each_adaptive
 def test_van_der_pol(method: str) -> None:
     """The relaxation oscillation with eps = 1e-6; reference digits of the test set of Bari at t = 2."""
     body = system(1, lambda t, q, v, z, p: [((1.0 - q[0] * q[0]) * v[0] - q[0]) * 1e6])
@@ -66,7 +67,7 @@ simulate: {duration: 10}
 """
 
 
-@each_stiff
+@each_adaptive
 def test_a_double_pendulum_on_a_stiff_spring(method: str) -> None:
     """The largest error along the whole run, transient included, against an explicit method in tiny steps."""
     setup = prepare(load_scene_text(PENDULUM))
