@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+from robodyn_cli.errors import CapabilityError
 from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.run.baumgarte import GainStudy
 from robodyn_cli.run.method import choose
@@ -27,10 +28,16 @@ def study(scene: Scene, setup: Setup, method: str | None = None) -> GainStudy:
 
 def with_gains(scene: Scene, watch: Stopwatch) -> tuple[Scene, dict[str, Any] | None]:
     """Return the scene with Baumgarte's gains chosen where it leaves that to us, and what was found on the way."""
-    if scene.simulate.stabilisation != AUTOMATIC or not scene.loops:
+    if scene.simulate.stabilisation != AUTOMATIC or not (scene.loops or scene.couplers):
         return scene, None
     with watch.stage("gains"):
-        found = study(scene, prepare(scene)).choose()
+        setup = prepare(scene, modes=True)
+        if setup.problem.gates:
+            raise CapabilityError(
+                "simulate.stabilisation: the runs that choose Baumgarte's gains do not follow joints that stick or "
+                "meet rigid stops; allowed: projection, none, Baumgarte's {alpha, beta}"
+            )
+        found = study(scene, setup).choose()
     gains = Baumgarte(alpha=found.alpha, beta=found.beta)
     changed = dataclasses.replace(scene.simulate, stabilisation=gains)
     return dataclasses.replace(scene, simulate=changed), found.as_dict()

@@ -99,3 +99,20 @@ def test_a_balance_beyond_a_rigid_stop_is_refused() -> None:
         statics(load_scene_text(STOPPED))
     held = statics(load_scene_text(STOPPED, overrides=["initial.hold=[a]"]))
     assert held.summary["configuration"]["a"] == 0.2
+
+
+def test_gains_are_not_chosen_for_joints_that_stick() -> None:
+    changes = ["loops=[{name: l, type: point_on_plane, between: [base.origin, lb.com], axis: [0, 1, 0]}]"]
+    scene = load_scene_text(STOPPED, overrides=[*changes, "simulate.stabilisation=baumgarte"])
+    with pytest.raises(CapabilityError, match="allowed: projection, none, Baumgarte's"):
+        simulate(scene)
+
+
+def test_gains_are_chosen_for_couplers_alone() -> None:
+    changes = [
+        "couplers=[{name: mesh, terms: {a: 1, b: 2}}]",
+        "robot.joints.a.limits=null",
+        "initial.q.b=null",
+    ]
+    scene = load_scene_text(STOPPED, overrides=[*changes, "simulate.stabilisation=baumgarte"])
+    assert simulate(scene).summary["baumgarte"]["alpha"] > 0.0

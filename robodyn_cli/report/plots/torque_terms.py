@@ -55,9 +55,13 @@ def draw(result: Result) -> Any:
 def _look(name: str) -> dict[str, Any]:
     colours = [colour for colour in COLOURS if colour != "#000000"]
     index = ORDER.index(name) if name in ORDER else len(ORDER)
-    # there are more terms than colours: the last ones share one, with another dash
-    again, colour = divmod(index, len(colours))
-    return {"color": colours[colour], "linestyle": DASHES[1 + (colour + 3 * again) % 7], "linewidth": 1.4}
+    # black is the total's, so there is one term more than colours: it is wine
+    colours.append("#882255")
+    return {
+        "color": colours[min(index, 7)],
+        "linestyle": (0, (2, 2, 6, 2)) if index >= 7 else DASHES[index + 1],
+        "linewidth": 1.4,
+    }
 
 
 def _largest(data: Any) -> list[int]:
