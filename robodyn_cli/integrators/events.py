@@ -102,14 +102,15 @@ def first_roots(
                     return Found(_last_followed(k, values, a, float(before[k]), b))
                 roots.append(root)
         if roots:
-            bound = min(r.high for r in roots) + 2.0 * _resolution(start, high)
+            bound = min(r.high for r in roots) + 2.0 * resolution(start, high)
             together = tuple(r for r in roots if r.high <= bound)
             return Found(max(r.high for r in together), together)
         before = [x if y == 0.0 else y for x, y in zip(before, after)]
     return Found(high)
 
 
-def _resolution(a: float, b: float) -> float:
+def resolution(a: float, b: float) -> float:
+    """Return how narrow a bracket between these times can sensibly become."""
     return 4e-16 * max(abs(a), abs(b))
 
 
@@ -119,10 +120,10 @@ def _root(index: int, values: Values, a: float, g_a: float, b: float, g_b: float
     g_a = float(values(a)[index])
     if g_a * sign <= 0.0:
         return Root(index, a, a, -sign)  # it stood at zero all along
-    resolution = _resolution(a, b)
+    fine = resolution(a, b)
     goal, patience, wasted = 0.5 * (b - a), PATIENCE, 0
     for _ in range(TRIALS):
-        if b - a <= resolution or exact:
+        if b - a <= fine or exact:
             break
         if b - a <= goal:
             goal, wasted = 0.5 * (b - a), 0
@@ -133,7 +134,7 @@ def _root(index: int, values: Values, a: float, g_a: float, b: float, g_b: float
             wasted += 1
             secant = b - g_b * (b - a) / (g_b - g_a)
             # never so close to an end that nothing is learned
-            middle = min(max(secant, a + 0.5 * resolution), b - 0.5 * resolution)
+            middle = min(max(secant, a + 0.5 * fine), b - 0.5 * fine)
         if not a < middle < b:
             break
         g = float(values(middle)[index])
@@ -144,7 +145,7 @@ def _root(index: int, values: Values, a: float, g_a: float, b: float, g_b: float
             g_a *= _weight(g, g_b) if side > 0 else 1.0
             b, g_b, exact, side = middle, g, g == 0.0, 1
     if exact:
-        a = max(a, b - resolution)  # no bracket says more than a value of zero
+        a = max(a, b - fine)  # no bracket says more than a value of zero
     return Root(index, a, b, -sign) if math.isfinite(g_b) else None
 
 
@@ -158,7 +159,7 @@ def _last_followed(index: int, values: Values, a: float, g_a: float, b: float) -
     """Return the latest time up to which the function keeps its sign and the motion can be followed."""
     while True:
         middle = 0.5 * (a + b)
-        if b - a <= _resolution(a, b) or not a < middle < b:
+        if b - a <= resolution(a, b) or not a < middle < b:
             return a
         if values(middle)[index] * g_a > 0.0:
             a = middle

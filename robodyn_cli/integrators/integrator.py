@@ -17,11 +17,12 @@ from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.charted import Parameters
 from robodyn_cli.integrators.events import Event as Event
-from robodyn_cli.integrators.events import Found, chatter, crosses, first_roots
+from robodyn_cli.integrators.events import Found, chatter, crosses, first_roots, resolution
 from robodyn_cli.integrators.grid import Grid as Grid
 from robodyn_cli.integrators.layout import Real, Status, Whole
 from robodyn_cli.integrators.loop import Stepper, write_run
 from robodyn_cli.integrators.memory import Memory
+from robodyn_cli.integrators.narrow import bind_narrow
 from robodyn_cli.integrators.options import Counters as Counters
 from robodyn_cli.integrators.options import Options as Options
 from robodyn_cli.integrators.registry import methods
@@ -68,12 +69,15 @@ class Integrator:
         self._switching: Callable[..., None] | None = None
         if system.events:
             self._switching, self._trial = bind(compiled)
+            self._narrow = bind_narrow(compiled)
         self.parameters = Parameters(system, parameters if len(parameters) else system.parameters)
         self.p = self.parameters.values
         self.memory = Memory(len(system.events), system.size, self.stepper.dense_size(system))
         self.w, self.n, self.y = self.memory.w, self.memory.n, self.memory.y
         self._values = np.zeros(len(system.events))
         self._values_at = self._values.ctypes.data
+        self._bracket = np.zeros((2, 1 + len(system.events)))
+        self._bracket_at = self._bracket.ctypes.data
         self._saved = self.memory.block.copy()
         self._saved_at = self._saved.ctypes.data, self._saved.nbytes
         self._make_room(0)
@@ -342,7 +346,13 @@ class Integrator:
             flush()
             self._check(status)
 
-        found = first_roots(events, values, armed, int(self.n[Whole.EVENT]), (t0, low, high))
+        seen = int(self.n[Whole.EVENT])
+        self._narrow(*arguments, high, step, -1, self._values_at, resolution(t0, high), self._bracket_at)
+        for k, (time, *there) in enumerate(self._bracket.tolist()):
+            if time == time:
+                known[time] = there
+                low, high = (time, high) if k == 0 else (min(low, time), time)
+        found = first_roots(events, values, armed, seen, (t0, low, high))
         if not found.roots and found.time <= t0:
             # the step cannot be taken: let it fail where it does
             go(high, -1)

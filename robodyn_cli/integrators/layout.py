@@ -23,7 +23,9 @@ class Real:
     EVENT_HIGH = 12
     T_SAMPLE_END = 13  # samples beyond this time are left alone
     MEMORY_2 = 14
-    SIZE = 16  # event function values follow
+    EVENT_GUESS = 15  # where dense output has the event, and the slope of its function there
+    EVENT_SLOPE = 16
+    SIZE = 17  # event function values follow
 
 
 class Whole:

@@ -18,16 +18,16 @@ from __future__ import annotations
 
 import dataclasses
 
-import numpy as np
-
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.layout import Real, Status, Whole
+from robodyn_cli.integrators.narrow import narrow_function
 from robodyn_cli.integrators.trial import switching_function, trial_function
 from robodyn_cli.integrators.writer import LANES, Writer
 from robodyn_cli.kernels.arrays import Array, Total
 from robodyn_cli.kernels.ir import Condition, Value, module
 from robodyn_cli.kernels.program import Program
 
+CLOSER = 2  # times that dense output is looked at again around an event
 SLACK = 2e-15  # a sample this close beyond the end of a step belongs to it
 
 
@@ -200,7 +200,7 @@ def write_run(system: System, method: Stepper, fused: bool) -> str:
     f.ret(f.select_int(f.compare("uno", spread.value, 0.0), int(Status.NOT_FINITE), f.load_int(status)))
     entries = [f, w.memory_function()]
     if system.events:
-        entries += [switching_function(system, fused), trial_function()]
+        entries += [switching_function(system, fused), trial_function(), narrow_function(len(system.events))]
     return module([*entries, *w.functions.values()])
 
 
@@ -263,20 +263,30 @@ def _write_samples(w: Writer, method: Stepper, status: str, leave: str) -> None:
 
 
 def _find_event(w: Writer, method: Stepper, t: Value, h: Value, status: str, leave: str) -> None:
-    """Look for the first sign change of each event function at eight points of the step, all lanes at once.
+    """Look for the first sign change of any event function at eight points of the step, all lanes at once.
 
-    Where there is one, the loop returns without committing the step; Python then locates it by steps that end
+    Where there is one, its eighth is looked at in the same way, ``CLOSER`` times, and the loop returns without
+    committing the step, with a guess of the time and of the slope there. The event is then located by steps that end
     there, which have the full order of the method.
     """
     f, s = w.f, w.system
     assert s.switching is not None
-    width = LANES
-    quiet = f.label("quiet")
-    look = f.label("look")
+    width, count = LANES, len(s.events)
+    quiet, look, scan = f.label("quiet"), f.label("look"), f.label("scan")
     f.branch(f.compare_int("ne", f.load_int(w.whole(Whole.WATCH)), 0), look, quiet)
     f.place(look)
-    fractions = np.arange(1, width + 1) / width - 1.0
-    u = f.constant(list(fractions))
+    base, span, closer = f.slot(), f.slot(), f.int_slot()
+    # of each function the value before the first lane, and those in the lanes
+    passed = f.slot(1, (width + 1) * count)
+    f.store(-1.0, base)
+    f.store(1.0, span)
+    f.store_int(0, closer)
+    for k in range(count):
+        f.store(w.get(Real.SIZE + k), f.offset(passed, (width + 1) * k))
+    f.jump(scan)
+    f.place(scan)
+    fractions = f.constant([k / width for k in range(1, width + 1)])
+    u = f.splat(f.load(base), width) + f.splat(f.load(span), width) * fractions
     x = w.array(2, 1, width)
     method.dense(w, u, h, x)
     values = w.evaluate(s.switching, t + h + h * u, x)["g"]
@@ -287,7 +297,9 @@ def _find_event(w: Writer, method: Stepper, t: Value, h: Value, status: str, lea
     lasts: list[Value] = []
     for k, (g, event) in enumerate(zip(values, s.events)):
         g = f.splat(g, width)
-        before = w.get(Real.SIZE + k)
+        row = f.offset(passed, (width + 1) * k)
+        before = f.load(row)
+        f.store(g, f.offset(row, 1))
         order = "i32 " + f"{width}, " + ", ".join(f"i32 {j}" for j in range(width - 1))
         vec = f"<{width} x double>"
         shifted = f.emit(
@@ -309,16 +321,36 @@ def _find_event(w: Writer, method: Stepper, t: Value, h: Value, status: str, lea
         f.store_int(f.select_int(sooner, lane, f.load_int(first)), first)
         f.store_int(f.select_int(sooner, f.emit_int(f"add i64 0, {k}"), f.load_int(which)), which)
         lasts.append(f.lane(g, width - 1))
-    found, none = f.label("found"), f.label("none")
+    found, none, enough, nothing = (f.label(x) for x in ("found", "none", "enough", "nothing"))
     f.branch(f.compare_int("slt", f.load_int(first), width), found, none)
     f.place(found)
     lane_number = f.to_double(f.load_int(first))
-    w.put(Real.EVENT_LOW, t + h * lane_number * (1.0 / width))
-    w.put(Real.EVENT_HIGH, t + h * (lane_number + 1.0) * (1.0 / width))
+    part = f.load(span) * (1.0 / width)
+    low_u = f.load(base) + part * lane_number
+    low = t + h * (low_u + 1.0)
+    known = f.load_int(closer)
+    with f.when(f.compare_int("eq", known, 0)):
+        w.put(Real.EVENT_LOW, low)
+        w.put(Real.EVENT_HIGH, low + h * part)
     f.store_int(f.load_int(which), w.whole(Whole.EVENT))
+    beside = f.offset(passed, f.load_int(which) * (width + 1) + f.load_int(first))
+    g_low, g_high = f.load(beside), f.load(f.offset(beside, 1))
+    slope = (g_high - g_low) / (h * part)
+    w.put(Real.EVENT_SLOPE, slope)
+    w.put(Real.EVENT_GUESS, low - g_low / slope)
+    for k in range(count):
+        row = f.offset(passed, (width + 1) * k)
+        f.store(f.load(f.offset(row, f.load_int(first))), row)
+    f.store(low_u, base)
+    f.store(part, span)
+    f.store_int(known + 1, closer)
+    f.branch(f.compare_int("slt", known, CLOSER), scan, enough)
+    f.place(none)
+    f.branch(f.compare_int("eq", f.load_int(closer), 0), nothing, enough)
+    f.place(enough)
     f.store_int(Status.EVENT, status)
     f.jump(leave)
-    f.place(none)
+    f.place(nothing)
     for k, g in enumerate(lasts):
         # a function that ends the step at zero keeps its sign: whether it crosses shows in the next step
         w.put(Real.SIZE + k, f.select(f.compare("oeq", g, 0.0), w.get(Real.SIZE + k), g))

@@ -340,7 +340,8 @@ def test_trials_are_counted_too(method: str) -> None:
 
         return call
 
-    integrator._run, integrator._trial = counting(integrator._run), counting(integrator._trial)
+    for name in ("_run", "_trial", "_narrow"):
+        setattr(integrator, name, counting(getattr(integrator, name)))
     integrator.run(10.0, Grid(0.0, 0.5, 21), lambda t, x: None, lambda e: True)
     assert list(integrator.counters.as_dict().values())[:3] == spent.tolist()
 
