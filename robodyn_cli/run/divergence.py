@@ -10,7 +10,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.integrators.integrator import Integrator
 
 # kinds of failure that lie in the motion rather than in what the run may take
-BREAKDOWNS = ("step_too_small", "not_finite")
+BREAKDOWNS = ("step_too_small", "not_finite", "not_solved")
 
 
 def breakdown(problem: Problem, integrator: Integrator, status: str) -> tuple[str, dict[str, Any]]:
