@@ -17,7 +17,18 @@ AUTOMATIC = "baumgarte"
 
 
 def study(scene: Scene, setup: Setup, method: str | None = None) -> GainStudy:
-    """Return a study of the gains of a scene with loops, for the method and tolerances that it asks for."""
+    """Return a study of the gains of a scene with loops, for the method and tolerances that it asks for.
+
+    Raises
+    ------
+    CapabilityError : rows of the loops depend on each other (``problem.dependent``): which of them are fed back
+        changes on the way, and gains studied for some say nothing of the others.
+    """
+    if setup.problem.dependent:
+        raise CapabilityError(
+            "simulate.stabilisation: Baumgarte's gains are not chosen where rows of the loops depend on each other; "
+            "allowed: projection, none, Baumgarte's {alpha, beta}"
+        )
     options = options_for(scene)
     system = index1(setup.problem, "projection", work=False)
     start = system.join(setup.assembled.q, setup.assembled.v)

@@ -96,7 +96,7 @@ def stability(scene: Scene, quick: bool = False, progress: Progress = no_progres
             "methods": [g.as_dict() for g in energies],
         },
     }
-    if setup.problem.constraints.rows and scene.loops:
+    if setup.problem.constraints.rows and scene.loops and not setup.problem.dependent:
         with watch.stage("baumgarte"):
             result.summary["baumgarte"] = gains(result, scene, setup, effort)
     progress(stages, stages)

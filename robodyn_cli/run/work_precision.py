@@ -171,22 +171,23 @@ def perturbation_growth(system: System, start: Array, until: float, method: str)
 def formulations(scene: Scene, setup: Setup) -> tuple[dict[str, System], dict[str, Any] | None]:
     """Return the formulations to compare: the tree itself, or the loops kept closed in different ways.
 
-    Baumgarte's gains are the scene's, or those that ``stabilisation: baumgarte`` would choose; they come second.
+    Baumgarte's gains are the scene's, or those that ``stabilisation: baumgarte`` would choose; they come second, None where there are none.
     """
     problem = setup.problem
     if not problem.constraints.rows:
         return {"tree": index1(problem, work=False)}, None
     asked = scene.simulate.stabilisation
+    gains: dict[str, Any] | None = None
     if isinstance(asked, Baumgarte):
-        gains: dict[str, Any] = dataclasses.asdict(asked)
-    else:
+        gains = dataclasses.asdict(asked)
+    elif not problem.dependent:
         gains = study(scene, setup).choose().as_dict()
         asked = Baumgarte(alpha=gains["alpha"], beta=gains["beta"])
     separable = not problem.dependent and not problem.gates
     return {
         "projection": index1(problem, "projection", work=False),
         **({"independent": index1(problem, "independent", work=False)} if separable else {}),
-        "baumgarte": index1(problem, asked, work=False),
+        **({"baumgarte": index1(problem, asked, work=False)} if gains is not None else {}),
         "none": index1(problem, "none", work=False),
     }, gains
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from robodyn_cli import load_scene, load_scene_text, simulate
-from robodyn_cli.errors import NumericalError
+from robodyn_cli.errors import CapabilityError, NumericalError
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.integrators.stability_region import amplification, limits, radius
 from robodyn_cli.integrators.tableaus import DOP853, DOPRI5, RK4
@@ -20,6 +20,7 @@ from robodyn_cli.run.simulate import prepare
 from robodyn_cli.run.stability import at_start, stability
 from robodyn_cli.run.stability_scenes import arm, slider
 from robodyn_cli.run.trial import FAMILIES, Budget, attempt, reference
+from robodyn_cli.run.work_precision import formulations
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 FEW = Budget(100_000, 5.0)
@@ -200,3 +201,12 @@ def test_report_of_a_scene() -> None:
     assert summary["baumgarte"]["own"]["chosen"]["met"]
     assert result["baumgarte/fixed/drift"].shape == (7, 7)
     assert {x["method"] for x in summary["step_limits"]} >= {"gauss", "dop853", "dopri5", "rk4"}
+
+
+def test_gains_are_not_chosen_where_rows_depend_on_each_other() -> None:
+    scene = load_scene(CONFIGS / "benchmarks" / "bennett.yaml", ["simulate.stabilisation=baumgarte"])
+    with pytest.raises(CapabilityError, match="depend on each other"):
+        simulate(scene)
+    plain = load_scene(CONFIGS / "benchmarks" / "bennett.yaml")
+    systems, gains = formulations(plain, prepare(plain))
+    assert list(systems) == ["projection", "none"] and gains is None
