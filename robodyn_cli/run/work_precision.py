@@ -171,7 +171,8 @@ def perturbation_growth(system: System, start: Array, until: float, method: str)
 def formulations(scene: Scene, setup: Setup) -> tuple[dict[str, System], dict[str, Any] | None]:
     """Return the formulations to compare: the tree itself, or the loops kept closed in different ways.
 
-    Baumgarte's gains are the scene's, or those that ``stabilisation: baumgarte`` would choose; they come second, None where there are none.
+    Baumgarte's gains are the scene's, or those that ``stabilisation: baumgarte`` would choose; they come second,
+    None where there are none.
     """
     problem = setup.problem
     if not problem.constraints.rows:
