@@ -23,12 +23,14 @@ from robodyn_cli.kernels.ir import Int, Value
 from robodyn_cli.kernels.mathematics import rough_power
 
 ITERATIONS = 14
+HALFWAY = 5  # rounds after which an iteration that would still be far off in eight more is given up
 CONVERGED = 0.02  # last update times contraction ratio, in units of the tolerance
 SMALLEST_RATIO = 0.01  # a luckily small update must not pass for convergence
 BEST_RATIO = 0.35  # steps are chosen so that the iteration contracts at least this fast
 SAFETY = 0.85
 SECOND = 0.1  # weight of the last but one Legendre coefficient in the error estimate
 SCALE = 3.0
+RISK = 0.01  # what part of the acceptable error the trend of the last two may promise for the next step
 ACCEPT = 100.0  # the estimate is that pessimistic; measured against true errors
 STEEP = frozenset({"tanh", "exp", "atan"})  # operations with which smooth rates may still change all at once
 EDGE = 10.0  # rates at the ends of a step may differ that much from the polynomial, in its last coefficients
@@ -121,7 +123,14 @@ class Gauss(Corrected):
         f.branch(small, enough, onward)
         f.place(onward)
         capped, diverged = f.label("capped"), f.label("diverged")
-        unfinished = f.compare_int("slt", f.bump(self.round), ITERATIONS) & f.compare("ord", update, 0.0)
+        rounds = f.bump(self.round)
+        unfinished = f.compare_int("slt", rounds, ITERATIONS) & f.compare("ord", update, 0.0)
+        if self.adaptive:
+            eighth = ratio
+            for _ in range(3):
+                eighth = eighth * eighth
+            hopeful = f.compare("olt", update * eighth, 10.0) | f.compare_int("slt", rounds, HALFWAY)
+            unfinished = unfinished & hopeful
         f.branch(unfinished, iterate, capped)
         f.place(capped)
         prime, stuck = f.label("prime"), f.label("stuck")
@@ -237,9 +246,17 @@ class Gauss(Corrected):
         with f.strict():
             error = f.sqrt(total.value * (SCALE * SCALE) / w.number(w.rates))
             bounded = f.max(error, 1e-14)
-            factor = rough_power(f, bounded, -1.0 / (2 * self.stages - 1)) * SAFETY
+            power = 1.0 / (2 * self.stages - 1)
+            factor = rough_power(f, bounded, -power) * SAFETY
+            # also from the trend of the last two errors (Gustafsson 1994): towards a pole steps shrink in proportion
+            last, old_h = w.get(Real.MEMORY_2), w.get(Real.H_OLD)
+            trend = rough_power(f, last * (RISK * ACCEPT) / (bounded * bounded), power) * (h / old_h)
+            factor = f.select(f.compare("oeq", last, 1.0), factor, f.min(factor, trend))
+            self.last_error = f.max(bounded, 1e-4)
             ratio = w.get(Real.MEMORY)
             growth = f.select(f.compare("olt", error, 1e-8), f.constant(4.0), f.constant(1.6))
+            rejected = f.compare_int("sgt", f.load_int(w.whole(Whole.REJECTED_IN_ROW)), 0)
+            growth = f.select(rejected, f.constant(1.0), growth)
             factor = f.min(f.max(f.min(factor, BEST_RATIO / (ratio + 1e-9)), 0.3), growth)
         return Attempt(error * (1.0 / ACCEPT), factor)
 
@@ -263,6 +280,8 @@ class Gauss(Corrected):
 
     def save_dense(self, w: Writer, t: Value, h: Value) -> None:
         f, T = w.f, self.table
+        if self.adaptive:
+            w.put(Real.MEMORY_2, self.last_error)
         # samples beyond the step's end are not this step's business
         with f.when(w.due(t + h, 2.0 * SLACK)):
             self._refine(w, t, h)
