@@ -83,6 +83,18 @@ class LdlFactor:
                     L[i][j] = columns[j][i] = entry * inverse[j]
         return LdlFactor(tuple(L), tuple(columns), tuple(inverse), order)
 
+    @property
+    def entries(self) -> list[Any]:
+        """Everything that the factor holds as one list: L row by row, then the inverse pivots."""
+        return [*(x for row in self.rows for x in row.values()), *self.inverse]
+
+    def replaced(self, entries: Sequence[Any]) -> LdlFactor:
+        """Return a factor of the same pattern with other ``entries``."""
+        rest = iter(entries)
+        rows = tuple({k: next(rest) for k in row} for row in self.rows)
+        columns = tuple({i: rows[i][k] for i in column} for k, column in enumerate(self.columns))
+        return LdlFactor(rows, columns, tuple(rest), self.order)
+
     def forward(self, b: Values) -> Vector:
         """Return L^-1 P b."""
         n = len(self.inverse)

@@ -18,6 +18,7 @@ from robodyn_cli.formulations.dynamics import Expanded, Rolled
 from robodyn_cli.formulations.independent import PartitionChart, partition
 from robodyn_cli.formulations.index3 import Index3
 from robodyn_cli.formulations.layout import Layout
+from robodyn_cli.formulations.residual import Residual
 from robodyn_cli.formulations.row_chart import RowChart, renewals
 from robodyn_cli.formulations.system import EventFunction, System
 from robodyn_cli.kernels.rolled import prefer_rolled
@@ -70,7 +71,8 @@ def index1(
         position_correction=tuple(position), velocity_correction=tuple(velocity),
     )  # fmt: skip
     index3 = None if isinstance(stabilisation, Baumgarte) or system.layout is not None else Index3(problem)
-    return dataclasses.replace(system, index3=index3)
+    residual = Residual(problem, z_rate) if system.layout is None and Residual.fits(problem) else None
+    return dataclasses.replace(system, index3=index3, residual=residual)
 
 
 def _partitioned(problem: Problem, z_rate: Sequence[Scalar], events: Sequence[EventFunction]) -> System:

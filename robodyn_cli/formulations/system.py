@@ -22,6 +22,7 @@ from robodyn_cli.kernels.program import Program, make_program
 
 if TYPE_CHECKING:
     from robodyn_cli.formulations.index3 import Index3
+    from robodyn_cli.formulations.residual import Residual
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,6 +74,7 @@ class System:
     chart : chooses some of the parameters, at the start and at events that are renewals.
     sample_positions, sample_velocities : corrections of samples, where those of steps depend on the chart.
     index3 : the same motion as equations with multipliers, where there are such; built when asked for.
+    residual : the same rates as corrections of a guess, where there are such; built when asked for.
     """
 
     nq: int
@@ -91,6 +93,7 @@ class System:
     sample_positions: tuple[Scalar, ...] = ()
     sample_velocities: tuple[Scalar, ...] = ()
     index3: Index3 | None = None
+    residual: Residual | None = None
 
     @property
     def size(self) -> int:

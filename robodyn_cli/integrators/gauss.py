@@ -28,6 +28,7 @@ CONVERGED = 0.02  # last update times contraction ratio, in units of the toleran
 SMALLEST_RATIO = 0.01  # a luckily small update must not pass for convergence
 BEST_RATIO = 0.35  # steps are chosen so that the iteration contracts at least this fast
 SAFETY = 0.85
+STALE = 0.25  # contraction of the iteration beyond which factors are renewed in each round
 SECOND = 0.1  # weight of the last but one Legendre coefficient in the error estimate
 SCALE = 3.0
 RISK = 0.01  # what part of the acceptable error the trend of the last two may promise for the next step
@@ -58,6 +59,9 @@ class Gauss(Corrected):
         self.fresh = w.array(1, 1, self.lanes)
         self.weight = w.array(1, 1)
         self.sizes = w.array(1, 1)
+        self.residual = self.residual_of(w.system)
+        if self.residual is not None:
+            self.factors = Array(f, f.slot(self.lanes, len(self.residual.entries)), self.lanes)
         self.before = f.slot()
         self.round = f.int_slot()
         self.primed = f.int_slot()
@@ -94,14 +98,17 @@ class Gauss(Corrected):
         f.jump(iterate)
         f.place(iterate)
         for j in w.each(w.nv):
-            old = self.guess[j]
+            old = self._spread(w, j)
             self.x[j] = self._combine(w, old, T.A2, wide_h2, self.drift[j])
             self.x[w.nv + j] = self._combine(w, old, T.A, wide_h, f.splat(w.state[w.nv + j], lanes))
         for j in range(w.system.nz):
             start = f.splat(w.state[w.nv * 2 + j], lanes)
-            self.x[w.nv * 2 + j] = self._combine(w, self.guess[w.nv + j], T.A, wide_h, start)
-        w.dynamics(times, self.x, self.fresh)
-        w.count(Whole.EVALUATIONS)
+            self.x[w.nv * 2 + j] = self._combine(w, self._spread(w, w.nv + j), T.A, wide_h, start)
+        if self.residual is not None:
+            first = f.compare("ogt", f.load(self.before), 1e200)
+            with f.when(first | f.compare("ogt", w.get(Real.MEMORY), STALE)):
+                self.renew(w, times)
+        self.rates(w, times, self.guess)
         with f.strict():
             square = Total(f, lanes)
             for j in w.each(w.rates):
@@ -182,15 +189,24 @@ class Gauss(Corrected):
             for j in range(w.system.nz):
                 self.weight[w.nv + j] = weight(w.nv + j)
 
-    def _combine(self, w: Writer, a: Value, matrix: np.ndarray, factor: Value | None, start: Value) -> Value:
+    def _spread(self, w: Writer, j: Int | int) -> list[Value]:
+        """Return rate j of each stage in all lanes: from memory, without shuffling, where calls keep it there."""
+        f = w.f
+        if self.residual is None:
+            rate = self.guess[j]
+            return [f.broadcast(rate, i) for i in range(self.stages)]
+        return [f.splat(f.load(f.offset(self.guess.at(j), i)), self.lanes) for i in range(self.stages)]
+
+    def _combine(
+        self, w: Writer, a: list[Value], matrix: np.ndarray, factor: Value | None, start: Value
+    ) -> Value:
         """Return start + factor (matrix a), lanes being stages; two sums to shorten the chain."""
         f = w.f
         sums: list[Value | None] = [None, None]
         for i in range(self.stages):
             column = f.constant([float(x) for x in matrix[:, i]])
-            x = f.broadcast(a, i)
             part = sums[i & 1]
-            sums[i & 1] = x * column if part is None else f.muladd(x, column, part)
+            sums[i & 1] = a[i] * column if part is None else f.muladd(a[i], column, part)
         total = sums[0]
         assert total is not None
         total = total if sums[1] is None else total + sums[1]
@@ -287,7 +303,7 @@ class Gauss(Corrected):
             self._refine(w, t, h)
         for j in w.each(w.rates):
             nothing = f.constant(0.0, self.lanes)
-            f.store(self._combine(w, self.guess[j], T.M, None, nothing), self._polynomial(w, j))
+            f.store(self._combine(w, self._spread(w, j), T.M, None, nothing), self._polynomial(w, j))
         end, rms = self._end(w), self._rms(w)
         for k in w.each(w.size):
             end[k] = w.new[k]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from robodyn_cli.formulations.residual import Residual
+from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.gauss_dense import dense_table, dense_width
 from robodyn_cli.integrators.gauss_tables import GaussTable, padded_width
 from robodyn_cli.integrators.layout import Whole
@@ -11,6 +13,10 @@ from robodyn_cli.integrators.loop import Stepper
 from robodyn_cli.integrators.writer import Writer
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Int, Value, literal
+
+
+SHORT = 200  # operations of the rates up to which they cannot be had for less
+ROUNDS = 6  # of the iteration, which a step takes about
 
 
 class Corrected(Stepper):
@@ -27,6 +33,37 @@ class Corrected(Stepper):
     guess: Array
     fresh: Array
     x: Array
+    residual: Residual | None  # set where rates are found as corrections of a guess
+    factors: Array
+
+    def residual_of(self, system: System) -> Residual | None:
+        """Return the system's rates as corrections of a guess, where that takes less than the rates themselves."""
+        direct = system.dynamics.program
+        if system.residual is None or system.dynamics.any_size or direct.operations < SHORT:
+            return None
+        return system.residual if system.residual.pays(direct, ROUNDS) else None
+
+    def digest(self, system: System) -> str:
+        residual = self.residual_of(system)
+        return "" if residual is None else f" {residual.digest}"
+
+    def renew(self, w: Writer, t: Value) -> None:
+        """Factor what the corrections of the rates at times t and states ``x`` need, if they need anything."""
+        if self.residual is not None:
+            for k, entry in enumerate(w.evaluate(self.residual.factors, t, self.x)["l"]):
+                self.factors[k] = entry
+
+    def rates(self, w: Writer, t: Value, guess: Array) -> None:
+        """Store the rates at times t and states ``x`` in ``fresh``, or a ``guess`` of them corrected once."""
+        w.count(Whole.EVALUATIONS)
+        if self.residual is None:
+            w.dynamics(t, self.x, self.fresh)
+            return
+        found = w.evaluate(self.residual.correction, t, self.x, a=guess, l=self.factors)
+        for k, d in enumerate(found["d"]):
+            self.fresh[k] = guess[k] + d
+        for k, rate in enumerate(found.get("z", [])):
+            self.fresh[w.nv + k] = rate
 
     def _correction(self, w: Writer, j: Int | int) -> str:
         """Return the address of the correction of rate j: its integral's coefficients, then the double integral's."""
@@ -112,8 +149,9 @@ class Corrected(Stepper):
                 self.x[j] = f.muladd(wide_h2, found[2], f.muladd(wide_h * c, v, q))
             for j in range(w.system.nz):
                 correct(w.nv + j, 2)
-            w.dynamics(f.muladd(wide_h, c, f.splat(t, m)), self.x, self.fresh)
-            w.count(Whole.EVALUATIONS)
+            times = f.muladd(wide_h, c, f.splat(t, m))
+            self.renew(w, times)
+            self.rates(w, times, known)
             inside = f.compare_int("eq", group, 0)
             for j in w.each(w.rates):
                 d = self.fresh[j] - known[j]

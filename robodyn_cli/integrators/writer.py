@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.layout import Real, Whole
@@ -109,24 +109,38 @@ class Writer:
         )
 
     # -- programs -------------------------------------------------------------------------------------
-    def evaluate(self, program: Program, t: Value, x: Array, **more: list[Value]) -> dict[str, list[Value]]:
+    def evaluate(
+        self, program: Program, t: Value, x: Array, **more: list[Value] | Array
+    ) -> dict[str, list[Value]]:
         """Emit a program of the system at time t and state x = (q, v, z), with ``more`` input groups."""
         f, width = self.f, x.width
-        used = {i.value for i in program.instructions if i.op == "sym"}
         first: dict[str, Int | int] = {"q": 0, "v": self.nv, "z": self.nv * 2}
-        inputs: dict[str, list[Value]] = {**more, "t": [t]}
+        inputs: dict[str, list[Value] | Array] = {**more, "t": [t]}
         for group, count in program.inputs.items():
             if group == "p":
                 inputs[group] = [f.load(f.offset("%p", k)) for k in range(count)]
             elif group in first:
-                row, zero = x.part(first[group]), f.constant(0.0, width)
-                inputs[group] = [row[k] if (group, k) in used else zero for k in range(count)]
+                inputs[group] = x.part(first[group])
         if program.operations <= INLINE_LIMIT:
-            return lower(f, program, inputs, width, self.fused)
+            return lower(f, program, self._values(program, inputs, width), width, self.fused)
         name = f"program.{program.digest[:12]}.{width}"
         if name not in self.functions:
             self.functions[name] = outline(name, program, width, self.fused, f.flags)
         return call_program(f, name, program, inputs, width)
+
+    def _values(
+        self, program: Program, inputs: Mapping[str, list[Value] | Array], width: int
+    ) -> dict[str, list[Value]]:
+        """Load those inputs that are in memory, as far as they are used."""
+        used = {i.value for i in program.instructions if i.op == "sym"}
+        zero = self.f.constant(0.0, width)
+        found: dict[str, list[Value]] = {}
+        for group, count in program.inputs.items():
+            source = inputs[group]
+            if isinstance(source, Array):
+                source = [source[k] if (group, k) in used else zero for k in range(count)]
+            found[group] = source
+        return found
 
     def dynamics(self, t: Value, x: Array, rates: Array) -> None:
         """Store v-dot and z-dot at time t and state x."""

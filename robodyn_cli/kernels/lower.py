@@ -6,6 +6,7 @@ import struct
 from collections.abc import Mapping, Sequence
 
 from robodyn_cli.errors import CapabilityError
+from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Function, Value
 from robodyn_cli.kernels.mathematics import sincos
 from robodyn_cli.kernels.program import TRIGONOMETRIC, Instruction, Program
@@ -204,14 +205,21 @@ def lower(
 
 
 def call_program(
-    f: Function, name: str, program: Program, inputs: Mapping[str, Sequence[Value]], width: int
+    f: Function, name: str, program: Program, inputs: Mapping[str, Sequence[Value] | Array], width: int
 ) -> dict[str, list[Value]]:
-    """Call a program emitted by ``outline`` (for code too long to be repeated in place)."""
+    """Call a program emitted by ``outline`` (for code too long to be repeated in place).
+
+    Inputs that lie in memory as vectors of this width are read from where they are.
+    """
     pointers = []
     for group, count in program.inputs.items():
+        source = inputs[group]
+        if isinstance(source, Array) and source.width == width and source.stride is None:
+            pointers.append(source.base)
+            continue
         address = f.slot(width, count)
         for k in range(count):
-            f.store(f.splat(inputs[group][k], width), f.offset(address, k * width), 8 * width)
+            f.store(f.splat(source[k], width), f.offset(address, k * width), 8 * width)
         pointers.append(address)
     results = {}
     for output, entries in program.outputs.items():

@@ -1,0 +1,79 @@
+"""The accelerations as corrections of a guess, for methods that iterate on them.
+
+    f(t, q, v) = a + M^-1 (tau(t, q, v) - M a - h(q, v))   for any a,
+
+so an iteration a <- f(t, q(a), v(a)) may as well add M^-1 times what inverse dynamics finds missing. Then M only
+decides how fast the iteration converges, not what it converges to, and its factors may be some rounds old: a change
+of dq in the positions since then makes the correction wrong by a part of the size of dq. A round costs inverse
+dynamics and a triangular solve in place of forward dynamics, which for an arm of seven joints is half as much; what
+rounding leaves is that of the residual, as in iterative refinement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+from robodyn_cli.algorithms.linear import LdlFactor
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.formulations.dynamics import GROUPS as STATE
+from robodyn_cli.kernels.program import Program, make_program
+from robodyn_cli.spatial.algebra import Vector
+
+GROUPS = (*STATE, "a", "l")
+LARGEST = 12  # velocities up to which M is factored as a dense matrix
+
+
+class Residual:
+    """The equations of an open tree in this form.
+
+    ``factors`` has the output ``l``, M(q) factored; ``correction`` has ``d`` (nv,), what to add to the accelerations
+    ``a`` with factors ``l``, and ``z``, the rates of the further states.
+
+    Limits: no constraints, for their multipliers would have to be iterated as well; no joints with modes, whose
+    accelerations are those of a constraint at times.
+    """
+
+    def __init__(self, problem: Problem, z_rate: Sequence[Scalar] = ()) -> None:
+        self.problem = problem
+        self.z_rate = tuple(z_rate)
+
+    @staticmethod
+    def fits(problem: Problem) -> bool:
+        """Tell whether a mechanism's equations can be written so."""
+        return not problem.working.rows and not problem.gates and problem.model.nv <= LARGEST
+
+    @cached_property
+    def _factor(self) -> LdlFactor:
+        return LdlFactor.of(self.problem.mass_matrix, self.problem.elimination_order)
+
+    @property
+    def entries(self) -> list[Scalar]:
+        """The factors of M(q)."""
+        return self._factor.entries
+
+    @cached_property
+    def corrections(self) -> Vector:
+        """M^-1 (tau - M a - h) (nv,), with the factors and a as symbols."""
+        p = self.problem
+        known = p.graph.symbols([f"l{k}" for k in range(len(self.entries))], "l")
+        return self._factor.replaced(known).solve(p.applied - p.inverse_dynamics)
+
+    @cached_property
+    def factors(self) -> Program:
+        return make_program({"l": self.entries}, STATE)
+
+    @cached_property
+    def correction(self) -> Program:
+        outputs: dict[str, Sequence[Scalar]] = {"d": list(self.corrections), "z": self.z_rate}
+        return make_program({k: v for k, v in outputs.items() if len(v)}, GROUPS)
+
+    @property
+    def digest(self) -> str:
+        """Key of everything that decides the compiled code."""
+        return f"{self.factors.digest} {self.correction.digest}"
+
+    def pays(self, direct: Program, rounds: int) -> bool:
+        """Tell whether ``rounds`` corrections with factors made once take fewer operations than ``direct`` as often."""
+        return self.factors.operations + rounds * self.correction.operations < rounds * direct.operations
