@@ -14,7 +14,6 @@ from robodyn_cli.integrators.writer import Writer
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Int, Value, literal
 
-
 SHORT = 200  # operations of the rates up to which they cannot be had for less
 ROUNDS = 6  # of the iteration, which a step takes about
 

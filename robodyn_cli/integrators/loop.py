@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import dataclasses
 
+from robodyn_cli.formulations.residual import Residual
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.layout import Real, Status, Whole
 from robodyn_cli.integrators.narrow import narrow_function
@@ -64,6 +65,10 @@ class Stepper:
 
     def linearisation(self, system: System) -> Program | None:
         """Return the program that a method with ``needs_jacobian`` evaluates in each step."""
+        return None
+
+    def residual_of(self, system: System) -> Residual | None:
+        """Return the rates as corrections of a guess, where the method works with those."""
         return None
 
     def obstacle(self, system: System) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar, count_operations
 from robodyn_cli.formulations.dynamics import Expanded, Rolled
 from robodyn_cli.formulations.index1 import index1
+from robodyn_cli.formulations.residual import Residual
 from robodyn_cli.formulations.system import GROUPS
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.writer import INLINE_LIMIT
@@ -83,15 +85,27 @@ class Forward:
         system = index1(problem, "none" if wanted == PROJECTION else wanted, work=work, expanded=True)
         return [*system.acceleration, *system.z_rate]
 
+    @cached_property
+    def _residual(self) -> Residual | None:
+        method = methods.get(self.choice.method)
+        return None if method is None else method().residual_of(self.system)
+
     # -- kernels --------------------------------------------------------------------------------------
     def kernels(self) -> list[dict[str, Any]]:
         """Describe the compiled programs."""
         s = self.system
-        held = "stages" if self.choice.method == "gauss" else "state"
+        held = "stages" if self.choice.method.startswith("gauss") else "state"
         if isinstance(s.dynamics, Rolled):
             return self._rolled_kernels(s.dynamics, held)
         assert isinstance(s.dynamics, Expanded)
-        found = [stepped("accelerations", s.dynamics.program, held)]
+        residual = self._residual
+        if residual is None:
+            found = [stepped("accelerations", s.dynamics.program, held)]
+        else:
+            found = [
+                stepped("corrections of accelerations, each round", residual.correction, held),
+                stepped("factors of the mass matrix, once a step", residual.factors, held),
+            ]
         derivatives = (
             methods[self.choice.method]().linearisation(s) if self.choice.method in methods else None
         )
@@ -273,7 +287,19 @@ class Forward:
                 "operations": {"loops over the bodies": dynamics.operations},
             })  # fmt: skip
             return found
-        size = count_operations([*self.system.acceleration, *self.system.z_rate])
+        size = dynamics.program.operations
+        if self._residual is not None:
+            corrected = self._residual.correction.operations
+            found.append({
+                "choice": "accelerations in the stages", "taken": "corrections by inverse dynamics",
+                "reason": "fewer operations over the rounds of a step",
+                "operations": {
+                    "corrections by inverse dynamics": corrected,
+                    "forward dynamics": size,
+                    "factors of the mass matrix, once": self._residual.factors.operations,
+                },
+            })  # fmt: skip
+            size = corrected
         inline = size <= INLINE_LIMIT
         found.append({
             "choice": "right-hand side in the stepping loop", "taken": "inlined" if inline else "function",
