@@ -1,14 +1,18 @@
-"""What ``inverse``, ``simulate`` and ``deploy`` have in common: scene in, directory of results out."""
+"""What the commands that run a scene have in common: scene in, directory of results out."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.cli.console import Console
 from robodyn_cli.errors import RobodynError, SceneError
+
+if TYPE_CHECKING:
+    from robodyn_cli.results.output_dir import OutputDirectory
+    from robodyn_cli.results.result import Result
 
 # status of a finished run that is not a success -> exit code
 EXIT = {"ok": 0, "locked": 0, "no_lock": 1, "overload": 1}
@@ -17,11 +21,6 @@ EXIT = {"ok": 0, "locked": 0, "no_lock": 1, "overload": 1}
 def default_directory(scene: Path, command: str) -> Path:
     """Return outputs/<scene stem>/<command>."""
     return Path("outputs") / scene.stem / command
-
-
-def without_estimate(overrides: Sequence[str] | None, skip: bool) -> list[str]:
-    """Return the overrides with the one that skips the error estimate, where it is to be skipped."""
-    return [*(overrides or ()), *(["simulate.error_estimate=false"] if skip else [])]
 
 
 def run_scene(
@@ -33,8 +32,12 @@ def run_scene(
     strict: bool,
     console: Console,
     describe: Callable[[dict[str, Any]], str],
+    **options: Any,
 ) -> int:
-    """Run one scene, write its results, print its summary; return the exit code."""
+    """Run one scene, write its results, print its summary; return the exit code.
+
+    ``options`` are those that the command has of its own (``quick`` of ``stability``).
+    """
     import importlib
 
     from robodyn_cli.results.hdf5 import write
@@ -64,7 +67,7 @@ def run_scene(
                              scene_text=scene.text)
             )  # fmt: skip
         try:
-            result = execute(command, scene, console.progress, watch, writer)
+            result = execute(command, scene, console.progress, watch, writer, **options)
         except RobodynError as error:
             if getattr(error, "result", None) is None:
                 directory.write_summary(_failed(command, scene.title, error))
@@ -91,15 +94,34 @@ def run_scene(
             with watch.stage("plots"):
                 directory.record(plots.draw_all(result, directory.path))
         summary["wall_time_s"] = watch.report()
-        directory.write_summary(summary)
-    text = (directory.path / "summary.json").read_text(encoding="utf-8")
+        written = directory.write_summary(summary)
     if failure is not None:
         console.note(f"results until then: {directory.path}")
-        console.fail(failure, failure.exit_code, failure.message, text.rstrip())
-    console.data(text.rstrip())
-    console.say(describe(summary))
-    console.say(f"results: {directory.path}  ({', '.join(directory.outputs)})")
+        text = written.read_text(encoding="utf-8").rstrip()
+        console.fail(failure, failure.exit_code, failure.message, text)
+    show(written, directory, console, describe(summary))
     return EXIT.get(result.status, 0)
+
+
+def finish(
+    result: Result,
+    directory: OutputDirectory,
+    draw: Callable[[Result, Path], Iterable[str | Path]] | None,
+    console: Console,
+    describe: Callable[[dict[str, Any]], str],
+) -> None:
+    """Draw a result that is written, write its summary and print it; ``draw`` None draws nothing."""
+    if draw is not None:
+        directory.record(draw(result, directory.path))
+    written = directory.write_summary(result.summary)
+    show(written, directory, console, describe(result.summary))
+
+
+def show(summary: Path, directory: OutputDirectory, console: Console, text: str) -> None:
+    """Print the summary in its file, where JSON is asked for, else ``text`` and what lies where."""
+    console.data(summary.read_text(encoding="utf-8").rstrip())
+    console.say(text)
+    console.say(f"results: {directory.path}  ({', '.join(directory.outputs)})")
 
 
 def _replace_old(target: Path, drawings: Sequence[str], summary: dict[str, Any]) -> None:

@@ -11,6 +11,7 @@ import typer
 from robodyn_cli.cli.console import Console, guarded
 from robodyn_cli.cli.describe import table
 from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet
+from robodyn_cli.cli.runner import finish, run_scene
 from robodyn_cli.errors import SceneError
 
 
@@ -46,43 +47,14 @@ def command(
         if scene is not None:
             if cases is not None:
                 raise SceneError("--cases: only with --suite")
-            return report(scene, overrides, quick, out, no_plots, console)
+            return run_scene(
+                "stability", scene, out, overrides, no_plots, False, console, describe, quick=quick
+            )
         if overrides:
             raise SceneError("--set: not with --suite, whose cases are what they are")
         return run_suite(cases.split(",") if cases else None, quick, out, no_plots, console)
 
     guarded(console, action)
-
-
-def report(
-    scene: Path,
-    overrides: Sequence[str] | None,
-    quick: bool,
-    out: Path | None,
-    no_plots: bool,
-    console: Console,
-) -> int:
-    """Report on one scene."""
-    from robodyn_cli.cli.runner import default_directory
-    from robodyn_cli.report.plots_stability import draw_all, plot_files
-    from robodyn_cli.results.hdf5 import write
-    from robodyn_cli.results.output_dir import OutputDirectory
-    from robodyn_cli.run.stability import stability
-    from robodyn_cli.scene.load import load_scene
-
-    loaded = load_scene(scene, list(overrides or ()))
-    with OutputDirectory(out or default_directory(scene, "stability"), plot_files()) as directory:
-        result = stability(loaded, quick, console.progress)
-        console.clear()
-        result.summary = {"status": "ok", "command": "stability", "title": result.title, **result.summary}
-        write(result, directory.result_path)
-        if not no_plots:
-            directory.record(draw_all(result, directory.path))
-        directory.write_summary(result.summary)
-        console.data((directory.path / "summary.json").read_text(encoding="utf-8").rstrip())
-        console.say(describe(result.summary))
-        console.say(f"results: {directory.path}  ({', '.join(directory.outputs)})")
-    return 0
 
 
 def run_suite(
@@ -102,12 +74,7 @@ def run_suite(
         write(result, directory.result_path)
         for case in result.summary["cases"]:
             write_bytes(directory.path / f"{case['name']}.yaml", case.pop("scene").encode())
-        if not no_plots:
-            directory.record(draw_all(result, directory.path))
-        directory.write_summary(result.summary)
-        console.data((directory.path / "summary.json").read_text(encoding="utf-8").rstrip())
-        console.say(describe_suite(result.summary))
-        console.say(f"results: {directory.path}  ({', '.join(directory.outputs)})")
+        finish(result, directory, None if no_plots else draw_all, console, describe_suite)
     return 0 if result.summary["missed"] == 0 else 1
 
 

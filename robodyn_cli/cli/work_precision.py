@@ -12,6 +12,7 @@ import typer
 from robodyn_cli.cli.console import Console, guarded
 from robodyn_cli.cli.describe import table
 from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, SceneFile
+from robodyn_cli.cli.runner import default_directory, finish
 from robodyn_cli.errors import SceneError
 
 COLUMNS = (
@@ -43,7 +44,7 @@ def command(
     console = Console(as_json, quiet)
 
     def action() -> int:
-        from robodyn_cli.cli.runner import default_directory
+        from robodyn_cli.report.plots_work_precision import draw_all, plot_files
         from robodyn_cli.results.atomic import write_bytes
         from robodyn_cli.results.hdf5 import write
         from robodyn_cli.results.output_dir import OutputDirectory
@@ -52,9 +53,7 @@ def command(
 
         loaded = load_scene(scene, list(overrides or ()))
         names = methods.split(",") if methods else None
-        with OutputDirectory(
-            out or default_directory(scene, "work-precision"), ("work_precision.png",)
-        ) as directory:
+        with OutputDirectory(out or default_directory(scene, "work-precision"), plot_files()) as directory:
             result = work_precision(loaded, names, numbers(tolerances), repeats, console.progress)
             console.clear()
             result.summary = {
@@ -66,14 +65,7 @@ def command(
             write(result, directory.result_path)
             write_bytes(directory.path / "runs.csv", as_csv(result.summary["runs"]).encode())
             directory.record(["runs.csv"])
-            if not no_plots:
-                from robodyn_cli.report.plots_work_precision import save
-
-                directory.record([save(result, directory.path)])
-            directory.write_summary(result.summary)
-            console.data((directory.path / "summary.json").read_text(encoding="utf-8").rstrip())
-            console.say(describe(result.summary))
-            console.say(f"results: {directory.path}  ({', '.join(directory.outputs)})")
+            finish(result, directory, None if no_plots else draw_all, console, describe)
         return 0
 
     guarded(console, action)

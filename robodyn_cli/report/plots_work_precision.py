@@ -17,6 +17,12 @@ DASHES = ("-", "--", ":", "-.")
 # more curves than these cannot be told apart; all of them are in runs.csv
 MOST = 12
 KNOWN = ("gauss", "dop853", "dopri5", "rk4", "rodas5p", "radau")
+NAME = "work_precision.png"
+
+
+def plot_files() -> tuple[str, ...]:
+    """Return the names of the drawings that may be made."""
+    return (NAME,)
 
 
 def _curves(runs: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
@@ -97,17 +103,17 @@ def draw(result: Result) -> Figure:
     return figure
 
 
-def save(result: Result, directory: str | Path) -> Path:
+def draw_all(result: Result, directory: str | Path) -> list[Path]:
     """Draw into ``directory`` and return the file."""
     from robodyn_cli.report.canvas import save_png
     from robodyn_cli.report.style import styled
     from robodyn_cli.results.atomic import output_errors, temporary_path
 
-    target = Path(directory) / "work_precision.png"
+    target = Path(directory) / NAME
     temporary = temporary_path(target)
     with styled():
         figure = draw(result)
         with output_errors(target):
             save_png(figure, temporary)
             temporary.replace(target)
-    return target
+    return [target]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
+from typing import Any
 
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.writer import ResultWriter
@@ -24,14 +25,16 @@ def streams(command: str, scene: Scene) -> bool:
 
 
 def execute(
-    command: str, scene: Scene, progress: Progress, watch: Stopwatch, writer: ResultWriter | None = None
+    command: str,
+    scene: Scene,
+    progress: Progress,
+    watch: Stopwatch,
+    writer: ResultWriter | None = None,
+    **options: Any,
 ) -> Result:
-    """Run a command on a scene."""
+    """Run a command on a scene; ``options`` are those that it has of its own."""
     entry = SCENE_COMMANDS[command]
     function: Callable[..., Result] = getattr(importlib.import_module(entry.module), entry.function)
     if writer is not None:
-        return function(scene, progress=progress, watch=watch, writer=writer)
-    if not entry.watched:
-        with watch.stage(command):
-            return function(scene, progress=progress)
-    return function(scene, progress=progress, watch=watch)
+        options["writer"] = writer
+    return function(scene, progress=progress, watch=watch, **options)

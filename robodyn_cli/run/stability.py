@@ -47,8 +47,14 @@ FULL = Effort(Budget(2_000_000, 20.0), Budget(4_000_000, 40.0), Budget(5_000_000
 QUICK = Effort(Budget(200_000, 1.5), Budget(500_000, 3.0), Budget(500_000, 1.5), 7, 2.0)
 
 
-def stability(scene: Scene, quick: bool = False, progress: Progress = no_progress) -> Result:
+def stability(
+    scene: Scene, progress: Progress = no_progress, watch: Stopwatch | None = None, quick: bool = False
+) -> Result:
     """Report on the numerical stability of a scene.
+
+    Parameters
+    ----------
+    quick : whether to take smaller budgets and one method of each family.
 
     Returns
     -------
@@ -60,7 +66,7 @@ def stability(scene: Scene, quick: bool = False, progress: Progress = no_progres
     RobodynError : the scene cannot be started (as ``simulate`` would say); what methods do later is the report.
     """
     effort = QUICK if quick else FULL
-    watch = Stopwatch()
+    watch = watch or Stopwatch()
     setup = prepare(scene, watch, modes=True)
     stages = 4
     with watch.stage("reference"):

@@ -9,15 +9,14 @@ import dataclasses
 class SceneCommand:
     """Where a command lives, by name: a module is imported when its command runs, start-up time is a feature.
 
-    ``function(scene, progress=...)`` in ``module`` returns a Result. ``watched``: it takes a ``watch`` too and reports
-    the time of its stages; ``streamed``: it takes a ``writer``, which writes long runs block by block. ``plots`` is the
-    module with ``plot_files()`` and ``draw_all(result, directory)``.
+    ``function(scene, progress=..., watch=...)`` in ``module`` returns a Result and reports the time of its stages.
+    ``streamed``: it takes a ``writer``, which writes long runs block by block. ``plots`` is the module with
+    ``plot_files()`` and ``draw_all(result, directory)``.
     """
 
     module: str
     function: str
     streamed: bool = False
-    watched: bool = True
     plots: str = "robodyn_cli.report.registry"
 
 
@@ -26,7 +25,7 @@ SCENE_COMMANDS: dict[str, SceneCommand] = {
     "simulate": SceneCommand("robodyn_cli.run.simulate", "simulate", streamed=True),
     "deploy": SceneCommand("robodyn_cli.run.deploy", "deploy", streamed=True),
     "stability": SceneCommand(
-        "robodyn_cli.run.stability", "stability", watched=False, plots="robodyn_cli.report.plots_stability"
+        "robodyn_cli.run.stability", "stability", plots="robodyn_cli.report.plots_stability"
     ),
     "statics": SceneCommand("robodyn_cli.run.statics", "statics"),
     "assemble": SceneCommand("robodyn_cli.run.assemble", "assemble"),

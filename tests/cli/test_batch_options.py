@@ -143,8 +143,9 @@ def test_an_analysis_is_a_command_of_a_scene_too(tmp_path: Path, monkeypatch: py
     assert entry.command == "stability" and entry.scene is not None
     given = {}
 
-    def stand_in(scene: Scene, progress: Progress) -> Result:
-        given["scene"] = scene
+    def stand_in(scene: Scene, progress: Progress, watch: Stopwatch) -> Result:
+        with watch.stage("stability"):
+            given["scene"] = scene
         return Result("stability", "", "ok", scene.text)
 
     monkeypatch.setattr(stability, "stability", stand_in)

@@ -15,17 +15,10 @@ import pytest
 
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.results.output_dir import OutputDirectory
-from tests.cli.tool import COMMAND, CONFIGS, PENDULUM, Done, environment, files, invoke, run
+from tests.cli.tool import COMMAND, CONFIGS, Done, environment, files, invoke, run
 
 FOUR_BAR = CONFIGS / "four_bar_deploy.yaml"
 CIRCLE = CONFIGS / "2r_circle.yaml"
-
-
-@pytest.fixture
-def scene(tmp_path: Path) -> Path:
-    path = tmp_path / "scene.yaml"
-    path.write_text(PENDULUM)
-    return path
 
 
 def one_message(done: Done) -> str:

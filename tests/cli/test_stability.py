@@ -9,7 +9,7 @@ from robodyn_cli.results.hdf5 import read
 from robodyn_cli.run.stability_cases import CASES, Case
 from robodyn_cli.run.stability_suite import judge
 from robodyn_cli.run.trial import Trial
-from tests.cli.tool import invoke
+from tests.cli.tool import files, invoke
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -33,7 +33,22 @@ def test_scene(tmp_path: Path) -> None:
     done = invoke("stability", scene, "--quick", "--out", tmp_path)
     assert done.code == 0 and "largest steps" in done.out
     summary = json.loads((tmp_path / "summary.json").read_text())
+    assert {"load", "reference", "spectrum", "methods", "energy", "write", "plots"} <= set(
+        summary["wall_time_s"]
+    )
     assert {"stability_spectrum.png", "stability_methods.png", "energy_growth.png"} <= set(summary["outputs"])
+
+
+def test_a_scene_that_cannot_start(scene: Path, tmp_path: Path) -> None:
+    """What is wrong with a scene is told, and kept, as by every other command on scenes."""
+    out = tmp_path / "out"
+    flaws = ("robot.links.l1.inertia={xx: 0.1, yy: 0.1, zz: 5}", "robot.links.l2={name: l2, mass: 0}")
+    done = invoke("stability", scene, "--quick", "--set", flaws[0], "--set", flaws[1], "--out", out)
+    assert done.code == 3 and "warning" in done.err and "triangle" in done.err and "'j2'" in done.err
+    assert files(out) == {"summary.json"}
+    summary = json.loads((out / "summary.json").read_text())
+    assert (summary["command"], summary["status"]) == ("stability", "failed")
+    assert summary["error"]["kind"] == "NumericalError" and "'j2'" in summary["error"]["message"]
 
 
 def test_usage(tmp_path: Path) -> None:

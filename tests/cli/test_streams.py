@@ -27,13 +27,6 @@ STREAMED = [
 ]
 
 
-@pytest.fixture
-def scene(tmp_path: Path) -> Path:
-    path = tmp_path / "scene.yaml"
-    path.write_text(PENDULUM)
-    return path
-
-
 # -- streams -----------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("command", ["simulate", "inverse", "deploy", "plan"])
 @pytest.mark.parametrize("options", [["--json"], ["--json", "--quiet"]], ids=" ".join)
