@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 
 from robodyn_cli.report import style
 from robodyn_cli.report.marks import NOTE_WIDTH, failure_note
+from robodyn_cli.results.atomic import discard, output_errors, temporary_path
 from robodyn_cli.results.result import Result
 
 WIDTH = 7.0
@@ -131,11 +132,22 @@ def legend_shape(labels: tuple[str, ...] | list[str]) -> tuple[int, int]:
     return math.ceil(len(labels) / lines), lines
 
 
-def save_png(figure: Figure, path: Path) -> None:
-    """Draw ``figure`` once and store it, marked as ours."""
+def save_png(figure: Figure, target: Path) -> Path:
+    """Draw ``figure`` once and store it as ``target``, whole or not at all, marked as ours; return ``target``."""
     canvas: Any = FigureCanvasAgg(figure)
+    temporary = temporary_path(target)
     with warnings.catch_warnings():
         # A title in a script that the font lacks shows boxes; that is no news for a user of the tool.
         warnings.filterwarnings("ignore", message="Glyph .* missing")
-        # The strongest compression costs as much as the drawing and saves a tenth.
-        canvas.print_png(path, metadata={"Software": "robodyn"}, pil_kwargs={"compress_level": 3})
+        try:
+            with output_errors(target):
+                # The strongest compression costs as much as the drawing and saves a tenth.
+                canvas.print_png(
+                    temporary, metadata={"Software": "robodyn"}, pil_kwargs={"compress_level": 3}
+                )
+                # No sync: a drawing can be made again from the result, and a sync is as slow as a plot.
+                temporary.replace(target)
+        except BaseException:
+            discard(temporary)
+            raise
+    return target

@@ -87,13 +87,6 @@ def save(result: Result, frames: dict[str, tuple[Array, Array]], directory: str 
     """Draw into ``directory`` and return the file."""
     from robodyn_cli.report.canvas import save_png
     from robodyn_cli.report.style import styled
-    from robodyn_cli.results.atomic import output_errors, temporary_path
 
-    target = Path(directory) / FILE
-    temporary = temporary_path(target)
     with styled():
-        figure = draw(result, frames)
-        with output_errors(target):
-            save_png(figure, temporary)
-            temporary.replace(target)
-    return target
+        return save_png(draw(result, frames), Path(directory) / FILE)

@@ -270,18 +270,7 @@ def draw_all(result: Result, directory: str | Path) -> list[Path]:
     """Draw what the result has the data for into ``directory``; return the files."""
     from robodyn_cli.report.canvas import save_png
     from robodyn_cli.report.style import styled
-    from robodyn_cli.results.atomic import output_errors, temporary_path
 
-    written = []
     with styled():
-        for name, draw in DRAWINGS.items():
-            figure = draw(result)
-            if figure is None:
-                continue
-            target = Path(directory) / f"{name}.png"
-            temporary = temporary_path(target)
-            with output_errors(target):
-                save_png(figure, temporary)
-                temporary.replace(target)
-            written.append(target)
-    return written
+        figures = ((name, draw(result)) for name, draw in DRAWINGS.items())
+        return [save_png(f, Path(directory) / f"{name}.png") for name, f in figures if f is not None]

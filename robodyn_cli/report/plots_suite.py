@@ -114,13 +114,6 @@ def draw_all(result: Result, directory: str | Path) -> list[Path]:
     """Draw into ``directory`` and return the file."""
     from robodyn_cli.report.canvas import save_png
     from robodyn_cli.report.style import styled
-    from robodyn_cli.results.atomic import output_errors, temporary_path
 
-    target = Path(directory) / NAME
-    temporary = temporary_path(target)
     with styled():
-        figure = draw(result)
-        with output_errors(target):
-            save_png(figure, temporary)
-            temporary.replace(target)
-    return [target]
+        return [save_png(draw(result), Path(directory) / NAME)]

@@ -11,7 +11,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from robodyn_cli.results.atomic import discard, output_errors, temporary_path
 from robodyn_cli.results.result import Result
 
 if TYPE_CHECKING:
@@ -71,22 +70,8 @@ def draw_all(result: Result, directory: str | Path) -> list[Path]:
     from robodyn_cli.report.canvas import save_png
     from robodyn_cli.report.style import styled
 
-    written = []
     with styled():
-        for name in names:
-            target = Path(directory) / f"{name}.png"
-            temporary = temporary_path(target)
-            figure = _module(name).draw(result)
-            try:
-                with output_errors(target):
-                    save_png(figure, temporary)
-                    # No sync: a drawing can be made again from the result, and a sync is as slow as a plot.
-                    temporary.replace(target)
-            except BaseException:
-                discard(temporary)
-                raise
-            written.append(target)
-    return written
+        return [save_png(_module(name).draw(result), Path(directory) / f"{name}.png") for name in names]
 
 
 def _module(name: str) -> ModuleType:
