@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.layout import Real, Whole
-from robodyn_cli.integrators.loop import SLACK, Attempt, Stepper
+from robodyn_cli.integrators.loop import Attempt, Stepper
 from robodyn_cli.integrators.tableaus import DOP853, DOP853_DENSE, DOPRI5, DOPRI5_DENSE, RK4, ExplicitTable
 from robodyn_cli.integrators.writer import Writer
 from robodyn_cli.kernels.arrays import Array, Total
@@ -93,11 +93,7 @@ class ExplicitRungeKutta(Stepper):
         f = w.f
         if self.adaptive:
             w.put(Real.MEMORY_2, f.max(self.last_error, 1e-8))
-        wanted = f.compare_int(
-            "sle", f.load_int(w.whole(Whole.NEXT_SAMPLE)), f.load_int(w.whole(Whole.LAST_SAMPLE))
-        )
-        watched = f.compare_int("ne", f.load_int(w.whole(Whole.WATCH)), 0)
-        with f.when(wanted | watched), f.when(w.due(t + h, 2.0 * SLACK) | watched):
+        with self.used(w, t, h):
             self._store_dense(w, t, h)
 
     def _store_dense(self, w: Writer, t: Value, h: Value) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.layout import Whole
-from robodyn_cli.integrators.loop import SLACK, Stepper
+from robodyn_cli.integrators.loop import Stepper
 from robodyn_cli.integrators.writer import Writer
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Value
@@ -22,26 +22,14 @@ class HermiteStepper(Stepper):
     def dense_size(self, system: System) -> int:
         return 2 * (system.size + system.nv + system.nz) + system.nz
 
-    def _rate(self, w: Writer, t: Value, x: list[Value]) -> list[Value]:
-        """Return x-dot at a state that is not in memory."""
-        here, rates = w.array(2, 1), w.array(2, 1)
-        for k, value in enumerate(x):
-            here[k] = value
-        w.rate(t, here, rates)
-        return [rates[k] for k in range(len(x))]
-
     def _end_rate(self, w: Writer, t: Value, x: list[Value]) -> list[Value]:
         """Return x-dot at the end of the step."""
         w.count(Whole.EVALUATIONS)
-        return self._rate(w, t, x)
+        return w.rate_of(t, x)
 
     def save_dense(self, w: Writer, t: Value, h: Value) -> None:
         f, s = w.f, w.system
-        wanted = f.compare_int(
-            "sle", f.load_int(w.whole(Whole.NEXT_SAMPLE)), f.load_int(w.whole(Whole.LAST_SAMPLE))
-        )
-        watched = f.compare_int("ne", f.load_int(w.whole(Whole.WATCH)), 0)
-        with f.when(wanted | watched), f.when(w.due(t + h, 2.0 * SLACK) | watched):
+        with self.used(w, t, h):
             x1 = [w.new[k] for k in range(s.size)]
             rate1 = self._end_rate(w, t + h, x1)
             kept = [*self.x0, *self.increments, *self.rate0[s.nq :], *rate1[s.nq :]]

@@ -16,7 +16,9 @@ method, write one file with a subclass and one line in the registry. Checklist f
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+from collections.abc import Iterator
 
 from robodyn_cli.formulations.residual import Residual
 from robodyn_cli.formulations.system import System
@@ -89,6 +91,17 @@ class Stepper:
     def save_dense(self, w: Writer, t: Value, h: Value) -> None:
         """Emit the storing of dense output, after acceptance and before the state is replaced."""
         raise NotImplementedError
+
+    @contextlib.contextmanager
+    def used(self, w: Writer, t: Value, h: Value) -> Iterator[None]:
+        """Emit the body so that it runs only if dense output is used: there is a sample or an event to find."""
+        f = w.f
+        wanted = f.compare_int(
+            "sle", f.load_int(w.whole(Whole.NEXT_SAMPLE)), f.load_int(w.whole(Whole.LAST_SAMPLE))
+        )
+        watched = f.compare_int("ne", f.load_int(w.whole(Whole.WATCH)), 0)
+        with f.when(wanted | watched), f.when(w.due(t + h, 2.0 * SLACK) | watched):
+            yield
 
     def dense(self, w: Writer, u: Value, h: Value, out: Array) -> None:
         """Store the state at u in [-1, 0] of the step of length h."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.factors import RealFactors
 from robodyn_cli.integrators.layout import Real, Whole
-from robodyn_cli.integrators.loop import SLACK, Attempt, Stepper
+from robodyn_cli.integrators.loop import Attempt, Stepper
 from robodyn_cli.integrators.rosenbrock_tables import RODAS5P, ROSENBROCK23, RosenbrockTable
 from robodyn_cli.integrators.writer import Writer
 from robodyn_cli.kernels.arrays import Array
@@ -38,7 +38,7 @@ class Rosenbrock(Stepper):
         U: list[list[Value]] = []
         for i in range(stages):
             x = [self._sum(w, T.a[i], U, c, x0[c]) for c in range(s.size)]
-            rate = self._rate(w, f.muladd(h, float(T.alpha[i]), t), x)
+            rate = w.rate_of(f.muladd(h, float(T.alpha[i]), t), x)
             right = []
             for c, ft in enumerate(factors.ft):
                 total = f.muladd(per_h, self._sum(w, T.C[i], U, c, None), rate[c]) if i else rate[c]
@@ -53,14 +53,6 @@ class Rosenbrock(Stepper):
             w.new[k] = x1[k]
         self.x0, self.stages = x0, U
         return self._judge(w, x0, x1, [self._sum(w, T.e, U, c, None) for c in range(s.size)])
-
-    def _rate(self, w: Writer, t: Value, x: list[Value]) -> list[Value]:
-        """Return x-dot at a state that is not in memory."""
-        here, rates = w.array(2, 1), w.array(2, 1)
-        for k, value in enumerate(x):
-            here[k] = value
-        w.rate(t, here, rates)
-        return [rates[k] for k in range(len(x))]
 
     def _sum(
         self, w: Writer, weights: tuple[float, ...], U: list[list[Value]], c: int, start: Value | None
@@ -91,11 +83,7 @@ class Rosenbrock(Stepper):
 
     def save_dense(self, w: Writer, t: Value, h: Value) -> None:
         f, s = w.f, w.system
-        wanted = f.compare_int(
-            "sle", f.load_int(w.whole(Whole.NEXT_SAMPLE)), f.load_int(w.whole(Whole.LAST_SAMPLE))
-        )
-        watched = f.compare_int("ne", f.load_int(w.whole(Whole.WATCH)), 0)
-        with f.when(wanted | watched), f.when(w.due(t + h, 2.0 * SLACK) | watched):
+        with self.used(w, t, h):
             kept = [*self.x0, *self.increments]
             for row in self.table.dense:
                 kept += [self._sum(w, row, self.stages, c, None) for c in range(s.size)]

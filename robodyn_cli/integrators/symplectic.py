@@ -112,7 +112,7 @@ class Verlet(HermiteStepper):
             f.store(value, self._kept(w, k))
         with f.when(f.compare_int("ne", f.load_int(w.whole(Whole.WATCH)), 0)):
             self.increments = [w.new[k] - self.x0[k] for k in range(s.size)]
-            self.rate0 = self._rate(w, t, self.x0)
+            self.rate0 = w.rate_of(t, self.x0)
             w.count(Whole.EVALUATIONS)
             super().save_dense(w, t, h)
 

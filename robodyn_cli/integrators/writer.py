@@ -152,3 +152,11 @@ class Writer:
         for k in self.each(self.nv):
             rates[k] = v[k]
         self.dynamics(t, x, rates.part(self.nv))
+
+    def rate_of(self, t: Value, x: list[Value]) -> list[Value]:
+        """Return x-dot at time t and a state that is not in memory; for systems of known size."""
+        here, rates = self.array(2, 1), self.array(2, 1)
+        for k, value in enumerate(x):
+            here[k] = value
+        self.rate(t, here, rates)
+        return [rates[k] for k in range(len(x))]
