@@ -18,6 +18,7 @@ from robodyn_cli.integrators import bdf_tables as tables
 from robodyn_cli.integrators.factors import RealFactors
 from robodyn_cli.integrators.layout import Real, Whole
 from robodyn_cli.integrators.loop import Attempt, Stepper
+from robodyn_cli.integrators.newton import Limits, Rounds
 from robodyn_cli.integrators.writer import Writer
 from robodyn_cli.kernels.arrays import Array, Total
 from robodyn_cli.kernels.ir import Int, Value, literal
@@ -25,8 +26,7 @@ from robodyn_cli.kernels.mathematics import rough_power
 from robodyn_cli.kernels.program import Program
 
 ROWS = tables.ROWS
-ITERATIONS = 5
-CONVERGED = 0.003  # what is left to iterate, in units of the tolerance
+LIMITS = Limits(rounds=5, converged=0.003, rounding=0.03, shorter=0.3)
 ROUNDING = 1e-15
 SAFETY = 0.85
 HOLD = 1.2  # a step that could grow by less stays as it is
@@ -64,8 +64,9 @@ class Bdf(Stepper):
         self.D, self.next = Array(f, f.slot(1, ROWS * n)), Array(f, f.slot(1, ROWS * n))
         self.predicted, self.psi, self.d = (Array(f, f.slot(1, n)) for _ in range(3))
         self.x, self.rates = Array(f, f.slot(1, n)), Array(f, f.slot(1, n))
-        self.k, self.steady, self.new_k, self.new_steady, self.round = (f.int_slot() for _ in range(5))
-        self.before, self.weight, self.factor = f.slot(), Array(f, f.slot(1, n)), f.slot()
+        self.k, self.steady, self.new_k, self.new_steady = (f.int_slot() for _ in range(4))
+        self.weight, self.factor = Array(f, f.slot(1, n)), f.slot()
+        self.rounds = Rounds(w, LIMITS)
         # where the last run has come to its end there may be a kink: begin anew
         t, end, last = w.get(Real.T), w.get(Real.T_END), self._head(w, END)
         arrived = f.compare("ole", f.abs(t - last), f.muladd(f.abs(last), 1e-15, 1e-300))
@@ -221,13 +222,7 @@ class Bdf(Stepper):
     def _iterate(self, w: Writer, factors: RealFactors, t: Value, h: Value, g: Value, failed: str) -> None:
         """Solve for d by Newton's method; jumps to ``failed`` where it does not converge."""
         f, n = w.f, w.system.size
-        f.store(1e300, self.before)
-        f.store_int(0, self.round)
-        iterate, onward, solved, capped, diverged = (
-            f.label(x) for x in ("iterate", "onward", "solved", "capped", "diverged")
-        )
-        f.jump(iterate)
-        f.place(iterate)
+        self.rounds.begin()
         for c in range(n):
             self.x[c] = self.predicted[c] + self.d[c]
         w.rate(t, self.x, self.rates)
@@ -242,22 +237,7 @@ class Bdf(Stepper):
                 e = change / self._scale(w, size)
                 square.add_product(e, e)
             update = f.sqrt(square.value * (1.0 / n))
-            last = f.load(self.before)
-            f.store(update, self.before)
-            first = f.compare("ogt", last, 1e200)
-            ratio = f.select(first, f.constant(0.5), update / last)
-            small = f.compare("olt", update * ratio / f.max(1.0 - ratio, 0.01), CONVERGED)
-            growing = f.compare("uge", ratio, 1.0) & ~first
-        f.branch(small, solved, onward)
-        f.place(onward)
-        more = f.compare_int("slt", f.bump(self.round), ITERATIONS) & f.compare("ord", update, 0.0) & ~growing
-        f.branch(more, iterate, capped)
-        f.place(capped)
-        f.branch(f.compare("olt", update, 0.03), solved, diverged)
-        f.place(diverged)
-        w.put(Real.H, h * f.select(f.compare("ord", update, 0.0), f.constant(0.3), f.constant(0.1)))
-        f.jump(failed)
-        f.place(solved)
+        self.rounds.judge(update, h, failed)
 
     # -- error and order ------------------------------------------------------------------------------
     def _judge(self, w: Writer, k: Int) -> Attempt:

@@ -14,6 +14,7 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.factors import ComplexFactors, Pair
 from robodyn_cli.integrators.layout import Real, Whole
 from robodyn_cli.integrators.loop import Attempt, Stepper
+from robodyn_cli.integrators.newton import Limits, Rounds
 from robodyn_cli.integrators.radau_tables import radau_table
 from robodyn_cli.integrators.writer import Writer
 from robodyn_cli.kernels.arrays import Array, Total
@@ -22,7 +23,7 @@ from robodyn_cli.kernels.mathematics import rough_power
 from robodyn_cli.kernels.program import Program
 
 ITERATIONS = 12
-CONVERGED = 0.01  # what is left to iterate, in units of the tolerance
+LIMITS = Limits(ITERATIONS, converged=0.01, rounding=0.1, shorter=0.4, remembers=True)
 ROUNDING = 1e-15  # part of a state below which an update means nothing
 SAFETY = 0.9
 LARGEST_GROWTH = 8.0
@@ -51,8 +52,7 @@ class Radau(Stepper):
         self.start = Array(f, f.slot(T.shifts, n), T.shifts)
         self.rate0, self.error = Array(f, f.slot(1, n)), Array(f, f.slot(1, n))
         self.total = f.slot()
-        self.before = f.slot()
-        self.round = f.int_slot()
+        self.rounds = Rounds(w, LIMITS)
 
     # -- the step -------------------------------------------------------------------------------------
     def attempt(self, w: Writer, t: Value, h: Value, failed: str) -> Attempt:
@@ -76,12 +76,7 @@ class Radau(Stepper):
         f, n, T = w.f, w.system.size, self.table
         lanes = T.lanes
         times = f.muladd(f.splat(h, lanes), f.constant(list(T.c)), f.splat(t, lanes))
-        f.store(1e300, self.before)
-        f.store_int(0, self.round)
-        iterate, onward, solved = f.label("iterate"), f.label("onward"), f.label("solved")
-        diverged, capped = f.label("diverged"), f.label("capped")
-        f.jump(iterate)
-        f.place(iterate)
+        self.rounds.begin()
         for c in range(n):
             self.x[c] = self.Z[c] + f.splat(w.state[c], lanes)
         w.rate(times, self.x, self.F)
@@ -100,29 +95,7 @@ class Radau(Stepper):
                 d = change * f.splat(1.0 / self._scale(w, c, f.reduce("maximum", f.abs(Z))), lanes)
                 square.add_product(d, d)
             update = f.sqrt(f.reduce("add", square.value) * (1.0 / (lanes * n)))
-            last = f.load(self.before)
-            f.store(update, self.before)
-            first = f.compare("ogt", last, 1e200)
-            ratio = f.select(first, f.max(w.get(Real.MEMORY), 0.01), update / last)
-            # what is remembered fades, so that steps solved in one round go on being tried in one
-            w.put(
-                Real.MEMORY, f.select(f.compare("ord", ratio, 0.0), f.select(first, ratio * 0.5, ratio), 1.0)
-            )
-            left = update * ratio / f.max(1.0 - ratio, 0.01)
-            small = f.compare("olt", left, CONVERGED)
-            growing = f.compare("uge", ratio, 1.0) & ~first
-        f.branch(small, solved, onward)
-        f.place(onward)
-        more = f.compare_int("slt", f.bump(self.round), ITERATIONS) & f.compare("ord", update, 0.0) & ~growing
-        f.branch(more, iterate, capped)
-        f.place(capped)
-        # an update that no longer shrinks is rounding when it is well below the tolerance
-        f.branch(f.compare("olt", update, 0.1), solved, diverged)
-        f.place(diverged)
-        w.put(Real.H, h * f.select(f.compare("ord", update, 0.0), f.constant(0.4), f.constant(0.1)))
-        w.put(Real.MEMORY, f.constant(1.0))
-        f.jump(failed)
-        f.place(solved)
+        self.rounds.judge(update, h, failed)
 
     def _scale(self, w: Writer, c: int, gained: Value) -> Value:
         """Return the error that is allowed in a component which changes by so much."""
@@ -155,7 +128,7 @@ class Radau(Stepper):
         with f.strict():
             error = f.load(self.total)
             bounded = f.max(error, 1e-18)
-            work = f.to_double(f.load_int(self.round)) + (2.0 * ITERATIONS + 1.0)
+            work = f.to_double(f.load_int(self.rounds.done)) + (2.0 * ITERATIONS + 1.0)
             factor = rough_power(f, bounded, -0.5 * power) * (SAFETY * (2 * ITERATIONS + 1)) / work
             # also from the trend of the last two errors (Gustafsson 1994)
             last, old_h = w.get(Real.MEMORY_2), w.get(Real.H_OLD)
