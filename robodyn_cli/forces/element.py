@@ -15,7 +15,7 @@ Checklist for another kind:
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Protocol
 
 from robodyn_cli.expr.functions import sqrt
@@ -86,6 +86,12 @@ def between_key() -> Any:
         ListOf(Text(), minimum=2, maximum=2),
         doc="The two places: named points or frames, LINK.origin, LINK.end, LINK.com, base.origin.",
     )
+
+
+def idle_problems(stiffness: float, damping: float) -> Iterable[tuple[tuple[str, ...], str]]:
+    """Yield what is wrong with a spring and damper that does nothing."""
+    if stiffness == 0.0 and damping == 0.0:
+        yield (), "needs a 'stiffness' or a 'damping' that is not zero"
 
 
 def opposite(ends: tuple[End, ...], force: Vector, moment: Vector) -> tuple[Action, ...]:

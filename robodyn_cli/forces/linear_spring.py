@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Iterable
 from typing import ClassVar
 
-from robodyn_cli.forces.element import Effect, End, Line, Setting, along, between_key
+from robodyn_cli.forces.element import Effect, End, Line, Setting, along, between_key, idle_problems
 from robodyn_cli.schema.fields import Choice, Name, Number, key
 from robodyn_cli.spatial.algebra import dot
 
@@ -31,9 +31,8 @@ class LinearSpring:
         return self.between
 
     def problems(self) -> Iterable[tuple[tuple[str, ...], str]]:
-        """Yield what does not fit together."""
-        if self.stiffness == 0.0 and self.damping == 0.0:
-            yield (), "needs a 'stiffness' or a 'damping' that is not zero"
+        """Return what does not fit together."""
+        return idle_problems(self.stiffness, self.damping)
 
     def effect(self, ends: tuple[End, ...], setting: Setting) -> Effect:
         """Return forces, energy and power; the direction is lost where the points meet and ``length`` is not 0."""

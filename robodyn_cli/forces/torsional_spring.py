@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from typing import ClassVar
 
 from robodyn_cli.expr.functions import atan2
-from robodyn_cli.forces.element import Effect, End, Setting, between_key, opposite
+from robodyn_cli.forces.element import Effect, End, Setting, between_key, idle_problems, opposite
 from robodyn_cli.schema.fields import Choice, Name, Number, Vector, key
 from robodyn_cli.spatial.algebra import dot, rotation_to_z, vector, zeros
 
@@ -42,8 +42,7 @@ class TorsionalSpring:
 
     def problems(self) -> Iterable[tuple[tuple[str, ...], str]]:
         """Yield what does not fit together."""
-        if self.stiffness == 0.0 and self.damping == 0.0:
-            yield (), "needs a 'stiffness' or a 'damping' that is not zero"
+        yield from idle_problems(self.stiffness, self.damping)
         if not any(self.axis):
             yield ("axis",), "must not be zero (value [0, 0, 0])"
 
