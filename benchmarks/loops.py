@@ -27,7 +27,8 @@ from robodyn_cli import load_scene  # noqa: E402
 from robodyn_cli.errors import CapabilityError, NumericalError, RobodynError  # noqa: E402
 from robodyn_cli.integrators.integrator import Grid, Integrator, Options  # noqa: E402
 from robodyn_cli.run.simulate import prepare  # noqa: E402
-from robodyn_cli.run.work_precision import LONGEST, Reference, formulations, reference  # noqa: E402
+from robodyn_cli.run.trial import Reference, agreed  # noqa: E402
+from robodyn_cli.run.work_precision import LONGEST, formulations, reference  # noqa: E402
 
 FOLDER = measure.ROOT / "configs" / "benchmarks"
 TOLERANCES = (1e-4, 1e-7, 1e-10, 1e-13)
@@ -109,11 +110,9 @@ def explicit_reference(system: Any, start: Any, duration: float) -> Reference:
         found.append(np.concatenate(rows))
     x, y = found
     scale = np.maximum(np.ptp(x, axis=0), 1e-12)
-    running = np.maximum.accumulate(np.max(np.abs(x - y) / scale, axis=1))
-    last = int(np.flatnonzero(running <= 1e-5)[-1])
-    times = grid.times(0, INTERVALS + 1)[: last + 1]
-    digits = float(-np.log10(max(running[last], 1e-16)))
-    return Reference(times, x[: last + 1], scale, float(times[-1]), digits, ("dop853", "dopri5"))
+    ref = agreed(grid.times(0, INTERVALS + 1), x, y, scale, 1e-5, ("dop853", "dopri5"))
+    assert ref is not None, "dop853 and dopri5 do not agree on anything"
+    return ref
 
 
 def own_run(

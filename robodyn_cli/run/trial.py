@@ -119,6 +119,27 @@ class Reference:
     ends_early: str = ""
 
 
+def agreed(
+    times: Array,
+    x: Array,
+    y: Array,
+    scale: Array,
+    bound: float,
+    methods: tuple[str, str],
+    ends_early: str = "",
+) -> Reference | None:
+    """Return states x (T, n) as far as another run's y agree within ``bound`` of the scale, None where they do not."""
+    apart = np.maximum.accumulate(np.max(np.abs(x - y) / scale, axis=1))
+    good = np.flatnonzero(apart <= bound)
+    if len(good) < 2:
+        return None
+    last = int(good[-1])
+    digits = -np.log10(max(float(apart[last]), 1e-16))
+    return Reference(
+        times[: last + 1], x[: last + 1], scale, float(times[last]), float(digits), methods, ends_early
+    )
+
+
 def _proper_end(solution: Solution) -> bool:
     """Tell whether a run came to its end, or to that of its motion."""
     return solution.error is None or isinstance(solution.error, SingularConfigurationError)
@@ -156,17 +177,9 @@ def reference(scene: Scene, budget: Budget, stiff: bool = False) -> Reference | 
     if a.error is not None or b.error is not None:
         count = min(count, len(a.times) - 1, len(b.times) - 1)  # the last sample is where each one stopped
     x, y = a.states[:count], b.states[:count]
+    ends_early = a.error.message if a.error is not None else ""
     scale = ranges(x, a.positions)
-    apart = np.maximum.accumulate(np.max(np.abs(x - y) / scale, axis=1))
-    good = np.flatnonzero(apart <= VOUCHED)
-    if len(good) < 2:
-        return None
-    last = int(good[-1])
-    return Reference(
-        a.times[: last + 1], x[: last + 1], scale, float(a.times[last]),
-        float(-np.log10(max(float(apart[last]), 1e-16))), (first, second),
-        a.error.message if a.error is not None else "",
-    )  # fmt: skip
+    return agreed(a.times[:count], x, y, scale, VOUCHED, (first, second), ends_early)
 
 
 def ranges(states: Array, positions: int) -> Array:

@@ -24,10 +24,10 @@ from robodyn_cli.run.method import LARGEST
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.simulate import Setup, prepare
 from robodyn_cli.run.stopwatch import Stopwatch
+from robodyn_cli.run.trial import SAMPLES, Reference, agreed
 from robodyn_cli.scene.types import Baumgarte, Scene
 
 Array = NDArray[Any]
-SAMPLES = 257  # instants at which solutions are compared
 # one of each kind; the others by name
 DEFAULT_METHODS = (
     "gauss", "dop853", "dopri5", "rk4", "radau13", "radau", "rodas5p", "rosenbrock23", "bdf", "gauss6",
@@ -60,21 +60,6 @@ class Entry:
 
     def as_dict(self) -> dict[str, Any]:
         return dataclasses.asdict(self)
-
-
-@dataclasses.dataclass(frozen=True)
-class Reference:
-    """A solution that proves itself: two methods at tight tolerance that agree.
-
-    digits : decimal digits to which they agree until ``until``, relative to the range of the motion.
-    """
-
-    times: Array
-    states: Array
-    scale: Array
-    until: float
-    digits: float
-    methods: tuple[str, str]
 
 
 def _solve(
@@ -131,25 +116,14 @@ def reference(system: System, start: Array, duration: float) -> Reference:
         )
     (first, x), (second, y) = found
     scale = np.maximum(np.ptp(x, axis=0), 1e-12)
-    apart = np.max(np.abs(x - y) / scale, axis=1)
-    running = np.maximum.accumulate(apart)
-    good = np.flatnonzero(running <= VOUCHED)
-    if len(good) < 2:
+    ref = agreed(grid.times(0, SAMPLES), x, y, scale, VOUCHED, (first, second))
+    if ref is None:
+        apart = np.max(np.abs(x - y) / scale, axis=1)
         raise NumericalError(
             f"{first} and {second} at tight tolerance agree to no more than {apart[1:].min():.1e} of the motion's "
             "range, so nothing can vouch for a reference"
         )
-    last = int(good[-1])
-    agreement = max(float(running[last]), 1e-16)
-    times = grid.times(0, SAMPLES)
-    return Reference(
-        times[: last + 1],
-        x[: last + 1],
-        scale,
-        float(times[last]),
-        float(-np.log10(agreement)),
-        (first, second),
-    )
+    return ref
 
 
 def perturbation_growth(system: System, start: Array, until: float, method: str) -> float:
