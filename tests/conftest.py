@@ -1,4 +1,4 @@
-"""Tests that go through all methods of integration leave out what a method refuses by name."""
+"""Tests that go through all methods of integration: what a method refuses by name is left out, and fixed steps."""
 
 from __future__ import annotations
 
@@ -21,3 +21,23 @@ def pytest_pyfunc_call(pyfuncitem: Any) -> Generator[None, Any, Any]:
         if chosen is None or "method" not in chosen.params or not refused:
             raise
         pytest.skip(error.message)
+
+
+@pytest.fixture
+def fixed_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Methods named ``fixed NAME`` that take every step as it comes."""
+    from robodyn_cli.integrators.loop import Attempt
+    from robodyn_cli.integrators.registry import methods
+
+    monkeypatch.setenv("ROBODYN_CACHE", "off")
+    for name, method in list(methods.items()):
+
+        class Fixed(method):  # type: ignore[misc, valid-type]
+            adaptive = False
+
+            def attempt(self, w: Any, t: Any, h: Any, failed: str) -> Attempt:
+                outcome = super().attempt(w, t, h, failed)
+                with w.f.strict():
+                    return Attempt(outcome.error * 0.0, w.f.constant(1.0))
+
+        monkeypatch.setitem(methods, f"fixed {name}", Fixed)

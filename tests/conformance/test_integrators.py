@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -15,10 +14,9 @@ from robodyn_cli.formulations.system import EventFunction
 from robodyn_cli.integrators import integrator as module
 from robodyn_cli.integrators import writer
 from robodyn_cli.integrators.integrator import Grid, Integrator, Options
-from robodyn_cli.integrators.loop import Attempt, Stepper, Writer
+from robodyn_cli.integrators.loop import Stepper
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.kernels import compiler
-from robodyn_cli.kernels.ir import Value
 from tests import systems
 from tests.systems import (
     CASES,
@@ -65,24 +63,6 @@ def end_error(case: Case, integrator: Integrator) -> float:
 
 
 # -- order ----------------------------------------------------------------------------------------------
-@pytest.fixture
-def fixed_steps(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Methods named ``fixed NAME`` that take every step as it comes."""
-    monkeypatch.setenv("ROBODYN_CACHE", "off")
-    for name, method in list(methods.items()):
-
-        class Fixed(method):  # type: ignore[misc, valid-type]
-            adaptive = False
-
-            def attempt(self, w: Writer, t: Value, h: Value, failed: str) -> Attempt:
-                outcome = super().attempt(w, t, h, failed)
-                with w.f.strict():
-                    return Attempt(outcome.error * 0.0, w.f.constant(1.0))
-
-        monkeypatch.setitem(methods, f"fixed {name}", Fixed)
-    yield
-
-
 # the iteration of these methods stops where the tolerance says, above rounding
 FINEST = {"radau13": (1e-15, 1e-16), "gauss12": (1e-14, 1e-15), "gauss14": (1e-14, 1e-15)}
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -14,9 +13,7 @@ from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.integrator import Integrator, Options
-from robodyn_cli.integrators.loop import Attempt, Writer
 from robodyn_cli.integrators.registry import methods
-from robodyn_cli.kernels.ir import Value
 from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene.load import load_scene_text
 from robodyn_cli.scene.types import Scene
@@ -185,24 +182,6 @@ def start_of(scene: Scene) -> tuple[System, np.ndarray]:
     q = [scene.initial.q[name] for name in problem.model.q_names]
     v = [scene.initial.qd.get(name, 0.0) for name in problem.model.v_names]
     return body, body.join(np.array(q), np.array(v))
-
-
-@pytest.fixture
-def fixed_steps(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Methods named ``fixed NAME`` that take every step as it comes."""
-    monkeypatch.setenv("ROBODYN_CACHE", "off")
-    for name, method in list(methods.items()):
-
-        class Fixed(method):  # type: ignore[misc, valid-type]
-            adaptive = False
-
-            def attempt(self, w: Writer, t: Value, h: Value, failed: str) -> Attempt:
-                outcome = super().attempt(w, t, h, failed)
-                with w.f.strict():
-                    return Attempt(outcome.error * 0.0, w.f.constant(1.0))
-
-        monkeypatch.setitem(methods, f"fixed {name}", Fixed)
-    yield
 
 
 @pytest.mark.parametrize(
