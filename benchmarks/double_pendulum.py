@@ -24,13 +24,13 @@ import peers.scipy  # noqa: E402
 from cases import FourBar  # noqa: E402
 from cases import pendulum as pendulum_case  # noqa: E402
 from lock_time import LOCK  # noqa: E402
+from peers.robodyn import four_bar_system, swing, to_lock  # noqa: E402
 
 from robodyn_cli import load_scene  # noqa: E402
 from robodyn_cli.formulations.index1 import index1  # noqa: E402
-from robodyn_cli.formulations.system import EventFunction, System  # noqa: E402
-from robodyn_cli.integrators.integrator import Event, Grid, Integrator, Options  # noqa: E402
-from robodyn_cli.run.simulate import passive_coordinates, prepare  # noqa: E402
-from robodyn_cli.run.singularity import passive_determinant  # noqa: E402
+from robodyn_cli.formulations.system import System  # noqa: E402
+from robodyn_cli.integrators.integrator import Integrator, Options  # noqa: E402
+from robodyn_cli.run.simulate import prepare  # noqa: E402
 
 CONFIGS = measure.ROOT / "configs"
 PENDULUM, FOUR_BAR = "double pendulum, 10 s", "four-bar to lock"
@@ -76,24 +76,16 @@ def error_at_end(y: np.ndarray) -> float:
     return float(np.abs(y - pendulum_case("plain").reference[-1]).max())
 
 
-def pendulum_run(integrator: Integrator, start: np.ndarray, options: Options) -> Run:
-    def run() -> tuple[np.ndarray, int]:
-        integrator.reset(0.0, start, options)
-        integrator.advance(10.0)
-        return integrator.state, integrator.counters.steps
-
-    return run
-
-
 def pendulum_runs(quick: bool) -> Iterator[tuple[str, str, Run]]:
     """Yield all runs of the double pendulum: engine, setting, call."""
+    case = pendulum_case("plain")
     system, start = pendulum()
     for method in methods():
         integrator = Integrator(system, method)
         for setting, options in options_of(method, quick):
-            yield f"robodyn {method}", setting, pendulum_run(integrator, start, options)
+            run, _ = swing(integrator, start, options, case)
+            yield f"robodyn {method}", setting, run
     every = 3 if quick else 1
-    case = pendulum_case("plain")
     for entry in list(peers.scipy.entries(case))[::every]:
         yield entry.engine, entry.setting, entry.run
 
@@ -108,39 +100,14 @@ def methods() -> list[str]:
 # -- the four-bar --------------------------------------------------------------------------------------------
 
 
-def four_bar() -> tuple[System, np.ndarray]:
-    """Return the system, the dead point as its event, and the closed state at t = 0."""
-    setup = prepare(load_scene(CONFIGS / "four_bar_deploy.yaml"))
-    determinant = passive_determinant(setup.problem, passive_coordinates(setup.problem) or [])
-    system = index1(setup.problem, events=(EventFunction("dead_point", determinant),), work=False)
-    return system, np.concatenate([setup.assembled.q, setup.assembled.v])
-
-
-def four_bar_run(integrator: Integrator, start: np.ndarray, options: Options) -> Run:
-    grid = Grid(0.0, 20.0, 2)
-
-    def run() -> tuple[float, int]:
-        times: list[float] = []
-
-        def on_event(event: Event) -> bool:
-            times.append(event.time)
-            return False
-
-        integrator.reset(0.0, start, options)
-        integrator.run(20.0, grid, lambda t, x: None, on_event)
-        return times[0], integrator.counters.steps
-
-    return run
-
-
 def four_bar_runs(quick: bool) -> Iterator[tuple[str, str, Run]]:
     """Yield all runs of the four-bar: engine, setting, call."""
-    system, start = four_bar()
+    system, start = four_bar_system()
     for method in methods():
         integrator = Integrator(system, method)
         for setting, options in options_of(method, quick):
             if options.step is None:
-                yield f"robodyn {method}", setting, four_bar_run(integrator, start, options)
+                yield f"robodyn {method}", setting, to_lock(integrator, start, options)
     for entry in list(peers.scipy.entries(FourBar()))[: 5 : 2 if quick else 1]:
         yield entry.engine, entry.setting, entry.run
 
@@ -163,7 +130,7 @@ def compile_rows() -> list[dict[str, Any]]:
     """Return the seconds from equations to a run ready to start, by problem and method."""
     rows = []
     folder = str(measure.ROOT / "benchmarks")
-    for work, system in ((PENDULUM, "pendulum"), (FOUR_BAR, "four_bar")):
+    for work, system in ((PENDULUM, "pendulum"), (FOUR_BAR, "four_bar_system")):
         for method in methods():
             code = READY.format(folder=folder, system=system, method=method)
             cold, cached = measure.cold_and_cached(code)
