@@ -22,6 +22,7 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.integrator import Grid, Integrator, Options
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.run.simulate import prepare
+from robodyn_cli.run.stability_scenes import HANGING, stiff_arm
 from robodyn_cli.scene.load import load_scene, load_scene_text
 
 SAMPLES = 257
@@ -30,19 +31,7 @@ COMPARED = ("gauss", "dop853", "dopri5", "radau13", "radau", "rodas5p", "rosenbr
 LEVELS = (1e-3, 1e-6, 1e-9, 1e-12)
 TOO_LONG = 300_000  # steps
 
-STIFF = """
-schema: 1
-gravity: [0, -9.81, 0]
-robot:
-  convention: standard
-  joints:
-    - {name: theta1, type: revolute, a: 1.0, alpha: 0, d: 0, damper: {damping: 1e4}}
-    - {name: theta2, type: revolute, a: 1.0, alpha: 0, d: 0, damper: {damping: 1e4}, spring: {stiffness: 1e6, rest: 0}}
-  links:
-    - {name: link1, mass: 12.456, com: [0.773, 0, 0], com_frame: joint, inertia: {zz: 1.042}}
-    - {name: link2, mass: 12.456, com: [0.583, 0, 0], com_frame: joint, inertia: {zz: 1.042}}
-initial: {q: {theta1: -90 deg, theta2: 45 deg}, qd: {theta1: 0, theta2: 0}}
-"""
+STIFF = stiff_arm("stiff arm", 10.0, rest="0", start=HANGING)
 PENDULUM = """
 schema: 1
 gravity: [0, -9.81, 0]

@@ -16,6 +16,7 @@ from robodyn_cli.run.stability_scenes import (
     scene,
     slider,
     spinning,
+    stiff_arm,
 )
 
 
@@ -42,18 +43,11 @@ def _stiff(stiffness: float) -> Case:
     power = f"1e{len(str(int(stiffness))) - 1}"
     return Case(
         f"spring_{power}",
-        lambda quick: arm(
-            f"Two-link arm, spring of {power} N m/rad and dampers of 1e4 N m s/rad",
-            10.0,
-            ", damper: {damping: 1e4}",
-            f", spring: {{stiffness: {stiffness:.17g}, rest: 40 deg}}, damper: {{damping: 1e4}}",
-            start=FALLING,
+        lambda quick: stiff_arm(
+            f"Two-link arm, spring of {power} N m/rad and dampers of 1e4 N m s/rad", 10.0, stiffness
         ),
         "stable; time constants more than 1e6 apart, so only methods for stiff problems take few steps",
     )
-
-
-FALLING = "{q: {theta1: 0, theta2: 45 deg}}"  # sinks slowly against its damper while the spring is fast
 
 
 def _rods(count: int, length: float) -> tuple[list[float], list[float]]:
@@ -64,24 +58,17 @@ CASES: tuple[Case, ...] = (
     *(_stiff(10.0**k) for k in (6, 7, 8, 9)),
     Case(
         "spring_1e6_transient",
-        lambda quick: arm(
-            "The first milliseconds of the two-link arm with a spring of 1e6 N m/rad",
-            5e-3,
-            ", damper: {damping: 1e4}",
-            ", spring: {stiffness: 1e6, rest: 40 deg}, damper: {damping: 1e4}",
-            start=FALLING,
+        lambda quick: stiff_arm(
+            "The first milliseconds of the two-link arm with a spring of 1e6 N m/rad", 5e-3
         ),
         "stable, the fast transient included",
     ),
     Case(
         "tip_1e6_lighter",
-        lambda quick: arm(
+        lambda quick: stiff_arm(
             "Two-link arm, second link 1e6 times lighter, spring of 1e6 N m/rad and dampers of 1e4 N m s/rad",
             10.0,
-            ", damper: {damping: 1e4}",
-            ", spring: {stiffness: 1e6, rest: 40 deg}, damper: {damping: 1e4}",
-            1e-6,
-            start=FALLING,
+            ratio=1e-6,
         ),
         "stable; the fastest mode decays in 1e-10 s, far below what explicit steps could follow",
     ),

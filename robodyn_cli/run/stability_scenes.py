@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 GRAVITY = "[0, -9.81, 0]"
+HANGING = "{q: {theta1: -90 deg, theta2: 45 deg}}"
+FALLING = "{q: {theta1: 0, theta2: 45 deg}}"  # sinks slowly against its damper while the spring is fast
 LECTURE_ARM = """\
 robot:
   convention: standard
@@ -66,11 +68,25 @@ def arm(
     ratio: float = 1.0,
     gravity: str = GRAVITY,
     torques: str = "",
-    start: str = "{q: {theta1: -90 deg, theta2: 45 deg}}",
+    start: str = HANGING,
 ) -> str:
     """Return the lecture's two-link arm with keys added to its joints; mass and inertia of link 2 times ``ratio``."""
     body = LECTURE_ARM % (first, second, 12.456, 1.042, 12.456 * ratio, 1.042 * ratio)
     return scene(title, body, start, duration, gravity, torques)
+
+
+def stiff_arm(
+    title: str,
+    duration: float,
+    stiffness: float = 1e6,
+    rest: str = "40 deg",
+    ratio: float = 1.0,
+    start: str = FALLING,
+) -> str:
+    """Return the lecture's arm with dampers of 1e4 N m s/rad in its joints and a spring [N m/rad] in the second."""
+    damper = ", damper: {damping: 1e4}"
+    spring = f", spring: {{stiffness: {stiffness:.17g}, rest: {rest}}}"
+    return arm(title, duration, damper, spring + damper, ratio, start=start)
 
 
 def chain(

@@ -12,6 +12,7 @@ from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.integrators.integrator import Grid, Integrator, Options
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.run.simulate import prepare
+from robodyn_cli.run.stability_scenes import HANGING, stiff_arm
 from robodyn_cli.scene.load import load_scene_text
 from tests.systems import samples, system
 
@@ -51,20 +52,7 @@ def test_van_der_pol(method: str) -> None:
     np.testing.assert_allclose(integrator.state, expected, rtol=bound)
 
 
-PENDULUM = """
-schema: 1
-gravity: [0, -9.81, 0]
-robot:
-  convention: standard
-  joints:
-    - {name: theta1, type: revolute, a: 1.0, alpha: 0, d: 0, damper: {damping: 1e4}}
-    - {name: theta2, type: revolute, a: 1.0, alpha: 0, d: 0, damper: {damping: 1e4}, spring: {stiffness: 1e6, rest: 0}}
-  links:
-    - {name: link1, mass: 12.456, com: [0.773, 0, 0], com_frame: joint, inertia: {zz: 1.042}}
-    - {name: link2, mass: 12.456, com: [0.583, 0, 0], com_frame: joint, inertia: {zz: 1.042}}
-initial: {q: {theta1: -90 deg, theta2: 45 deg}, qd: {theta1: 0, theta2: 0}}
-simulate: {duration: 10}
-"""
+PENDULUM = stiff_arm("stiff arm", 10.0, rest="0", start=HANGING)
 
 
 @each_adaptive
@@ -89,6 +77,6 @@ def test_a_double_pendulum_on_a_stiff_spring(method: str) -> None:
 def test_auto_takes_the_method_for_stiff_motion() -> None:
     from robodyn_cli.run.simulate import simulate
 
-    result = simulate(load_scene_text(PENDULUM.replace("duration: 10", "duration: 10, samples: 51")))
+    result = simulate(load_scene_text(PENDULUM, overrides=["simulate.samples=51"]))
     assert result.summary["integrator"] == "radau13"
     assert "stiff" in result.summary["integrator_reason"]
