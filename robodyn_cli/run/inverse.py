@@ -172,19 +172,30 @@ def _asked(planned: Planned, actual: Array) -> Array:
     return out
 
 
-def _summarise(
-    result: Result, problem: Problem, sampled: Sampled, planned: Planned, function: SampleFunction
-) -> None:
+def begin_summary(result: Result, problem: Problem, sampled: Sampled) -> dict[str, Any]:
+    """Return the summary with what every inverse run says first."""
     summary = result.summary
     summary["status"] = "ok"
     summary["termination"] = {"reason": "end of the trajectory", "time": float(sampled.times[-1])}
     summary["samples"] = len(sampled.times)
     if warnings := beyond_limits(problem, sampled.times, sampled.motion):
         summary["warnings"] = warnings
+    return summary
+
+
+def path_error(result: Result, point: str) -> float:
+    """Return the largest distance [m] of a point from its target."""
+    gap = result[f"points/{point}"] - result[f"targets/{point}"]
+    return float(np.sqrt(np.einsum("ti,ti->t", gap, gap).max()))
+
+
+def _summarise(
+    result: Result, problem: Problem, sampled: Sampled, planned: Planned, function: SampleFunction
+) -> None:
+    summary = begin_summary(result, problem, sampled)
     if planned.target is not None:
         summary["inverse_kinematics"] = planned.method
-        gap = result[f"points/{planned.point}"] - result[f"targets/{planned.point}"]
-        summary["ik_residual"] = float(np.sqrt(np.einsum("ti,ti->t", gap, gap).max()))
+        summary["ik_residual"] = path_error(result, str(planned.point))
     errors = error_estimate(problem, sampled)
     if "ik_residual" in summary:
         errors = {"ik_residual": summary["ik_residual"], **errors}

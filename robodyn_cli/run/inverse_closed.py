@@ -20,8 +20,8 @@ from robodyn_cli.run.guided_motion import (
     lead_of,
     velocity_places,
 )
-from robodyn_cli.run.inverse import energies, fill, torque_terms
-from robodyn_cli.run.inverse_checks import DEFINITIONS, Sampled, beyond_limits, error_estimate, joint_figures
+from robodyn_cli.run.inverse import begin_summary, energies, fill, path_error, torque_terms
+from robodyn_cli.run.inverse_checks import DEFINITIONS, Sampled, error_estimate, joint_figures
 from robodyn_cli.run.motion import Planned, with_led_point
 from robodyn_cli.run.observe import loop_columns
 from robodyn_cli.run.places import add_places, place_outputs
@@ -254,12 +254,7 @@ def _summarise(
     actuated: tuple[str, ...],
     trip: float,
 ) -> None:
-    summary = result.summary
-    summary["status"] = "ok"
-    summary["termination"] = {"reason": "end of the trajectory", "time": float(sampled.times[-1])}
-    summary["samples"] = len(sampled.times)
-    if warnings := beyond_limits(problem, sampled.times, sampled.motion):
-        summary["warnings"] = warnings
+    summary = begin_summary(result, problem, sampled)
     summary["mechanism"] = {
         "degrees_of_freedom": shared.freedom,
         "actuated": list(actuated),
@@ -271,8 +266,7 @@ def _summarise(
     if any(path.startswith("targets/") for path in result.variables):
         summary["inverse_kinematics"] = "newton"
         name = next(iter(result.group("targets")))
-        gap = result[f"points/{name}"] - result[f"targets/{name}"]
-        summary["ik_residual"] = float(np.sqrt((gap**2).sum(axis=1)).max())
+        summary["ik_residual"] = path_error(result, name)
     estimate = error_estimate(problem, sampled, trip)
     estimate["closure"] = guided.residuals
     estimate["virtual_work_residual"] = shared.residual
