@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,13 +12,14 @@ from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import Wrench, rnea
 from robodyn_cli.expr.graph import is_number
 from robodyn_cli.model.model import BASE, Body, Model
+from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, cross, dot, zeros
 from robodyn_cli.spatial.inertia import ArticulatedInertia
 
 Acceleration = tuple[Vector, Vector]  # angular, and of the body's origin; body coordinates
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class JointFactor:
     """What a joint contributes to the factorisation of M: U = I^A S, D^-1 = (S^T U + armature)^-1."""
 

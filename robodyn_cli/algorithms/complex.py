@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
+from robodyn_cli.record import record
 
-@dataclasses.dataclass(frozen=True)
+
+@record
 class Complex:
     """re + i im; parts that are float zeros leave nothing behind in a product."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -21,6 +20,7 @@ from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.loops.base import LoopFrame, Row
 from robodyn_cli.model.model import BASE, FixedFrame, Loop, Model
+from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, vector, zeros
 
 
@@ -109,7 +109,7 @@ def vanishes(row: Row) -> bool:
     return not any(isinstance(x, Expr) or x != 0.0 for x in (row.eta, row.gamma, row.eta_t, *row.psi))
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Multipliers:
     """Solution of equation (36): accelerations and multipliers."""
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 
 from robodyn_cli.algorithms.kinematics import Velocity, slice_q, slice_v, transforms, velocities
 from robodyn_cli.model.model import BASE, Body, Model
+from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, cross, dot, skew, zeros
 from robodyn_cli.spatial.inertia import RigidInertia, momentum
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class VelocityInertia:
     """What a moving body bears for a velocity s of its frame: n = Z s_w, f = -p x s_w.
 

@@ -5,10 +5,10 @@ All quantities are in base coordinates unless a name says otherwise.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 
 from robodyn_cli.model.model import BASE, Body, FixedFrame, Model
+from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import (
     Matrix,
     Transform,
@@ -32,7 +32,7 @@ def slice_v(body: Body, v: Values) -> Vector:
     return vector(v[body.v : body.v + body.joint.nv])
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Pose:
     """Axes R (columns) and origin p [m] of a frame in base coordinates."""
 
@@ -93,7 +93,7 @@ def point_jacobian(
     return linear, angular
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Velocity:
     """Angular velocity w [rad/s] and velocity v [m/s] of a body's origin, body coordinates."""
 
@@ -120,7 +120,7 @@ def velocities(model: Model, X: Sequence[Transform], q: Values, qd: Values) -> d
     return found
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Motion:
     """Angular velocity, angular acceleration and linear acceleration of a body's origin, body coordinates.
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
 from robodyn_cli.expr.graph import Expr
+from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Matrix, Values, Vector, zeros
 
 LISTED = 8  # rows from which on an order of elimination is looked for
@@ -43,7 +43,7 @@ def minimum_degree(A: Matrix) -> tuple[int, ...]:
     return tuple(order)
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class LdlFactor:
     """Symmetric positive definite A = P^T L D L^T P; zeros of A that stay zero cost nothing.
 
@@ -148,7 +148,7 @@ class LdlFactor:
         return total
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class LuFactor:
     """A = L U without pivoting, L with unit diagonal; zeros of A that stay zero cost nothing.
 

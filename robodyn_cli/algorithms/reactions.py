@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,10 +9,11 @@ from robodyn_cli.algorithms.kinematics import Pose, motions, poses
 from robodyn_cli.algorithms.rnea import Wrench, carry_down, inertial_wrench
 from robodyn_cli.loops.base import LoopFrame
 from robodyn_cli.model.model import BASE, FixedFrame, Loop, Model
+from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Transform, Values, Vector, cross, identity, zeros
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class LoopWrench:
     """What a closure exerts on its two links: (moment about the link's own point, force).
 
@@ -25,7 +25,7 @@ class LoopWrench:
     on_second: Wrench
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Reactions:
     """Wrenches (moment, force) in joints and closures [N m, N].
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 
@@ -10,10 +9,11 @@ from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import Model
+from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Matrix, Values, zeros
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Constraints:
     """Rows eta = 0, Psi v + eta_t = 0, Psi v-dot + gamma = 0; ``dropped`` rows vanish identically.
 

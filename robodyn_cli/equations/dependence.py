@@ -8,7 +8,6 @@ the motion (see ``formulations.row_chart``).
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -18,10 +17,11 @@ from robodyn_cli.equations.constraints import Constraints
 from robodyn_cli.expr.graph import Graph, Scalar
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import PARAMETER_GROUP
+from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Matrix, Vector, zeros
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Dependence:
     """Names of rows of which only ``rank`` are independent."""
 
@@ -34,7 +34,7 @@ class Dependence:
         return self.rank * len(self.rows) + 1
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Combination:
     """Combinations of some rows.
 

@@ -9,18 +9,17 @@ equations and is switched on and off by its parameter, so one compiled program s
 
 from __future__ import annotations
 
-import dataclasses
-
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.forces.friction import Friction
 from robodyn_cli.forces.limits import Limits
 from robodyn_cli.model.model import PARAMETER_GROUP, Body, Model
+from robodyn_cli.record import record
 
 FIELDS = ("hold", "direction", "low", "high")
 UNBOUNDED = 1e300  # a bound that no multiplier reaches
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Gate:
     """A joint with modes; q, v : its places. hold, direction, low, high : parameters p from ``place`` on."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
 from typing import Any
@@ -15,6 +14,7 @@ from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import BASE, PARAMETER_GROUP, UNKNOWN_GROUP, Body, Model
+from robodyn_cli.record import record
 from robodyn_cli.scene import types as sc
 
 Array = NDArray[np.float64]
@@ -65,7 +65,7 @@ def direction(d: Array) -> str:
     return f"({d[0]:.3g}, {d[1]:.3g}, {d[2]:.3g})"
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Facts:
     """What the geometry of a model says; everything in base coordinates."""
 

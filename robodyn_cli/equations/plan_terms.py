@@ -25,12 +25,13 @@ from robodyn_cli.equations.plan_variants import Variant
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import count_operations
 from robodyn_cli.model.model import BASE, Model
+from robodyn_cli.record import mutable_record
 
 Entry = dict[str, Any]
 LOOPS = 4  # up to which loops have entries of their own
 
 
-@dataclasses.dataclass
+@mutable_record
 class Ledger:
     """Kept and left out, as they are found.
 

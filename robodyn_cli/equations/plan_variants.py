@@ -24,6 +24,7 @@ from robodyn_cli.loops.base import Row
 from robodyn_cli.loops.revolute import RevoluteLoop
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import BASE, PARAMETER_GROUP, Body, FixedFrame, Force, JointForce, Loop, Model
+from robodyn_cli.record import record
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Matrix, Transform, Vector, identity, matrix, snap, vector, zeros
 from robodyn_cli.spatial.inertia import RigidInertia
@@ -50,7 +51,7 @@ class Symbols:
         return matrix([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Variant:
     """What decides the equations, ready to be changed.
 

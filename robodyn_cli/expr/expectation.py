@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import re
 from typing import Any
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr import formula as fm
+from robodyn_cli.record import record
 
 FORMS = (
     "allowed: a value, 'a +- b', 'a +- b %', 'a .. b', '< a', '<= a', '> a', '>= a' (the last two in quotes)"
@@ -16,7 +16,7 @@ FORMS = (
 _BOUND = re.compile(r"(<=|>=|<|>)(.*)", re.DOTALL)
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Expectation:
     """What a value must be: between ``low`` and ``high`` (themselves out where ``strict``), or just ``value``."""
 

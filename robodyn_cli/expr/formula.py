@@ -29,6 +29,7 @@ from robodyn_cli.expr.formula_tree import (
     Power,
 )
 from robodyn_cli.expr.graph import Expr
+from robodyn_cli.record import record
 
 MAX_LENGTH = 10_000
 MAX_DEPTH = 60
@@ -49,7 +50,7 @@ _TOKEN = re.compile(
 )
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Formula:
     """A parsed formula; equal when the trees are equal.
 
@@ -176,7 +177,7 @@ def _listed(names: list[str]) -> str:
     return ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class _Token:
     kind: str  # number, name, sign or end
     text: str

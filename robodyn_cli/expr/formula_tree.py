@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import math
 import operator
@@ -11,6 +10,7 @@ from typing import Any
 
 from robodyn_cli.expr import functions as fn
 from robodyn_cli.expr.graph import Expr
+from robodyn_cli.record import record
 
 CONSTANTS: dict[str, float] = {"pi": math.pi, "e": math.e}
 MANY = 1000
@@ -52,7 +52,7 @@ class Node:
         raise NotImplementedError
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Num(Node):
     number: float
 
@@ -63,7 +63,7 @@ class Num(Node):
         return self
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Name(Node):
     name: str
 
@@ -74,7 +74,7 @@ class Name(Node):
         return Name(names.get(self.name, self.name))
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Negative(Node):
     operand: Node
 
@@ -85,7 +85,7 @@ class Negative(Node):
         return Negative(self.operand.renamed(names))
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Chain(Node):
     """Operations of one precedence from left to right; flat, so that a long sum is not a deep tree."""
 
@@ -102,7 +102,7 @@ class Chain(Node):
         return Chain(self.first.renamed(names), tuple((op, node.renamed(names)) for op, node in self.rest))
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Power(Node):
     base: Node
     exponent: Node
@@ -114,7 +114,7 @@ class Power(Node):
         return Power(self.base.renamed(names), self.exponent.renamed(names))
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Call(Node):
     function: str
     arguments: tuple[Node, ...]
@@ -126,7 +126,7 @@ class Call(Node):
         return Call(self.function, tuple(x.renamed(names) for x in self.arguments))
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class If(Node):
     """``if(left < right, yes, no)``, or the same with ``<=``, ``>``, ``>=``."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable
 from typing import Any, ClassVar
 
@@ -11,6 +10,7 @@ import numpy as np
 from robodyn_cli.expr.functions import atan2, maximum, sqrt, where
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.forces.element import Effect, End, Setting, between_key, opposite
+from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, ListOf, Name, Vector, key
 from robodyn_cli.spatial.algebra import Matrix, cross, dot, identity, matrix, skew, vector, zeros
 from robodyn_cli.spatial.algebra import Vector as Components
@@ -75,7 +75,7 @@ def _rows(unit: str, doc: str) -> Any:
     return key(ListOf(Vector(6), minimum=6, maximum=6), default=None, unit=unit, doc=doc)
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Bushing:
     """Wrench of ``-(K xi + C dxi/dt)`` between two frames; potential energy ``xi^T K xi / 2``.
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable
 from typing import ClassVar
 
 from robodyn_cli.forces.element import Effect, End, Line, Setting, between_key
+from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Name, Number, key
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class ConstantForce:
     """Constant tension ``F`` along the line between two points; potential energy ``F l``."""
 

@@ -14,16 +14,16 @@ Checklist for another kind:
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Protocol
 
 from robodyn_cli.expr.functions import sqrt
+from robodyn_cli.record import record
 from robodyn_cli.schema.fields import ListOf, Text, key
 from robodyn_cli.spatial.algebra import Matrix, Vector, cross, dot
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class End:
     """A place on a body: origin p [m], axes R (columns), velocity v of the origin [m/s], angular velocity w [rad/s]."""
 
@@ -33,7 +33,7 @@ class End:
     w: Vector
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Setting:
     """What an element may ask for beside its ends.
 
@@ -49,7 +49,7 @@ class Setting:
     turn: Callable[[tuple[float, ...]], Any]
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Action:
     """A force [N] through the origin of an end, and a moment [N m]; ``local``: along the end's own axes."""
 
@@ -59,7 +59,7 @@ class Action:
     local: bool = False
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Effect:
     """What an element does: actions, potential energy [J] of the conservative part, power [W] of the rest."""
 
@@ -100,7 +100,7 @@ def opposite(ends: tuple[End, ...], force: Vector, moment: Vector) -> tuple[Acti
     return Action(1, force, moment), Action(0, -force, -(moment + cross(arm, force)))
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Line:
     """The line between two ends: length l [m], its rate [m/s], the vector from the first end to the second."""
 

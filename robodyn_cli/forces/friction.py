@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable
 from typing import Any, ClassVar
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.functions import exp, sign, tanh, where
+from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Either, Number, Section, key
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class CoulombPair:
     """Coulomb friction that differs with the direction; both values are magnitudes or carry their own sign."""
 
@@ -29,7 +29,7 @@ def _signed(level: Any) -> tuple[float, float]:
     return (level.positive, level.negative) if isinstance(level, CoulombPair) else (level, -level)
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Friction:
     """Torque ``tau = -(b qd + tau_c(sign qd))``.
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable
 from typing import Any, ClassVar
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.functions import absolute, sign, tanh, where
+from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Number, key
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Gear:
     """Losses of a gear: of the power that goes in, the part ``efficiency`` comes out.
 

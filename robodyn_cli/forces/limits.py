@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable
 from typing import Any, ClassVar
 
 from robodyn_cli.expr.functions import maximum, power, where
 from robodyn_cli.expr.graph import Expr
+from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Number, Section, key
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Stop:
     """How a stop gives way: ``stiffness`` (with damping), or ``restitution`` of a rigid one."""
 
@@ -47,7 +47,7 @@ class Stop:
             yield ("exponent",), "goes with 'law: hunt_crossley'"
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Limits:
     """Stops at ``lower`` and ``upper``: torque away from the stop while the joint is beyond it.
 

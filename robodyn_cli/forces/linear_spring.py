@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable
 from typing import ClassVar
 
 from robodyn_cli.forces.element import Effect, End, Line, Setting, along, between_key, idle_problems
+from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Name, Number, key
 from robodyn_cli.spatial.algebra import dot
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class LinearSpring:
     """Tension ``k (l - l0) + c dl/dt`` along the line between two points; potential energy ``k (l - l0)^2 / 2``."""
 

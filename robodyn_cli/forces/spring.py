@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any, ClassVar
 
+from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Number, key
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Spring:
     """Torque ``tau = -k (q - q0)``; potential energy ``k (q - q0)^2 / 2``."""
 

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterable
 from typing import ClassVar
 
 from robodyn_cli.expr.functions import atan2
 from robodyn_cli.forces.element import Effect, End, Setting, between_key, idle_problems, opposite
+from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Name, Number, Vector, key
 from robodyn_cli.spatial.algebra import dot, rotation_to_z, vector, zeros
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class TorsionalSpring:
     """Torque ``-(k (theta - theta0) + c dtheta/dt)`` about an axis; potential energy ``k (theta - theta0)^2 / 2``.
 

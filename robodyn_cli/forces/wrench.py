@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable
 from typing import Any, ClassVar
 
 from robodyn_cli.expr.functions import interpolate
 from robodyn_cli.forces.element import Action, Effect, End, Setting
+from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Either, Formula, ListOf, Name, Section, Text, Vector, key
 from robodyn_cli.spatial.algebra import Vector as Components
 from robodyn_cli.spatial.algebra import dot, vector, zeros
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class VectorTable:
     """Three components as a table; linear between rows, held beyond the ends."""
 
@@ -63,7 +63,7 @@ def _effect(force: Components, moment: Components, end: End, frame: str, setting
     return Effect((Action(0, force, moment, local=True),), 0.0, power)
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class PointForce:
     """A force through a point of a link."""
 
@@ -95,7 +95,7 @@ class PointForce:
         return _effect(_components(self.force, setting), zeros(3), ends[0], self.frame, setting)
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class PointWrench:
     """A force through a point of a link and a moment on the link."""
 

@@ -11,7 +11,6 @@ Checklist for another shape:
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any, Protocol
@@ -30,6 +29,7 @@ from robodyn_cli.kernels.program import Program, make_program
 from robodyn_cli.kernels.rolled_loops import rolled_function
 from robodyn_cli.kernels.rolled_tables import RolledPlan
 from robodyn_cli.model.model import Model
+from robodyn_cli.record import record
 
 GROUPS = ("t", "q", "v", "z", "p")
 LANES = 8  # the most that an integrator evaluates at once
@@ -94,7 +94,7 @@ class Dynamics(Protocol):
         """
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Expanded:
     """Rates as expressions: straight-line code in which nothing is left that this system does not need."""
 

@@ -12,7 +12,6 @@ columns of Psi, and chosen anew where Psi_w comes nearer to losing rank than it 
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -27,6 +26,7 @@ from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.expr.rebuild import Evaluator, evaluate
 from robodyn_cli.formulations.system import EventFunction
 from robodyn_cli.model.model import PARAMETER_GROUP
+from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Matrix, vector, zeros
 
 Array = NDArray[np.float64]
@@ -35,7 +35,7 @@ RENEW = 0.1  # of the closeness to losing rank at the choice, at which it is mad
 FLOOR = 1e-12  # closeness below which the loops themselves have lost rank
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Partition:
     """What the formulation makes of a problem.
 

@@ -14,16 +14,16 @@ the joints' manifolds after each step (``System.normalisation``).
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
 from robodyn_cli.expr.graph import Expr, Graph, Scalar, free_symbols
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.model.model import Model
+from robodyn_cli.record import record
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Layout:
     """Places in the integrator's state of the mechanism's q (nq), v (nv) and further states z.
 

@@ -6,7 +6,6 @@ before those of the rates: where q-dot = v this is the usual elimination B = g E
 
 from __future__ import annotations
 
-import dataclasses
 from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
@@ -17,13 +16,14 @@ from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import Expr, Graph, free_symbols
 from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.kernels.program import Program, make_program
+from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import zeros
 
 if TYPE_CHECKING:
     from robodyn_cli.formulations.system import System
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Jacobian:
     """J = df/dx (n, n) and df/dt (n,) of x-dot = f(t, x), as numbers and expressions of ``graph``."""
 

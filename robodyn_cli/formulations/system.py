@@ -5,7 +5,6 @@ A formulation turns the equations of a mechanism into a ``System``. Integrators 
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
@@ -19,13 +18,14 @@ from robodyn_cli.formulations.dynamics import Dynamics
 from robodyn_cli.formulations.layout import Layout
 from robodyn_cli.formulations.linearisation import complex_factors, real_factors
 from robodyn_cli.kernels.program import Program, make_program
+from robodyn_cli.record import record
 
 if TYPE_CHECKING:
     from robodyn_cli.formulations.index3 import Index3
     from robodyn_cli.formulations.residual import Residual
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class EventFunction:
     """A scalar whose sign change is an event.
 
@@ -57,7 +57,7 @@ class Chart(Protocol):
         """Return the parameters (count,) for the motion through (t, q); ``before`` : those in use so far."""
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class System:
     """State x = (q, v, z): q-dot = v, v-dot and z-dot by ``dynamics``, over symbols t, q, v, z, p.
 

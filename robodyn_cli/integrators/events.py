@@ -7,7 +7,6 @@ is as accurate as the states themselves.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Sequence
 
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.system import EventFunction
+from robodyn_cli.record import record
 
 Array = NDArray[np.float64]
 Numbers = Sequence[float] | Array
@@ -25,7 +25,7 @@ TRIALS = 200
 PATIENCE = 3  # secant trials that may fail to halve the bracket before it is bisected; fewer each time
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Event:
     """An event that happened: which function, when, and the state (q, v, z) there."""
 
@@ -45,7 +45,7 @@ def chatter(event: EventFunction, time: float) -> NumericalError:
     )  # fmt: skip
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Root:
     """A sign change of function ``index`` in (low, high]; ``sign`` is the one beyond it."""
 
@@ -55,7 +55,7 @@ class Root:
     sign: float
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Found:
     """Where to go, and the functions that change sign there (none: go there and look on)."""
 

@@ -8,7 +8,6 @@ rounding in these tables does not matter.
 
 from __future__ import annotations
 
-import dataclasses
 from functools import lru_cache
 from typing import Any
 
@@ -16,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.integrators.gauss_tables import gauss_table, padded_width
+from robodyn_cli.record import record
 
 Array = NDArray[Any]
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class DenseTable:
     """Tables over 2 s nodes: the s of Gauss (group 0) and s between them (group 1), in [0, 1], padded to m lanes.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from decimal import Decimal, localcontext
 from functools import lru_cache
 
@@ -10,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.integrators.polynomials import evaluate, integrals, lagrange, legendre, roots
+from robodyn_cli.record import record
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class GaussTable:
     """Gauss method with s stages, order 2 s (Hairer, Lubich and Wanner 2006, section II.1.3), padded to whole vectors.
 

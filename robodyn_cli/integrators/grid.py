@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.integrators.loop import SLACK
+from robodyn_cli.record import record
 
 Array = NDArray[Any]
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Grid:
     """Uniform sample times start + k step, k = 0 .. count - 1; the last one is ``end`` without rounding, if given."""
 

@@ -17,7 +17,6 @@ method, write one file with a subclass and one line in the registry. Checklist f
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 from collections.abc import Iterator
 
 from robodyn_cli.formulations.residual import Residual
@@ -29,12 +28,13 @@ from robodyn_cli.integrators.writer import LANES, Writer
 from robodyn_cli.kernels.arrays import Array, Total
 from robodyn_cli.kernels.ir import Condition, Value, module
 from robodyn_cli.kernels.program import Program
+from robodyn_cli.record import mutable_record
 
 CLOSER = 2  # times that dense output is looked at again around an event
 SLACK = 2e-15  # a sample this close beyond the end of a step belongs to it
 
 
-@dataclasses.dataclass
+@mutable_record
 class Attempt:
     """Outcome of an attempted step: squared scaled error, and the factor by which to change the step."""
 

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 from robodyn_cli.integrators.layout import Real
 from robodyn_cli.integrators.writer import Writer
 from robodyn_cli.kernels.ir import Value
+from robodyn_cli.record import record
 
 BEGUN = 1e300  # stands for the update before the first
 UNKNOWN_RATIO = 0.5  # of the first two updates, where nothing is remembered
 LEAST_RATIO = 0.01
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Limits:
     """What ends the rounds of a step; updates are in units of the tolerance.
 

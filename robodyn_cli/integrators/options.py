@@ -5,8 +5,10 @@ from __future__ import annotations
 import dataclasses
 import math
 
+from robodyn_cli.record import mutable_record, record
 
-@dataclasses.dataclass
+
+@mutable_record
 class Counters:
     """What a run took."""
 
@@ -23,7 +25,7 @@ class Counters:
         return dataclasses.asdict(self)
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Options:
     """How to integrate; ``step`` is for methods without step control."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from decimal import Decimal, localcontext
 from functools import lru_cache
 from typing import Any
@@ -11,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.integrators.polynomials import integrals, lagrange, legendre, roots
+from robodyn_cli.record import record
 
 Array = NDArray[Any]
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class RadauTable:
     """Radau IIA with s stages, order 2 s - 1 (Hairer and Wanner 1996, sections IV.5 and IV.8), padded to whole vectors.
 

@@ -3,19 +3,20 @@
 # fmt: off
 from __future__ import annotations
 
-import dataclasses
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.record import record
+
 Row = tuple[float, ...]
 Array = NDArray[Any]
 Tree = Any  # a tree is the sorted tuple of its branches
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class RosenbrockTable:
     """(E / (gamma h) - J) u_i = f(t + alpha_i h, y + sum a_ij u_j) + sum C_ij u_j / h + gamma_i h df/dt,
     y1 = y + sum m_i u_i, error = sum e_i u_i (Hairer and Wanner 1996, equations IV.7.25 and 7.26).

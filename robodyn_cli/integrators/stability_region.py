@@ -6,7 +6,6 @@ stable where |R(z)| <= 1; how far that region reaches along a direction of the c
 
 from __future__ import annotations
 
-import dataclasses
 from functools import lru_cache
 from typing import Any
 
@@ -18,6 +17,7 @@ from robodyn_cli.integrators.gauss import Gauss
 from robodyn_cli.integrators.gauss_tables import gauss_table
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.tableaus import ExplicitTable
+from robodyn_cli.record import record
 
 Array = NDArray[Any]
 FARTHEST = 40.0  # |z| up to which the boundary is looked for; explicit methods end well before
@@ -55,7 +55,7 @@ def radius(table: ExplicitTable, direction: Array, growth: float = STRICT) -> Ar
     return low
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Limit:
     """How far a method's step may go: for decaying modes along the real axis, for oscillating ones along the imaginary.
 

@@ -3,12 +3,12 @@
 # fmt: off
 from __future__ import annotations
 
-import dataclasses
+from robodyn_cli.record import record
 
 Row = tuple[float, ...]
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class ExplicitTable:
     """An explicit Runge-Kutta pair.
 

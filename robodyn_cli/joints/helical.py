@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any, ClassVar
 
 from robodyn_cli.joints.base import Joint
+from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Transform, Vector, matrix, rotation_about, vector
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Helical(Joint):
     """One rotation that advances with it; E = Rz(q)^T, r = (0, 0, h q), S = (0, 0, 1, 0, 0, h).
 

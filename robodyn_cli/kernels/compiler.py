@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import dataclasses
 import hashlib
 import os
 import platform
@@ -16,11 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from robodyn_cli.kernels.report import REPORT
+from robodyn_cli.record import record
 
 CACHE_FILES = 400  # about 10 kB each; the oldest go first
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Machine:
     """The processor that code is made for."""
 

@@ -6,7 +6,6 @@ programs whatever else was built in the graph. Its digest is the key of the cach
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 from collections.abc import Sequence
 from functools import cached_property
@@ -14,11 +13,12 @@ from typing import Any
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.graph import Expr, Scalar, reachable
+from robodyn_cli.record import record
 
 TRIGONOMETRIC = frozenset({"sin", "cos"})
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Instruction:
     """One operation on earlier instructions; ``value`` is a constant's value or a symbol's (group, position)."""
 
@@ -27,7 +27,7 @@ class Instruction:
     value: Any = None
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Program:
     """Straight-line code with named outputs.
 

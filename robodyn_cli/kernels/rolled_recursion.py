@@ -6,7 +6,6 @@ plane of a planar chain), and what is zero in every body is not either.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
@@ -14,11 +13,12 @@ from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.joints.base import Joint
 from robodyn_cli.kernels.program import Program, make_program
 from robodyn_cli.kernels.rolled_steps import QUANTITIES, RECIPES, ROTATION, BodyStage, Place, Structure
+from robodyn_cli.record import record
 
 GROUPS = ("p", "q", "v", "x", "kept", *QUANTITIES)
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Step:
     """One kind of body in one sweep. ``places`` are the entries that the program's outputs are, by group."""
 
@@ -26,7 +26,7 @@ class Step:
     places: Mapping[str, tuple[int, ...]]
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Sweep:
     """One pass over the bodies. ``steps`` has one entry a kind of body."""
 
@@ -34,7 +34,7 @@ class Sweep:
     steps: tuple[Step, ...]
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Recursion:
     """A recursion over the bodies of a tree, whatever their number.
 

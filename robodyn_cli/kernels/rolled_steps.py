@@ -14,7 +14,6 @@ No equation is written here: the functions called make the unrolled kernels and 
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
@@ -26,6 +25,7 @@ from robodyn_cli.expr.rebuild import apply
 from robodyn_cli.joints.base import Joint
 from robodyn_cli.kernels.program import TRIGONOMETRIC
 from robodyn_cli.model.model import BASE, Body
+from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Transform, Vector, matrix, vector, zeros
 from robodyn_cli.spatial.inertia import ArticulatedInertia, RigidInertia
 
@@ -110,7 +110,7 @@ class _Kept:
         return [value[e.index] if isinstance(e, Expr) else e for e in outputs]
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Draft:
     """A body's step as expressions: its part of one sweep."""
 

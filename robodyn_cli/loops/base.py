@@ -9,10 +9,11 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Matrix, Values, Vector, zeros
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class LoopFrame:
     """One end of a closure.
 
@@ -38,7 +39,7 @@ class LoopFrame:
         return self.Jv @ self.qd + self.drift
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Row:
     """One scalar constraint: eta = 0, Psi v + eta_t = 0, Psi v-dot + gamma = 0.
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 from robodyn_cli.loops.base import LoopFrame, Row
 from robodyn_cli.loops.pieces import between_key, distance
+from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Name, Number, key
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class DistanceLoop:
     """A massless bar with a ball at each end: the points keep their distance."""
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 from robodyn_cli.loops.base import LoopFrame, Row
 from robodyn_cli.loops.pieces import aligned, between_key, coincident
+from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Name, Vector, key
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class FixedLoop:
     """Two links welded together: the points coincide and the links do not turn relative to each other."""
 

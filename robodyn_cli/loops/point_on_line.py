@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 from robodyn_cli.loops.base import LoopFrame, Row
 from robodyn_cli.loops.pieces import axis_key, between_key, on_line
+from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Name, key
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class PointOnLineLoop:
     """The second point stays on a line of the first link."""
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 from robodyn_cli.loops.base import LoopFrame, Row
 from robodyn_cli.loops.pieces import aligned, axis_key, between_key, on_line
+from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Name, Vector, key
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class PrismaticLoop:
     """The second link slides along an axis of the first and does not turn relative to it."""
 

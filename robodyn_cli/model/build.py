@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -21,6 +20,7 @@ from robodyn_cli.model.model import (
     Model,
 )
 from robodyn_cli.model.placement import joint_kind, joint_placement
+from robodyn_cli.record import mutable_record
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import (
     Matrix,
@@ -48,7 +48,7 @@ def moved_link(robot: sc.Robot, index: int) -> str:
     return joint.link if joint.link is not None else robot.links[index].name
 
 
-@dataclasses.dataclass
+@mutable_record
 class _Placed:
     """Where a link is: the body that carries it, its joint frame and its link frame in body coordinates."""
 

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.joints.base import Joint
+from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Matrix, Transform, Vector
 from robodyn_cli.spatial.inertia import RigidInertia
 
 BASE = -1
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class JointForce:
     """A force element that acts in one joint (spring, damper, friction)."""
 
@@ -21,7 +21,7 @@ class JointForce:
     element: Any
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Body:
     """A moving body with the joint that carries it. Body axes: z is the joint axis, origin on the axis.
 
@@ -43,7 +43,7 @@ class Body:
     forces: tuple[JointForce, ...] = ()
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class FixedFrame:
     """A frame (or point) fixed to a body: origin p [m] and axes R in body coordinates."""
 
@@ -52,7 +52,7 @@ class FixedFrame:
     R: Matrix
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Loop:
     """A loop closure between two frames; ``element`` knows the equations."""
 
@@ -62,7 +62,7 @@ class Loop:
     second: FixedFrame
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Force:
     """A force element on a place or between two; ``element`` knows the law (``forces/element.py``)."""
 
@@ -71,7 +71,7 @@ class Force:
     ends: tuple[FixedFrame, ...]
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Model:
     """A tree of bodies in topological order, and the loops that close it.
 

@@ -6,10 +6,10 @@ capitals stands for a name from the scene.
 
 from __future__ import annotations
 
-import dataclasses
+from robodyn_cli.record import record
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Entry:
     """One path of the format; ``names`` label the last dimension where they are always the same."""
 
@@ -136,7 +136,7 @@ EVENT_ENTRIES: tuple[Entry, ...] = (
 )
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Attribute:
     """One root attribute; ``kind`` is ``text``, ``integer`` or ``JSON`` (stored as text)."""
 

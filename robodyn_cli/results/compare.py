@@ -7,10 +7,11 @@ import math
 
 import numpy as np
 
+from robodyn_cli.record import record
 from robodyn_cli.results.result import Array, Result, Variable
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Difference:
     """How one dataset compares with the baseline.
 
@@ -30,7 +31,7 @@ class Difference:
     column: str = ""
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Comparison:
     """All differences, worst first; ``agrees`` tells whether every dataset of the baseline was met."""
 

@@ -7,14 +7,14 @@ root under the dimension's name and holds the labels, or nothing but a length.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Container
 from typing import Any
 
+from robodyn_cli.record import mutable_record
 from robodyn_cli.results import h5low
 
 
-@dataclasses.dataclass
+@mutable_record
 class Scale:
     """A dimension of the file: its length, labels (may be empty) and dataset."""
 

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.record import mutable_record
 from robodyn_cli.results import catalogue
 
 Array = NDArray[np.float64]
 
 
-@dataclasses.dataclass
+@mutable_record
 class Variable:
     """An array with what is needed to read it alone.
 
@@ -59,7 +60,7 @@ def make_variable(
     return Variable(array, tuple(dims), units, long_name, tuple(names), tuple(column_units))
 
 
-@dataclasses.dataclass
+@mutable_record
 class Result:
     """What a run computed.
 

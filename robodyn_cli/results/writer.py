@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.record import mutable_record
 from robodyn_cli.results import catalogue, provenance
 from robodyn_cli.results.atomic import discard, output_errors, temporary_path
 from robodyn_cli.results.interrupts import uninterrupted
@@ -28,7 +29,7 @@ BLOCK_BYTES = 1 << 20
 CHUNK_BYTES = 1 << 18
 
 
-@dataclasses.dataclass
+@mutable_record
 class _Column:
     """A dataset on its way to the file: what is buffered, and what is already there."""
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from robodyn_cli.errors import RobodynError, SceneError
+from robodyn_cli.record import mutable_record
 from robodyn_cli.results.errors import ResultFileError
 from robodyn_cli.results.output_dir import RESULT_NAME, SUMMARY_NAME
 from robodyn_cli.results.provenance import sha256
@@ -35,7 +36,7 @@ GRACE = 5.0  # seconds that an interrupted worker has to tidy up
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
-@dataclasses.dataclass
+@mutable_record
 class Entry:
     """One scene of a batch and what became of it.
 

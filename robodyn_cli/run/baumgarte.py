@@ -18,6 +18,7 @@ from robodyn_cli.formulations.index1 import index1, projection, residuals
 from robodyn_cli.formulations.system import GROUPS, System
 from robodyn_cli.integrators.integrator import Grid, Integrator, Options
 from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.record import record
 from robodyn_cli.scene.types import Baumgarte
 
 Array = NDArray[Any]
@@ -28,7 +29,7 @@ TIGHTER = 1e-3  # tolerance of the run that the errors are measured against, ove
 TIGHTEST = 3e-14
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Outcome:
     """What a pair of gains did.
 
@@ -45,7 +46,7 @@ class Outcome:
     steps: int
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Gains:
     """The automatic choice alpha = beta = c / h.
 

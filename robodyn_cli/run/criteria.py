@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 from robodyn_cli.errors import SceneError, did_you_mean
 from robodyn_cli.expr.expectation import Expectation
+from robodyn_cli.record import record
 
 # exit code of a run by its status, where no error says more
 EXIT_OF_STATUS = {"ok": 0, "locked": 0, "no_lock": 1, "overload": 1}
@@ -16,7 +16,7 @@ FAILED = 1
 _ABSENT: Any = object()
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Outcome:
     """One criterion and what the run gave."""
 

@@ -14,6 +14,7 @@ from robodyn_cli.formulations.index1 import index1, multiplier_norm
 from robodyn_cli.formulations.system import GROUPS, EventFunction, System
 from robodyn_cli.integrators.integrator import Event, Grid, Integrator, Options
 from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.record import mutable_record
 from robodyn_cli.run.growth import GRID, GrowthMonitor, levels_with
 from robodyn_cli.run.latch import LatchImpact, Locked
 from robodyn_cli.run.least_norm import LeastNorm
@@ -37,7 +38,7 @@ from robodyn_cli.scene.types import Scene
 Array = NDArray[np.float64]
 
 
-@dataclasses.dataclass
+@mutable_record
 class Found:
     """What the scan of the whole motion met, by kind: time and state (q, v, z)."""
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.integrators.registry import methods as registry
+from robodyn_cli.record import mutable_record, record
 from robodyn_cli.run.spectrum import Spectrum
 from robodyn_cli.run.trial import Budget, Reference, Solution, solve
 from robodyn_cli.scene.types import Scene
@@ -19,7 +20,7 @@ PERIODS = 1000
 CROSSINGS = 4  # passes through the middle that make a motion an oscillation
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Period:
     """A period [s] and where it comes from."""
 
@@ -48,7 +49,7 @@ def period(ref: Reference | None, spectrum: Spectrum | None, duration: float) ->
     return Period(duration, "the duration of the scene: nothing in it oscillates")
 
 
-@dataclasses.dataclass
+@mutable_record
 class Growth:
     """The error of the energy balance of one method over many periods.
 

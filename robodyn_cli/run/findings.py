@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from robodyn_cli.formulations.dynamics import Rolled
 from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.model.consistency import body_problems
 from robodyn_cli.model.model import Model
+from robodyn_cli.record import record
 from robodyn_cli.run.commands import execute
 from robodyn_cli.run.dynamics import open_problem
 from robodyn_cli.run.inverse import _check_actuated as check_actuated
@@ -44,7 +44,7 @@ def worst(codes: Sequence[int]) -> int:
     return max(codes, key=lambda code: BADNESS.index(code) if code in BADNESS else len(BADNESS), default=0)
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Finding:
     """One thing that is wrong: ``severity`` is ``error`` or ``warning``, the message begins with the place."""
 

@@ -9,6 +9,8 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.record import mutable_record
+
 Array = NDArray[np.float64]
 GRID = 1e-3  # s, the uniform grid on which the running median is taken
 LEVELS = (10.0, 100.0, 1000.0)
@@ -37,7 +39,7 @@ class RunningMedian:
         return 0.5 * (high[0] - low[0])
 
 
-@dataclasses.dataclass
+@mutable_record
 class GrowthMonitor:
     """Follows the norm of the multipliers on the 1 ms grid and notes when it passes its thresholds.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -15,6 +14,7 @@ from robodyn_cli.errors import CapabilityError, GeometryError, SceneError, Singu
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations
 from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.model.model import Model
+from robodyn_cli.record import record
 from robodyn_cli.run.prescribed import check_prescribed, prescribed_starts
 from robodyn_cli.solve.assembly import assemble, mechanism_size
 from robodyn_cli.solve.guided import Guide, Place, Stuck
@@ -28,7 +28,7 @@ INTERPRETED, COMPILING, COMPILED = 2e-7, 35e-3, 80e-6
 Asked = Callable[[Array], tuple[Array, Array, Array]]
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Lead:
     """What leads a mechanism beside its loops and prescribed joints: joints, or a point, and how they move."""
 
@@ -38,7 +38,7 @@ class Lead:
     components: int = 3
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class GuidedMotion:
     """Motion at the samples that were reached, its worst residuals, and what it took.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.forces.limits import Limits
 from robodyn_cli.model.model import Model
+from robodyn_cli.record import record
 from robodyn_cli.run.evaluation import SampleFunction, without_idle_unknowns
 from robodyn_cli.run.quadrature import integrate, integrate_positive, mean_square
 from robodyn_cli.trajectories.motion import JointMotion
@@ -35,7 +35,7 @@ DEFINITIONS = {
 }
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Sampled:
     """A motion at uniform times with its torque terms (T, nv) and whatever else was evaluated along it."""
 

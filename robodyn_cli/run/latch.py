@@ -15,6 +15,7 @@ from robodyn_cli.expr.graph import Expr
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.loops.fixed import FixedLoop
 from robodyn_cli.model.model import BASE, FixedFrame, Loop, Model
+from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import matrix, vector
 
 Array = NDArray[np.float64]
@@ -22,7 +23,7 @@ Array = NDArray[np.float64]
 NEW = 1e-6  # part of a row that the others must leave before it counts as a further constraint
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Locked:
     """A mechanism with its latch closed.
 
@@ -36,7 +37,7 @@ class Locked:
     freedom: int
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class LatchImpact:
     """What the latch does at the instant it closes.
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +10,7 @@ from robodyn_cli.algorithms.kinematics import slice_q, transforms
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr.graph import is_number
 from robodyn_cli.model.model import BASE, Model
+from robodyn_cli.record import record
 from robodyn_cli.spatial.inertia import ArticulatedInertia
 
 Array = NDArray[np.float64]
@@ -19,7 +18,7 @@ SINGULAR = 1e-12
 NEARLY = 1e-6
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Lightest:
     """The joint that feels the least inertia of what it carries.
 

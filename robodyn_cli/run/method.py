@@ -17,6 +17,7 @@ from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.dynamics import Rolled
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.integrator import Counters, Event, Grid, Integrator, Options
+from robodyn_cli.record import record
 from robodyn_cli.run.modes import Modes
 from robodyn_cli.run.passage import Passage
 from robodyn_cli.scene.types import Scene
@@ -32,7 +33,7 @@ BUDGET = 20_000  # steps of the default method before it is asked again whether 
 COST = {DEFAULT: 1.4, STIFF: 3.0}
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Choice:
     """A method and the reason for it, in words."""
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError
+from robodyn_cli.record import record
 from robodyn_cli.scene.types import Point, Scene
 from robodyn_cli.trajectories.motion import JointMotion, PointMotion, TaskSpace
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Planned:
     """The joints' motion at sample times, and where it comes from.
 

@@ -18,6 +18,7 @@ from robodyn_cli.formulations.system import GROUPS, System
 from robodyn_cli.kernels.rolled import RolledForwardDynamics
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.loops.base import Row
+from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.writer import ResultWriter
 from robodyn_cli.run.evaluation import SampleFunction
@@ -34,7 +35,7 @@ MEANINGS = {
 MOST_ROWS = 40  # of Psi, up to which its singular values are worth their time at every sample
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Column:
     """A dataset of the result: units, meaning and names of its columns (see ``Result.add``)."""
 

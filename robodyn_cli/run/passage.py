@@ -9,7 +9,6 @@ put onto the constraints before they are evaluated, so that every one lies on th
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -24,6 +23,7 @@ from robodyn_cli.formulations.system import GROUPS, EventFunction, System
 from robodyn_cli.integrators.gauss_tables import gauss_table
 from robodyn_cli.integrators.integrator import Counters, Event, Grid, Integrator
 from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.record import record
 from robodyn_cli.run.observe import Observer
 from robodyn_cli.run.singularity import singular_ratio
 
@@ -46,7 +46,7 @@ def passage_event(problem: Problem) -> tuple[EventFunction, ...]:
     return (EventFunction(NEAR_PASSAGE, closeness(rows) - NEAR * NEAR, direction=-1, terminal=False),)
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Crossing:
     """A step over a pose: from ``start`` [s] over ``length``; state x0 and, over it, its rates as a Legendre series."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from robodyn_cli.errors import (
 from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.formulations.system import EventFunction
 from robodyn_cli.integrators.integrator import Event, Grid, Integrator, Options
+from robodyn_cli.record import mutable_record
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.writer import ResultWriter
 from robodyn_cli.run.divergence import breakdown
@@ -41,7 +41,7 @@ Array = NDArray[np.float64]
 KEPT_IN_MEMORY = 100_000  # samples, when the whole goes to a file
 
 
-@dataclasses.dataclass
+@mutable_record
 class Setup:
     """A scene made ready: equations, consistent initial state."""
 

@@ -23,6 +23,7 @@ from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.row_chart import RowChart
 from robodyn_cli.formulations.system import EventFunction, System
 from robodyn_cli.integrators.integrator import Event, Integrator, Options
+from robodyn_cli.record import record
 
 Array = NDArray[Any]
 RANK = 1e-6  # ratio of singular values below which a located pose counts as having lost rank
@@ -31,7 +32,7 @@ START = 1e-9  # the same at the start, where only rounding stands between a pose
 NEAR_RANK_LOSS = "near_rank_loss"
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Singularity:
     """What kind of configuration it is, and the singular values that say so (largest first)."""
 
@@ -40,7 +41,7 @@ class Singularity:
     passive: Array
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Culprit:
     """The joint that moves most, and the closure that resists least, in the direction in which rank is lost."""
 

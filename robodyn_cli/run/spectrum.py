@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from robodyn_cli.formulations.dynamics import Rolled
 from robodyn_cli.formulations.linearisation import differentiate
 from robodyn_cli.formulations.system import System
 from robodyn_cli.kernels.rolled import RolledForwardDynamics
+from robodyn_cli.record import record
 
 Array = NDArray[Any]
 DENSE = 120  # velocities up to which all eigenvalues are worth their time
@@ -24,7 +24,7 @@ DIFFERENCE = 1e-6  # for long chains, whose compiled loops have no exact Jacobia
 ZERO = 1e-9  # an eigenvalue this small beside the largest is rounding
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Spectrum:
     """Eigenvalues [1/s] at some instants of a run.
 

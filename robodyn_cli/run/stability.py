@@ -13,6 +13,7 @@ from robodyn_cli.errors import RobodynError
 from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.integrators.stability_region import limits
+from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.energy_growth import PERIODS, Growth, Period, growth, period
 from robodyn_cli.run.gains import study
@@ -32,7 +33,7 @@ STIFF = (
 FIXED = "rk4"  # the textbook's setting for Baumgarte's gains: a fixed step
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Effort:
     """How much a report may take: budgets of one run, and the size of the plane of gains."""
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 
+from robodyn_cli.record import record
 from robodyn_cli.run.stability_scenes import (
     FOUR_BAR,
     GRAVITY,
@@ -20,7 +20,7 @@ from robodyn_cli.run.stability_scenes import (
 )
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Case:
     """One case.
 

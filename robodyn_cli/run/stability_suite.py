@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.integrators.registry import methods as registry
+from robodyn_cli.record import mutable_record
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.simulate import prepare
@@ -25,7 +25,7 @@ FULL = (Budget(2_000_000, 3.0), Budget(5_000_000, 40.0))  # of a trial, of a ref
 QUICK = (Budget(100_000, 0.3), Budget(400_000, 10.0))
 
 
-@dataclasses.dataclass
+@mutable_record
 class Verdict:
     """What became of one case."""
 

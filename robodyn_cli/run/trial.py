@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from robodyn_cli.errors import CapabilityError, NumericalError, RobodynError, SingularConfigurationError
 from robodyn_cli.integrators.registry import methods as registry
+from robodyn_cli.record import mutable_record, record
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene.types import Scene
@@ -41,7 +42,7 @@ FAMILIES = (
 HONEST = 0.1  # an estimate below this part of the true error would hide it
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Budget:
     """What a run may take before it counts as too slow; seconds are the last resort."""
 
@@ -66,7 +67,7 @@ class _Watch:
             )  # fmt: skip
 
 
-@dataclasses.dataclass
+@mutable_record
 class Solution:
     """Samples (T, n) of q and qd that a run came to, and the error that ended it before its time."""
 
@@ -101,7 +102,7 @@ def solve(scene: Scene, budget: Budget, **options: Any) -> Solution:
         return Solution(getattr(error, "result", None), error, time.perf_counter() - began)
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Reference:
     """A solution that two methods at tight tolerance agree on.
 
@@ -191,7 +192,7 @@ def ranges(states: Array, positions: int) -> Array:
     return np.maximum(spread, 1e-12)
 
 
-@dataclasses.dataclass
+@mutable_record
 class Trial:
     """What a method did at the settings of the scene.
 

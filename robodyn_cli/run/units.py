@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
 from robodyn_cli.model.model import Model
+from robodyn_cli.record import record
 
 TORQUE = {"rad": "N m", "m": "N"}
 
@@ -16,7 +16,7 @@ def unit_text(units: Sequence[str]) -> str:
     return " or ".join(dict.fromkeys(units)) or "rad"
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class JointColumns:
     """What is said of an array (T, nq) or (T, nv) of joint quantities (see ``Result.add``)."""
 

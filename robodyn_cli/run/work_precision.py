@@ -18,6 +18,7 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.integrator import Grid, Integrator, Options
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.kernels.report import REPORT
+from robodyn_cli.record import mutable_record
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.gains import study
 from robodyn_cli.run.method import LARGEST
@@ -43,7 +44,7 @@ VOUCHED = (
 )
 
 
-@dataclasses.dataclass
+@mutable_record
 class Entry:
     """One run of one method: what it was asked, what it reached, what it cost."""
 

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from robodyn_cli.errors import SceneError
+from robodyn_cli.record import record
 from robodyn_cli.scene import overrides as options
 from robodyn_cli.scene.emit import emit
 from robodyn_cli.scene.includes import Includer
@@ -21,7 +22,7 @@ from robodyn_cli.scene.yaml_nodes import compose, read_text
 from robodyn_cli.schema.fields import Kind, ListOf, MapOf, Name, Section
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Examined:
     """A scene as far as it could be read: ``scene`` only if there is no error; ``root`` is its tree."""
 

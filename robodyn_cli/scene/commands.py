@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
+from robodyn_cli.record import record
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class SceneCommand:
     """Where a command lives, by name: a module is imported when its command runs, start-up time is a feature.
 

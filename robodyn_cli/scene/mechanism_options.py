@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
-
+from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Boolean, Choice, Integer, ListOf, Name, Number, Section, Text, key
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class LoadLimit:
     """What a joint or a closure may bear."""
 
@@ -19,7 +18,7 @@ class LoadLimit:
     )
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Sweep:
     """One joint that goes from one position to another at a constant rate."""
 
@@ -31,7 +30,7 @@ class Sweep:
     )
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class KinematicsOptions:
     """Options of ``kinematics``."""
 
@@ -48,7 +47,7 @@ class KinematicsOptions:
     )
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class AssembleOptions:
     """Options of ``assemble``."""
 
@@ -58,7 +57,7 @@ class AssembleOptions:
     )
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class StaticsOptions:
     """Options of ``statics``."""
 

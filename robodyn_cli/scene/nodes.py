@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
 from typing import Any
 
 from robodyn_cli.errors import SceneError
+from robodyn_cli.record import record
 from robodyn_cli.scene.scalars import Value
 
 Path = tuple[str | int, ...]
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Source:
     """Where text comes from.
 
@@ -37,7 +37,7 @@ class Source:
             source = source.parent
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
+@record
 class Node:
     """Base of the nodes; line and column count from 1."""
 
@@ -51,7 +51,7 @@ class Node:
         return 1
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
+@record
 class Scalar(Node):
     """A scalar: the text as written, and the value that YAML 1.2 gives it."""
 
@@ -59,7 +59,7 @@ class Scalar(Node):
     value: Value
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
+@record
 class Sequence(Node):
     items: tuple[Node, ...]
     count: int
@@ -69,7 +69,7 @@ class Sequence(Node):
         return self.count
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
+@record
 class Mapping(Node):
     entries: tuple[tuple[Scalar, Node], ...]
     count: int

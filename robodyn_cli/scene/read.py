@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 from robodyn_cli.errors import SceneError, did_you_mean
 from robodyn_cli.expr import formula as fm
 from robodyn_cli.expr.expectation import Expectation, parse_expectation
+from robodyn_cli.record import record
 from robodyn_cli.scene.includes import concrete
 from robodyn_cli.scene.nodes import (
     Mapping,
@@ -61,7 +62,7 @@ def _entries(node: Sequence) -> str:
     return f"has {len(node.items)} {'entry' if len(node.items) == 1 else 'entries'}"
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Names:
     """What formulas may refer to."""
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 from robodyn_cli.expr.formula import Formula as FormulaTree
 from robodyn_cli.forces.registry import joint_forces
 from robodyn_cli.joints.registry import joint_types
+from robodyn_cli.record import record
 from robodyn_cli.schema.fields import (
     Choice,
     Either,
@@ -23,7 +23,7 @@ from robodyn_cli.schema.fields import (
 )
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Placement:
     """Position and orientation of a frame: ``p = xyz``, ``R = Rz(yaw) Ry(pitch) Rx(roll)``."""
 
@@ -33,7 +33,7 @@ class Placement:
     )
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Inertia:
     """Rotational inertia about the centre of mass; a component that is not given is *unknown*, not zero."""
 
@@ -47,7 +47,7 @@ class Inertia:
     yz: float | None = key(Number(), default=None, unit="kg m^2", doc="Element yz of the tensor.")
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Joint:
     """A joint and where it sits: by D-H parameters, or by ``origin`` and ``axis``."""
 
@@ -111,7 +111,7 @@ class Joint:
     )
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Link:
     """A rigid body. What is not given is unknown; a run that needs it says so."""
 
@@ -129,7 +129,7 @@ class Link:
     )
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Place:
     """A place fixed to a link."""
 
@@ -145,7 +145,7 @@ class Place:
     )
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Point(Place):
     """A named point."""
 
@@ -157,7 +157,7 @@ class Point(Place):
     )
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Frame(Place):
     """A named frame fixed to a link."""
 
@@ -166,7 +166,7 @@ class Frame(Place):
     )
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Robot:
     """The tree of joints and links."""
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 
+from robodyn_cli.record import record
+
 _ARM = """\
 robot:
   convention: standard # Denavit-Hartenberg: standard or modified (Craig); never guessed
@@ -28,7 +30,7 @@ gravity: {gravity}
 """
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Starter:
     """One kind of scene: its title, what it shows, the command that runs it and the YAML behind the head."""
 

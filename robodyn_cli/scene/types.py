@@ -14,6 +14,7 @@ from robodyn_cli.expr.expectation import Expectation
 from robodyn_cli.expr.formula import Formula as FormulaTree
 from robodyn_cli.forces.registry import force_types
 from robodyn_cli.loops.registry import loop_types
+from robodyn_cli.record import record
 from robodyn_cli.scene.commands import SCENE_COMMANDS
 from robodyn_cli.scene.mechanism_options import (
     AssembleOptions,
@@ -52,7 +53,7 @@ from robodyn_cli.schema.fields import (
 from robodyn_cli.trajectories.registry import trajectory_types
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Coupler:
     """A linear relation between joint coordinates: gears, racks, belts. The sum of coefficient times q is a value."""
 
@@ -68,7 +69,7 @@ class Coupler:
     )
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Initial:
     """The state at t = 0."""
 
@@ -89,7 +90,7 @@ class Initial:
     )
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Torque:
     """A joint torque as a table; linear between rows, held beyond the ends."""
 
@@ -98,20 +99,20 @@ class Torque:
     )
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class InverseOptions:
     samples: int = key(
         Integer(minimum=2, maximum=100_000_000), default=1001, doc="Number of uniform samples."
     )
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Baumgarte:
     alpha: float = key(Number(minimum=0.0), unit="1/s", doc="Rate gain (the term 2 alpha eta-dot).")
     beta: float = key(Number(minimum=0.0), unit="1/s", doc="Position gain (the term beta^2 eta).")
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class SimulateOptions:
     duration: float = key(
         Number(minimum=0.0, exclusive=True), default=10.0, unit="s", doc="Length of the run."
@@ -150,14 +151,14 @@ class SimulateOptions:
     )
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Latch:
     between: tuple[str, ...] = key(
         ListOf(Name(of="link"), minimum=2, maximum=2), doc="The two links it fixes."
     )
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class DeployOptions:
     criterion: str = key(
         Choice(("dead_point", "multipliers", "either")), default="dead_point", doc="What counts as locked."
@@ -184,7 +185,7 @@ class DeployOptions:
     )
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Outputs:
     """What is recorded beyond the usual."""
 
@@ -200,7 +201,7 @@ class Outputs:
     )
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Scene:
     """A whole scene. ``path``, ``text`` (resolved YAML) and ``sources`` (files read) come from the loader."""
 

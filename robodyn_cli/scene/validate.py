@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.formula import parse
 from robodyn_cli.joints.registry import joint_types
+from robodyn_cli.record import record
 from robodyn_cli.scene.check import Check
 from robodyn_cli.scene.check_closures import check_couplers, check_moving_points
 from robodyn_cli.scene.check_forces import check_forces
@@ -18,7 +19,7 @@ from robodyn_cli.scene.points import BASE, point_link, point_problem
 from robodyn_cli.scene.types import Robot, Scene, Torque
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class _SceneNames:
     """What a trajectory may ask."""
 

@@ -6,13 +6,13 @@ recurses on the input, and no tag can construct anything.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
 from typing import Any
 
 import yaml
 
 from robodyn_cli.errors import SceneError
+from robodyn_cli.record import mutable_record
 from robodyn_cli.scene.nodes import (
     Node,
     Path,
@@ -122,7 +122,7 @@ def _at(source: Source, text: str, index: int) -> Node:
     return Scalar(source, line + 1, index - (text.rfind("\n", 0, index) + 1) + 1, "", None)
 
 
-@dataclasses.dataclass
+@mutable_record
 class _Open:
     """A list or map whose end has not come yet."""
 

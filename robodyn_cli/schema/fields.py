@@ -10,15 +10,17 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any
 
+from robodyn_cli.record import record
+
 REQUIRED: Any = dataclasses.MISSING
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Kind:
     """Base of the kinds of value that a key can hold."""
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Number(Kind):
     """A finite number; text such as ``"pi/2"`` or ``-90 deg`` is a constant expression.
 
@@ -31,23 +33,23 @@ class Number(Kind):
     angle: bool = False
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Integer(Kind):
     minimum: int | None = None
     maximum: int | None = None
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Boolean(Kind):
     pass
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Text(Kind):
     pass
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Name(Kind):
     """An identifier ([A-Za-z_][A-Za-z0-9_-]*); ``of`` says what it names.
 
@@ -57,12 +59,12 @@ class Name(Kind):
     of: str = ""
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Choice(Kind):
     options: tuple[str, ...] = ()
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Vector(Kind):
     """A list of ``size`` numbers (``size`` 0: any length)."""
 
@@ -70,21 +72,21 @@ class Vector(Kind):
     angle: bool = False
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Formula(Kind):
     """A number or a formula over ``variables`` (of ``t``, ``q``, ``qd``) and the scene's parameters."""
 
     variables: tuple[str, ...] = ("t", "q", "qd")
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class ListOf(Kind):
     item: Kind
     minimum: int = 0
     maximum: int | None = None
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class MapOf(Kind):
     """A map from names (``of`` says of what: joint, link, ...) to values."""
 
@@ -92,7 +94,7 @@ class MapOf(Kind):
     of: str = ""
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class JointMap(MapOf):
     """A map from joints to values: one ``item`` for a joint with one coordinate, a list or a map of them for others.
 
@@ -103,19 +105,19 @@ class JointMap(MapOf):
     coordinates: str = "q"
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Criteria(Kind):
     """A map from key paths of a run's summary (``lock.time``) to what is expected there (``12.28 +- 0.01``)."""
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Section(Kind):
     """A nested section described by another dataclass."""
 
     cls: type
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Tagged(Kind):
     """A section whose dataclass is chosen by the value of its ``type`` key, from a registry."""
 
@@ -123,14 +125,14 @@ class Tagged(Kind):
     tag: str = "type"
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Either(Kind):
     """The first of several kinds that fits the shape of the YAML node: scalar, list or map."""
 
     kinds: tuple[Kind, ...] = ()
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class OrFile(Kind):
     """A value given in place or as the path of a YAML file, relative to the file that names it.
 
@@ -140,14 +142,14 @@ class OrFile(Kind):
     item: Kind
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Inline(Kind):
     """Optional keys of the section itself, one a registered class; the value holds (key, instance) pairs."""
 
     registry: Callable[[], dict[str, type]]
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class CsvFile(Kind):
     """The path of a CSV file; the loader puts its header in the key ``columns`` and its data in ``rows``."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Sequence
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from robodyn_cli.errors import GeometryError, SingularConfigurationError
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.model.model import Model
+from robodyn_cli.record import record
 from robodyn_cli.solve.closure import Equations, Numbers, newton
 
 Array = NDArray[Any]
@@ -25,7 +25,7 @@ MOTION_STEP = 0.1  # rad, or part of the size of the mechanism, between them
 MOST_CHOICES = 3000  # choices of rows that are all looked at
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Assembled:
     """A closed configuration: q, v, the largest residuals, and rows that depend on the others."""
 
@@ -110,7 +110,7 @@ def assemble(
     )  # fmt: skip
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class _Closing:
     """What closing may move.
 

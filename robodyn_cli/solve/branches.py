@@ -6,12 +6,12 @@ has a region of attraction worth the name; it proves nothing about what it does 
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.record import record
 from robodyn_cli.solve.guided import Conditions
 
 Array = NDArray[np.float64]
@@ -24,7 +24,7 @@ FEWEST = 48  # starts at least
 PATIENCE = 16  # starts without anything new, for each branch found
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Search:
     """What the search found, and what it took: configurations (nq,) in the order of discovery."""
 

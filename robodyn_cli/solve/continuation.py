@@ -16,6 +16,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.record import record
 from robodyn_cli.solve.newton import SINGULAR, PointSolver, Solution
 from robodyn_cli.solve.reach import Singular, Unreachable
 from robodyn_cli.trajectories.motion import JointMotion, PointMotion
@@ -31,7 +32,7 @@ HALVINGS = 18
 LISTED = 200  # samples looked at to find the worst target
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class State:
     """Joint positions, rates and accelerations (n,) at one time; U (m, r) and V^T (r, n) of the Jacobian."""
 

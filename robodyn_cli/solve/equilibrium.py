@@ -7,12 +7,12 @@ positive is a stable balance (for forces with a potential: a minimum of it).
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.record import record
 from robodyn_cli.solve.branches import close
 from robodyn_cli.solve.guided import Conditions
 from robodyn_cli.solve.load_sharing import allowed_motions
@@ -38,7 +38,7 @@ class Forces(Protocol):
         ...
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Balance:
     """A balanced configuration.
 
@@ -64,7 +64,7 @@ class Balance:
         return "unstable" if least < -INDIFFERENT * size else "indifferent"
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class _Here:
     q: Array
     N: Array

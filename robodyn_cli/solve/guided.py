@@ -7,11 +7,12 @@ some rows depend on others.
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from robodyn_cli.record import record
 
 Array = NDArray[Any]
 
@@ -45,7 +46,7 @@ class Conditions(Protocol):
         ...
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Place:
     """Position, rates and accelerations at one time, with J scaled to its rows' and coordinates' sizes."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, NoReturn
 
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from robodyn_cli.errors import CapabilityError, GeometryError, SceneError, SingularConfigurationError
 from robodyn_cli.model.model import BASE, FixedFrame, Model
+from robodyn_cli.record import record
 from robodyn_cli.solve import planar_path
 from robodyn_cli.solve.planar_2r import BRANCHES, ELBOW_DOWN, ELBOW_UP, Planar2R
 from robodyn_cli.solve.reach import Singular, Unreachable
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Compile = Callable[["PointKinematics"], "PointFunction"]
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class PointTask:
     """A point of a model and what is asked of it.
 
@@ -63,7 +63,7 @@ class PointTask:
         return np.array([self.start[name] for name in names])
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Found:
     """Joint motion that follows a path, how it was found (``analytic`` or ``newton``), and at what cost."""
 

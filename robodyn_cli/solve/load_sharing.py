@@ -7,11 +7,12 @@ remains, u - B tau, is what the loops hold.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+
+from robodyn_cli.record import record
 
 Array = NDArray[np.float64]
 
@@ -38,7 +39,7 @@ class TooFewActuators(Exception):
         self.freedom, self.commanded = freedom, commanded
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Shared:
     """Torques by term (T, nv), zero where nothing drives; multipliers (T, m); N (T, nv, f).
 

@@ -12,11 +12,10 @@ alike in the norm.
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.record import record
 from robodyn_cli.solve.point_kinematics import PointFunction
 
 Array = NDArray[np.float64]
@@ -26,7 +25,7 @@ SINGULAR = 1e-8  # smallest over largest singular value
 MOST_STEP = 1.0  # rad or m
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Solution:
     """Joint positions (n,), the distance left to the target [m], and the Jacobian J (m, n) there."""
 
@@ -35,7 +34,7 @@ class Solution:
     J: Array
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Rates:
     """Joint rates and accelerations (T, n), and J = U S V^T as far as its rank r: U (T, m, r), V^T (T, r, n).
 

@@ -11,7 +11,6 @@ beta < 0.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import numpy as np
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.model.model import BASE, FixedFrame, Model
+from robodyn_cli.record import record
 from robodyn_cli.trajectories.motion import PointMotion
 
 Array = NDArray[np.float64]
@@ -28,7 +28,7 @@ BRANCHES = {"elbow_up": ELBOW_UP, "elbow_down": ELBOW_DOWN}
 PARALLEL = 1e-12
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class PlaneMotion:
     """Motion of the point in the plane of the arm: x, y (T,) with rates, and its distance from the plane."""
 
@@ -41,7 +41,7 @@ class PlaneMotion:
     off: Array
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Planar2R:
     """A planar 2R arm as found in a model.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
@@ -14,6 +13,7 @@ from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.model.model import FixedFrame, Model
+from robodyn_cli.record import record
 
 Array = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ class PointFunction(Protocol):
     def __call__(self, q: Array, v: Array) -> tuple[Array, Array, Array]: ...
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class PointKinematics:
     """Expressions for p-dot = J v and p-ddot = J v-dot + J-dot v of a point fixed to a body.
 

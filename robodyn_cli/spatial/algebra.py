@@ -8,7 +8,6 @@ B in A coordinates).
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -17,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.expr.functions import cos, sin
+from robodyn_cli.record import record
 
 Vector = NDArray[Any]  # dtype object, shape (3,)
 Matrix = NDArray[Any]  # dtype object, shape (3, 3)
@@ -132,7 +132,7 @@ def rotation_to_z(axis: Sequence[float]) -> Matrix:
     return np.stack([vector(x), vector(y), vector(z)], axis=1)
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Transform:
     """Coordinate transform from frame A to frame B (Featherstone 2008, section 2.8).
 

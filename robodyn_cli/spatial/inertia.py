@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import numpy as np
 
 from robodyn_cli.expr.graph import is_number
+from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import (
     Matrix,
     Transform,
@@ -21,7 +21,7 @@ from robodyn_cli.spatial.algebra import (
 )
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class RigidInertia:
     """Mass m [kg], first moment h = m c [kg m] and rotational inertia I [kg m^2] about the frame's origin.
 
@@ -76,7 +76,7 @@ def _shift_matrix(r: Vector, h: Vector, m: Any) -> Matrix:
     return out
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class ArticulatedInertia:
     """Symmetric spatial inertia in 3x3 blocks: n = A w + H v, f = H^T w + M v."""
 

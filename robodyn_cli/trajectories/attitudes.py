@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.formula import Formula
 from robodyn_cli.expr.graph import Expr
+from robodyn_cli.record import mutable_record
 from robodyn_cli.spatial import quaternion
 from robodyn_cli.spatial.algebra import Vector, vector
 
@@ -20,7 +20,7 @@ FORMS = {
 POSITION = ("x", "y", "z")
 
 
-@dataclasses.dataclass
+@mutable_record
 class JointExpressions:
     """Columns of q, v and v-dot as expressions of t."""
 

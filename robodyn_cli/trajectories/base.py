@@ -6,10 +6,10 @@ cannot tell, as (path below the trajectory, message); the loader adds file and l
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Sequence
 from typing import Protocol
 
+from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Integer, JointMap, Number, key
 
 Problems = Iterator[tuple[tuple[str | int, ...], str]]
@@ -34,7 +34,7 @@ class SceneNames(Protocol):
     def point_problem(self, reference: str) -> str | None: ...
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class Ik:
     """Options of the inverse kinematics."""
 

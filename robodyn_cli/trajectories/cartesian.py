@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 
 from robodyn_cli.expr.formula import Formula as FormulaTree
+from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Formula, ListOf, Number, Section, Text, key
 from robodyn_cli.trajectories.base import Ik, Problems, SceneNames, point_problems
 from robodyn_cli.trajectories.formulas import time_derivatives
 from robodyn_cli.trajectories.motion import Array, PointMotion
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class CartesianTrajectory:
     """Position of a point in world coordinates as formulas in t; with x and y only, z is left free."""
 

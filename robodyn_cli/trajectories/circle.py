@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping
 
 import numpy as np
 
+from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, ListOf, Number, Section, Text, Vector, key
 from robodyn_cli.trajectories.base import Ik, Problems, SceneNames, point_problems
 from robodyn_cli.trajectories.motion import Array, PointMotion
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class CircleTrajectory:
     """``p = center + radius (u cos phi + v sin phi)`` in world coordinates, phi at constant rate.
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Formula, JointMap, Number, key
 from robodyn_cli.trajectories.attitudes import joint_expressions, texts
 from robodyn_cli.trajectories.base import Problems, SceneNames, joint_problems, led_joints
@@ -13,7 +13,7 @@ from robodyn_cli.trajectories.formulas import sampled, time_symbol
 from robodyn_cli.trajectories.motion import Array, JointMotion
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class JointTrajectory:
     """q(t) of every moving joint as a formula; rates and accelerations are its exact derivatives.
 

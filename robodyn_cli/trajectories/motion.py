@@ -6,17 +6,18 @@ in task space (``solve`` finds the joints then). Each has a ``duration``, times 
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.record import record
+
 Array = NDArray[np.float64]
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class JointMotion:
     """Positions, rates and accelerations of the joints at T times, columns in the order of the joints asked.
 
@@ -29,7 +30,7 @@ class JointMotion:
     qdd: Array
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class PointMotion:
     """Position [m], velocity [m/s] and acceleration [m/s^2] asked of a point at T times, world coordinates.
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, JointMap, ListOf, Number, Section, key
 from robodyn_cli.trajectories.base import (
     Problems,
@@ -20,7 +20,7 @@ from robodyn_cli.trajectories.motion import Array, JointMotion
 from robodyn_cli.trajectories.quintic_spline import QuinticSpline
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class WayPoint:
     """A time and what the joints do there."""
 
@@ -40,7 +40,7 @@ class WayPoint:
     )
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class QuinticTrajectory:
     """Quintic polynomials through way points; the duration is that of the last point.
 

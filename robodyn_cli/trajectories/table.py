@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, CsvFile, ListOf, Text, Vector, key
 from robodyn_cli.trajectories.base import (
     Problems,
@@ -21,7 +21,7 @@ from robodyn_cli.trajectories.motion import Array, JointMotion, column_order
 DEGREES = {"linear": 1, "cubic": 3, "quintic": 5}
 
 
-@dataclasses.dataclass(frozen=True)
+@record
 class TableTrajectory:
     """Positions of all joints at increasing times, in rad or m; the duration is the last time.
 
