@@ -323,10 +323,11 @@ class Reader:
     def section(self, kind: Section, node: Node, path: Path, unit: str = "") -> Any:
         fields = {f.name: f for f in dataclasses.fields(kind.cls) if "kind" in f.metadata}
         inline = {
-            name: (f.name, cls)
+            name: (f.name, registry)
             for f in fields.values()
             if isinstance(f.metadata["kind"], Inline)
-            for name, cls in f.metadata["kind"].registry().items()
+            for registry in (f.metadata["kind"].registry(),)
+            for name in registry
         }
         holders = {f.name for f in fields.values() if isinstance(f.metadata["kind"], Inline)}
         allowed = [name for name in fields if name not in holders] + list(inline)
@@ -345,8 +346,8 @@ class Reader:
                 what = f"unknown key {shown(key.text)}{hint}; allowed: {', '.join(allowed)}"
                 self.report(located(key, dotted(here), what))
             elif key.text in inline:
-                holder, cls = inline[key.text]
-                found = self.value(Section(cls), item, here)
+                holder, registry = inline[key.text]
+                found = self.value(Section(registry[key.text]), item, here)
                 if found is not BROKEN:
                     elements[holder].append((key.text, found))
             elif not self.is_default(fields[key.text], item):

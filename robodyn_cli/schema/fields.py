@@ -7,7 +7,7 @@ The same description drives the reader (``scene/read.py``), the error messages a
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from robodyn_cli.record import record
@@ -121,7 +121,7 @@ class Section(Kind):
 class Tagged(Kind):
     """A section whose dataclass is chosen by the value of its ``type`` key, from a registry."""
 
-    registry: Callable[[], dict[str, type]]
+    registry: Callable[[], Mapping[str, type]]
     tag: str = "type"
 
 
@@ -146,7 +146,7 @@ class OrFile(Kind):
 class Inline(Kind):
     """Optional keys of the section itself, one a registered class; the value holds (key, instance) pairs."""
 
-    registry: Callable[[], dict[str, type]]
+    registry: Callable[[], Mapping[str, type]]
 
 
 @record

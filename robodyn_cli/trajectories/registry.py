@@ -1,17 +1,16 @@
-"""The kinds of trajectory: one file a kind, one line here."""
+"""The kinds of trajectory: one file a kind, one line here, ``module:member``."""
 
 from __future__ import annotations
 
-from robodyn_cli.trajectories.cartesian import CartesianTrajectory
-from robodyn_cli.trajectories.circle import CircleTrajectory
-from robodyn_cli.trajectories.joint import JointTrajectory
-from robodyn_cli.trajectories.quintic import QuinticTrajectory
-from robodyn_cli.trajectories.table import TableTrajectory
+from robodyn_cli.registry import Registry
 
-trajectory_types: dict[str, type] = {
-    "joint": JointTrajectory,
-    "quintic": QuinticTrajectory,
-    "table": TableTrajectory,
-    "circle": CircleTrajectory,
-    "cartesian": CartesianTrajectory,
-}
+trajectory_types: Registry[type] = Registry(
+    "robodyn_cli.trajectories",
+    {
+        "joint": "joint:JointTrajectory",
+        "quintic": "quintic:QuinticTrajectory",
+        "table": "table:TableTrajectory",
+        "circle": "circle:CircleTrajectory",
+        "cartesian": "cartesian:CartesianTrajectory",
+    },
+)

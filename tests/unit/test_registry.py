@@ -1,0 +1,103 @@
+"""Registries: names at once, members when asked for; runs import what their scene names."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robodyn_cli.forces.registry import force_types, joint_forces
+from robodyn_cli.integrators.registry import methods
+from robodyn_cli.joints.registry import joint_types
+from robodyn_cli.loops.registry import loop_types
+from robodyn_cli.registry import Registry
+from robodyn_cli.trajectories.registry import trajectory_types
+
+ROOT = Path(__file__).parents[2]
+REGISTRIES: dict[str, Mapping[str, Any]] = {
+    "joints": joint_types,
+    "forces in joints": joint_forces,
+    "forces": force_types,
+    "loops": loop_types,
+    "trajectories": trajectory_types,
+    "integrators": methods,
+}
+
+
+@pytest.mark.parametrize("kind", REGISTRIES)
+def test_every_member_is_where_its_line_says(kind: str) -> None:
+    """Each is found in the folder of its registry, and two names never stand for the same member."""
+    registry = REGISTRIES[kind]
+    folder = kind.split()[0]
+    members = list(registry.values())
+    assert len(members) == len(registry) == len({id(member) for member in members})
+    for member in members:
+        cls = member if isinstance(member, type) else type(member)
+        assert cls.__module__.startswith(f"robodyn_cli.{folder}.")
+
+
+def test_a_registry_is_a_map() -> None:
+    registry: Registry[Any] = Registry("robodyn_cli", {"b": "record:record", "a": "errors:SceneError"})
+    assert list(registry) == ["b", "a"] and len(registry) == 2 and "a" in registry and "c" not in registry
+    assert registry["a"].__name__ == "SceneError" and registry.get("c") is None
+    with pytest.raises(KeyError, match="c"):
+        registry["c"]
+    registry["c"] = 3
+    registry["a"] = 4
+    assert dict(registry)["c"] == 3 and registry["a"] == 4 and list(registry) == ["b", "a", "c"]
+    del registry["c"], registry["b"]
+    assert list(registry) == ["a"]
+    made: Registry[Any] = Registry("robodyn_cli.joints", {"one": "revolute:Revolute"}, made=True)
+    assert made["one"] is made["one"] and made["one"].nv == 1
+
+
+CODE = """
+import sys
+from robodyn_cli.cli.main import main
+sys.argv = ["robodyn", *sys.argv[1:]]
+try:
+    main()
+except SystemExit as end:
+    assert not end.code, end.code
+print(*sys.modules)
+"""
+
+
+def modules_of(*arguments: str) -> set[str]:
+    """Return the modules that robodyn has imported when such a run ends."""
+    command = [sys.executable, "-c", CODE, *arguments]
+    ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=240)
+    assert ended.returncode == 0, ended.stderr
+    return set(ended.stdout.splitlines()[-1].split())
+
+
+def members_in(modules: set[str]) -> dict[str, set[str]]:
+    """Return, for each registry, the names of its members whose modules are there."""
+
+    def module(member: Any) -> str:
+        return (member if isinstance(member, type) else type(member)).__module__
+
+    return {
+        kind: {name for name, member in registry.items() if module(member) in modules}
+        for kind, registry in REGISTRIES.items()
+    }
+
+
+def test_a_run_imports_the_members_that_its_scene_names(tmp_path: Path) -> None:
+    common = ("--no-plots", "--quiet", "--out", str(tmp_path))
+    inverse = members_in(modules_of("inverse", "configs/2r_circle.yaml", *common))
+    assert inverse["integrators"] == set() == inverse["loops"] == inverse["forces"]
+    assert inverse["trajectories"] == {"circle"}
+    simulate = members_in(modules_of("simulate", "configs/double_pendulum.yaml", *common))
+    assert simulate["integrators"] == {"gauss"} and simulate["trajectories"] == set() == simulate["loops"]
+    assert "revolute" in simulate["joints"] and "floating" not in simulate["joints"]
+    deploy = members_in(modules_of("deploy", "configs/four_bar_deploy.yaml", *common))
+    assert (
+        "revolute" in deploy["loops"]
+        and "universal" not in deploy["loops"]
+        and deploy["trajectories"] == set()
+    )
