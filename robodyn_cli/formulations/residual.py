@@ -14,11 +14,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cached_property
 
+from robodyn_cli.algorithms.crba import crba
 from robodyn_cli.algorithms.linear import LdlFactor
+from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.formulations.dynamics import GROUPS as STATE
 from robodyn_cli.kernels.program import Program, make_program
+from robodyn_cli.model.model import Model
+from robodyn_cli.model.regroup import regrouped
 from robodyn_cli.spatial.algebra import Vector
 
 GROUPS = (*STATE, "a", "l")
@@ -45,8 +49,13 @@ class Residual:
         return not problem.working.rows and not problem.gates and problem.model.nv <= LARGEST
 
     @cached_property
+    def _model(self) -> Model:
+        return regrouped(self.problem.model)
+
+    @cached_property
     def _factor(self) -> LdlFactor:
-        return LdlFactor.of(self.problem.mass_matrix, self.problem.elimination_order)
+        M = crba(self._model, self.problem.q, self.problem.X)
+        return LdlFactor.of(M, self.problem.elimination_order)
 
     @property
     def entries(self) -> list[Scalar]:
@@ -58,7 +67,8 @@ class Residual:
         """M^-1 (tau - M a - h) (nv,), with the factors and a as symbols."""
         p = self.problem
         known = p.graph.symbols([f"l{k}" for k in range(len(self.entries))], "l")
-        return self._factor.replaced(known).solve(p.applied - p.inverse_dynamics)
+        needed = rnea(self._model, p.q, p.v, p.a, p.gravity, p.X)
+        return self._factor.replaced(known).solve(p.applied - needed)
 
     @cached_property
     def factors(self) -> Program:

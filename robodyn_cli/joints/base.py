@@ -8,7 +8,8 @@ tests run over every registered joint:
 3. ``S_rate(q, qd)`` and ``bias(q, qd)``: dS/dt, and c = dS/dt qd, in body coordinates (zero for constant S).
 4. ``velocity_map(q, v)``: q-dot from v; the identity unless the velocities are ``quasi``.
 5. ``integrate(q, dq)``, ``difference(q0, q1)``, ``normalise(q)``: steps on the joint's own manifold.
-6. ``units`` and ``names`` of q, ``v_units`` and ``v_names`` of v, where they differ from those of q.
+6. ``unfelt(inertia)``: U with U S = 0 that looks the same from the parent at every q, or None.
+7. ``units`` and ``names`` of q, ``v_units`` and ``v_names`` of v, where they differ from those of q.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 from robodyn_cli.spatial.algebra import Transform, Vector, matrix, vector, zeros
+from robodyn_cli.spatial.inertia import RigidInertia
 
 
 class Joint:
@@ -61,6 +63,13 @@ class Joint:
     def S_rate(self, q: Vector, qd: Vector) -> Any:
         """Return dS/dt (6, nv) in body coordinates, entry by entry; zero where S is constant."""
         return zeros(6, self.nv)
+
+    def unfelt(self, inertia: RigidInertia) -> RigidInertia | None:
+        """Return the part of a body's inertia that might as well be the parent's, if there is any.
+
+        U S = 0 and X(q)^T U X(q) is the same at every q, so the joint's motion neither moves nor changes it.
+        """
+        return None
 
     def velocity_map(self, q: Vector, v: Vector) -> Vector:
         """Return q-dot (nq,) for joint velocity ``v`` (nv,)."""

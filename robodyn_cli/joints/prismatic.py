@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from robodyn_cli.joints.base import Joint
-from robodyn_cli.spatial.algebra import Transform, Vector, identity, vector
+from robodyn_cli.spatial.algebra import Transform, Vector, identity, vector, zeros
+from robodyn_cli.spatial.inertia import RigidInertia
 
 
 class Prismatic(Joint):
@@ -16,3 +17,7 @@ class Prismatic(Joint):
 
     def transform(self, q: Vector) -> Transform:
         return Transform(identity(), vector([0.0, 0.0, q[0]]))
+
+    def unfelt(self, inertia: RigidInertia) -> RigidInertia:
+        """Return the rotational inertia: bodies on a slide turn as their parent does."""
+        return RigidInertia(0.0, zeros(3), inertia.I)

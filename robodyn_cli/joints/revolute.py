@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from robodyn_cli.joints.base import Joint
 from robodyn_cli.spatial.algebra import Transform, Vector, rotation_about, zeros
+from robodyn_cli.spatial.inertia import RigidInertia
 
 
 class Revolute(Joint):
@@ -16,3 +17,10 @@ class Revolute(Joint):
 
     def transform(self, q: Vector) -> Transform:
         return Transform(rotation_about(2, q[0]).T, zeros(3))
+
+    def unfelt(self, inertia: RigidInertia) -> RigidInertia:
+        """Return what lies evenly about the axis: the mass, the moment along it, and I_yy about x and y."""
+        h, I = zeros(3), zeros(3, 3)
+        h[2] = inertia.h[2]
+        I[0, 0] = I[1, 1] = inertia.I[1, 1]
+        return RigidInertia(inertia.m, h, I)

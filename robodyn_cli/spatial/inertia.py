@@ -45,6 +45,9 @@ class RigidInertia:
     def __add__(self, other: RigidInertia) -> RigidInertia:
         return RigidInertia(self.m + other.m, self.h + other.h, self.I + other.I)
 
+    def __sub__(self, other: RigidInertia) -> RigidInertia:
+        return RigidInertia(self.m - other.m, self.h - other.h, self.I - other.I)
+
     def to_parent(self, X: Transform) -> RigidInertia:
         """Express in the parent frame A the inertia given in B (X from A to B): X^T I X."""
         h = X.E.T @ self.h

@@ -13,9 +13,10 @@ from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.joints.base import Joint
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.model.model import BASE, Body
-from robodyn_cli.spatial.algebra import Transform, vector
-from robodyn_cli.spatial.inertia import RigidInertia
+from robodyn_cli.spatial.algebra import Transform, matrix, vector
+from robodyn_cli.spatial.inertia import ArticulatedInertia, RigidInertia
 from tests.numeric import assert_close, first_derivative, real, vee
+from tests.random_models import random_inertia
 from tests.wide_joints import wide_joints
 
 SAMPLES = range(5)
@@ -160,6 +161,27 @@ def test_power_of_the_torque_is_that_of_the_wrench(name: str, seed: int) -> None
     assert_close(
         tau @ real(v), real(n) @ moved[:3] + real(f) @ moved[3:], 1e-11, 10.0 * (1.0 + np.abs(moved).max())
     )
+
+
+@registered
+@sampled
+def test_unfelt_inertia_is_neither_moved_nor_changed_by_the_joint(name: str, seed: int) -> None:
+    """U S = 0, and from the parent U looks the same at every position."""
+    joint = JOINTS[name]
+    q, _, rng = state(joint, seed)
+    m, c, I = random_inertia(rng)
+    unfelt = joint.unfelt(RigidInertia.from_com(m, vector(c.tolist()), matrix(I.tolist())))
+    if unfelt is None:
+        return
+    inertia = ArticulatedInertia.from_rigid(unfelt)
+    for column in real(joint.S(q)).T:
+        assert_close(
+            inertia.column(vector(column.tolist())), np.zeros(6), 1e-14, scale=float(np.abs(I).max())
+        )
+    here, neutral = (unfelt.to_parent(joint.transform(x)) for x in (q, vector(joint.neutral())))
+    assert_close(here.m, neutral.m, 1e-14)
+    assert_close(here.h, neutral.h, 1e-14, scale=1.0)
+    assert_close(here.I, neutral.I, 1e-14, scale=1.0)
 
 
 @registered

@@ -1,0 +1,62 @@
+"""Regrouped inertial parameters: fewer numbers, the same M, C and G."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from robodyn_cli.algorithms.crba import crba
+from robodyn_cli.algorithms.rnea import rnea
+from robodyn_cli.expr.graph import count_operations
+from robodyn_cli.joints.registry import joint_types
+from robodyn_cli.model.regroup import regrouped
+from tests.numeric import assert_close, real
+from tests.random_models import random_tree
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_mass_matrix_and_torques_stay(seed: int) -> None:
+    kinds = ("revolute", "prismatic", "helical") if seed % 3 == 0 else ("revolute", "prismatic")
+    model = random_tree(7, seed, kinds=kinds)
+    other = regrouped(model)
+    rng = np.random.default_rng(100 + seed)
+    q, qd, qdd = (rng.normal(size=7).tolist() for _ in range(3))
+    assert_close(crba(other, q), crba(model, q), 1e-13)
+    assert_close(rnea(other, q, qd, qdd, model.gravity), rnea(model, q, qd, qdd, model.gravity), 1e-13)
+
+
+@pytest.mark.parametrize(("kind", "left"), [("revolute", 7), ("prismatic", 4)])
+def test_as_many_numbers_are_left_as_a_body_on_such_a_joint_has_parameters(kind: str, left: int) -> None:
+    model = regrouped(random_tree(4, 3, branching=0.0, kinds=(kind,)))
+    for body in model.bodies:
+        I = real(body.inertia.I)
+        numbers = [float(body.inertia.m), *real(body.inertia.h), *I[np.triu_indices(3)]]
+        assert sum(x != 0.0 for x in numbers) == left
+
+
+def test_torques_take_fewer_operations() -> None:
+    model = random_tree(6, 1, branching=0.0, kinds=("revolute",), armature=False)
+    graph = model.graph
+    q, qd, qdd = (graph.symbols([f"{g}{k}" for k in range(6)], g) for g in "qva")
+    before, after = (
+        count_operations(list(rnea(m, q, qd, qdd, m.gravity))) for m in (model, regrouped(model))
+    )
+    assert after < 0.92 * before
+
+
+def test_symbols_stay_where_they_are() -> None:
+    model = random_tree(3, 5)
+    mass = model.graph.symbol("mass", "p")
+    last = model.bodies[-1]
+    inertia = dataclasses.replace(last.inertia, m=mass)
+    model = dataclasses.replace(
+        model, bodies=(*model.bodies[:-1], dataclasses.replace(last, inertia=inertia))
+    )
+    assert regrouped(model) is model
+
+
+def test_joints_without_such_a_part_say_so() -> None:
+    model = random_tree(2, 0)
+    assert joint_types["spherical"].unfelt(model.bodies[0].inertia) is None
