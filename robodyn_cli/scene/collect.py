@@ -9,11 +9,10 @@ from typing import Any
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.record import record
-from robodyn_cli.scene import overrides as options
 from robodyn_cli.scene.emit import emit
 from robodyn_cli.scene.includes import Includer
-from robodyn_cli.scene.load import formula_names
-from robodyn_cli.scene.nodes import Mapping, Node, Path, Source, describe_node, located
+from robodyn_cli.scene.load import completed, formula_names
+from robodyn_cli.scene.nodes import Mapping, Node, Path, Source
 from robodyn_cli.scene.nodes import Scalar as ScalarNode
 from robodyn_cli.scene.read import BROKEN, Reader
 from robodyn_cli.scene.types import Scene
@@ -49,16 +48,10 @@ def examine(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Exam
 
 def _examine(name: str, overrides: Sequence[str], errors: list[SceneError]) -> tuple[Scene | None, Node]:
     includer = _Includer(errors)
-    root = includer.open_root(name)
-    kind = Section(Scene)
-    if not isinstance(root, Mapping):
-        raise located(root, "", f"a scene is a map of keys and values (value {describe_node(root)})")
-    for override in overrides:
-        root = options.apply(root, kind, override, root.source.directory, includer)
-    root = includer.whole(kind, root)
+    root = completed(includer.open_root(name), overrides, includer)
     found = list(errors)
     reader = _Reader(root)
-    scene = reader.value(kind, root, ())
+    scene = reader.value(Section(Scene), root, ())
     errors += _new(reader.errors, found)
     if scene is not BROKEN:
         checks: list[SceneError] = []

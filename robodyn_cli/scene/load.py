@@ -45,13 +45,23 @@ def load_scene_text(text: str, path: str = NO_FILE, overrides: Sequence[str] = (
     return _load(compose(text, Source(path, directory, real)), path, overrides, Includer())
 
 
-def _load(root: Node, path: str, overrides: Sequence[str], includer: Includer) -> Scene:
+def completed(root: Node, overrides: Sequence[str], includer: Includer) -> Node:
+    """Return the tree of a scene with its overrides, and whole: nothing left to be included.
+
+    Raises
+    ------
+    SceneError : the scene is no map; an override or a file that is included is wrong.
+    """
     kind = Section(Scene)
     if not isinstance(root, Mapping):
         raise located(root, "", f"a scene is a map of keys and values (value {describe_node(root)})")
     for override in overrides:
         root = options.apply(root, kind, override, root.source.directory, includer)
-    root = includer.whole(kind, root)
+    return includer.whole(kind, root)
+
+
+def _load(root: Node, path: str, overrides: Sequence[str], includer: Includer) -> Scene:
+    root = completed(root, overrides, includer)
     scene = validate(Reader(formula_names(root)).read(Scene, root), root)
     return dataclasses.replace(
         scene, path=path, text=emit(root), sources=tuple(dict.fromkeys(includer.sources))

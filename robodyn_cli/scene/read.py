@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any, TypeVar
 
@@ -258,25 +258,25 @@ class Reader:
             raise self.wrong(kind, node, path, unit, _entries(node))
         return tuple(self.value(kind.item, item, (*path, k), unit) for k, item in enumerate(node.items))
 
-    def map_of(self, kind: MapOf, node: Node, path: Path, unit: str) -> dict[str, Any]:
+    def entries_of(self, kind: Kind, node: Node, path: Path, unit: str) -> Iterable[tuple[Scalar, Node]]:
+        """Return the entries of a map; one whose value is left empty has none."""
         if isinstance(node, Scalar) and node.value is None:
-            return {}
+            return ()
         if not isinstance(node, Mapping):
             raise self.wrong(kind, node, path, unit)
+        return node.entries
+
+    def map_of(self, kind: MapOf, node: Node, path: Path, unit: str) -> dict[str, Any]:
         result = {}
-        for key, item in node.entries:
+        for key, item in self.entries_of(kind, node, path, unit):
             self.check_name(kind.of, key, (*path, key.text))
             result[key.text] = self.value(kind.item, item, (*path, key.text), unit)
         return result
 
     def criteria(self, kind: Criteria, node: Node, path: Path, unit: str) -> dict[str, Expectation]:
         """Return what is expected by key path; maps below a key are the same as dots in it."""
-        if isinstance(node, Scalar) and node.value is None:
-            return {}
-        if not isinstance(node, Mapping):
-            raise self.wrong(kind, node, path, unit)
         result = {}
-        for key, item in node.entries:
+        for key, item in self.entries_of(kind, node, path, unit):
             here = (*path, key.text)
             if isinstance(item, Mapping):
                 inner = self.criteria(kind, item, here, unit)
