@@ -48,18 +48,12 @@ def depth_first(model: Model) -> list[int]:
     return order[1:]
 
 
-def _place(order: Array, x: Any) -> Array:
-    out = np.empty(len(order))
-    out[order] = real(x)
-    return out
-
-
 @dataclasses.dataclass
-class PinocchioModel:
-    """A Pinocchio model with its workspace.
+class Foreign:
+    """A model of another engine with its workspace.
 
-    index : index[k] is Pinocchio's place of our velocity (and position) coordinate k.
-    body : Pinocchio's joint of each of our bodies.
+    index : index[k] is the engine's place of our velocity (and position) coordinate k.
+    body : the engine's body (Pinocchio: joint) of each of our bodies.
     """
 
     model: Any
@@ -68,8 +62,10 @@ class PinocchioModel:
     body: dict[int, int]
 
     def to(self, x: Any) -> Array:
-        """Return an array (nv,) in Pinocchio's order."""
-        return _place(self.index, x)
+        """Return an array (nv,) in the engine's order."""
+        out = np.empty(len(self.index))
+        out[self.index] = real(x)
+        return out
 
     def ours(self, x: Any) -> Array:
         """Return a vector (nv,), or the columns of a matrix (..., nv), in our order."""
@@ -78,6 +74,10 @@ class PinocchioModel:
     def ours_square(self, x: Any) -> Array:
         """Return a matrix (nv, nv) in our order."""
         return real(x)[np.ix_(self.index, self.index)]
+
+
+class PinocchioModel(Foreign):
+    """A Pinocchio model."""
 
 
 def to_pinocchio(model: Model) -> PinocchioModel:
@@ -110,30 +110,10 @@ def to_pinocchio(model: Model) -> PinocchioModel:
 
 
 @dataclasses.dataclass
-class MujocoModel:
-    """A MuJoCo model with its workspace, and the MJCF text that it was compiled from.
+class MujocoModel(Foreign):
+    """A MuJoCo model, and the MJCF text that it was compiled from."""
 
-    index : index[k] is MuJoCo's place of our velocity (and position) coordinate k.
-    body : MuJoCo's body of each of our bodies.
-    """
-
-    model: Any
-    data: Any
-    index: Array
-    body: dict[int, int]
     text: str
-
-    def to(self, x: Any) -> Array:
-        """Return an array (nv,) in MuJoCo's order."""
-        return _place(self.index, x)
-
-    def ours(self, x: Any) -> Array:
-        """Return a vector (nv,), or the columns of a matrix (..., nv), in our order."""
-        return real(x)[..., self.index]
-
-    def ours_square(self, x: Any) -> Array:
-        """Return a matrix (nv, nv) in our order."""
-        return real(x)[np.ix_(self.index, self.index)]
 
     def set_state(self, q: Any, qd: Any) -> None:
         """Set positions and rates, and compute what depends on them."""

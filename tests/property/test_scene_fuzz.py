@@ -14,9 +14,10 @@ from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.formula import parse
 from robodyn_cli.scene import load_scene, load_scene_text
 from robodyn_cli.scene.emit import emit
-from robodyn_cli.scene.nodes import Mapping, Node, Scalar, Sequence, Source, mapping, scalar, sequence
+from robodyn_cli.scene.nodes import Node, Scalar, Source, mapping, scalar, sequence
 from robodyn_cli.scene.yaml_nodes import compose
 from tests.numeric import examples
+from tests.unit.scene_text import plain
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 TEXTS = [load_scene(path).text for path in sorted(CONFIGS.glob("*.yaml"))]
@@ -270,20 +271,11 @@ def node_of(value: Any) -> Node:
     return scalar(PLACE, value)
 
 
-def value_of(node: Node) -> Any:
-    if isinstance(node, Mapping):
-        return {key.text: value_of(item) for key, item in node.entries}
-    if isinstance(node, Sequence):
-        return [value_of(item) for item in node.items]
-    assert isinstance(node, Scalar)
-    return node.value
-
-
 @given(st.lists(TREES, min_size=1, max_size=3))
 @examples(300)
 def test_every_tree_can_be_written(tree: Any) -> None:
     text = emit(node_of(tree))
     again = compose(text, Source("x", "."))
-    assert value_of(again) == tree
-    assert repr(value_of(again)) == repr(tree)  # 1 and 1.0 and true are different values
+    assert plain(again) == tree
+    assert repr(plain(again)) == repr(tree)  # 1 and 1.0 and true are different values
     assert emit(again) == text

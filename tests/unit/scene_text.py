@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.scene import load_scene_text
+from robodyn_cli.scene.nodes import Mapping, Node, Scalar, Sequence
 
 FILE = "bad.yaml"
 MARK = "§"
@@ -30,6 +33,16 @@ robot:
 torques: {j1: 1}
 initial: {q: {j1: 0.1}}
 """
+
+
+def plain(node: Node) -> Any:
+    """Return a tree as Python values."""
+    if isinstance(node, Mapping):
+        return {key.text: plain(value) for key, value in node.entries}
+    if isinstance(node, Sequence):
+        return [plain(item) for item in node.items]
+    assert isinstance(node, Scalar)
+    return node.value
 
 
 def spoiled(old: str, new: str, scene: str = SCENE) -> str:

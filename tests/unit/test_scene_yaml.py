@@ -11,21 +11,11 @@ import pytest
 from robodyn_cli.errors import SceneError
 from robodyn_cli.scene import load_scene, load_scene_text
 from robodyn_cli.scene.emit import emit
-from robodyn_cli.scene.nodes import Mapping, Node, Scalar, Sequence, Source
+from robodyn_cli.scene.nodes import Mapping, Sequence, Source
 from robodyn_cli.scene.yaml_nodes import MAX_BYTES, compose
-from tests.unit.scene_text import FILE, SCENE, check_place, complaint
+from tests.unit.scene_text import FILE, SCENE, check_place, complaint, plain
 
 SOURCE = Source("x.yaml", ".")
-
-
-def plain(node: Node) -> object:
-    """Return a tree as Python values."""
-    if isinstance(node, Mapping):
-        return {key.text: plain(value) for key, value in node.entries}
-    if isinstance(node, Sequence):
-        return [plain(item) for item in node.items]
-    assert isinstance(node, Scalar)
-    return node.value
 
 
 @pytest.mark.parametrize(

@@ -17,24 +17,15 @@ from robodyn_cli.cli.app import app
 from robodyn_cli.errors import SceneError
 from robodyn_cli.scene.includes import Includer
 from robodyn_cli.scene.load import load_scene, load_scene_text
-from robodyn_cli.scene.nodes import Mapping, Node, Scalar, Sequence
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.schema.json_schema import json_schema
+from tests.unit.scene_text import plain
 
 ROOT = Path(__file__).parents[2]
 CONFIGS = sorted((ROOT / "configs").rglob("*.yaml"))
 SCENES = [path for path in CONFIGS if re.search(r"^schema:", path.read_text("utf-8"), re.MULTILINE)]
 SCHEMA = json_schema(Scene)
 VALIDATOR = jsonschema.Draft202012Validator(SCHEMA)
-
-
-def plain(node: Node) -> Any:
-    if isinstance(node, Mapping):
-        return {key.text: plain(value) for key, value in node.entries}
-    if isinstance(node, Sequence):
-        return [plain(item) for item in node.items]
-    assert isinstance(node, Scalar)
-    return node.value
 
 
 def data(path: Path) -> Any:
