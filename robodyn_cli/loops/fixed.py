@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from robodyn_cli.loops.base import LoopFrame, Row
-from robodyn_cli.loops.pieces import aligned, between_key, coincident
+from robodyn_cli.loops.pieces import aligned, attitude_key, between_key, coincident
 from robodyn_cli.record import record
-from robodyn_cli.schema.fields import Choice, Name, Vector, key
+from robodyn_cli.schema.fields import Choice, Name, key
 
 
 @record
@@ -15,12 +15,7 @@ class FixedLoop:
     name: str = key(Name(of="loop"), doc="Name.")
     type: str = key(Choice(("fixed",)), doc="Kind of closure.")
     between: tuple[str, ...] = between_key()
-    rpy: tuple[float, ...] = key(
-        Vector(3, angle=True),
-        default=(0.0, 0.0, 0.0),
-        unit="rad",
-        doc="Attitude of the second link's frame in the first link's: roll, pitch, yaw.",
-    )
+    rpy: tuple[float, ...] = attitude_key()
 
     def rows(self, first: LoopFrame, second: LoopFrame) -> list[Row]:
         """Return the six scalar constraints."""

@@ -27,6 +27,16 @@ def axis_key(doc: str, **default: Any) -> Any:
     return key(Vector(3), unit="1", doc=doc, **default)
 
 
+def attitude_key() -> Any:
+    """Return the key of the attitude in which a closure holds two links."""
+    return key(
+        Vector(3, angle=True),
+        default=(0.0, 0.0, 0.0),
+        unit="rad",
+        doc="Attitude of the second link's frame in the first link's: roll, pitch, yaw.",
+    )
+
+
 def direction(frame: LoopFrame, axis: Sequence[float]) -> algebra.Vector:
     """Return the unit vector along ``axis``, which is given in the frame's own axes."""
     return (frame.R @ rotation_to_z(axis))[:, 2]

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from robodyn_cli.loops.base import LoopFrame, Row
-from robodyn_cli.loops.pieces import aligned, axis_key, between_key, on_line
+from robodyn_cli.loops.pieces import aligned, attitude_key, axis_key, between_key, on_line
 from robodyn_cli.record import record
-from robodyn_cli.schema.fields import Choice, Name, Vector, key
+from robodyn_cli.schema.fields import Choice, Name, key
 
 
 @record
@@ -18,12 +18,7 @@ class PrismaticLoop:
     axis: tuple[float, ...] = axis_key(
         "Direction of sliding, through the first point, in the first link's frame.", default=(0.0, 0.0, 1.0)
     )
-    rpy: tuple[float, ...] = key(
-        Vector(3, angle=True),
-        default=(0.0, 0.0, 0.0),
-        unit="rad",
-        doc="Attitude of the second link's frame in the first link's: roll, pitch, yaw.",
-    )
+    rpy: tuple[float, ...] = attitude_key()
 
     def rows(self, first: LoopFrame, second: LoopFrame) -> list[Row]:
         """Return the five scalar constraints."""
