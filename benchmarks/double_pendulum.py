@@ -30,7 +30,7 @@ from robodyn_cli import load_scene  # noqa: E402
 from robodyn_cli.formulations.index1 import index1  # noqa: E402
 from robodyn_cli.formulations.system import System  # noqa: E402
 from robodyn_cli.integrators.integrator import Integrator, Options  # noqa: E402
-from robodyn_cli.run.simulate import prepare  # noqa: E402
+from robodyn_cli.run.prepare import prepare  # noqa: E402
 
 CONFIGS = measure.ROOT / "configs"
 PENDULUM, FOUR_BAR = "double pendulum, 10 s", "four-bar to lock"

@@ -26,7 +26,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
 from robodyn_cli.expr.rebuild import Evaluator  # noqa: E402
 from robodyn_cli.model.model import BASE  # noqa: E402
-from robodyn_cli.run.simulate import prepare  # noqa: E402
+from robodyn_cli.run.prepare import prepare  # noqa: E402
 from robodyn_cli.run.stability_cases import CASES, Case  # noqa: E402
 from robodyn_cli.run.stability_suite import _spectrum  # noqa: E402
 from robodyn_cli.run.trial import Budget, Reference, attempt, reference  # noqa: E402

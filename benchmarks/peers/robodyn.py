@@ -18,7 +18,7 @@ TOLERANCES = {
 def chain_system(case: Chain) -> tuple[Any, np.ndarray]:
     """Return the system and its state at t = 0."""
     from robodyn_cli.formulations.index1 import index1
-    from robodyn_cli.run.simulate import prepare
+    from robodyn_cli.run.prepare import prepare
     from robodyn_cli.scene.load import load_scene_text
 
     setup = prepare(load_scene_text(case.scene_text()))
@@ -30,7 +30,7 @@ def four_bar_system() -> tuple[Any, np.ndarray]:
     from robodyn_cli import load_scene
     from robodyn_cli.formulations.index1 import index1
     from robodyn_cli.formulations.system import EventFunction
-    from robodyn_cli.run.simulate import passive_coordinates, prepare
+    from robodyn_cli.run.prepare import passive_coordinates, prepare
     from robodyn_cli.run.singularity import passive_determinant
 
     setup = prepare(load_scene(CONFIGS / "four_bar_deploy.yaml"))

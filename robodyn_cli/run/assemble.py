@@ -14,9 +14,9 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.run.guided_motion import Lead, LoopConditions
 from robodyn_cli.run.mobility import mobility
 from robodyn_cli.run.places import add_places, place_outputs
+from robodyn_cli.run.prepare import held_columns, initial_positions
 from robodyn_cli.run.prescribed import check_prescribed
 from robodyn_cli.run.progress import Progress, no_progress
-from robodyn_cli.run.simulate import held_columns, initial_positions
 from robodyn_cli.run.singularity import loop_rows
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.run.units import joint_columns

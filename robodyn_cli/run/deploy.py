@@ -18,13 +18,7 @@ from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.reactions import ReactionSamples
 from robodyn_cli.run.redundancy import check_redundant
 from robodyn_cli.run.second_run import estimate_error
-from robodyn_cli.run.simulate import (
-    describe_run,
-    fail,
-    keep_last_state,
-    kept_every,
-    new_result,
-)
+from robodyn_cli.run.simulate import describe_run, fail, keep_last_state, kept_every, new_result
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 

@@ -19,8 +19,8 @@ from robodyn_cli.run.growth import GRID, GrowthMonitor, levels_with
 from robodyn_cli.run.latch import LatchImpact, Locked
 from robodyn_cli.run.least_norm import LeastNorm
 from robodyn_cli.run.method import choose
+from robodyn_cli.run.prepare import Setup, options_for, passive_coordinates, prepare
 from robodyn_cli.run.progress import Progress, no_progress
-from robodyn_cli.run.simulate import Setup, options_for, passive_coordinates, prepare
 from robodyn_cli.run.singularity import (
     NEAR_RANK_LOSS,
     classify,

@@ -22,8 +22,8 @@ from robodyn_cli.run.inverse import _check_actuated as check_actuated
 from robodyn_cli.run.inverse import torque_terms
 from robodyn_cli.run.inverse_closed import needed_data
 from robodyn_cli.run.motion import plan_motion, with_led_point
+from robodyn_cli.run.prepare import passive_coordinates, prepare
 from robodyn_cli.run.progress import no_progress
-from robodyn_cli.run.simulate import passive_coordinates, prepare
 from robodyn_cli.run.singularity import passive_determinant
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.check import Check

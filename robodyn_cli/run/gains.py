@@ -9,7 +9,7 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.run.baumgarte import GainStudy
 from robodyn_cli.run.method import choose
-from robodyn_cli.run.simulate import Setup, options_for, prepare
+from robodyn_cli.run.prepare import Setup, options_for, prepare
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Baumgarte, Scene
 

@@ -21,7 +21,7 @@ from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.model.model import UNKNOWN_GROUP
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.places import quaternions, world_pose
-from robodyn_cli.run.simulate import prepare
+from robodyn_cli.run.prepare import prepare
 from robodyn_cli.scene.check_robot import moving
 from robodyn_cli.scene.load import load_scene
 from robodyn_cli.scene.types import Scene

@@ -19,8 +19,8 @@ from robodyn_cli.run.mobility import mobility
 from robodyn_cli.run.motion import plan_motion, with_led_point, with_points
 from robodyn_cli.run.observe import loop_columns
 from robodyn_cli.run.places import add_places, place_outputs
+from robodyn_cli.run.prepare import held_columns
 from robodyn_cli.run.progress import Progress, no_progress
-from robodyn_cli.run.simulate import held_columns
 from robodyn_cli.run.singularity import loop_rows
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.run.units import joint_columns

@@ -30,7 +30,7 @@ from robodyn_cli.run.least_norm import equations_of
 from robodyn_cli.run.method import Choice, choose
 from robodyn_cli.run.observe import observed
 from robodyn_cli.run.plan_kernels import rolled, rolled_step, sampled, stepped
-from robodyn_cli.run.simulate import options_for, prepare
+from robodyn_cli.run.prepare import options_for, prepare
 from robodyn_cli.run.singularity import rank_loss_event
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene import types as sc

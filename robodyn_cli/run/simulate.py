@@ -9,112 +9,32 @@ from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import (
-    CapabilityError,
     NumericalError,
     RobodynError,
-    SceneError,
     SingularConfigurationError,
 )
 from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.formulations.system import EventFunction
-from robodyn_cli.integrators.integrator import Event, Grid, Integrator, Options
-from robodyn_cli.record import mutable_record
+from robodyn_cli.integrators.integrator import Event, Grid, Integrator
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.writer import ResultWriter
 from robodyn_cli.run.divergence import breakdown
-from robodyn_cli.run.mass_matrix import nearly_singular, refuse_singular
+from robodyn_cli.run.mass_matrix import nearly_singular
 from robodyn_cli.run.method import Choice, Run
 from robodyn_cli.run.modes import Modes
 from robodyn_cli.run.observe import Observer, Recorder
 from robodyn_cli.run.passage import Passage, passage_event
-from robodyn_cli.run.prescribed import check_prescribed, prescribed_starts
+from robodyn_cli.run.prepare import Setup, options_for, passive_coordinates, prepare
 from robodyn_cli.run.progress import Progress, no_progress
-from robodyn_cli.run.redundancy import check_redundant, dependent_rows, describe_dependence
+from robodyn_cli.run.redundancy import check_redundant, describe_dependence
 from robodyn_cli.run.second_run import estimate_error
 from robodyn_cli.run.singularity import driven_dead_point, rank_loss_event, stop_at_rank_loss
 from robodyn_cli.run.start import start_warnings
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.assembly import Assembled, assemble
 
 Array = NDArray[np.float64]
 KEPT_IN_MEMORY = 100_000  # samples, when the whole goes to a file
-
-
-@mutable_record
-class Setup:
-    """A scene made ready: equations, consistent initial state."""
-
-    problem: Problem
-    assembled: Assembled
-    watch: Stopwatch
-
-
-def prepare(scene: Scene, watch: Stopwatch | None = None, modes: bool = False) -> Setup:
-    """Build the equations and close the loops at t = 0.
-
-    Parameters
-    ----------
-    modes : whether the caller follows the modes of joints (sticking, contact).
-
-    Raises
-    ------
-    CapabilityError : there are joints with modes, and the caller does not follow them.
-    SceneError : an initial position is missing. GeometryError, SingularConfigurationError : from the assembly.
-    """
-    watch = watch or Stopwatch()
-    with watch.stage("equations"):
-        problem = Problem(scene)
-        if problem.gates and not modes:
-            raise CapabilityError(
-                f"joint {problem.gates[0].joint!r} has friction with 'law: set_valued' or a rigid stop, which only "
-                "`simulate` follows; allowed here: 'transition_speed', and stops with 'stiffness'"
-            )
-        given = initial_positions(scene, problem)
-        held = held_columns(scene, problem)
-    with watch.stage("assemble"):
-        check_prescribed(problem)
-        hold = [*held, *(n for n in scene.prescribed or {} if n not in held)]
-        assembled = assemble(problem, given, dict(scene.initial.qd or {}), hold)
-        refuse_singular(problem.model, assembled.q)
-    if assembled.redundant:
-        with watch.stage("equations"):
-            groups = dependent_rows(problem, assembled)
-            keep = None if groups else assembled.independent
-            problem = Problem(scene, keep_rows=keep, model=problem.model, dependent=groups)
-    return Setup(problem, assembled, watch)
-
-
-def held_columns(scene: Scene, problem: Problem) -> list[str]:
-    """Return the coordinates of the joints in `initial.hold`."""
-    return [column for name in scene.initial.hold for column in problem.model.q_columns(name)]
-
-
-def initial_positions(scene: Scene, problem: Problem) -> dict[str, float]:
-    """Return the positions at t = 0 that the scene gives, prescribed joints included, by coordinate.
-
-    Raises
-    ------
-    SceneError : a position is missing.
-    """
-    given = {**(scene.initial.q or {}), **prescribed_starts(scene)}
-    loops = bool(problem.model.closures)
-    for name in held_columns(scene, problem) if loops else problem.model.q_names:
-        if name not in given:
-            why = (
-                "`initial.hold` keeps it at its value" if loops else "an open chain needs one for each joint"
-            )
-            what = "coordinate" if "." in name else "joint"
-            raise SceneError(
-                f"{scene.path}: initial.q: {what} {name!r} has no initial position ({why})",
-                file=scene.path, key="initial.q",
-            )  # fmt: skip
-    return given
-
-
-def options_for(scene: Scene) -> Options:
-    s = scene.simulate
-    return Options(s.rtol, s.atol, s.step, max_steps=s.max_steps)
 
 
 def simulate(
@@ -243,20 +163,6 @@ def explained(error: RobodynError, problem: Problem, integrator: Integrator, dur
     words, place = breakdown(problem, integrator, str(error.details.get("status")))
     cause = nearly_singular(problem.model, q)
     return NumericalError(error.message + words + cause, **{**place, **error.details})
-
-
-def passive_coordinates(problem: Problem) -> list[int] | None:
-    """Return the velocity coordinates that nothing drives, None without loops.
-
-    Actuated are the joints of ``actuated`` (by default those in ``torques``) and prescribed ones.
-    """
-    scene, model = problem.scene, problem.model
-    if not model.closures:
-        return None
-    driven = {*(scene.torques or {}), *(scene.prescribed or {})}
-    if scene.actuated is not None:
-        driven = {*(scene.prescribed or {}), *(x for name in scene.actuated for x in model.v_columns(name))}
-    return [k for k, name in enumerate(model.v_names) if name not in driven]
 
 
 def kept_every(scene: Scene, writer: ResultWriter | None) -> int:

@@ -17,8 +17,8 @@ from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.energy_growth import PERIODS, Growth, Period, growth, period
 from robodyn_cli.run.gains import study
+from robodyn_cli.run.prepare import Setup, prepare
 from robodyn_cli.run.progress import Progress, no_progress
-from robodyn_cli.run.simulate import Setup, prepare
 from robodyn_cli.run.spectrum import Spectrum, spectrum
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.run.trial import FAMILIES, Budget, Reference, Trial, attempts, reference

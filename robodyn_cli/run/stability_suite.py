@@ -11,8 +11,8 @@ from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.record import mutable_record
 from robodyn_cli.results.result import Result
+from robodyn_cli.run.prepare import prepare
 from robodyn_cli.run.progress import Progress, no_progress
-from robodyn_cli.run.simulate import prepare
 from robodyn_cli.run.spectrum import Spectrum
 from robodyn_cli.run.stability import STIFF, along, at_start
 from robodyn_cli.run.stability_cases import CASES, Case

@@ -24,10 +24,10 @@ from robodyn_cli.run.inverse_closed import lost_rank, refuse_gears
 from robodyn_cli.run.mobility import mobility
 from robodyn_cli.run.observe import loop_columns
 from robodyn_cli.run.places import add_places, place_outputs
+from robodyn_cli.run.prepare import held_columns, initial_positions
 from robodyn_cli.run.prescribed import check_prescribed
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.reactions import add_reactions
-from robodyn_cli.run.simulate import held_columns, initial_positions
 from robodyn_cli.run.singularity import loop_rows
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.run.units import joint_columns

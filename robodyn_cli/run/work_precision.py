@@ -22,8 +22,8 @@ from robodyn_cli.record import mutable_record
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.gains import study
 from robodyn_cli.run.method import LARGEST
+from robodyn_cli.run.prepare import Setup, prepare
 from robodyn_cli.run.progress import Progress, no_progress
-from robodyn_cli.run.simulate import Setup, prepare
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.run.trial import SAMPLES, Reference, agreed
 from robodyn_cli.scene.types import Baumgarte, Scene

@@ -21,7 +21,7 @@ from robodyn_cli.formulations.index3 import Index3
 from robodyn_cli.integrators import generalized_alpha as module
 from robodyn_cli.integrators.integrator import Grid, Integrator, Options
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.simulate import prepare
+from robodyn_cli.run.prepare import prepare
 from robodyn_cli.scene.load import load_scene_text
 from tests.oracle.test_stiff import PENDULUM as STIFF_PENDULUM
 from tests.systems import advance, collect, linear, system

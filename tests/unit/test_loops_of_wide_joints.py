@@ -9,7 +9,8 @@ import pytest
 
 from robodyn_cli.run.deploy import deploy
 from robodyn_cli.run.inverse import inverse
-from robodyn_cli.run.simulate import passive_coordinates, prepare, simulate
+from robodyn_cli.run.prepare import passive_coordinates, prepare
+from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene.load import load_scene, load_scene_text
 
 CONFIGS = Path(__file__).parents[2] / "configs"

@@ -15,7 +15,7 @@ from robodyn_cli.formulations.residual import Residual
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.gauss import Gauss
 from robodyn_cli.integrators.integrator import Grid, Integrator, Options
-from robodyn_cli.run.simulate import prepare
+from robodyn_cli.run.prepare import prepare
 from tests.mechanisms import CONFIGS
 from tests.numeric import assert_close
 

@@ -19,7 +19,8 @@ from robodyn_cli.kernels import compiler, rolled
 from robodyn_cli.kernels.rolled_tables import RolledPlan
 from robodyn_cli.run.findings import findings
 from robodyn_cli.run.plan import plan as make_plan
-from robodyn_cli.run.simulate import prepare, simulate
+from robodyn_cli.run.prepare import prepare
+from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene import load_scene_text
 from robodyn_cli.scene.types import Scene
 

@@ -16,7 +16,7 @@ from robodyn_cli.integrators.stability_region import amplification, limits, radi
 from robodyn_cli.integrators.tableaus import DOP853, DOPRI5, RK4
 from robodyn_cli.run.energy_growth import growth, period
 from robodyn_cli.run.gains import study
-from robodyn_cli.run.simulate import prepare
+from robodyn_cli.run.prepare import prepare
 from robodyn_cli.run.stability import at_start, stability
 from robodyn_cli.run.stability_scenes import arm, slider
 from robodyn_cli.run.trial import FAMILIES, Budget, attempt, reference
