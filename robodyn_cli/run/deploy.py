@@ -13,9 +13,10 @@ from robodyn_cli.run.deployment import Deployment, Found
 from robodyn_cli.run.gains import with_gains
 from robodyn_cli.run.lock_report import bifurcation, conclude, criteria, describe_lock, events
 from robodyn_cli.run.locked_motion import first_overload, follow_locked
-from robodyn_cli.run.observe import Observer, Recorder
+from robodyn_cli.run.observe import Observer
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.reactions import ReactionSamples
+from robodyn_cli.run.recorder import Recorder
 from robodyn_cli.run.redundancy import check_redundant
 from robodyn_cli.run.second_run import estimate_error
 from robodyn_cli.run.simulate import describe_run, fail, keep_last_state, kept_every, new_result

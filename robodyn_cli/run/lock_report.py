@@ -12,7 +12,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.run.deployment import Deployment, Found
 from robodyn_cli.run.growth import GRID
 from robodyn_cli.run.latch import close_latch, locked
-from robodyn_cli.run.observe import Recorder
+from robodyn_cli.run.recorder import Recorder
 from robodyn_cli.run.second_run import other_steps, remainder, tighter
 from robodyn_cli.run.singularity import classify, culprit, loop_rows, psi_at
 from robodyn_cli.run.stopwatch import Stopwatch

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import numpy as np
@@ -15,8 +14,9 @@ from robodyn_cli.integrators.integrator import Grid, Integrator
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.deployment import Deployment
 from robodyn_cli.run.latch import LatchImpact, Locked
-from robodyn_cli.run.observe import Column, Observer, Recorder
+from robodyn_cli.run.observe import Column, Observer
 from robodyn_cli.run.reactions import ReactionSamples
+from robodyn_cli.run.recorder import Recorder
 from robodyn_cli.run.second_run import estimate_error
 from robodyn_cli.run.stopwatch import Stopwatch
 
@@ -100,14 +100,8 @@ def follow_locked(
         facts["error_estimate"].pop(
             "meaningful_until", None
         )  # of what does not move, rounding is all there is
-    joined = join(recorder, later)
-    described = later.observer.describe()
-    for path, data in joined.items():
-        column = described.get(path)
-        if column is None:
-            result.add(path, data)
-        else:
-            result.add(path, data, **dataclasses.asdict(column))
+    for path, data in join(recorder, later).items():
+        result.add(path, data, **later.described(path))
     facts |= {
         "samples": later.samples,
         "until": integrator.time,
@@ -124,7 +118,7 @@ def follow_locked(
 
 def join(before: Recorder, after: Recorder) -> dict[str, Array]:
     """Return the samples of both phases by path; the latch bears nothing before it closes."""
-    old, new = before.observer.describe(), after.observer.describe()
+    old, new = before.columns, after.columns
     found = {}
     for path in after.blocks:
         later = after.array(path)

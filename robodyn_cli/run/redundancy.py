@@ -11,7 +11,7 @@ from robodyn_cli.equations.dependence import Dependence
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.run.observe import Recorder
+from robodyn_cli.run.recorder import Recorder
 from robodyn_cli.solve.assembly import RANK_TOLERANCE, Assembled, mechanism_size
 
 Array = NDArray[np.float64]

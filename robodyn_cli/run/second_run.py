@@ -15,8 +15,8 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.integrator import Counters, Event, Grid, Integrator, Options
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.run.modes import Modes
-from robodyn_cli.run.observe import Recorder
 from robodyn_cli.run.passage import NEAR_PASSAGE, Passage
+from robodyn_cli.run.recorder import Recorder
 
 Array = NDArray[np.float64]
 # the second run: so many times the steps, so that both together take less than three times the first, unless a

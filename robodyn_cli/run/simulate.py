@@ -22,10 +22,11 @@ from robodyn_cli.run.divergence import breakdown
 from robodyn_cli.run.mass_matrix import nearly_singular
 from robodyn_cli.run.method import Choice, Run
 from robodyn_cli.run.modes import Modes
-from robodyn_cli.run.observe import Observer, Recorder
+from robodyn_cli.run.observe import Observer
 from robodyn_cli.run.passage import Passage, passage_event
 from robodyn_cli.run.prepare import Setup, options_for, passive_coordinates, prepare
 from robodyn_cli.run.progress import Progress, no_progress
+from robodyn_cli.run.recorder import Recorder
 from robodyn_cli.run.redundancy import check_redundant, describe_dependence
 from robodyn_cli.run.second_run import estimate_error
 from robodyn_cli.run.singularity import driven_dead_point, rank_loss_event, stop_at_rank_loss
