@@ -55,7 +55,8 @@ def command(
         from robodyn_cli.errors import CapabilityError
         from robodyn_cli.results.atomic import write_bytes
         from robodyn_cli.run import batch_reports as reports
-        from robodyn_cli.run.batch import Batch, entries
+        from robodyn_cli.run.batch import Batch
+        from robodyn_cli.run.batch_entries import entries
         from robodyn_cli.run.findings import worst
         from robodyn_cli.run.gather import gather
 

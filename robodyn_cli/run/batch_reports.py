@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from xml.etree import ElementTree
 
-from robodyn_cli.run.batch import Entry
+from robodyn_cli.run.batch_entries import Entry
 
 # characters that XML 1.0 has no way to write
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")

@@ -15,8 +15,9 @@ import pytest
 
 from robodyn_cli.cli.runner import EXIT
 from robodyn_cli.errors import SceneError
-from robodyn_cli.run import batch as batch_module
-from robodyn_cli.run.batch import Batch, Entry, entries, unique_names
+from robodyn_cli.run import batch_entries
+from robodyn_cli.run.batch import Batch
+from robodyn_cli.run.batch_entries import Entry, entries, unique_names
 from robodyn_cli.run.batch_reports import junit, markdown, tally
 from robodyn_cli.run.criteria import EXIT_OF_STATUS
 from robodyn_cli.run.gather import gather
@@ -98,10 +99,10 @@ def test_another_version_runs_again(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     path, out = arm(tmp_path / "a.yaml", PASSES), tmp_path / "out"
     assert run(path, "--out", out)[0] == 0
     (entry,) = entries([path], out)
-    assert batch_module.finished(entry, drawn=False)
-    assert batch_module.finished(entry, drawn=True) is None, "drawings were not made"
-    monkeypatch.setattr(batch_module, "__version__", "999")
-    assert batch_module.finished(entry, drawn=False) is None
+    assert batch_entries.finished(entry, drawn=False)
+    assert batch_entries.finished(entry, drawn=True) is None, "drawings were not made"
+    monkeypatch.setattr(batch_entries, "__version__", "999")
+    assert batch_entries.finished(entry, drawn=False) is None
 
 
 def test_failures_that_are_expected(tmp_path: Path) -> None:

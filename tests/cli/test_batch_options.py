@@ -14,7 +14,8 @@ import pytest
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.results.result import Result
 from robodyn_cli.run import batch as batch_module
-from robodyn_cli.run.batch import Batch, Entry, entries
+from robodyn_cli.run.batch import Batch
+from robodyn_cli.run.batch_entries import Entry, entries
 from robodyn_cli.run.batch_reports import junit
 from robodyn_cli.run.criteria import Outcome
 from robodyn_cli.run.progress import Progress
