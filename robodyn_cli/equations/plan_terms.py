@@ -21,8 +21,8 @@ from robodyn_cli.equations.plan_facts import (
     listed_data,
     plural,
 )
-from robodyn_cli.equations.plan_variants import Variant
 from robodyn_cli.equations.problem import Problem
+from robodyn_cli.equations.variant import Variant
 from robodyn_cli.expr.graph import count_operations
 from robodyn_cli.model.model import BASE, Model
 from robodyn_cli.record import mutable_record

@@ -20,8 +20,9 @@ from robodyn_cli.equations.plan_terms import (
     loop_terms,
     rigid_body_terms,
 )
-from robodyn_cli.equations.plan_variants import Variant, general
+from robodyn_cli.equations.plan_variants import general
 from robodyn_cli.equations.problem import Problem
+from robodyn_cli.equations.variant import Variant
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import count_operations
 from robodyn_cli.model.build import build_model

@@ -13,8 +13,9 @@ from robodyn_cli.algorithms.aba import ArticulatedFactor
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.equations.plan_facts import depends_on_time, listed, unknown_data
 from robodyn_cli.equations.plan_terms import Ledger, drive_terms
-from robodyn_cli.equations.plan_variants import Symbols, serial_chain, without_loops
+from robodyn_cli.equations.plan_variants import serial_chain, without_loops
 from robodyn_cli.equations.problem import Problem
+from robodyn_cli.equations.variant import Symbols
 from robodyn_cli.expr.graph import Scalar, count_operations
 from robodyn_cli.formulations.dynamics import Expanded, Rolled
 from robodyn_cli.formulations.index1 import index1

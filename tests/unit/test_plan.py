@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from robodyn_cli.equations import plan_variants
+from robodyn_cli.equations.variant import Variant
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.integrators.integrator import Integrator
 from robodyn_cli.kernels.samples import SampleKernel
@@ -385,13 +385,13 @@ def test_large_models_are_counted_as_a_whole_only(monkeypatch: pytest.MonkeyPatc
     tail = f"trajectory: {{type: joint, duration: 1, q: {{{motion}}}}}\n"
     scene = load_scene_text(f"{head}{joints}\n  links:\n{links}\n{tail}")
     built: list[int] = []
-    problem = plan_variants.Variant.problem
+    problem = Variant.problem
 
-    def count(variant: plan_variants.Variant) -> Any:
+    def count(variant: Variant) -> Any:
         built.append(1)
         return problem(variant)
 
-    monkeypatch.setattr(plan_variants.Variant, "problem", count)
+    monkeypatch.setattr(Variant, "problem", count)
     found = plan(scene)
     assert len(built) <= 2
     compiled = InverseDynamics(scene)
