@@ -11,7 +11,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.rebuild import Evaluator, evaluate
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.guided_motion import Lead, LoopConditions
+from robodyn_cli.run.loop_conditions import Lead, LoopConditions
 from robodyn_cli.run.mobility import mobility
 from robodyn_cli.run.places import add_places, place_outputs
 from robodyn_cli.run.prepare import held_columns, initial_positions

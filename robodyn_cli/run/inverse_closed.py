@@ -12,16 +12,10 @@ from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.model.model import Model
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.evaluation import SampleFunction
-from robodyn_cli.run.guided_motion import (
-    GuidedMotion,
-    Lead,
-    coordinate_name,
-    guided_motion,
-    lead_of,
-    velocity_places,
-)
+from robodyn_cli.run.guided_motion import GuidedMotion, guided_motion
 from robodyn_cli.run.inverse import begin_summary, energies, fill, path_error, torque_terms
 from robodyn_cli.run.inverse_checks import DEFINITIONS, Sampled, error_estimate, joint_figures
+from robodyn_cli.run.loop_conditions import Lead, coordinate_name, lead_of, velocity_places
 from robodyn_cli.run.motion import Planned, with_led_point
 from robodyn_cli.run.observe import loop_columns
 from robodyn_cli.run.places import add_places, place_outputs

@@ -14,7 +14,8 @@ from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.model.model import BASE
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.evaluation import SampleFunction
-from robodyn_cli.run.guided_motion import GuidedMotion, Lead, guided_motion, lead_of, refuse_quasi
+from robodyn_cli.run.guided_motion import GuidedMotion, guided_motion
+from robodyn_cli.run.loop_conditions import Lead, lead_of, refuse_quasi
 from robodyn_cli.run.mobility import mobility
 from robodyn_cli.run.motion import plan_motion, with_led_point, with_points
 from robodyn_cli.run.observe import loop_columns

@@ -18,9 +18,9 @@ from robodyn_cli.formulations.index1 import start_modes
 from robodyn_cli.kernels.program import unknown_data
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.evaluation import without_idle_unknowns
-from robodyn_cli.run.guided_motion import Lead, LoopConditions, velocity_places
 from robodyn_cli.run.inverse import torque_terms
 from robodyn_cli.run.inverse_closed import lost_rank, refuse_gears
+from robodyn_cli.run.loop_conditions import Lead, LoopConditions, velocity_places
 from robodyn_cli.run.mobility import mobility
 from robodyn_cli.run.observe import loop_columns
 from robodyn_cli.run.places import add_places, place_outputs

@@ -1,0 +1,203 @@
+"""What leads a mechanism, and its loops, as conditions on positions, rates and accelerations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.algorithms.kinematics import slice_q
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import CapabilityError, SceneError
+from robodyn_cli.expr.graph import Expr, Scalar, count_operations
+from robodyn_cli.expr.rebuild import Evaluator
+from robodyn_cli.model.model import Model
+from robodyn_cli.record import record
+from robodyn_cli.solve.assembly import mechanism_size
+from robodyn_cli.solve.point_kinematics import PointKinematics
+from robodyn_cli.trajectories.motion import TaskSpace
+
+Array = NDArray[Any]
+# seconds: an operation interpreted; compiling at all, and an operation of it
+INTERPRETED, COMPILING, COMPILED = 2e-7, 35e-3, 80e-6
+# what is asked at times (T,): values, rates and accelerations (T, k)
+Asked = Callable[[Array], tuple[Array, Array, Array]]
+
+
+@record
+class Lead:
+    """What leads a mechanism beside its loops and prescribed joints: joints, or a point, and how they move."""
+
+    asked: Asked
+    joints: tuple[str, ...] = ()
+    point: str | None = None
+    components: int = 3
+
+
+def lead_of(problem: Problem) -> Lead:
+    """Return what the scene's trajectory leads; nothing where prescribed joints do."""
+    scene = problem.scene
+    trajectory: Any = scene.trajectory
+    parameters = scene.parameters or {}
+    if trajectory is None:
+        return Lead(lambda times: (np.zeros((len(times), 0)),) * 3)
+    if isinstance(trajectory, TaskSpace):
+        some = trajectory.target(np.zeros(1), parameters)
+
+        def point(times: Array) -> tuple[Array, Array, Array]:
+            target = trajectory.target(times, parameters)
+            return target.p, target.pd, target.pdd
+
+        return Lead(point, point=trajectory.point, components=some.p.shape[1])
+    both = [name for name in trajectory.joints if name in (scene.prescribed or {})]
+    if both:
+        raise SceneError(
+            f"{scene.path}: joint {both[0]!r} moves by `trajectory` and by `prescribed`; leave it out of one of them",
+            key=f"prescribed.{both[0]}",
+        )
+
+    refuse_quasi(problem.model, trajectory.joints)
+
+    def joints(times: Array) -> tuple[Array, Array, Array]:
+        found = trajectory.motion(times, trajectory.joints, parameters)
+        return found.q, found.qd, found.qdd
+
+    return Lead(joints, joints=tuple(trajectory.joints))
+
+
+def refuse_quasi(model: Model, names: Sequence[str]) -> None:
+    """Refuse to lead joints whose velocities are no rates of positions, and joints of several axes as a whole.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    for name in names:
+        if name in model.joint_names and name not in model.v_names:
+            columns = ", ".join(model.v_columns(name))
+            raise CapabilityError(
+                f"joint {name!r} of a mechanism with loops cannot be led as a whole: lead joints of one axis, or "
+                f"single coordinates of it where they are rates of positions ({columns})"
+            )
+
+
+class LoopConditions:
+    """Loops, prescribed joints and what is led, as conditions on numbers (see ``solve.guided.Conditions``)."""
+
+    def __init__(self, problem: Problem, lead: Lead, times: Array) -> None:
+        model = self.model = problem.model
+        self.lead = lead
+        rows = problem.constraints.rows
+        self.size = mechanism_size(model)
+        values: list[Scalar] = [row.eta for row in rows]
+        J: list[Scalar] = [x for row in rows for x in row.psi]
+        bias: list[Scalar] = [row.gamma for row in rows]
+        names, lengths = [row.name for row in rows], [row.kind in ("force", "m") for row in rows]
+        for name in lead.joints:
+            place = model.v_names.index(name)
+            values.append(problem.q[model.q_names.index(name)])
+            J += [1.0 if k == place else 0.0 for k in range(model.nv)]
+            bias.append(0.0)
+            names.append(f"trajectory.{name}")
+            lengths.append(model.v_units[place] == "m")
+        if lead.point is not None:
+            frame = model.points[lead.point]
+            point = PointKinematics.of(model, problem.q, problem.v, frame, lead.components)
+            values += point.p
+            J += point.J
+            for i in range(lead.components):
+                rate = point.J_rate[i * model.nv : (i + 1) * model.nv]
+                total: Scalar = 0.0
+                for x, v in zip(rate, problem.v):
+                    total = total + x * v
+                bias.append(total)
+                names.append(f"{lead.point}.{'xyz'[i]}")
+                lengths.append(True)
+        self.names = tuple(names)
+        self.led = len(names) - len(rows)
+        self.prescribed = problem.constraints.prescribed
+        self.sizes = np.where(lengths, self.size, 1.0)
+        self.lengths = np.array([self.size if unit == "m" else 1.0 for unit in model.v_units])
+        # a sample takes about four evaluations
+        self._here = _single(model, [*values, *J], 4 * len(times))
+        self._rates = _single(model, [*(row.eta_t for row in rows), *bias], 4 * len(times))
+        self._asked: dict[float, tuple[Array, Array, Array]] = {}
+        found = lead.asked(times)
+        for k, t in enumerate(times.tolist()):
+            self._asked[t] = (found[0][k], found[1][k], found[2][k])
+
+    def asked(self, t: float) -> tuple[Array, Array, Array]:
+        """Return value, rate and acceleration (k,) of what is led."""
+        if t not in self._asked:
+            found = self.lead.asked(np.array([t]))
+            self._asked[t] = (found[0][0], found[1][0], found[2][0])
+        return self._asked[t]
+
+    def at(self, q: Array, t: float) -> tuple[Array, Array]:
+        found = self._here(q, np.zeros(self.model.nv), t)
+        m = len(self.names)
+        F = found[:m].copy()
+        F[m - self.led :] -= self.asked(t)[0]
+        return F, found[m:].reshape(m, self.model.nv)
+
+    def rates(self, q: Array, v: Array, t: float) -> tuple[Array, Array]:
+        found = self._rates(q, v, t)
+        m = len(self.names)
+        _, rate, acceleration = self.asked(t)
+        rows = m - self.led
+        c = np.concatenate([-found[:rows], rate])
+        b = -found[rows:]
+        b[rows:] += acceleration
+        return c, b
+
+    def step(self, q: Array, dq: Array) -> Array:
+        out = q.copy()
+        for body in self.model.bodies:
+            moved = body.joint.integrate(slice_q(body, q), dq[body.v : body.v + body.joint.nv])
+            out[body.q : body.q + body.joint.nq] = np.array(body.joint.normalise(moved), dtype=float)
+        return out
+
+
+def _single(model: Model, entries: Sequence[Scalar], calls: int) -> Callable[[Array, Array, float], Array]:
+    """Return expressions as a function of one q, v and t; compiled where that pays over so many calls."""
+    varying = [k for k, e in enumerate(entries) if isinstance(e, Expr)]
+    constant = np.array([0.0 if isinstance(e, Expr) else float(e) for e in entries])
+    operations = count_operations([entries[k] for k in varying])
+    if not varying or operations * calls * INTERPRETED < COMPILING + operations * COMPILED:
+        evaluator = Evaluator(entries)
+
+        def interpreted(q: Array, v: Array, t: float) -> Array:
+            return np.array(evaluator({"q": q.tolist(), "v": v.tolist(), "t": [t], "p": []}), dtype=float)
+
+        return interpreted
+    from robodyn_cli.kernels.samples import SampleKernel
+
+    kernel = SampleKernel({"out": [entries[k] for k in varying]}, ("t", "q", "v"))
+    # one sample fills all lanes of arrays that are in place already
+    lanes = {"t": np.zeros(kernel.lanes)} | {
+        name: np.zeros((kernel.lanes, n), order="F") for name, n in (("q", model.nq), ("v", model.nv))
+    }
+
+    def compiled(q: Array, v: Array, t: float) -> Array:
+        lanes["t"][:], lanes["q"][:], lanes["v"][:] = t, q, v
+        out = constant.copy()
+        out[varying] = kernel.evaluate(kernel.lanes, lanes)["out"][0]
+        return out
+
+    return compiled
+
+
+def velocity_places(model: Model, names: Sequence[str]) -> list[int]:
+    """Return the velocity coordinates of joints and of single columns (``slide``, ``slide.z``), each once."""
+    found: list[int] = []
+    for name in names:
+        columns = (name,) if name in model.v_names else model.v_columns(name)
+        found += [model.v_names.index(column) for column in columns]
+    return list(dict.fromkeys(found))
+
+
+def coordinate_name(model: Model, index: int) -> str:
+    """Return the joint that a velocity coordinate belongs to."""
+    return next(b.joint_name for b in model.bodies if b.v <= index < b.v + b.joint.nv)
