@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,10 @@ from robodyn_cli.equations.dependence import Dependence
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.run.recorder import Recorder
 from robodyn_cli.solve.assembly import RANK_TOLERANCE, Assembled, mechanism_size
+
+if TYPE_CHECKING:
+    from robodyn_cli.run.recorder import Recorder
 
 Array = NDArray[np.float64]
 OPEN = 1e-6  # rad, or part of the size of the mechanism, from which on a constraint is violated
