@@ -26,8 +26,8 @@ def pytest_pyfunc_call(pyfuncitem: Any) -> Generator[None, Any, Any]:
 @pytest.fixture
 def fixed_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """Methods named ``fixed NAME`` that take every step as it comes."""
-    from robodyn_cli.integrators.loop import Attempt
     from robodyn_cli.integrators.registry import methods
+    from robodyn_cli.integrators.stepper import Attempt
 
     monkeypatch.setenv("ROBODYN_CACHE", "off")
     for name, method in list(methods.items()):

@@ -17,8 +17,8 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators import bdf_tables as tables
 from robodyn_cli.integrators.factors import RealFactors
 from robodyn_cli.integrators.layout import Real, Whole
-from robodyn_cli.integrators.loop import Attempt, Stepper
 from robodyn_cli.integrators.newton import Limits, Rounds
+from robodyn_cli.integrators.stepper import Attempt, Stepper
 from robodyn_cli.integrators.writer import Writer
 from robodyn_cli.kernels.arrays import Array, Total
 from robodyn_cli.kernels.ir import Int, Value, literal

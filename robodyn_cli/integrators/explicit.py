@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.layout import Real, Whole
-from robodyn_cli.integrators.loop import Attempt, Stepper
+from robodyn_cli.integrators.stepper import Attempt, Stepper
 from robodyn_cli.integrators.tableaus import DOP853, DOP853_DENSE, DOPRI5, DOPRI5_DENSE, RK4, ExplicitTable
 from robodyn_cli.integrators.writer import Writer
 from robodyn_cli.kernels.arrays import Array, Total

@@ -16,7 +16,7 @@ from robodyn_cli.integrators.gauss_correction import Corrected
 from robodyn_cli.integrators.gauss_dense import dense_width
 from robodyn_cli.integrators.gauss_tables import gauss_table
 from robodyn_cli.integrators.layout import Real, Whole
-from robodyn_cli.integrators.loop import SLACK, Attempt
+from robodyn_cli.integrators.stepper import SLACK, Attempt
 from robodyn_cli.integrators.writer import Writer
 from robodyn_cli.kernels.arrays import Array, Total
 from robodyn_cli.kernels.ir import Int, Value

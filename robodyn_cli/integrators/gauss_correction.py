@@ -9,7 +9,7 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.gauss_dense import dense_table, dense_width
 from robodyn_cli.integrators.gauss_tables import GaussTable, padded_width
 from robodyn_cli.integrators.layout import Whole
-from robodyn_cli.integrators.loop import Stepper
+from robodyn_cli.integrators.stepper import Stepper
 from robodyn_cli.integrators.writer import Writer
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Int, Value, literal

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from robodyn_cli.integrators.gauss import Gauss
 from robodyn_cli.integrators.layout import Real
-from robodyn_cli.integrators.loop import Attempt
+from robodyn_cli.integrators.stepper import Attempt
 from robodyn_cli.integrators.writer import Writer
 from robodyn_cli.kernels.arrays import Total
 from robodyn_cli.kernels.ir import Value

@@ -19,7 +19,7 @@ from robodyn_cli.formulations.index3 import first_order_step
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.hermite import HermiteStepper
 from robodyn_cli.integrators.layout import Real, Whole
-from robodyn_cli.integrators.loop import Attempt
+from robodyn_cli.integrators.stepper import Attempt
 from robodyn_cli.integrators.writer import Writer
 from robodyn_cli.kernels.arrays import Array, Total
 from robodyn_cli.kernels.ir import Value

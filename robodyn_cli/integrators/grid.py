@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.integrators.loop import SLACK
+from robodyn_cli.integrators.stepper import SLACK
 from robodyn_cli.record import record
 
 Array = NDArray[Any]

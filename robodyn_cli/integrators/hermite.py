@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.layout import Whole
-from robodyn_cli.integrators.loop import Stepper
+from robodyn_cli.integrators.stepper import Stepper
 from robodyn_cli.integrators.writer import Writer
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Value

@@ -20,12 +20,13 @@ from robodyn_cli.integrators.events import Event as Event
 from robodyn_cli.integrators.events import Found, chatter, crosses, first_roots, resolution
 from robodyn_cli.integrators.grid import Grid as Grid
 from robodyn_cli.integrators.layout import Real, Status, Whole
-from robodyn_cli.integrators.loop import Stepper, write_run
+from robodyn_cli.integrators.loop import write_run
 from robodyn_cli.integrators.memory import Memory
 from robodyn_cli.integrators.narrow import bind_narrow
 from robodyn_cli.integrators.options import Counters as Counters
 from robodyn_cli.integrators.options import Options as Options
 from robodyn_cli.integrators.registry import methods
+from robodyn_cli.integrators.stepper import Stepper
 from robodyn_cli.integrators.trial import bind
 from robodyn_cli.integrators.writer import ARGUMENTS
 from robodyn_cli.kernels.arrays import aligned_zeros

@@ -13,9 +13,9 @@ import numpy as np
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.factors import ComplexFactors, Pair
 from robodyn_cli.integrators.layout import Real, Whole
-from robodyn_cli.integrators.loop import Attempt, Stepper
 from robodyn_cli.integrators.newton import Limits, Rounds
 from robodyn_cli.integrators.radau_tables import radau_table
+from robodyn_cli.integrators.stepper import Attempt, Stepper
 from robodyn_cli.integrators.writer import Writer
 from robodyn_cli.kernels.arrays import Array, Total
 from robodyn_cli.kernels.ir import Function, Value, double_type

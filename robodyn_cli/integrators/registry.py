@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robodyn_cli.integrators.loop import Stepper
+from robodyn_cli.integrators.stepper import Stepper
 from robodyn_cli.registry import Registry
 
 methods: Registry[type[Stepper]] = Registry(

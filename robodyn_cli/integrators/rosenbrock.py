@@ -5,8 +5,8 @@ from __future__ import annotations
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.factors import RealFactors
 from robodyn_cli.integrators.layout import Real, Whole
-from robodyn_cli.integrators.loop import Attempt, Stepper
 from robodyn_cli.integrators.rosenbrock_tables import RODAS5P, ROSENBROCK23, RosenbrockTable
+from robodyn_cli.integrators.stepper import Attempt, Stepper
 from robodyn_cli.integrators.writer import Writer
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Value

@@ -14,8 +14,8 @@ from robodyn_cli.formulations.system import EventFunction
 from robodyn_cli.integrators import integrator as module
 from robodyn_cli.integrators import writer
 from robodyn_cli.integrators.integrator import Grid, Integrator, Options
-from robodyn_cli.integrators.loop import Stepper
 from robodyn_cli.integrators.registry import methods
+from robodyn_cli.integrators.stepper import Stepper
 from robodyn_cli.kernels import compiler
 from tests import systems
 from tests.systems import (
