@@ -145,7 +145,7 @@ def compile_module(key: str, write: Callable[[], str], level: int = 1) -> Compil
     ----------
     key : digest of everything that decides the code, other than the processor and robodyn's own version.
     write : writes the IR text; called only when there is no cached object.
-    level : optimisation level 0 to 3. Level 1 runs as fast as 2 and 3 on these graphs.
+    level : optimisation level of the code generator, 0 to 3. Level 1 runs as fast as 2 and 3 on these graphs.
     """
     start = time.perf_counter()
     m = machine()
@@ -164,7 +164,7 @@ def compile_module(key: str, write: Callable[[], str], level: int = 1) -> Compil
     path = folder / f"{digest[:40]}.o" if folder else None
     code = _read(path) if path else None
     if code is None:
-        code = _compile(llvm, target, write(), level)
+        code = _compile(llvm, target, write())
         if path:
             _write(path, code)
         REPORT.compiled += 1
@@ -180,13 +180,22 @@ def compile_module(key: str, write: Callable[[], str], level: int = 1) -> Compil
     return module
 
 
-def _compile(llvm: Any, target: Any, text: str, level: int) -> bytes:
+def _compile(llvm: Any, target: Any, text: str) -> bytes:
+    """Return an object file.
+
+    LLVM's own pipelines take as long as parsing and code generation together, and their code runs no faster: constants
+    are folded and common expressions found before the text is written. What is left to do are sums in a better order
+    (the flags allow that, and it is worth a tenth of the run time), identities of single instructions, and jumps.
+    """
     parsed = llvm.parse_assembly(text)
     parsed.verify()
-    options = llvm.create_pipeline_tuning_options(speed_level=level)
-    options.slp_vectorization = False
-    options.loop_vectorization = False
-    options.loop_unrolling = False
-    builder = llvm.create_pass_builder(target, options)
-    builder.getModulePassManager().run(parsed, builder)
+    builder = llvm.create_pass_builder(target, llvm.create_pipeline_tuning_options())
+    passes = llvm.create_new_function_pass_manager()
+    passes.add_sroa_pass()
+    passes.add_reassociate_pass()
+    passes.add_instruction_combine_pass()
+    passes.add_simplify_cfg_pass()
+    for function in parsed.functions:
+        if not function.is_declaration:
+            passes.run(function, builder)
     return bytes(target.emit_object(parsed))
