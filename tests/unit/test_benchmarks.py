@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import subprocess
 import sys
@@ -168,3 +169,28 @@ def test_start_up_imports(arguments: list[str], absent: set[str], tmp_path: Path
     assert "robodyn_cli.cli.runner" in loaded
     # typer converts values with pydantic, unless cli/quick.py spares it that
     assert not (absent | {"scipy", "pydantic"}) & loaded
+
+
+def test_pages_show_tables_of_scripts_that_exist(tmp_path: Path) -> None:
+    """And a table that a run prints anew comes into its place, and nothing else changes."""
+    spec = importlib.util.spec_from_file_location("make_benchmarks", ROOT / "docs" / "make_benchmarks.py")
+    assert spec and spec.loader
+    pages = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(pages)
+    for name in pages.PAGES:
+        page = (pages.DOCS / name).read_text(encoding="utf-8")
+        marks = list(pages.MARK.finditer(page))
+        assert marks
+        for mark in marks:
+            assert (BENCHMARKS / f"{mark[1]}.py").exists(), mark[0]
+            assert mark[2] == "all" or page[mark.end()] == "|", f"no table behind {mark[0]}"
+        assert pages.filled(page, tmp_path) == page
+    page = "# A\n\n<!-- one 2 -->\n\n| old |\n|---|\n\nwords\n\n<!-- two all -->\n\nold words\n\n## B\n"
+    (tmp_path / "one.txt").write_text(
+        "machine\n\n| first |\n|---|\n\n| new |\n|---|\n| 1 |\n", encoding="utf-8"
+    )
+    (tmp_path / "two.txt").write_text("machine\n\nnew words\n\n| t |\n", encoding="utf-8")
+    new = "# A\n\n<!-- one 2 -->\n\n| new |\n|---|\n| 1 |\n\nwords\n\n<!-- two all -->\n\nnew words\n\n| t |\n\n## B\n"
+    assert pages.filled(page, tmp_path) == new
+    with pytest.raises(SystemExit, match=r"one\.txt has 2 tables"):
+        pages.filled(page.replace("one 2", "one 3"), tmp_path)
