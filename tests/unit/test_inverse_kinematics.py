@@ -17,6 +17,9 @@ from tests.unit.arms import SEVEN, SEVEN_GUESS, STANDARD_2R, differences, follow
 
 TIMES = np.linspace(0.0, 10.0, 1001)
 CIRCLE = "{type: circle, point: tip, center: [0.9, 0.7], radius: 0.25, duration: 10, ik: {%s}}"
+# the closed form, and Newton's method, on the same branch
+BOTH = ("branch: elbow_up", "method: newton, branch: elbow_up")
+each_ik = pytest.mark.parametrize("ik", BOTH)
 
 
 def cartesian(position: str, ik: str, point: str = "tip", duration: float = 1.0) -> str:
@@ -157,7 +160,7 @@ def test_newton_agrees_with_the_closed_form() -> None:
 def test_turns_are_counted_however_few_the_samples(samples: int) -> None:
     path = "{type: circle, point: tip, center: [0.1, 0], radius: 1.0, duration: 4, turns: 25, ik: {%s}}"
     times = np.linspace(0.0, 4.0, samples)
-    for ik in ("branch: elbow_up", "method: newton, branch: elbow_up"):
+    for ik in BOTH:
         if "newton" in ik and samples not in (3, 40):
             continue
         found, model, s = follow(STANDARD_2R, path % ik, times)
@@ -176,7 +179,7 @@ def test_a_guess_chooses_branch_and_turn() -> None:
 
 
 # -- what cannot be followed --------------------------------------------------------------------------------
-@pytest.mark.parametrize("ik", ["branch: elbow_up", "method: newton, branch: elbow_up"])
+@each_ik
 def test_a_target_out_of_reach_is_named(ik: str) -> None:
     path = (
         "{type: circle, point: tip, center: [1.3, 0.7], radius: 0.6, duration: 10, start: 180 deg, ik: {%s}}"
@@ -205,7 +208,7 @@ def test_too_near_to_the_base_is_out_of_reach_too() -> None:
     assert abs(caught.value.details["worst_distance"] - 0.2) < 1e-12
 
 
-@pytest.mark.parametrize("ik", ["branch: elbow_up", "method: newton, branch: elbow_up"])
+@each_ik
 def test_a_planar_arm_cannot_leave_its_plane(ik: str) -> None:
     with pytest.raises(GeometryError) as caught:
         follow(
@@ -221,7 +224,7 @@ EQUAL = STANDARD_2R.replace("a: 0.8", "a: 1.0")
 
 
 @pytest.mark.parametrize("shift", ["0", "0.0037"], ids=["at a sample", "between samples"])
-@pytest.mark.parametrize("ik", ["branch: elbow_up", "method: newton, branch: elbow_up"])
+@each_ik
 def test_through_the_base_is_singular(ik: str, shift: str) -> None:
     # the tip of an arm with equal links runs straight through the first joint: the links fold up there
     with pytest.raises(SingularConfigurationError) as caught:
@@ -234,7 +237,7 @@ def test_through_the_base_is_singular(ik: str, shift: str) -> None:
     assert abs(caught.value.details["time"] - 0.5 - float(shift)) < 1e-4
 
 
-@pytest.mark.parametrize("ik", ["branch: elbow_up", "method: newton, branch: elbow_up"])
+@each_ik
 def test_touching_the_limit_of_the_workspace_is_singular(ik: str) -> None:
     # stretched out at t = 0.5 + 0.0037, between two samples
     with pytest.raises((SingularConfigurationError, GeometryError)) as caught:
@@ -247,7 +250,7 @@ def test_touching_the_limit_of_the_workspace_is_singular(ik: str) -> None:
 
 
 def test_leaving_the_reach_between_two_samples_is_seen() -> None:
-    for ik in ("branch: elbow_up", "method: newton, branch: elbow_up"):
+    for ik in BOTH:
         with pytest.raises(GeometryError) as caught:
             follow(
                 EQUAL,
