@@ -39,7 +39,10 @@ def gauss_table(s: int) -> GaussTable:
     with localcontext() as context:
         context.prec = 60
         orthogonal = legendre(s)
-        c = roots(orthogonal[s], (np.polynomial.legendre.leggauss(s)[0] + 1) / 2)
+        # Golub and Welsch 1969: the roots on [-1, 1] are eigenvalues of the recurrence
+        k = np.arange(1, s)
+        recurrence = np.diag(k / np.sqrt(4.0 * k**2 - 1.0), -1)
+        c = roots(orthogonal[s], (np.linalg.eigvalsh(recurrence) + 1) / 2)
         basis = lagrange(c)
         *A, b = integrals(basis, [*c, Decimal(1)])
         A2 = [[sum((A[i][k] * A[k][j] for k in range(s)), Decimal(0)) for j in range(s)] for i in range(s)]

@@ -58,7 +58,7 @@ def radau_table(s: int) -> RadauTable:
         orthogonal = legendre(s)
         # P_s - P_(s-1) has the right Radau points as roots, 1 among them
         top = [a - b for a, b in zip(orthogonal[s], [*orthogonal[s - 1], Decimal(0)])]
-        approximate = np.polynomial.Polynomial([float(x) for x in top]).roots().real
+        approximate = np.roots([float(x) for x in reversed(top)]).real
         nodes = roots(top, np.sort(approximate))
         nodes[-1] = Decimal(1)
         A = np.array(integrals(lagrange(nodes), nodes), dtype=float)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robodyn_cli.kernels.ir import Function, Value, double_type, int_type
 
@@ -86,14 +87,19 @@ def sincos(f: Function, x: Value, fused: bool = True) -> tuple[Value, Value]:
         return with_sign(sine, bits), with_sign(cosine, next_quadrant)
 
 
+def _fit(x: NDArray[np.float64], y: NDArray[np.float64], degree: int) -> list[float]:
+    """Return coefficients, lowest power first. (numpy.polynomial would take longer to import than all this.)"""
+    return [float(c) for c in np.polyfit(x, y, degree)[::-1]]
+
+
 def _fit_log2(degree: int) -> list[float]:
     x = np.cos((np.arange(40) + 0.5) * np.pi / 40) * 0.5 + 1.5
-    return list(np.polynomial.polynomial.polyfit(x, np.log2(x) - 1023, degree))
+    return _fit(x, np.log2(x) - 1023, degree)
 
 
 def _fit_exp2(degree: int) -> list[float]:
     x = np.linspace(-0.5, 0.5, 41)
-    return list(np.polynomial.polynomial.polyfit(x, 2.0**x, degree))
+    return _fit(x, 2.0**x, degree)
 
 
 def rough_power(f: Function, x: Value, exponent: float) -> Value:

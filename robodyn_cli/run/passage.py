@@ -13,7 +13,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from robodyn_cli.equations.dependence import closeness
@@ -59,7 +58,7 @@ class Crossing:
     def states(self, t: Array) -> Array:
         """Return the states (T, nx) within the step."""
         s = 2.0 * (t - self.start) / self.length - 1.0
-        return self.x0 + 0.5 * self.length * legendre.legval(s, self.integral).T.reshape(len(t), -1)
+        return self.x0 + 0.5 * self.length * np.polynomial.legendre.legval(s, self.integral).T.reshape(len(t), -1)
 
 
 class Passage:
@@ -178,7 +177,7 @@ class Passage:
             change, stages = float(np.abs(new - stages).max()), new
             if not change > SETTLED * size:
                 break
-        series = legendre.legfit(2.0 * T.c - 1.0, F, STAGES - 1)
+        series = np.polynomial.legendre.legfit(2.0 * T.c - 1.0, F, STAGES - 1)
         last, whole = np.abs(series[-2:]).max(), np.abs(series).max()
         end = x + length * (T.b @ F)
         behind = self.observer.project(np.array([t + length]), end[None].copy())[0]
@@ -192,7 +191,7 @@ class Passage:
         if not abs(lost) <= BALANCE * max(kinetic, 1e-300):
             raise self._failure(t + half, f"energy would change by {lost:.3g} J")
         return Crossing(
-            t, length, x.copy(), np.asarray(legendre.legint(series, lbnd=-1), dtype=float), behind
+            t, length, x.copy(), np.asarray(np.polynomial.legendre.legint(series, lbnd=-1), dtype=float), behind
         )
 
     def _lost(self, t0: float, x0: Array, t1: float, x1: Array) -> tuple[float, float]:
