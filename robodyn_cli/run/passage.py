@@ -58,7 +58,9 @@ class Crossing:
     def states(self, t: Array) -> Array:
         """Return the states (T, nx) within the step."""
         s = 2.0 * (t - self.start) / self.length - 1.0
-        return self.x0 + 0.5 * self.length * np.polynomial.legendre.legval(s, self.integral).T.reshape(len(t), -1)
+        return self.x0 + 0.5 * self.length * np.polynomial.legendre.legval(s, self.integral).T.reshape(
+            len(t), -1
+        )
 
 
 class Passage:
@@ -191,7 +193,11 @@ class Passage:
         if not abs(lost) <= BALANCE * max(kinetic, 1e-300):
             raise self._failure(t + half, f"energy would change by {lost:.3g} J")
         return Crossing(
-            t, length, x.copy(), np.asarray(np.polynomial.legendre.legint(series, lbnd=-1), dtype=float), behind
+            t,
+            length,
+            x.copy(),
+            np.asarray(np.polynomial.legendre.legint(series, lbnd=-1), dtype=float),
+            behind,
         )
 
     def _lost(self, t0: float, x0: Array, t1: float, x1: Array) -> tuple[float, float]:
