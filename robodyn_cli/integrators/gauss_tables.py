@@ -40,8 +40,8 @@ def gauss_table(s: int) -> GaussTable:
         context.prec = 60
         orthogonal = legendre(s)
         # Golub and Welsch 1969: the roots on [-1, 1] are eigenvalues of the recurrence
-        k = np.arange(1, s)
-        recurrence = np.diag(k / np.sqrt(4.0 * k**2 - 1.0), -1)
+        n = np.arange(1, s)
+        recurrence = np.diag(n / np.sqrt(4.0 * n**2 - 1.0), -1)
         c = roots(orthogonal[s], (np.linalg.eigvalsh(recurrence) + 1) / 2)
         basis = lagrange(c)
         *A, b = integrals(basis, [*c, Decimal(1)])
