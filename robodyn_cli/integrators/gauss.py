@@ -83,7 +83,7 @@ class Gauss(Corrected):
         nodes = f.constant(list(T.c))
         rms = self._rms(w)
         self._weigh(w, h, lambda j: rms[j])
-        self._predict(w, h)
+        self._predict(w, t, h)
         wide_h, wide_h2 = f.splat(h, lanes), f.splat(h * h, lanes)
         times = f.muladd(wide_h, nodes, f.splat(t, lanes))
         for j in w.each(w.nv):
@@ -212,13 +212,16 @@ class Gauss(Corrected):
         total = total if sums[1] is None else total + sums[1]
         return total if factor is None else f.muladd(factor, total, start)
 
-    def _predict(self, w: Writer, h: Value) -> None:
-        """Extrapolate the previous step's rates to the new stages."""
+    def _predict(self, w: Writer, t: Value, h: Value) -> None:
+        """Evaluate the rates that are kept at the new stages: of the step before, or of this one before it was cut."""
         f = w.f
         lanes = self.lanes
-        old_h = w.get(Real.H_OLD)
-        stretch = h / old_h
-        u = f.splat(stretch, lanes) * f.constant(list(self.table.c))
+        length = w.get(Real.DENSE_STEP)
+        per_length = 1.0 / f.select(f.compare("ogt", length, 0.0), length, h)
+        with f.strict():
+            ahead = t - w.get(Real.DENSE_END)
+        stages = f.constant(list(self.table.c))
+        u = f.muladd(f.splat(h * per_length, lanes), stages, f.splat(ahead * per_length, lanes))
         for j in w.each(w.rates):
             address = self._polynomial(w, j)
             p = f.splat(f.load(f.offset(address, self.stages - 1)), lanes)
@@ -298,6 +301,8 @@ class Gauss(Corrected):
         f, T = w.f, self.table
         if self.adaptive:
             w.put(Real.MEMORY_2, self.last_error)
+        w.put(Real.DENSE_END, t + h)
+        w.put(Real.DENSE_STEP, h)
         # samples beyond the step's end are not this step's business
         with f.when(w.due(t + h, 2.0 * SLACK)):
             self._refine(w, t, h)

@@ -25,7 +25,9 @@ class Real:
     MEMORY_2 = 14
     EVENT_GUESS = 15  # where dense output has the event, and the slope of its function there
     EVENT_SLOPE = 16
-    SIZE = 17  # event function values follow
+    DENSE_END = 17  # the step whose rates the method keeps to predict from, which a located event has shortened
+    DENSE_STEP = 18
+    SIZE = 19  # event function values follow
 
 
 class Whole:
