@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.system import EventFunction
-from robodyn_cli.record import record
+from robodyn_cli.integrators.layout import FINE
+from robodyn_cli.record import mutable_record, record
 
 Array = NDArray[np.float64]
 Numbers = Sequence[float] | Array
@@ -25,7 +26,7 @@ TRIALS = 200
 PATIENCE = 3  # secant trials that may fail to halve the bracket before it is bisected; fewer each time
 
 
-@record
+@mutable_record
 class Event:
     """An event that happened: which function, when, and the state (q, v, z) there."""
 
@@ -111,7 +112,7 @@ def first_roots(
 
 def resolution(a: float, b: float) -> float:
     """Return how narrow a bracket between these times can sensibly become."""
-    return 4e-16 * max(abs(a), abs(b))
+    return FINE * max(abs(a), abs(b))
 
 
 def _root(index: int, values: Values, a: float, g_a: float, b: float, g_b: float) -> Root | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import dataclasses
 import math
 from collections import deque
@@ -16,21 +15,15 @@ from numpy.typing import NDArray
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.charted import Parameters
+from robodyn_cli.integrators.engine import Engine
 from robodyn_cli.integrators.events import Event as Event
-from robodyn_cli.integrators.events import Found, chatter, crosses, first_roots, resolution
+from robodyn_cli.integrators.events import Found, Root, chatter, crosses, first_roots, resolution
 from robodyn_cli.integrators.grid import Grid as Grid
 from robodyn_cli.integrators.layout import Real, Status, Whole
-from robodyn_cli.integrators.loop import write_run
-from robodyn_cli.integrators.memory import Memory
-from robodyn_cli.integrators.narrow import bind_narrow
 from robodyn_cli.integrators.options import Counters as Counters
 from robodyn_cli.integrators.options import Options as Options
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.stepper import Stepper
-from robodyn_cli.integrators.trial import bind
-from robodyn_cli.integrators.writer import ARGUMENTS
-from robodyn_cli.kernels.arrays import aligned_zeros
-from robodyn_cli.kernels.compiler import compile_module, machine
 
 Array = NDArray[Any]
 DEFAULTS = Options()
@@ -59,29 +52,11 @@ class Integrator:
     def __init__(self, system: System, method: str = "gauss", parameters: Any = ()) -> None:
         self.system = system
         self.stepper: Stepper = methods[method]()
-        host = machine()
-        compiled = compile_module(
-            f"run {method} {system.digest}{self.stepper.digest(system)}",
-            lambda: write_run(system, methods[method](), host.fused),
-        )
-        self._run = compiled.function("run", *[ctypes.c_void_p] * len(ARGUMENTS), result=ctypes.c_int64)
-        room = compiled.function("memory", ctypes.c_int64, result=ctypes.c_int64)(system.nv)
-        self._fixed = (*system.dynamics.memory(), aligned_zeros(room))
-        self._switching: Callable[..., None] | None = None
-        if system.events:
-            self._switching, self._trial = bind(compiled)
-            self._narrow = bind_narrow(compiled)
         self.parameters = Parameters(system, parameters if len(parameters) else system.parameters)
         self.p = self.parameters.values
-        self.memory = Memory(len(system.events), system.size, self.stepper.dense_size(system))
+        self.engine = Engine(system, method, self.p)
+        self.memory = self.engine.memory
         self.w, self.n, self.y = self.memory.w, self.memory.n, self.memory.y
-        self._values = np.zeros(len(system.events))
-        self._values_at = self._values.ctypes.data
-        self._bracket = np.zeros((2, 1 + len(system.events)))
-        self._bracket_at = self._bracket.ctypes.data
-        self._saved = self.memory.block.copy()
-        self._saved_at = self._saved.ctypes.data, self._saved.nbytes
-        self._make_room(0)
         self._slice = FIRST_SLICE
         self.tick: Callable[[float], None] | None = None
         self.reset(0.0, np.zeros(system.size))
@@ -107,16 +82,9 @@ class Integrator:
         self._armed = False
         self.parameters.start(time, self.y)
 
-    def _make_room(self, count: int) -> None:
-        """Provide a block for so many doubles of samples, and note where all arrays lie: they never move."""
-        self._out = np.zeros(count)
-        p, *others = (a.ctypes.data for a in (self.p, self._out, *self._fixed))
-        w, n, y, dense = self.memory.addresses
-        self._addresses = (w, n, y, p, dense, *others)
-
     @property
     def time(self) -> float:
-        return float(self.w[Real.T])
+        return self.w[Real.T]
 
     @property
     def state(self) -> Array:
@@ -126,8 +94,7 @@ class Integrator:
     def counters(self) -> Counters:
         n = self.n
         return Counters(
-            int(n[Whole.ACCEPTED]), int(n[Whole.REJECTED]), int(n[Whole.EVALUATIONS]),
-            int(n[Whole.PROJECTIONS]), self.events_seen,
+            n[Whole.ACCEPTED], n[Whole.REJECTED], n[Whole.EVALUATIONS], n[Whole.PROJECTIONS], self.events_seen,
         )  # fmt: skip
 
     def set_state(self, state: Any, signs: Mapping[int, float] | None = None, step: float = math.inf) -> None:
@@ -136,14 +103,15 @@ class Integrator:
         signs : the side from which event functions start, by index. step : the next step is at most so long.
         """
         self.y[:] = state
-        if self._switching is not None:
+        if self.system.events:
             # the next event may come sooner than the last one did, so the step starts short again
             if self.time > self._since:
                 self._restart = RESTART * (self.time - self._since)
                 self._since = self.time
             self.w[Real.H] = min(self.w[Real.H], self._restart, step)
         self._forget()
-        self._watch(signs or {})
+        if self.system.events:
+            self._watch(self.event_values(), signs or {})
 
     # -- running --------------------------------------------------------------------------------------
     def _call(self, end: float) -> Status:
@@ -159,12 +127,12 @@ class Integrator:
             w[Real.H_OLD] = w[Real.H]
         while True:
             # back here every few milliseconds: interrupts are heard, and progress is told
-            most = int(n[Whole.ACCEPTED] + n[Whole.REJECTED]) + self._slice
+            most = n[Whole.ACCEPTED] + n[Whole.REJECTED] + self._slice
             n[Whole.MAX_STEPS] = min(options.max_steps, most)
             start = perf_counter()
-            status = self._run(*self._addresses)
-            if status != Status.MAX_STEPS or most >= options.max_steps:
-                return Status(status)
+            status = self.engine.drive()
+            if status is not Status.MAX_STEPS or most >= options.max_steps:
+                return status
             spent = perf_counter() - start
             if spent < SLICE_TIME:
                 self._slice *= 2
@@ -175,30 +143,24 @@ class Integrator:
 
     def event_values(self) -> list[float]:
         """Return the event functions at the current state."""
-        if self._switching is None:
-            return []
-        w, n, y, p = self._addresses[:4]
-        self._switching(n, w + 8 * Real.T, y, p, self._values_at)
-        values: list[float] = self._values.tolist()
-        return values
+        return self.engine.look() if self.system.events else []
 
-    def _watch(self, signs: Mapping[int, float]) -> None:
-        """Arm the event functions at the current state; those that just fired (``signs``) have their new sign."""
-        if self._switching is None:
-            return
-        for k, (g, event) in enumerate(zip(self.event_values(), self.system.events)):
+    def _watch(self, values: Sequence[float], signs: Mapping[int, float]) -> None:
+        """Arm the event functions, whose values are these; those that just fired (``signs``) have their new sign."""
+        w = self.w
+        for k, (g, event) in enumerate(zip(values, self.system.events)):
             place = Real.SIZE + k
             if k in signs:
-                self.w[place] = signs[k] * max(abs(g), 1e-300)
-            elif g != 0.0 and not crosses(event, self.w[place], g):
+                w[place] = signs[k] * max(abs(g), 1e-300)
+            elif g != 0.0 and not crosses(event, w[place], g):
                 # a function at zero keeps the side it came from, and one that has crossed is found in the next step
-                self.w[place] = g
+                w[place] = g
         self.n[Whole.WATCH] = 1
         self._armed = True
 
     def _forget(self) -> None:
         """Let the event functions start anew, from whichever side they are on."""
-        self.w[Real.SIZE :] = 0.0
+        self.memory.armed.fill(0.0)
         self._armed = False
 
     def advance(self, end: float) -> None:
@@ -237,9 +199,8 @@ class Integrator:
         """
         s = self.system
         capacity = max(1, min(block, grid.count))
-        if len(self._out) != capacity * s.size:
-            self._make_room(capacity * s.size)
-        rows = self._out.reshape(s.size, capacity)
+        if len(self.engine.out) != capacity * s.size:
+            self.engine.make_room(capacity * s.size)
         self.n[Whole.CAPACITY], self.n[Whole.ROWS] = capacity, 0
         first = grid.first_at(self.time)
         self.n[Whole.NEXT_SAMPLE], self.n[Whole.LAST_SAMPLE] = first, grid.count - 1
@@ -248,19 +209,20 @@ class Integrator:
             emit(np.array([self.time]), self.y[None, :].copy())
             self.n[Whole.NEXT_SAMPLE] += 1
         # a chart wears out whether anyone looks or not
-        watch = (watch or self.system.chart is not None) and self._switching is not None
+        watch = (watch or s.chart is not None) and bool(s.events)
         self.n[Whole.WATCH] = watch
         if not watch:
             self._forget()
         elif not self._armed:
-            self._watch({})
+            self._watch(self.event_values(), {})
 
         def flush() -> None:
-            count = int(self.n[Whole.ROWS])
+            count = self.n[Whole.ROWS]
             if count:
-                last = int(self.n[Whole.NEXT_SAMPLE])
+                last = self.n[Whole.NEXT_SAMPLE]
+                rows = self.engine.out.reshape(s.size, capacity)
                 emit(grid.times(last - count, last), rows[:, :count].T.copy())
-                self.n[Whole.ROWS] = 0
+                self.n[Whole.ROWS] = self.memory.saved_n[Whole.ROWS] = 0
 
         crowd: deque[float] = deque(maxlen=CROWD)
         for stop in [*(b for b in s.breakpoints if self.time < b < end), end]:
@@ -270,12 +232,12 @@ class Integrator:
                 if status is Status.DONE:
                     break
                 if status is Status.EVENT:
-                    crowd.append(self.time)
-                    if len(crowd) == CROWD and self.time - crowd[0] <= CROWDED * max(1.0, self.time):
-                        raise chatter(s.events[int(self.n[Whole.EVENT])], self.time)
-                    if not self._handle(self._locate(stop, flush), on_event):
+                    crowd.append(self.memory.saved_w[Real.T])
+                    if len(crowd) == CROWD and crowd[-1] - crowd[0] <= CROWDED * max(1.0, crowd[-1]):
+                        raise chatter(s.events[self.n[Whole.EVENT]], crowd[-1])
+                    if not self._handle(self._locate(stop, grid, flush), on_event):
                         return
-                elif status is not Status.FULL:
+                else:
                     self._check(status)
         if watch:
             self._handle(self._at_end(), on_event)
@@ -286,7 +248,7 @@ class Integrator:
         for k, event in enumerate(events):
             if self.system.events[event.index].renewal:
                 self.parameters.renew(self.time, self.y)
-                self._watch({})
+                self._watch(self.event_values(), {})
                 continue
             self.events_seen += 1
             if on_event is not None:
@@ -298,8 +260,6 @@ class Integrator:
 
     def _at_end(self) -> tuple[Event, ...]:
         """Return the events whose functions have come to zero exactly at the end of the run."""
-        if self._switching is None:
-            return ()
         found = []
         for k, (g, event) in enumerate(zip(self.event_values(), self.system.events)):
             sign = -float(np.sign(self.w[Real.SIZE + k]))
@@ -308,16 +268,35 @@ class Integrator:
                 found.append(Event(event.name, k, self.time, self.state, 0.0))
         return tuple(found)
 
-    def _locate(self, stop: float, flush: Callable[[], None]) -> tuple[Event, ...]:
+    def _locate(self, stop: float, grid: Grid, flush: Callable[[], None]) -> tuple[Event, ...]:
         """Find the first event in the step ahead, and others at the same time, and go there."""
-        events = self.system.events
-        self._saved[:] = self.memory.block
-        t0, last = self.time, int(self.n[Whole.LAST_SAMPLE])
-        arguments = (*self._addresses, *self._saved_at)
-        step = self.options.step or 0.0
-        armed, lost = self.w[Real.SIZE : Real.SIZE + len(events)].tolist(), [math.nan] * len(events)
-        high = min(float(self.w[Real.EVENT_HIGH]), stop)
-        low = min(max(float(self.w[Real.EVENT_LOW]), t0), high)
+        engine, events, n, last = self.engine, self.system.events, self.n, grid.count - 1
+        seen = n[Whole.EVENT]
+        if n[Whole.LOCATED]:
+            time = self.time
+            fine = resolution(self.memory.saved_w[Real.T], time)
+            roots: tuple[Root, ...] = (
+                Root(seen, time - fine, time, -math.copysign(1.0, self.w[Real.SIZE + seen])),
+            )
+            if n[Whole.NEXT_SAMPLE] <= last and grid.begins_by(n[Whole.NEXT_SAMPLE], time):
+                self._go(time, last, flush)
+            n[Whole.LAST_SAMPLE] = last
+        else:
+            time, roots = self._sort_out(seen, stop, flush)
+            # take the step for good, samples included
+            self._go(time, last, flush)
+        self._watch(engine.seen(), {r.index: r.sign for r in roots})
+        return tuple(
+            Event(events[r.index].name, r.index, self.time, self.state, r.high - r.low) for r in roots
+        )
+
+    def _sort_out(self, seen: int, stop: float, flush: Callable[[], None]) -> tuple[float, tuple[Root, ...]]:
+        """Return where to go, and the functions that change sign there, when more than one may do so."""
+        engine, events = self.engine, self.system.events
+        armed, lost = self.memory.armed.tolist(), [math.nan] * len(events)
+        start = self.memory.saved_w[Real.T]
+        high = min(self.w[Real.EVENT_HIGH], stop)
+        low = min(max(self.w[Real.EVENT_LOW], start), high)
         known: dict[float, Sequence[float]] = {}
 
         def values(time: float) -> Sequence[float]:
@@ -326,44 +305,41 @@ class Integrator:
             return known[time]
 
         def trial(time: float) -> Sequence[float]:
-            status = self._trial(*arguments, time, step, -1, self._values_at)
-            if status == Status.DONE:
-                return self._values.tolist()
+            status = engine.trial(time, -1)
+            if status is Status.DONE:
+                return engine.seen()
             try:
-                if status != Status.MAX_STEPS:
+                if status is not Status.MAX_STEPS:
                     return lost
                 self._check(self._call(time))
             except NumericalError:
                 return lost
             return self.event_values()
 
-        def go(time: float, last: int) -> None:
-            status = Status(self._trial(*arguments, time, step, last, self._values_at))
-            while status in (Status.FULL, Status.MAX_STEPS):
-                flush()
-                status = self._call(time)
-                if status is Status.MAX_STEPS:
-                    break
-            flush()
-            self._check(status)
-
-        seen = int(self.n[Whole.EVENT])
-        self._narrow(*arguments, high, step, -1, self._values_at, resolution(t0, high), self._bracket_at)
-        for k, (time, *there) in enumerate(self._bracket.tolist()):
+        for k, (time, *there) in enumerate(engine.bracket.tolist()):
             if time == time:
                 known[time] = there
                 low, high = (time, high) if k == 0 else (min(low, time), time)
-        found = first_roots(events, values, armed, seen, (t0, low, high))
-        if not found.roots and found.time <= t0:
+        found = first_roots(events, values, armed, seen, (start, low, high))
+        if not found.roots and found.time <= start:
             # the step cannot be taken: let it fail where it does
-            go(high, -1)
+            self._go(high, -1, flush)
             found = Found(high)
-        # take the step for good, samples included, and arm the functions beyond
-        go(found.time, last)
-        self._watch({r.index: r.sign for r in found.roots})
-        return tuple(
-            Event(events[r.index].name, r.index, self.time, self.state, r.high - r.low) for r in found.roots
-        )
+        return found.time, found.roots
+
+    def _go(self, time: float, last: int, flush: Callable[[], None]) -> None:
+        """Go to ``time`` from what was saved."""
+        status = self.engine.trial(time, last)
+        arrived = status is Status.DONE
+        while status in (Status.FULL, Status.MAX_STEPS):
+            flush()
+            status = self._call(time)
+            if status is Status.MAX_STEPS:
+                break
+        flush()
+        self._check(status)
+        if not arrived:
+            self.engine.look()
 
     def _check(self, status: Status) -> None:
         if status in (Status.DONE, Status.FULL):

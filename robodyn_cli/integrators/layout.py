@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import enum
 
+FINE = 4e-16  # how narrow the bracket of an event can sensibly become, relative to its time
+
 
 class Real:
     """Places in the array of doubles; plain ints, which index faster than members of an enum."""
@@ -25,7 +27,9 @@ class Real:
     MEMORY_2 = 14
     EVENT_GUESS = 15  # where dense output has the event, and the slope of its function there
     EVENT_SLOPE = 16
-    DENSE_END = 17  # the step whose rates the method keeps to predict from, which a located event has shortened
+    DENSE_END = (
+        17  # the step whose rates the method keeps to predict from, which a located event has shortened
+    )
     DENSE_STEP = 18
     SIZE = 19  # event function values follow
 
@@ -47,6 +51,7 @@ class Whole:
     REJECTED_IN_ROW = 11
     PROJECTIONS = 12
     VELOCITIES = 13  # how many there are, for code that serves systems of any size
+    LOCATED = 14  # the state is at the event that was met, alone
     SIZE = 16
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.layout import Real, Status, Whole
-from robodyn_cli.integrators.narrow import narrow_function
+from robodyn_cli.integrators.narrow import drive_function, narrow_function
 from robodyn_cli.integrators.stepper import SLACK, Stepper
 from robodyn_cli.integrators.trial import switching_function, trial_function
 from robodyn_cli.integrators.writer import LANES, Writer
@@ -123,7 +123,7 @@ def write_run(system: System, method: Stepper, fused: bool) -> str:
         with f.strict():
             spread.add_product(x, 0.0)
     f.ret(f.select_int(f.compare("uno", spread.value, 0.0), int(Status.NOT_FINITE), f.load_int(status)))
-    entries = [f, w.memory_function()]
+    entries = [f, w.memory_function(), drive_function(bool(system.events))]
     if system.events:
         entries += [switching_function(system, fused), trial_function(), narrow_function(len(system.events))]
     return module([*entries, *w.functions.values()])

@@ -1,93 +1,134 @@
-"""The compiled function that goes to where dense output has an event and closes in on it, trial by trial.
+"""The compiled functions that run up to an event, go to where dense output has it, and close in on it by trials.
 
-It decides nothing: what it returns is a bracket of the function that dense output saw change sign, with all values at
-its ends. Which functions cross, and where one of them cannot be followed, is told from these values (``first_roots``).
+They decide little: a crossing that no other function shares is located here; of all others there is a bracket, with
+all values at its ends. Which functions cross there, and where one of them cannot be followed, is told from these
+values (``first_roots``).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from robodyn_cli.integrators.layout import FINE, Real, Status, Whole
+from robodyn_cli.integrators.trial import PLACES, call_run, copy_block, load_places
+from robodyn_cli.integrators.writer import ARGUMENTS
+from robodyn_cli.kernels.ir import Condition, Function, Value
 
-from robodyn_cli.integrators.layout import Real, Status, Whole
-from robodyn_cli.integrators.trial import KINDS, TRIAL_ARGUMENTS, TYPES
-from robodyn_cli.kernels.compiler import CompiledModule
-from robodyn_cli.kernels.ir import Function
+TELLING = 16.0  # resolutions between two trials from which on their secant counts
+TRIALS = 10  # a simple root takes three, one that is shared four
 
-# ``time`` is the latest time to look at, ``resolution`` the width that is wanted, ``bracket`` what comes of it
-NARROW_ARGUMENTS = (*TRIAL_ARGUMENTS, "resolution", "bracket")
-NARROW_KINDS = {**KINDS, "resolution": "double"}
-TRIALS = 10  # a simple root takes four
+
+def drive_function(events: bool) -> Function:
+    """Return ``i64 drive(places)``: ``run``, and where it meets an event ``narrow``; whose result is a ``Status``.
+
+    At an event what the run was before the step lies in ``%saved``.
+    """
+    f = Function("drive", ["ptr %places"], result="i64", flags="")
+    load_places(f, *(PLACES if events else ARGUMENTS))
+    status = call_run(f)
+    if events:
+        with f.when(f.compare_int("eq", status, int(Status.EVENT))):
+            copy_block(f, "%saved", "%w")
+            located = f.emit_int("call i64 @narrow(ptr %places)")
+            f.store_int(located, f.offset("%n", int(Whole.LOCATED)))
+    f.ret(status)
+    return f
 
 
 def narrow_function(count: int) -> Function:
-    """Return ``void narrow(...)`` with ``NARROW_ARGUMENTS``, for so many event functions.
+    """Return ``i64 narrow(places)`` for so many event functions; 1 if the state is at an event that stands alone.
 
-    Secants, each going half a resolution beyond its root, so that the last two lie on either side; bisection where a
-    secant leaves the bracket. It gives up where a trial fails or meets a value of zero, or beyond (T, ``time``).
+    Secants, each going a little beyond its root, until one lies beyond it by less than the resolution. If no other
+    function has changed its sign on the way there, that is the event; else the secants go on until the last two lie
+    on either side, with bisection where a secant leaves the bracket. They give up where a trial fails or meets
+    values of zero, or beyond (T, T_END).
 
     bracket : two rows of 1 + count, a time and the values there, before and after the sign change; the time is NaN
     where no trial was on that side.
     """
-    f = Function("narrow", [f"{NARROW_KINDS.get(a, 'ptr')} %{a}" for a in NARROW_ARGUMENTS], flags="")
+    f = Function("narrow", ["ptr %places"], result="i64", flags="")
+    load_places(f, "w", "n", "values", "bracket")
     a_row, b_row = "%bracket", f.offset("%bracket", 1 + count)
     x_slot, slope_slot, old_x, old_g = f.slot(), f.slot(), f.slot(), f.slot()
-    step, leave = f.label("step"), f.label("leave")
-    start, end, half = f.load(f.offset("%w", Real.T)), f.argument("time"), f.argument("resolution") * 0.5
+    start, high = f.load(f.offset("%w", Real.T)), f.load(f.offset("%w", Real.EVENT_HIGH))
+    end = f.min(high, f.load(f.offset("%w", Real.T_END)))
+    resolution = f.max(f.abs(start), f.abs(end)) * FINE
     which = f.load_int(f.offset("%n", Whole.EVENT))
     slope = f.load(f.offset("%w", Real.EVENT_SLOPE))
     rising = f.compare("ogt", slope, 0.0)
-    nan = float("nan")
     f.store(f.load(f.offset("%w", Real.EVENT_GUESS)), x_slot)
     f.store(slope, slope_slot)
     for place in (a_row, b_row, old_x):
-        f.store(nan, place)
+        f.store(float("nan"), place)
     f.store(0.0, old_g)
     rounds = f.int_slot()
     f.store_int(0, rounds)
+    step, go, arrived, zero, aside, close, onward, leave, located = (
+        f.label(x) for x in ("step", "go", "arrived", "zero", "aside", "close", "onward", "leave", "located")
+    )
     f.jump(step)
 
     f.place(step)
     x = f.load(x_slot)
     inside = f.compare("ogt", x, start) & f.compare("ole", x, end)
-    inside = inside & f.compare_int("slt", f.bump(rounds), TRIALS + 1)
-    go, arrived, beyond = f.label("go"), f.label("arrived"), f.label("beyond")
-    f.branch(inside, go, leave)
+    f.branch(inside & f.compare_int("slt", f.bump(rounds), TRIALS + 1), go, leave)
     f.place(go)
-    passed = ", ".join(f"{KINDS.get(a, 'ptr')} {x.ref if a == 'time' else f'%{a}'}" for a in TRIAL_ARGUMENTS)
-    status = f.emit_int(f"call i64 @trial({passed})")
+    status = f.emit_int(f"call i64 @trial(ptr %places, double {x.ref}, i64 -1)")
     g = f.load(f.offset("%values", which))
-    useful = f.compare_int("eq", status, int(Status.DONE)) & f.compare("one", g, 0.0)
-    f.branch(useful, arrived, leave)
+    f.branch(f.compare_int("eq", status, int(Status.DONE)) & f.compare("ord", g, 0.0), arrived, leave)
 
     f.place(arrived)
+    half = resolution * 0.5
+    f.branch(f.compare("oeq", g, 0.0), zero, aside)
+    f.place(zero)
+    # zero belongs to neither side
+    f.store(x + half, x_slot)
+    f.jump(step)
+
+    f.place(aside)
     after = f.compare("ogt", f.select(rising, g, -g), 0.0)
     row = f.name(f"select i1 {after.ref}, ptr {b_row}, ptr {a_row}")
     f.store(x, row)
     with f.count(count) as k:
         f.store(f.load(f.offset("%values", k)), f.offset(f.offset(row, 1), k))
-    a, b = f.load(a_row), f.load(b_row)
-    f.branch(f.compare("ole", b - a, f.argument("resolution")), leave, beyond)
-
-    f.place(beyond)
-    secant = (g - f.load(old_g)) / (x - f.load(old_x))
-    # between two values of rounding a secant says nothing: its sign is that of the crossing, or the last one stays
+    moved = x - f.load(old_x)
+    secant = (g - f.load(old_g)) / moved
+    # between two values of rounding a secant says nothing: the last one stays
     sound = f.compare("ogt", f.select(rising, secant, -secant), 0.0) & f.compare("olt", f.abs(secant), 1e300)
+    sound = sound & f.compare("ogt", f.abs(moved), resolution * TELLING)
     slope = f.select(sound, secant, f.load(slope_slot))
     f.store(slope, slope_slot)
     f.store(x, old_x)
     f.store(g, old_g)
-    distance = f.abs(g / slope) + half
-    onward = f.select(after, x - distance, x + distance)
+    beyond = f.abs(g / slope)
+    f.branch(after & f.compare("ole", beyond, resolution), close, onward)
+    f.place(close)
+    f.branch(_alone(f, count), located, onward)
+
+    f.place(onward)
+    a, b = f.load(a_row), f.load(b_row)
+    bracketed, apart = f.compare("ole", b - a, resolution), f.label("apart")
+    f.branch(bracketed, leave, apart)
+    f.place(apart)
+    distance = beyond + half
+    aim = f.select(after, x - distance, x + distance)
     # comparisons with an end that is not known yet are false
-    out = f.compare("ole", onward, a) | f.compare("oge", onward, b)
-    f.store(f.select(out, (a + b) * 0.5, onward), x_slot)
+    out = f.compare("ole", aim, a) | f.compare("oge", aim, b)
+    f.store(f.select(out, (a + b) * 0.5, aim), x_slot)
     f.jump(step)
+    f.place(located)
+    f.ret(1)
     f.place(leave)
-    f.ret()
+    f.ret(0)
     return f
 
 
-def bind_narrow(compiled: CompiledModule) -> Callable[..., None]:
-    """Return ``narrow`` of a module as a ctypes callable."""
-    kinds = (TYPES[NARROW_KINDS.get(a, "ptr")] for a in NARROW_ARGUMENTS)
-    return compiled.function("narrow", *kinds)
+def _alone(f: Function, count: int) -> Condition:
+    """Return whether just one event function has changed its sign since before the step."""
+    changed = f.int_slot()
+    f.store_int(0, changed)
+    with f.count(count) as k:
+        before = f.load(f.offset(f.offset("%w", Real.SIZE), k))
+        g: Value = f.load(f.offset("%values", k))
+        above = f.compare("ogt", before, 0.0) & f.compare("ogt", g, 0.0)
+        below = f.compare("olt", before, 0.0) & f.compare("olt", g, 0.0)
+        f.store_int(f.load_int(changed) + f.select_int(above | below, 0, 1), changed)
+    return f.compare_int("eq", f.load_int(changed), 1)

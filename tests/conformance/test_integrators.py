@@ -11,8 +11,8 @@ import pytest
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr import functions as f
 from robodyn_cli.formulations.system import EventFunction
+from robodyn_cli.integrators import engine, writer
 from robodyn_cli.integrators import integrator as module
-from robodyn_cli.integrators import writer
 from robodyn_cli.integrators.integrator import Grid, Integrator, Options
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.stepper import Stepper
@@ -820,7 +820,7 @@ def test_without_fused_multiply_add_too(method: str, monkeypatch: pytest.MonkeyP
     monkeypatch.setenv("ROBODYN_CACHE", "off")
     monkeypatch.setattr(compiler, "_loaded", {})
     host = compiler.machine()
-    monkeypatch.setattr(module, "machine", lambda: dataclasses.replace(host, fused=False))
+    monkeypatch.setattr(engine, "machine", lambda: dataclasses.replace(host, fused=False))
     case = systems.pendulums(0.5, 1.5)
     assert end_error(case, advance(case, method, 5.0, **fine(method))) < 10 * fine_error(method)
 

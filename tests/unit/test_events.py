@@ -11,6 +11,7 @@ from robodyn_cli.expr import functions as f
 from robodyn_cli.formulations.system import EventFunction
 from robodyn_cli.integrators.events import Found, Root, crosses, first_roots
 from robodyn_cli.integrators.integrator import Event, Grid, Integrator
+from robodyn_cli.integrators.layout import Status
 from robodyn_cli.integrators.registry import methods
 from tests.systems import collect, events_of, is_low, settings, system, within_reach
 
@@ -332,16 +333,16 @@ def test_trials_are_counted_too(method: str) -> None:
     spent = np.zeros(3, dtype=int)
 
     def counting(function: Any) -> Any:
-        def call(*arguments: Any) -> int:
+        def call(*arguments: Any) -> Status:
             before = np.array(list(integrator.counters.as_dict().values())[:3])
-            status: int = function(*arguments)
+            status: Status = function(*arguments)
             spent[:] += np.array(list(integrator.counters.as_dict().values())[:3]) - before
             return status
 
         return call
 
-    for name in ("_run", "_trial", "_narrow"):
-        setattr(integrator, name, counting(getattr(integrator, name)))
+    for name in ("drive", "trial"):
+        setattr(integrator.engine, name, counting(getattr(integrator.engine, name)))
     integrator.run(10.0, Grid(0.0, 0.5, 21), lambda t, x: None, lambda e: True)
     assert list(integrator.counters.as_dict().values())[:3] == spent.tolist()
 

@@ -139,7 +139,9 @@ def test_same_steps_and_states(name: str, method: str, monkeypatch: pytest.Monke
 @pytest.mark.parametrize("name", ["free", "slides", "planar"])
 def test_same_states_by_collocation(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     loops, graph, start = systems(SCENES[name], monkeypatch)
-    (a, one), (b, other) = (run(s, start, "gauss", METHODS["gauss"]) for s in (loops, graph))
+    # a front of friction may hide between the nodes of a long step, as rounding has it
+    options = dataclasses.replace(METHODS["gauss"], max_step=0.01)
+    (a, one), (b, other) = (run(s, start, "gauss", options) for s in (loops, graph))
     assert abs(one.counters.steps - other.counters.steps) <= 1
     np.testing.assert_allclose(a, b, rtol=0, atol=1e-9 * np.abs(b).max())
 
@@ -328,7 +330,7 @@ def test_a_thousand_joints() -> None:
     x, integrator = run(system, start, "gauss", Options(1e-4, 1e-6), end=0.005, count=2)
     assert np.all(np.isfinite(x)) and integrator.counters.steps > 0
     plan = RolledPlan(system.dynamics.model, "forward")  # type: ignore[attr-defined]
-    memory = sum(a.nbytes for a in (*integrator._fixed, integrator.memory))
+    memory = sum(a.nbytes for a in (*integrator.engine.fixed, integrator.memory))
     assert memory < 20_000 * plan.nv
 
 
