@@ -10,6 +10,7 @@ from robodyn_cli.run.stability_scenes import (
     GRAVITY,
     LECTURE_ARM,
     PARALLELOGRAM,
+    RAISED,
     arm,
     chain,
     governor,
@@ -150,6 +151,7 @@ CASES: tuple[Case, ...] = (
         lambda quick: scene(
             "Parallelogram started 1e-8 rad from its flat pose",
             PARALLELOGRAM,
+    RAISED,
             "{q: {theta1: 3.14159264358979, phi2: -3.14159264358979, phi1: 3.14159264358979}, hold: [theta1]}",
             1.0,
             "[0, 0, 0]",
@@ -206,8 +208,9 @@ CASES: tuple[Case, ...] = (
         "rigid_stops",
         lambda quick: arm(
             "Two-link arm swinging into rigid stops",
-            2.0,
+            3.0,
             second=", limits: {lower: -1, upper: 1, stop: {restitution: 0.6}}",
+            start=RAISED,
         ),
         "stable: every impact is met at its instant, and the joint comes to rest on its stop",
         relative=1e-4,
@@ -219,6 +222,7 @@ CASES: tuple[Case, ...] = (
             2.0 if quick else 5.0,
             torques='{theta2: "-1e6*max(theta2 - 1, 0) - 1e6*min(theta2 + 1, 0)'
             ' - if(abs(theta2) > 1, 300*qd.theta2, 0)"}',
+            start=RAISED,
         ),
         "stable: every impact is met at its instant",
         relative=1e-4,
