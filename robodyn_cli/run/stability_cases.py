@@ -151,7 +151,6 @@ CASES: tuple[Case, ...] = (
         lambda quick: scene(
             "Parallelogram started 1e-8 rad from its flat pose",
             PARALLELOGRAM,
-    RAISED,
             "{q: {theta1: 3.14159264358979, phi2: -3.14159264358979, phi1: 3.14159264358979}, hold: [theta1]}",
             1.0,
             "[0, 0, 0]",
