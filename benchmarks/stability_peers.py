@@ -4,8 +4,8 @@
 
 Errors are the largest of any position or rate over its range, against the suite's own reference, whose two methods
 agree. Springs, dampers and dry friction of joints, loops and rigid stops are the engines' own as far as they have them
-(``suite_peers``); other torques are functions of ours, applied once a step in MuJoCo. A case that has to stop is told in
-words. Engines that are not installed are left out.
+(``suite_peers``); other torques are functions of ours, applied once a step in MuJoCo. A case that has to stop is told
+in words. Engines that are not installed are left out.
 """
 
 from __future__ import annotations
@@ -18,16 +18,20 @@ import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
+
+import measure  # noqa: E402
+
+measure.single_thread()
+
+import numpy as np  # noqa: E402
+from suite_peers import exudyn, mujoco, scipy  # noqa: E402
+from suite_peers.case import SECONDS, Mechanism, Refused, Run, TooSlow  # noqa: E402
 
 from robodyn_cli.run.stability_cases import CASES, Case  # noqa: E402
 from robodyn_cli.run.stability_suite import _spectrum  # noqa: E402
 from robodyn_cli.run.trial import INACCURATE, Budget, Reference, attempt, reference  # noqa: E402
-from suite_peers import exudyn, mujoco, scipy  # noqa: E402
-from suite_peers.case import SECONDS, Mechanism, Refused, Run, TooSlow  # noqa: E402
 
 ENGINES = {"mujoco": mujoco.runs, "exudyn": exudyn.runs, "scipy": scipy.runs}
 BUDGET = Budget(2_000_000, 20.0)
@@ -38,7 +42,7 @@ SAME = 0.02  # rad between crank and follower of a parallelogram; on its other b
 
 def outcome(run: Run, times: np.ndarray) -> tuple[dict[str, Any], np.ndarray | None]:
     """Return what is known of a peer's run without a reference, and its states (T, n) if there are any."""
-    began = time.perf_counter()
+    began = time.process_time()
     states = None
     try:
         with np.errstate(all="ignore"):
@@ -49,10 +53,10 @@ def outcome(run: Run, times: np.ndarray) -> tuple[dict[str, Any], np.ndarray | N
     except Refused as error:
         return {"status": str(error), "relative": None, "seconds": 0.0}, None
     except Exception as error:  # a peer may fail in ways of its own
-        status = "model refused" if "inertia" in str(error) else "failed"
-        found = {"status": status, "relative": None, "seconds": time.perf_counter() - began}
+        status = "model refused" if "inertia" in str(error) else "gives up"
+        found = {"status": status, "relative": None, "seconds": time.process_time() - began}
         return {**found, "message": str(error)}, None
-    found = {"status": status, "relative": None, "seconds": time.perf_counter() - began}
+    found = {"status": status, "relative": None, "seconds": time.process_time() - began}
     return found, states if status == "stable" else None
 
 
@@ -117,9 +121,7 @@ def shown(run: dict[str, Any] | None) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--cases", default="", help="names of the suite's cases; default: all"
-    )
+    parser.add_argument("--cases", default="", help="names of the suite's cases; default: all")
     parser.add_argument("--json", type=Path, help="write everything there")
     options = parser.parse_args()
     names = options.cases.split(",") if options.cases else [c.name for c in CASES]

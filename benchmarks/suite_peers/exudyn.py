@@ -1,32 +1,38 @@
-"""A case in Exudyn: the tree in minimal coordinates (``ObjectKinematicTree``), loops closed by joints on its markers.
+"""A case in Exudyn: trees in minimal coordinates (``ObjectKinematicTree``), plane loops as bodies with joints.
 
-Springs and dampers are the tree's own. Dry friction and rigid stops come from ``CoordinateSpringDamperExt``: bristles or
-a steep slope, and stiff limit stops. Everything else is a Python function of the tree.
+Springs and dampers are the tree's own. Dry friction and rigid stops come from ``CoordinateSpringDamperExt``: bristles
+or a steep slope, and stiff limit stops. Everything else is a Python function of the tree.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import functools
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 
-from suite_peers.case import Clock, Mechanism, Refused, Run, TooSlow
+from robodyn_cli.algorithms.crba import crba
+from suite_peers import exudyn_plane
+from suite_peers.case import Clock, Mechanism, Run, TooSlow
 from suite_peers.mujoco import damping_ratio
 from tests.engines import mass_properties, real
 
+SOLVERS = (("gen.-alpha", "GeneralizedAlpha"), ("trapezoidal", "TrapezoidalIndex2"))
 LEAST_STEPS, STEP = 4000, 1e-3
-BRISTLE = 1e6  # N m/rad, of exact sticking
+BRISTLE, BRISTLE_DAMPING = 1e8, 1e6  # N m/rad, N m s/rad: what holds a joint that sticks
 CONTACT = 8.0  # steps that an impact on a rigid stop lasts
 
 
 def runs(case: Mechanism) -> Iterator[tuple[str, Run]]:
-    """Yield generalized-alpha with steps of a millisecond, or 4000 in all."""
+    """Yield the implicit integrators of index 3 and 2, with steps of a millisecond, or 4000 in all."""
     import exudyn as exu
 
-    def run(times: np.ndarray) -> np.ndarray:
+    make = exudyn_plane.build if case.model.loops else build
+
+    def run(times: np.ndarray, kind: str) -> np.ndarray:
         each = max(1, round(max(LEAST_STEPS, times[-1] / STEP) / (len(times) - 1)))
-        system, sensors = build(case, times[1] / each)
+        system, read = make(case, times[1] / each)
         clock = Clock()
         system.SetPreStepUserFunction(lambda mbs, t: not clock.up)
         system.Assemble()
@@ -37,25 +43,20 @@ def runs(case: Mechanism) -> Iterator[tuple[str, Run]]:
         settings.solutionSettings.writeSolutionToFile = False
         settings.solutionSettings.sensorsWritePeriod = times[1]
         settings.displayStatistics = settings.displayComputationTime = False
-        system.SolveDynamic(settings, solverType=exu.DynamicSolverType.GeneralizedAlpha)
+        system.SolveDynamic(settings, solverType=getattr(exu.DynamicSolverType, kind))
         if clock.up:
             raise TooSlow
-        order = [body.v for body in case.model.bodies]
-        found = []
-        for sensor in sensors:
-            data = system.GetSensorStoredData(sensor)
-            if len(data) < len(times):
-                raise ArithmeticError("the solver gives up")
-            ours = np.empty((len(times), len(order)))
-            ours[:, order] = data[: len(times), 1:]
-            found.append(ours)
-        return np.concatenate(found, axis=1)
+        found = read()
+        if len(found) < len(times):
+            raise ArithmeticError("the solver gives up")
+        return found[: len(times)]
 
-    yield "Exudyn gen.-alpha", run
+    for name, kind in SOLVERS:
+        yield f"Exudyn {name}", functools.partial(run, kind=kind)
 
 
-def build(case: Mechanism, step: float) -> tuple[Any, list[int]]:
-    """Return the system and its sensors of coordinates and rates, in the order of the bodies."""
+def build(case: Mechanism, step: float) -> tuple[Any, Callable[[], np.ndarray]]:
+    """Return the system of an open tree, and what reads its states (T, 2 nv) in our order."""
     import exudyn as exu
     from exudyn import itemInterface as items
 
@@ -88,7 +89,7 @@ def build(case: Mechanism, step: float) -> tuple[Any, list[int]]:
             return list((case.torques(t, x, xd) - case.passive(x, xd))[order])
 
         more["forceUserFunction"] = others
-    tree = system.AddObject(
+    system.AddObject(
         items.ObjectKinematicTree(
             nodeNumber=node, jointTypes=[kinds[b.joint.type] for b in bodies], linkParents=[b.parent for b in bodies],
             jointTransformations=turns, jointOffsets=places, linkInertiasCOM=inertias, linkCOMs=centres,
@@ -97,31 +98,16 @@ def build(case: Mechanism, step: float) -> tuple[Any, list[int]]:
             jointPositionOffsetVector=list(case.rest[order]), jointVelocityOffsetVector=[0.0] * n, **more,
         )
     )  # fmt: skip
-    _close(case, system, tree)
     _joints(case, system, node, step)
     outputs = exu.OutputVariableType
-    return system, [
+    sensors = [
         system.AddSensor(items.SensorNode(nodeNumber=node, storeInternal=True, outputVariableType=kind))
         for kind in (outputs.Coordinates, outputs.Coordinates_t)
     ]
-
-
-def _close(case: Mechanism, system: Any, tree: int) -> None:
-    from exudyn import itemInterface as items
-
-    for loop in case.model.loops:
-        markers = []
-        for frame in (loop.first, loop.second):
-            if frame.body < 0:
-                raise Refused("no loop to the base")
-            markers.append(
-                system.AddMarker(
-                    items.MarkerKinematicTreeRigid(
-                        objectNumber=tree, linkNumber=frame.body, localPosition=list(real(frame.p))
-                    )
-                )
-            )
-        system.AddObject(items.ObjectJointGeneric(markerNumbers=markers, constrainedAxes=[1, 1, 0, 0, 0, 0]))
+    place = np.argsort(order)
+    return system, lambda: np.concatenate(
+        [system.GetSensorStoredData(s)[:, 1:][:, place] for s in sensors], axis=1
+    )
 
 
 def _joints(case: Mechanism, system: Any, node: int, step: float) -> None:
@@ -140,7 +126,7 @@ def _joints(case: Mechanism, system: Any, node: int, step: float) -> None:
             if case.speed:
                 more["frictionProportionalZone"] = case.speed
             else:
-                more.update(stickingStiffness=BRISTLE, stickingDamping=2e-2 * BRISTLE * step)
+                more.update(stickingStiffness=BRISTLE, stickingDamping=BRISTLE_DAMPING)
         stop = case.stops[j]
         if stop is not None:
             lower, upper, restitution = stop
@@ -153,17 +139,19 @@ def _joints(case: Mechanism, system: Any, node: int, step: float) -> None:
         if not more:
             continue
         if "stickingStiffness" in more or "useLimitStops" in more:
+            # the first of its data is the direction of sliding, which has to be right at the start
+            data = [float(np.sign(case.v[j])), 0.0, 0.0]
             more["nodeNumber"] = system.AddNode(
-                items.NodeGenericData(initialCoordinates=[0.0] * 3, numberOfDataCoordinates=3)
+                items.NodeGenericData(initialCoordinates=data, numberOfDataCoordinates=3)
             )
         turning = system.AddMarker(items.MarkerNodeCoordinate(nodeNumber=node, coordinate=k))
-        system.AddObject(items.ObjectConnectorCoordinateSpringDamperExt(markerNumbers=[fixed, turning], **more))
+        system.AddObject(
+            items.ObjectConnectorCoordinateSpringDamperExt(markerNumbers=[fixed, turning], **more)
+        )
 
 
 def effective_inertia(case: Mechanism, j: int) -> float:
-    """Return what an impulse on joint j meets at its upper stop [kg m^2]; the stops' damping can be right in one pose."""
-    from suite_peers.scipy import Accelerations
-
+    """Return the inertia [kg m^2] that an impulse on joint j meets at its upper stop: damping fits one pose only."""
     q = case.q.copy()
     q[j] = case.stops[j][1]  # type: ignore[index]
-    return float(1.0 / Accelerations(case).column(q, j)[j])
+    return float(1.0 / np.linalg.inv(real(crba(case.model, q)))[j, j])
