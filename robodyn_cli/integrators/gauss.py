@@ -7,6 +7,7 @@ symmetric; the iteration limits the step on stiff problems, where a linearly imp
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -20,7 +21,7 @@ from robodyn_cli.integrators.stepper import SLACK, Attempt
 from robodyn_cli.integrators.writer import Writer
 from robodyn_cli.kernels.arrays import Array, Total
 from robodyn_cli.kernels.ir import Int, Value
-from robodyn_cli.kernels.mathematics import rough_power
+from robodyn_cli.kernels.mathematics import rough_exp2, rough_log2
 
 ITERATIONS = 14
 HALFWAY = 5  # rounds after which an iteration that would still be far off in eight more is given up
@@ -266,12 +267,15 @@ class Gauss(Corrected):
             error = f.sqrt(total.value * (SCALE * SCALE) / w.number(w.rates))
             bounded = f.max(error, 1e-14)
             power = 1.0 / (2 * self.stages - 1)
-            factor = rough_power(f, bounded, -power) * SAFETY
+            # in logarithms, for this is what the next step waits for
+            size = rough_log2(f, bounded)
+            own = size * -power + math.log2(SAFETY)
             # also from the trend of the last two errors (Gustafsson 1994): towards a pole steps shrink in proportion
-            last, old_h = w.get(Real.MEMORY_2), w.get(Real.H_OLD)
-            trend = rough_power(f, last * (RISK * ACCEPT) / (bounded * bounded), power) * (h / old_h)
-            factor = f.select(f.compare("oeq", last, 1.0), factor, f.min(factor, trend))
-            self.last_error = f.max(bounded, 1e-4)
+            last = w.get(Real.MEMORY_2)
+            promise = last - size * 2.0 + math.log2(RISK * ACCEPT)
+            trend = promise * power + rough_log2(f, h / w.get(Real.H_OLD))
+            factor = rough_exp2(f, f.select(f.compare("oeq", last, 1.0), own, f.min(own, trend)))
+            self.last_error = f.max(size, math.log2(1e-4))
             ratio = w.get(Real.MEMORY)
             growth = f.select(f.compare("olt", error, 1e-8), f.constant(4.0), f.constant(1.6))
             rejected = f.compare_int("sgt", f.load_int(w.whole(Whole.REJECTED_IN_ROW)), 0)

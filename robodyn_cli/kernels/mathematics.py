@@ -102,21 +102,32 @@ def _fit_exp2(degree: int) -> list[float]:
     return _fit(x, 2.0**x, degree)
 
 
-def rough_power(f: Function, x: Value, exponent: float) -> Value:
-    """Return x ** exponent to about 1e-4, for positive normal x: enough to choose a step size."""
+def rough_log2(f: Function, x: Value) -> Value:
+    """Return log2 x to about 1e-4, for positive normal x."""
     with f.strict():
         bits = f.name(f"bitcast double {x.ref} to i64")
         e = f.name(f"lshr i64 {bits}, 52")
         fraction = f.name(f"and i64 {bits}, {2**52 - 1}")
         mantissa = f.name(f"or i64 {fraction}, {1023 << 52}")
         m = f.emit(f"bitcast i64 {mantissa} to double", 1)
-        log2 = (polynomial(f, _fit_log2(5), m) + f.emit(f"sitofp i64 {e} to double", 1)) * exponent
-        log2 = f.max(f.min(log2, 1000.0), -1000.0)
-        shifted = log2 + TO_NEAREST
-        rest = log2 - (shifted - TO_NEAREST)
+        return polynomial(f, _fit_log2(5), m) + f.emit(f"sitofp i64 {e} to double", 1)
+
+
+def rough_exp2(f: Function, x: Value) -> Value:
+    """Return 2 ** x to about 1e-4, for x within 1000; beyond, what it is there."""
+    with f.strict():
+        x = f.max(f.min(x, 1000.0), -1000.0)
+        shifted = x + TO_NEAREST
+        rest = x - (shifted - TO_NEAREST)
         y = polynomial(f, _fit_exp2(4), rest)
         raw = f.name(f"bitcast double {y.ref} to i64")
         n = f.name(f"bitcast double {shifted.ref} to i64")
         scale = f.name(f"shl i64 {n}, 52")
         total = f.name(f"add i64 {raw}, {scale}")
         return f.emit(f"bitcast i64 {total} to double", 1)
+
+
+def rough_power(f: Function, x: Value, exponent: float) -> Value:
+    """Return x ** exponent to about 1e-4, for positive normal x: enough to choose a step size."""
+    with f.strict():
+        return rough_exp2(f, rough_log2(f, x) * exponent)
