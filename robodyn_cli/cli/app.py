@@ -22,6 +22,7 @@ from robodyn_cli.cli import (
     validate,
     work_precision,
 )
+from robodyn_cli.cli.parameters import for_typer
 from robodyn_cli.cli.usage import Commands
 from robodyn_cli.version import __version__
 
@@ -35,22 +36,22 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-app.command("inverse")(inverse.command)
-app.command("simulate")(simulate.command)
-app.command("deploy")(deploy.command)
-app.command("kinematics")(kinematics.command)
-app.command("assemble")(assemble.command)
-app.command("statics")(statics.command)
-app.command("plan")(plan.command)
-app.command("check")(check.command)
-app.command("compare")(compare.command)
-app.command("info")(info.command)
-app.command("new")(new.command)
-app.command("run")(run.command)
-app.command("schema")(schema.command)
-app.command("stability")(stability.command)
-app.command("validate")(validate.command)
-app.command("work-precision")(work_precision.command)
+app.command("inverse")(for_typer(inverse.command))
+app.command("simulate")(for_typer(simulate.command))
+app.command("deploy")(for_typer(deploy.command))
+app.command("kinematics")(for_typer(kinematics.command))
+app.command("assemble")(for_typer(assemble.command))
+app.command("statics")(for_typer(statics.command))
+app.command("plan")(for_typer(plan.command))
+app.command("check")(for_typer(check.command))
+app.command("compare")(for_typer(compare.command))
+app.command("info")(for_typer(info.command))
+app.command("new")(for_typer(new.command))
+app.command("run")(for_typer(run.command))
+app.command("schema")(for_typer(schema.command))
+app.command("stability")(for_typer(stability.command))
+app.command("validate")(for_typer(validate.command))
+app.command("work-precision")(for_typer(work_precision.command))
 
 
 def _version(asked: bool) -> None:

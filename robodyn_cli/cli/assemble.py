@@ -4,24 +4,21 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import typer
-
 from robodyn_cli.cli.console import Console, guarded
 from robodyn_cli.cli.describe_mechanism import describe_assemble
 from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, SceneFile, Strict
+from robodyn_cli.cli.parameters import option
 from robodyn_cli.cli.runner import run_scene
 
 
 def command(
     scene: SceneFile,
     branches: Annotated[
-        bool, typer.Option("--branches", help="Find and list all the ways in which the loops close.")
+        bool, option("--branches", help="Find and list all the ways in which the loops close.")
     ] = False,
     at: Annotated[
         list[str] | None,
-        typer.Option(
-            "--at", metavar="q.NAME=...", help="Joints to hold, and where; rates as qd.NAME=... too."
-        ),
+        option("--at", metavar="q.NAME=...", help="Joints to hold, and where; rates as qd.NAME=... too."),
     ] = None,
     out: OutDir = None,
     overrides: Overrides = None,

@@ -5,26 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from robodyn_cli.cli.console import Console, guarded
 from robodyn_cli.cli.options import Quiet, ReportAsJson
+from robodyn_cli.cli.parameters import argument
 
 
 def command(
     result: Annotated[
         Path,
-        typer.Argument(
-            metavar="RESULT", help="Output directory of a run, or its result.h5.", show_default=False
-        ),
+        argument(metavar="RESULT", help="Output directory of a run, or its result.h5."),
     ],
     scene: Annotated[
         Path | None,
-        typer.Argument(
-            metavar="[SCENE.yaml]",
-            help="Scene with the criteria; default: the result's own.",
-            show_default=False,
-        ),
+        argument(metavar="[SCENE.yaml]", help="Scene with the criteria; default: the result's own."),
     ] = None,
     as_json: ReportAsJson = False,
     quiet: Quiet = False,

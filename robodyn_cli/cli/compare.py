@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from robodyn_cli.cli.console import Console, guarded
 from robodyn_cli.cli.options import Quiet, ReportAsJson
+from robodyn_cli.cli.parameters import argument, option
 
 if TYPE_CHECKING:
     from robodyn_cli.results.compare import Difference
@@ -17,19 +16,17 @@ if TYPE_CHECKING:
 def command(
     result: Annotated[
         Path,
-        typer.Argument(
-            metavar="RESULT", help="Output directory of a run, or its result.h5.", show_default=False
-        ),
+        argument(metavar="RESULT", help="Output directory of a run, or its result.h5."),
     ],
     baseline: Annotated[
         Path,
-        typer.Argument(metavar="BASELINE", help="What it is compared with, likewise.", show_default=False),
+        argument(metavar="BASELINE", help="What it is compared with, likewise."),
     ],
     rtol: Annotated[
-        float, typer.Option("--rtol", min=0.0, help="Allowed part of the column's largest magnitude.")
+        float, option("--rtol", min=0.0, help="Allowed part of the column's largest magnitude.")
     ] = 1e-9,
     atol: Annotated[
-        float, typer.Option("--atol", min=0.0, help="Allowed in addition, in the dataset's unit.")
+        float, option("--atol", min=0.0, help="Allowed in addition, in the dataset's unit.")
     ] = 1e-12,
     as_json: ReportAsJson = False,
     quiet: Quiet = False,

@@ -11,8 +11,6 @@ import traceback
 from collections.abc import Callable
 from typing import NoReturn
 
-import typer
-
 from robodyn_cli.errors import OutputError, RobodynError
 
 INTERNAL = 70
@@ -53,11 +51,15 @@ class Console:
     @staticmethod
     def _print(text: str, err: bool = False) -> None:
         """Print to a standard stream; a reader that went away (``robodyn ... | head``) is no error of ours."""
+        stream = sys.stderr if err else sys.stdout
+        if stream is None:  # a program without a terminal
+            return
         try:
-            typer.echo(text, err=err)
+            stream.write(f"{text}\n")
+            stream.flush()
         except BrokenPipeError:
             # whatever still waits in the buffer goes nowhere, now and when Python ends
-            os.dup2(os.open(os.devnull, os.O_WRONLY), (sys.stderr if err else sys.stdout).fileno())
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
         except OSError as error:
             if not err:
                 raise OutputError(f"cannot write to standard output: {error.strerror}") from error
@@ -101,7 +103,7 @@ class Console:
                     summary if summary is not None else json.dumps(payload, ensure_ascii=False, indent=2)
                 )
         self._print(f"robodyn: error: {message}", err=True)
-        raise typer.Exit(code)
+        raise SystemExit(code)
 
 
 def _plain(details: dict[str, object]) -> dict[str, object]:
@@ -119,8 +121,6 @@ def guarded(console: Console, action: Callable[[], int]) -> NoReturn:
     """Run a command's action and turn every outcome into an exit code."""
     try:
         code = action()
-    except typer.Exit:
-        raise
     except RobodynError as error:
         console.fail(error, error.exit_code, error.message)
     except KeyboardInterrupt as error:
@@ -135,4 +135,4 @@ def guarded(console: Console, action: Callable[[], int]) -> NoReturn:
             f"internal error: {type(error).__name__}: {error} (set ROBODYN_DEBUG=1 for the traceback, and please "
             "report it with the scene)",
         )  # fmt: skip
-    raise typer.Exit(code)
+    raise SystemExit(code)

@@ -5,19 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-import typer
-
 from robodyn_cli.cli.console import Console, guarded
 from robodyn_cli.cli.options import NoPlots, OutDir, Overrides, Quiet, ReportAsJson, SceneFile
+from robodyn_cli.cli.parameters import option
 
 
 def command(
     scene: SceneFile,
     at: Annotated[
         list[str] | None,
-        typer.Option(
-            "--at", metavar="q=[...], qd=[...]", help="State, joints in their order or q.NAME=... each."
-        ),
+        option("--at", metavar="q=[...], qd=[...]", help="State, joints in their order or q.NAME=... each."),
     ] = None,
     out: OutDir = None,
     overrides: Overrides = None,

@@ -5,25 +5,23 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from robodyn_cli.cli.console import Console, guarded
 from robodyn_cli.cli.options import Quiet
+from robodyn_cli.cli.parameters import argument
 
 
 def command(
     kind: Annotated[
         str,
-        typer.Argument(
+        argument(
             metavar="KIND",
             help="inverse, joint, waypoints, table, path, simulate, body, loop, mechanism, kinematics, statics, "
             "assemble or deploy.",
-            show_default=False,
         ),
     ],
     file: Annotated[
         Path | None,
-        typer.Argument(metavar="[FILE]", help="File to write; default: KIND.yaml.", show_default=False),
+        argument(metavar="[FILE]", help="File to write; default: KIND.yaml."),
     ] = None,
     quiet: Quiet = False,
 ) -> None:

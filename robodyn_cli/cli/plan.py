@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import typer
-
 from robodyn_cli.cli.console import Console, guarded
 from robodyn_cli.cli.options import Overrides, Quiet, ReportAsJson, SceneFile
+from robodyn_cli.cli.parameters import option
 
 
 def command(
@@ -15,7 +14,7 @@ def command(
     overrides: Overrides = None,
     for_command: Annotated[
         str | None,
-        typer.Option("--for", metavar="COMMAND", help="Command to plan. [default: the scene's own]"),
+        option("--for", metavar="COMMAND", help="Command to plan. [default: the scene's own]"),
     ] = None,
     as_json: ReportAsJson = False,
     quiet: Quiet = False,

@@ -1,6 +1,6 @@
-"""Read plain command lines without Typer's conversion of values.
+"""Read plain command lines without Typer.
 
-Typer converts them with pydantic, and that takes longer than a small run. What is read here calls a command
+Its import and its conversion of values take longer than a small run. What is read here calls a command
 with the same values, and imports no other command; whatever is not plain (help, completion, mistakes, kinds of
 parameter that this file does not know) is left to Typer. The root callback, which has nothing to do but
 ``--version``, is not called.
@@ -16,14 +16,8 @@ from pathlib import Path
 from types import NoneType
 from typing import Any
 
-import typer
-from typer.models import ArgumentInfo, OptionInfo
+from robodyn_cli.cli.parameters import Parameter
 
-# what a parameter may say about itself without changing how a path or a text is read
-COSMETIC = {
-    "default", "param_decls", "help", "metavar", "show_default", "rich_help_panel", "hidden",
-    "min", "max", "clamp",
-}  # fmt: skip
 READERS: dict[Any, Callable[[str], Any]] = {Path: Path, str: str}
 
 
@@ -52,10 +46,7 @@ def run_plain(words: Sequence[str]) -> None:
         values = read(function, words[1:])
     except NotPlain:
         return
-    try:
-        function(**values)
-    except typer.Exit as done:
-        raise SystemExit(done.exit_code) from None
+    function(**values)
     raise SystemExit(0)
 
 
@@ -72,9 +63,9 @@ def read(function: Callable[..., Any], words: Sequence[str]) -> dict[str, Any]:
     values: dict[str, Any] = {}
     hints = typing.get_type_hints(function, include_extras=True)
     for name, parameter in inspect.signature(function).parameters.items():
-        kinds[name], info = _parts(hints[name])
-        if isinstance(info, OptionInfo):
-            options.update(dict.fromkeys(_declared(info) or [f"--{name.replace('_', '-')}"], name))
+        kinds[name], note = _parts(hints[name])
+        if note.names:
+            options.update(dict.fromkeys(note.names, name))
         else:
             arguments.append(name)
         if parameter.default is not parameter.empty:
@@ -114,29 +105,19 @@ def read(function: Callable[..., Any], words: Sequence[str]) -> dict[str, Any]:
     return values
 
 
-def _parts(hint: Any) -> tuple[Any, ArgumentInfo | OptionInfo]:
-    """Return the type of a parameter, None taken off, and what Typer was told about it."""
+def _parts(hint: Any) -> tuple[Any, Parameter]:
+    """Return the type of a parameter, None taken off, and what is declared beside it."""
     kind, *notes = typing.get_args(hint) if typing.get_origin(hint) is typing.Annotated else (hint,)
-    if len(notes) != 1 or not isinstance(notes[0], (ArgumentInfo, OptionInfo)):
-        raise NotPlain
-    info = notes[0]
-    plain = vars(type(info)(default=None))
-    if any(value != plain[key] for key, value in vars(info).items() if key not in COSMETIC):
+    if len(notes) != 1 or not isinstance(notes[0], Parameter):
         raise NotPlain
     some = [t for t in typing.get_args(kind) if t is not NoneType]
     if not _is_list(kind) and NoneType in typing.get_args(kind) and len(some) == 1:
         kind = some[0]
-    return kind, info
+    return kind, notes[0]
 
 
 def _is_list(kind: Any) -> bool:
     return typing.get_origin(kind) is list
-
-
-def _declared(info: OptionInfo) -> list[str]:
-    """Return an option's names; inside ``Annotated`` the first stands where the default would."""
-    first = [info.default] if isinstance(info.default, str) else []
-    return [*first, *(info.param_decls or ())]
 
 
 def _reader(kind: Any) -> Callable[[str], Any]:

@@ -5,37 +5,32 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from robodyn_cli.cli.console import Console, guarded
 from robodyn_cli.cli.options import NoPlots, Overrides, Quiet, ReportAsJson
+from robodyn_cli.cli.parameters import argument, option
 
 
 def command(
     scenes: Annotated[
         list[str],
-        typer.Argument(metavar="SCENE...|GLOB|DIR", help="Scenes, patterns, folders.", show_default=False),
+        argument(metavar="SCENE...|GLOB|DIR", help="Scenes, patterns, folders."),
     ],
     jobs: Annotated[
         int | None,
-        typer.Option("--jobs", "-j", metavar="N", min=1, help="Processes at a time. [default: one a core]"),
+        option("--jobs", "-j", metavar="N", min=1, help="Processes at a time. [default: one a core]"),
     ] = None,
     out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="DIR", help="Results go to DIR/<scene>/<command>.")
+        Path, option("--out", "-o", metavar="DIR", help="Results go to DIR/<scene>/<command>.")
     ] = Path("outputs"),
-    junit: Annotated[
-        Path | None, typer.Option("--junit", metavar="FILE", help="Write a JUnit XML report.")
-    ] = None,
+    junit: Annotated[Path | None, option("--junit", metavar="FILE", help="Write a JUnit XML report.")] = None,
     markdown: Annotated[
-        Path | None, typer.Option("--markdown", metavar="FILE", help="Write a summary in Markdown.")
+        Path | None, option("--markdown", metavar="FILE", help="Write a summary in Markdown.")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Run again what is finished and unchanged.")] = False,
+    force: Annotated[bool, option("--force", help="Run again what is finished and unchanged.")] = False,
     overrides: Overrides = None,
     timeout: Annotated[
         float | None,
-        typer.Option(
-            "--timeout", metavar="SECONDS", help="Time that each scene may take. [default: no limit]"
-        ),
+        option("--timeout", metavar="SECONDS", help="Time that each scene may take. [default: no limit]"),
     ] = None,
     no_plots: NoPlots = False,
     as_json: ReportAsJson = False,

@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from robodyn_cli.cli.console import Console, guarded
 from robodyn_cli.cli.describe import table
 from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet
+from robodyn_cli.cli.parameters import argument, option
 from robodyn_cli.cli.runner import finish, run_scene
 from robodyn_cli.errors import SceneError
 
@@ -18,19 +17,17 @@ from robodyn_cli.errors import SceneError
 def command(
     scene: Annotated[
         Path | None,
-        typer.Argument(
-            metavar="SCENE.yaml", help="Scene to report on; none with --suite.", show_default=False
-        ),
+        argument(metavar="SCENE.yaml", help="Scene to report on; none with --suite."),
     ] = None,
     suite: Annotated[
-        bool, typer.Option("--suite", help="Run the suite of stiff and extreme cases instead of a scene.")
+        bool, option("--suite", help="Run the suite of stiff and extreme cases instead of a scene.")
     ] = False,
     quick: Annotated[
         bool,
-        typer.Option("--quick", help="Smaller budgets: one method a family, seconds instead of minutes."),
+        option("--quick", help="Smaller budgets: one method a family, seconds instead of minutes."),
     ] = False,
     cases: Annotated[
-        str | None, typer.Option("--cases", metavar="A,B", help="Cases of the suite to run. [default: all]")
+        str | None, option("--cases", metavar="A,B", help="Cases of the suite to run. [default: all]")
     ] = None,
     out: OutDir = None,
     overrides: Overrides = None,

@@ -60,8 +60,6 @@ class Commands(TyperGroup):
 
 def _fail(error: Any, words: list[str]) -> NoReturn:
     """Report what the parser of the command line refused."""
-    import typer
-
     from robodyn_cli.cli.console import Console
 
     text = " ".join(error.format_message().split()).removesuffix(".")
@@ -74,10 +72,7 @@ def _fail(error: Any, words: list[str]) -> NoReturn:
     command = getattr(getattr(context, "command", None), "name", None)
     page = "robodyn --help" if context is None or context.parent is None else f"robodyn {command} --help"
     message = f"{text[:1].lower()}{text[1:]}; see '{page}'"
-    try:
-        Console(as_json=JSON in words).fail(UsageError(message), UsageError.exit_code, message)
-    except typer.Exit as done:
-        sys.exit(done.exit_code)
+    Console(as_json=JSON in words).fail(UsageError(message), UsageError.exit_code, message)
 
 
 def _value_of(parameter: Any, words: list[str]) -> str | None:

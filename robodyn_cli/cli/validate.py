@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import typer
-
 from robodyn_cli.cli.console import Console, guarded
 from robodyn_cli.cli.options import Quiet, ReportAsJson, Strict
+from robodyn_cli.cli.parameters import argument
 
 
 def command(
     scenes: Annotated[
         list[str],
-        typer.Argument(metavar="SCENE...|GLOB|DIR", help="Scenes, patterns, folders.", show_default=False),
+        argument(metavar="SCENE...|GLOB|DIR", help="Scenes, patterns, folders."),
     ],
     as_json: ReportAsJson = False,
     quiet: Quiet = False,

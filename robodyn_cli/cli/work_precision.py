@@ -7,11 +7,10 @@ import io
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-import typer
-
 from robodyn_cli.cli.console import Console, guarded
 from robodyn_cli.cli.describe import table
 from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, SceneFile
+from robodyn_cli.cli.parameters import option
 from robodyn_cli.cli.runner import default_directory, finish
 from robodyn_cli.errors import SceneError
 
@@ -27,15 +26,13 @@ def command(
     overrides: Overrides = None,
     methods: Annotated[
         str | None,
-        typer.Option("--methods", metavar="A,B", help="Methods to compare. [default: all that can]"),
+        option("--methods", metavar="A,B", help="Methods to compare. [default: all that can]"),
     ] = None,
     tolerances: Annotated[
         str | None,
-        typer.Option("--tolerances", metavar="T,T", help="Tolerances to run. [default: 1e-2 to 1e-13]"),
+        option("--tolerances", metavar="T,T", help="Tolerances to run. [default: 1e-2 to 1e-13]"),
     ] = None,
-    repeats: Annotated[
-        int, typer.Option("--repeats", min=1, max=1000, help="Runs that a median is taken of.")
-    ] = 7,
+    repeats: Annotated[int, option("--repeats", min=1, max=1000, help="Runs that a median is taken of.")] = 7,
     no_plots: NoPlots = False,
     as_json: AsJson = False,
     quiet: Quiet = False,

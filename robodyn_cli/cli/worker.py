@@ -26,30 +26,25 @@ def main() -> None:
     """Run the scene as its command would; the exit code is the same. Ends when standard input does."""
     threading.Thread(target=_end_with_the_batch, daemon=True).start()
     try:
-        import typer
-
         from robodyn_cli.cli.console import Console, guarded
         from robodyn_cli.cli.runner import run_scene
 
         command, scene, directory, *overrides = sys.argv[1:]
         draw_nothing = overrides[:1] == [NO_PLOTS]
         console = Console(quiet=True)
-        try:
-            guarded(
+        guarded(
+            console,
+            lambda: run_scene(
+                command,
+                Path(scene),
+                Path(directory),
+                overrides[1:] if draw_nothing else overrides,
+                draw_nothing,
+                False,
                 console,
-                lambda: run_scene(
-                    command,
-                    Path(scene),
-                    Path(directory),
-                    overrides[1:] if draw_nothing else overrides,
-                    draw_nothing,
-                    False,
-                    console,
-                    lambda _: "",
-                ),
-            )
-        except typer.Exit as done:
-            sys.exit(done.exit_code)
+                lambda _: "",
+            ),
+        )
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,9 +12,12 @@ import typer
 from typer.main import get_command
 
 from robodyn_cli.cli.app import app
+from robodyn_cli.cli.parameters import argument, option
 from robodyn_cli.cli.quick import NotPlain, find_command, read, run_plain
 
-COMMANDS = {str(info.name): info.callback for info in app.registered_commands if info.callback}
+COMMANDS: dict[str, Callable[..., None]] = {
+    str(info.name): inspect.unwrap(info.callback) for info in app.registered_commands if info.callback
+}
 
 PLAIN = [
     ["scene.yaml"],
@@ -114,7 +118,7 @@ def test_parameters_that_ask_for_more_are_left_to_typer(function: Callable[..., 
         read(function, ["x"])
 
 
-def _counting(n: Annotated[int, typer.Option("--count", min=0)] = 3) -> None: ...
+def _counting(n: Annotated[int, option("--count", min=0, help="A number.")] = 3) -> None: ...
 
 
 def test_kinds_not_known_are_left_to_typer_where_they_are_given() -> None:
@@ -123,8 +127,8 @@ def test_kinds_not_known_are_left_to_typer_where_they_are_given() -> None:
         read(_counting, ["--count", "4"])
 
 
-def _fail(code: Annotated[str, typer.Argument()]) -> None:
-    raise typer.Exit(int(code))
+def _fail(code: Annotated[str, argument("CODE", "Code.")]) -> None:
+    raise SystemExit(int(code))
 
 
 def test_exit_code_is_the_command_s(monkeypatch: pytest.MonkeyPatch) -> None:
