@@ -36,6 +36,9 @@ class Event:
     state: Array
     time_error: float
 
+    def __init__(self, name: str, index: int, time: float, state: Array, time_error: float) -> None:
+        self.name, self.index, self.time, self.state, self.time_error = name, index, time, state, time_error
+
 
 def chatter(event: EventFunction, time: float) -> NumericalError:
     """Return the error of a function that changes its sign again and again, getting nowhere."""

@@ -47,10 +47,13 @@ class Grid:
 
     def begins_by(self, k: int, time: float) -> bool:
         """Tell whether sample k lies at or before ``time``, but for rounding."""
-        return self.start + k * self.step <= time + self._slack(time)
+        sample = self.start + k * self.step
+        return sample <= time or sample <= time + self._slack(time)
 
     def first_at(self, time: float) -> int:
         """Return the first sample that does not lie before ``time``, but for rounding."""
+        if time == self.start:
+            return 0
         if self.step <= 0.0:
             return 0 if self.start >= time - self._slack(time) else self.count
         k = max(0, int((time - self.start) / self.step) - 1)

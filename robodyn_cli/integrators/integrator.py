@@ -19,7 +19,7 @@ from robodyn_cli.integrators.engine import Engine
 from robodyn_cli.integrators.events import Event as Event
 from robodyn_cli.integrators.events import Found, Root, chatter, crosses, first_roots, resolution
 from robodyn_cli.integrators.grid import Grid as Grid
-from robodyn_cli.integrators.layout import Real, Status, Whole
+from robodyn_cli.integrators.layout import UNARMED, Real, Status, Whole
 from robodyn_cli.integrators.options import Counters as Counters
 from robodyn_cli.integrators.options import Options as Options
 from robodyn_cli.integrators.registry import methods
@@ -79,8 +79,8 @@ class Integrator:
         n[Whole.LAST_SAMPLE] = -1
         self.events_seen = 0
         self._since, self._restart = time, math.inf
-        self._armed = False
-        self.parameters.start(time, self.y)
+        if self.system.chart is not None:
+            self.parameters.start(time, self.y)
 
     @property
     def time(self) -> float:
@@ -109,9 +109,10 @@ class Integrator:
                 self._restart = RESTART * (self.time - self._since)
                 self._since = self.time
             self.w[Real.H] = min(self.w[Real.H], self._restart, step)
-        self._forget()
-        if self.system.events:
-            self._watch(self.event_values(), signs or {})
+            self.memory.armed.fill(0.0)
+            self.n[Whole.WATCH] = UNARMED
+        if signs:
+            self._watch(self.event_values(), signs)
 
     # -- running --------------------------------------------------------------------------------------
     def _call(self, end: float) -> Status:
@@ -156,12 +157,6 @@ class Integrator:
                 # a function at zero keeps the side it came from, and one that has crossed is found in the next step
                 w[place] = g
         self.n[Whole.WATCH] = 1
-        self._armed = True
-
-    def _forget(self) -> None:
-        """Let the event functions start anew, from whichever side they are on."""
-        self.memory.armed.fill(0.0)
-        self._armed = False
 
     def advance(self, end: float) -> None:
         """Integrate to ``end`` without samples or events.
@@ -174,9 +169,13 @@ class Integrator:
             self.run(end, Grid(end, 0.0, 0), lambda t, x: None, watch=False)
             return
         self.n[Whole.WATCH], self.n[Whole.LAST_SAMPLE] = 0, -1
-        self._forget()
-        for stop in [b for b in self.system.breakpoints if self.time < b < end] + [end]:
+        for stop in self._stops(end):
             self._check(self._call(stop))
+
+    def _stops(self, end: float) -> list[float]:
+        """Return the times ahead at which a step has to end."""
+        between = self.system.breakpoints
+        return [*(b for b in between if self.time < b < end), end] if between else [end]
 
     def run(
         self,
@@ -197,41 +196,41 @@ class Integrator:
             returns whether to go on. It may call ``set_state``.
         watch : whether to look for events at all.
         """
-        s = self.system
+        s, n, time = self.system, self.n, self.time
         capacity = max(1, min(block, grid.count))
         if len(self.engine.out) != capacity * s.size:
             self.engine.make_room(capacity * s.size)
-        self.n[Whole.CAPACITY], self.n[Whole.ROWS] = capacity, 0
-        first = grid.first_at(self.time)
-        self.n[Whole.NEXT_SAMPLE], self.n[Whole.LAST_SAMPLE] = first, grid.count - 1
+        n[Whole.CAPACITY], n[Whole.ROWS] = capacity, 0
+        first = grid.first_at(time)
         self.w[Real.SAMPLE_START], self.w[Real.SAMPLE_STEP] = grid.start, grid.step
-        if first < grid.count and grid.begins_by(first, self.time):
-            emit(np.array([self.time]), self.y[None, :].copy())
-            self.n[Whole.NEXT_SAMPLE] += 1
+        if first < grid.count and grid.begins_by(first, time):
+            emit(np.array([time]), self.y[None].copy())
+            first += 1
+        n[Whole.NEXT_SAMPLE], n[Whole.LAST_SAMPLE] = first, grid.count - 1
         # a chart wears out whether anyone looks or not
         watch = (watch or s.chart is not None) and bool(s.events)
-        self.n[Whole.WATCH] = watch
         if not watch:
-            self._forget()
-        elif not self._armed:
-            self._watch(self.event_values(), {})
+            n[Whole.WATCH] = 0
+        elif not n[Whole.WATCH]:
+            n[Whole.WATCH] = UNARMED
 
         def flush() -> None:
-            count = self.n[Whole.ROWS]
+            count = n[Whole.ROWS]
             if count:
-                last = self.n[Whole.NEXT_SAMPLE]
+                last = n[Whole.NEXT_SAMPLE]
                 rows = self.engine.out.reshape(s.size, capacity)
                 emit(grid.times(last - count, last), rows[:, :count].T.copy())
-                self.n[Whole.ROWS] = self.memory.saved_n[Whole.ROWS] = 0
+                n[Whole.ROWS] = self.memory.saved_n[Whole.ROWS] = 0
 
-        crowd: deque[float] = deque(maxlen=CROWD)
-        for stop in [*(b for b in s.breakpoints if self.time < b < end), end]:
+        crowd: deque[float] | None = None
+        for stop in self._stops(end):
             while True:
                 status = self._call(stop)
                 flush()
                 if status is Status.DONE:
                     break
                 if status is Status.EVENT:
+                    crowd = deque(maxlen=CROWD) if crowd is None else crowd
                     crowd.append(self.memory.saved_w[Real.T])
                     if len(crowd) == CROWD and crowd[-1] - crowd[0] <= CROWDED * max(1.0, crowd[-1]):
                         raise chatter(s.events[self.n[Whole.EVENT]], crowd[-1])
@@ -265,30 +264,28 @@ class Integrator:
             sign = -float(np.sign(self.w[Real.SIZE + k]))
             if g == 0.0 and crosses(event, -sign, sign):
                 self.w[Real.SIZE + k] = sign * 1e-300
-                found.append(Event(event.name, k, self.time, self.state, 0.0))
+                found.append(self._event(k, 0.0))
         return tuple(found)
 
     def _locate(self, stop: float, grid: Grid, flush: Callable[[], None]) -> tuple[Event, ...]:
         """Find the first event in the step ahead, and others at the same time, and go there."""
-        engine, events, n, last = self.engine, self.system.events, self.n, grid.count - 1
+        n, last = self.n, grid.count - 1
         seen = n[Whole.EVENT]
         if n[Whole.LOCATED]:
-            time = self.time
-            fine = resolution(self.memory.saved_w[Real.T], time)
-            roots: tuple[Root, ...] = (
-                Root(seen, time - fine, time, -math.copysign(1.0, self.w[Real.SIZE + seen])),
-            )
+            time, fine = self.time, resolution(self.memory.saved_w[Real.T], self.time)
             if n[Whole.NEXT_SAMPLE] <= last and grid.begins_by(n[Whole.NEXT_SAMPLE], time):
+                sign = math.copysign(1.0, self.w[Real.SIZE + seen])
                 self._go(time, last, flush)
-            n[Whole.LAST_SAMPLE] = last
-        else:
-            time, roots = self._sort_out(seen, stop, flush)
-            # take the step for good, samples included
-            self._go(time, last, flush)
-        self._watch(engine.seen(), {r.index: r.sign for r in roots})
-        return tuple(
-            Event(events[r.index].name, r.index, self.time, self.state, r.high - r.low) for r in roots
-        )
+                self._watch(self.engine.seen(), {seen: sign})
+            return (self._event(seen, fine),)
+        time, roots = self._sort_out(seen, stop, flush)
+        # take the step for good, samples included
+        self._go(time, last, flush)
+        self._watch(self.engine.seen(), {r.index: r.sign for r in roots})
+        return tuple(self._event(r.index, r.high - r.low) for r in roots)
+
+    def _event(self, index: int, error: float) -> Event:
+        return Event(self.system.events[index].name, index, self.time, self.state, error)
 
     def _sort_out(self, seen: int, stop: float, flush: Callable[[], None]) -> tuple[float, tuple[Root, ...]]:
         """Return where to go, and the functions that change sign there, when more than one may do so."""

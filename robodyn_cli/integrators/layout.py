@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 
 FINE = 4e-16  # how narrow the bracket of an event can sensibly become, relative to its time
+UNARMED = 2  # event functions are watched from the side that they are on at the start
 
 
 class Real:
@@ -47,7 +48,7 @@ class Whole:
     ROWS = 7  # rows written since the block was last emptied
     PENDING = 8  # samples of the last step are still to be written
     EVENT = 9  # which event function changed sign
-    WATCH = 10  # whether to look for events
+    WATCH = 10  # whether to look for events: 0, 1 or ``UNARMED``
     REJECTED_IN_ROW = 11
     PROJECTIONS = 12
     VELOCITIES = 13  # how many there are, for code that serves systems of any size

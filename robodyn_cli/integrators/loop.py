@@ -123,7 +123,7 @@ def write_run(system: System, method: Stepper, fused: bool) -> str:
         with f.strict():
             spread.add_product(x, 0.0)
     f.ret(f.select_int(f.compare("uno", spread.value, 0.0), int(Status.NOT_FINITE), f.load_int(status)))
-    entries = [f, w.memory_function(), drive_function(bool(system.events))]
+    entries = [f, w.memory_function(), drive_function(len(system.events))]
     if system.events:
         entries += [switching_function(system, fused), trial_function(), narrow_function(len(system.events))]
     return module([*entries, *w.functions.values()])

@@ -7,7 +7,7 @@ values (``first_roots``).
 
 from __future__ import annotations
 
-from robodyn_cli.integrators.layout import FINE, Real, Status, Whole
+from robodyn_cli.integrators.layout import FINE, UNARMED, Real, Status, Whole
 from robodyn_cli.integrators.trial import PLACES, call_run, copy_block, load_places
 from robodyn_cli.integrators.writer import ARGUMENTS
 from robodyn_cli.kernels.ir import Condition, Function, Value
@@ -16,15 +16,21 @@ TELLING = 16.0  # resolutions between two trials from which on their secant coun
 TRIALS = 10  # a simple root takes three, one that is shared four
 
 
-def drive_function(events: bool) -> Function:
+def drive_function(count: int) -> Function:
     """Return ``i64 drive(places)``: ``run``, and where it meets an event ``narrow``; whose result is a ``Status``.
 
-    At an event what the run was before the step lies in ``%saved``.
+    At an event what the run was before the step lies in ``%saved``. Functions that are to be watched from the start
+    are armed first.
     """
     f = Function("drive", ["ptr %places"], result="i64", flags="")
-    load_places(f, *(PLACES if events else ARGUMENTS))
+    load_places(f, *(PLACES if count else ARGUMENTS))
+    watch = f.offset("%n", Whole.WATCH)
+    if count:
+        with f.when(f.compare_int("eq", f.load_int(watch), UNARMED)):
+            f.raw("call void @switching(ptr %places)")
+            _arm(f, count)
     status = call_run(f)
-    if events:
+    if count:
         with f.when(f.compare_int("eq", status, int(Status.EVENT))):
             copy_block(f, "%saved", "%w")
             located = f.emit_int("call i64 @narrow(ptr %places)")
@@ -37,9 +43,9 @@ def narrow_function(count: int) -> Function:
     """Return ``i64 narrow(places)`` for so many event functions; 1 if the state is at an event that stands alone.
 
     Secants, each going a little beyond its root, until one lies beyond it by less than the resolution. If no other
-    function has changed its sign on the way there, that is the event; else the secants go on until the last two lie
-    on either side, with bisection where a secant leaves the bracket. They give up where a trial fails or meets
-    values of zero, or beyond (T, T_END).
+    function has changed its sign on the way there, that is the event, and the run may go on from there; else the
+    secants go on until the last two lie on either side, with bisection where a secant leaves the bracket. They give
+    up where a trial fails or meets values of zero, or beyond (T, T_END).
 
     bracket : two rows of 1 + count, a time and the values there, before and after the sign change; the time is NaN
     where no trial was on that side.
@@ -51,7 +57,7 @@ def narrow_function(count: int) -> Function:
     start, high = f.load(f.offset("%w", Real.T)), f.load(f.offset("%w", Real.EVENT_HIGH))
     end = f.min(high, f.load(f.offset("%w", Real.T_END)))
     resolution = f.max(f.abs(start), f.abs(end)) * FINE
-    which = f.load_int(f.offset("%n", Whole.EVENT))
+    which, samples = (f.load_int(f.offset("%n", place)) for place in (Whole.EVENT, Whole.LAST_SAMPLE))
     slope = f.load(f.offset("%w", Real.EVENT_SLOPE))
     rising = f.compare("ogt", slope, 0.0)
     f.store(f.load(f.offset("%w", Real.EVENT_GUESS)), x_slot)
@@ -115,10 +121,19 @@ def narrow_function(count: int) -> Function:
     f.store(f.select(out, (a + b) * 0.5, aim), x_slot)
     f.jump(step)
     f.place(located)
+    _arm(f, count)
+    f.store_int(samples, f.offset("%n", Whole.LAST_SAMPLE))
     f.ret(1)
     f.place(leave)
     f.ret(0)
     return f
+
+
+def _arm(f: Function, count: int) -> None:
+    """Watch the event functions from the side that their values are on."""
+    with f.count(count) as k:
+        f.store(f.load(f.offset("%values", k)), f.offset(f.offset("%w", Real.SIZE), k))
+    f.store_int(1, f.offset("%n", Whole.WATCH))
 
 
 def _alone(f: Function, count: int) -> Condition:
