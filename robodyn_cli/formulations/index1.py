@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,15 +14,16 @@ from robodyn_cli.algorithms.kinematics import slice_q, slice_v
 from robodyn_cli.equations.modes import FIELDS, Gate
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Expr, Scalar
-from robodyn_cli.formulations.dynamics import Expanded, Rolled
-from robodyn_cli.formulations.independent import PartitionChart, partition
+from robodyn_cli.formulations.dynamics import Expanded
 from robodyn_cli.formulations.index3 import Index3
 from robodyn_cli.formulations.layout import Layout
 from robodyn_cli.formulations.residual import Residual
-from robodyn_cli.formulations.row_chart import RowChart, renewals
-from robodyn_cli.formulations.system import EventFunction, System
-from robodyn_cli.kernels.rolled import prefer_rolled
+from robodyn_cli.formulations.system import Chart, EventFunction, System
+from robodyn_cli.kernels.crossover import prefer_rolled
 from robodyn_cli.scene.types import Baumgarte
+
+if TYPE_CHECKING:
+    from robodyn_cli.formulations.rolled import Rolled
 
 
 def index1(
@@ -58,6 +59,8 @@ def index1(
         ]
         qdd = problem.solution(gamma)[0].qdd
     elif not expanded and is_rolled(problem):
+        from robodyn_cli.formulations.rolled import Rolled
+
         rolled = Rolled(problem.model, list(problem.applied), z_rate)
         return _system(problem, rolled, events)
     else:
@@ -76,6 +79,8 @@ def index1(
 
 
 def _partitioned(problem: Problem, z_rate: Sequence[Scalar], events: Sequence[EventFunction]) -> System:
+    from robodyn_cli.formulations.independent import PartitionChart, partition
+
     found = partition(problem, z_rate)
     system = _system(
         problem, Expanded(tuple(found.acceleration), tuple(found.z_rate)), (*events, found.renewal),
@@ -95,11 +100,12 @@ def _partitioned(problem: Problem, z_rate: Sequence[Scalar], events: Sequence[Ev
 def _system(
     problem: Problem, dynamics: Rolled | Expanded, events: Sequence[EventFunction], **corrections: Any
 ) -> System:
-    events = (*events, *kinks(problem), *renewals(problem), *mode_events(problem))
+    rows_renewed, chart = _row_chart(problem)
+    events = (*events, *kinks(problem), *rows_renewed, *mode_events(problem))
     layout = Layout.of(problem.model, len(dynamics.z_rate))
     if layout is not None:
         assert isinstance(dynamics, Expanded)
-        return _quasi_system(problem, dynamics, events, layout, **corrections)
+        return _quasi_system(problem, dynamics, events, layout, chart, **corrections)
     return System(
         nq=problem.model.nq,
         nv=problem.model.nv,
@@ -107,10 +113,19 @@ def _system(
         nz=len(dynamics.z_rate),
         events=events,
         breakpoints=problem.breakpoints,
-        chart=RowChart(problem) if problem.dependent else None,
+        chart=chart,
         parameters=start_modes(problem),
         **corrections,
     )
+
+
+def _row_chart(problem: Problem) -> tuple[Sequence[EventFunction], Chart | None]:
+    """Return when and how the combinations of dependent rows are chosen anew, where there are such rows."""
+    if not problem.dependent:
+        return (), None
+    from robodyn_cli.formulations.row_chart import RowChart, renewals
+
+    return renewals(problem), RowChart(problem)
 
 
 def _quasi_system(
@@ -118,6 +133,7 @@ def _quasi_system(
     dynamics: Expanded,
     events: Sequence[EventFunction],
     layout: Layout,
+    chart: Chart | None,
     position_correction: Sequence[Scalar] = (),
     velocity_correction: Sequence[Scalar] = (),
 ) -> System:
@@ -150,7 +166,7 @@ def _quasi_system(
         velocity_correction=renamed[3],
         events=tuple(dataclasses.replace(e, value=x) for e, x in zip(events, renamed[4])),
         breakpoints=problem.breakpoints,
-        chart=RowChart(problem) if problem.dependent else None,
+        chart=chart,
         parameters=start_modes(problem),
         layout=layout,
         normalisation=renamed[1],

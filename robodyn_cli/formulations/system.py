@@ -16,7 +16,6 @@ from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.formulations.dynamics import GROUPS as GROUPS
 from robodyn_cli.formulations.dynamics import Dynamics
 from robodyn_cli.formulations.layout import Layout
-from robodyn_cli.formulations.linearisation import complex_factors, real_factors
 from robodyn_cli.kernels.program import Program, make_program
 from robodyn_cli.record import record
 
@@ -175,11 +174,15 @@ class System:
     @cached_property
     def linearisation(self) -> Program:
         """What a linearly implicit method needs at a point: see ``real_factors``."""
+        from robodyn_cli.formulations.linearisation import real_factors
+
         return real_factors(self)
 
     @cached_property
     def complex_linearisation(self) -> Program:
         """The same for complex g: see ``complex_factors``."""
+        from robodyn_cli.formulations.linearisation import complex_factors
+
         return complex_factors(self)
 
     @property

@@ -16,27 +16,10 @@ from robodyn_cli.model.model import Model
 
 Array = NDArray[np.float64]
 
-# Joints from which on rolled kernels are the better choice. At 7, unrolled code runs up to a third faster.
-# The two are even at 10 to 15 joints where axes lie anyhow; at 18 (inverse) and 30 (forward dynamics) for
-# arms with twists of 90 degrees, whose zeros only the whole graph uses to the full; at 10 for planar chains.
-# But at 16 joints unrolled code takes 0.2 to 0.8 s to compile, and rolled code 0.05 to 0.1 s or, shared by
-# all chains of its sort, none: that outweighs a fifth of the run time up to some ten million samples.
-CROSSOVER = 16
 # A block of samples visits every column of its arrays, each on a page of its own. With more columns than the
 # processor translates pages for, samples are first copied to arrays of CHUNK rows, several columns a page.
 MANY_COLUMNS = 2500
 CHUNK = 64
-
-
-def prefer_rolled(model: Model) -> bool:
-    """Tell whether rolled kernels suit a model better than unrolled ones."""
-    if model.nv < CROSSOVER or model.closures:
-        return False
-    try:
-        RolledPlan(model, "forward")
-    except CapabilityError:
-        return False  # something is symbolic: only the whole graph can tell whether it matters
-    return True
 
 
 class RolledKernel:

@@ -12,6 +12,7 @@ from robodyn_cli.equations.gears import geared
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import free_symbols
+from robodyn_cli.kernels.crossover import prefer_rolled
 from robodyn_cli.model.model import Model
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Vector, zeros
@@ -95,12 +96,6 @@ class _JointForces:
         return tau - self.kernel(q=q, v=qd)["f"] if self.kernel else tau
 
 
-def _prefer_rolled(problem: Problem) -> bool:
-    from robodyn_cli.kernels.rolled import prefer_rolled
-
-    return prefer_rolled(problem.model)
-
-
 class InverseDynamics:
     """Joint torques that a motion needs, tau = M qdd + C qd + G - tau_passive - tau_friction - tau_external.
 
@@ -119,7 +114,7 @@ class InverseDynamics:
 
     @staticmethod
     def _compile(problem: Problem) -> tuple[str, Samples, int]:
-        if _prefer_rolled(problem):
+        if prefer_rolled(problem.model):
             from robodyn_cli.kernels.rolled import RolledInverseDynamics
 
             if geared(problem.model):
@@ -159,7 +154,7 @@ class ForwardDynamics:
 
     @staticmethod
     def _compile(problem: Problem) -> tuple[str, Samples, int]:
-        if _prefer_rolled(problem):
+        if prefer_rolled(problem.model):
             from robodyn_cli.kernels.rolled import RolledForwardDynamics
 
             rigid, forces = RolledForwardDynamics(problem.model), _JointForces(problem)

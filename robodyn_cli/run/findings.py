@@ -11,8 +11,8 @@ import numpy as np
 from robodyn_cli.equations.plan_facts import listed_data, unknown_data
 from robodyn_cli.errors import GeometryError, RobodynError, SceneError
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.formulations.dynamics import Rolled
 from robodyn_cli.formulations.index1 import index1
+from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.model.consistency import body_problems
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record

@@ -14,7 +14,6 @@ from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import Expr, free_symbols
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.formulations.dynamics import Rolled
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.integrator import Counters, Event, Grid, Integrator, Options
 from robodyn_cli.record import record
@@ -104,7 +103,7 @@ def choose(scene: Scene, problem: Problem, system: System, start: Array, options
     usual = Choice(
         DEFAULT, "collocation of order 16: the fastest at every accuracy where the motion is not stiff"
     )
-    if isinstance(system.dynamics, Rolled) or not can_be_stiff(problem):
+    if system.dynamics.any_size or not can_be_stiff(problem):
         return usual
     decay = fastest_decay(system, 0.0, start)
     duration = scene.simulate.duration
@@ -147,7 +146,7 @@ class Run:
         self._watchful = (
             scene.simulate.integrator == "auto"
             and self.choice.method == DEFAULT
-            and not isinstance(system.dynamics, Rolled)
+            and not system.dynamics.any_size
             and can_be_stiff(problem)
         )
         self._done = Counters()

@@ -10,14 +10,11 @@ from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Expr, Scalar
-from robodyn_cli.formulations.dynamics import Rolled
 from robodyn_cli.formulations.index1 import residuals
 from robodyn_cli.formulations.system import GROUPS, System
-from robodyn_cli.kernels.rolled import RolledForwardDynamics
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.loops.base import Row
 from robodyn_cli.record import record
-from robodyn_cli.run.evaluation import SampleFunction
 from robodyn_cli.run.least_norm import LeastNorm, equations_of
 from robodyn_cli.run.places import FORCES, place_dataset, place_outputs
 from robodyn_cli.run.reactions import ReactionSamples
@@ -77,29 +74,6 @@ def _actuator_torques(problem: Problem) -> list[Scalar]:
     return tau
 
 
-class _Rolled:
-    """What is observed of a long chain: accelerations by loops over its bodies, the rest from expressions.
-
-    These grow with the length only, and are interpreted where that takes less time than compiling them.
-    """
-
-    def __init__(self, problem: Problem, dynamics: Rolled, samples: int) -> None:
-        self.places = list(dynamics.places)
-        forces = [dynamics.forces[k] for k in self.places]
-        outputs = {**observed(problem, accelerations=False), "forces": forces}
-        self.function = SampleFunction(outputs, GROUPS, samples)
-        self.forward = RolledForwardDynamics(problem.model)
-
-    def evaluate(self, samples: int, groups: dict[str, Array]) -> dict[str, Array]:
-        # parameters are no samples, and simulations have none
-        columns = {name: np.reshape(x, (samples, -1)) for name, x in groups.items() if name != "p"}
-        found = self.function(**columns)
-        tau = np.zeros(columns["v"].shape, order="F")
-        tau[:, self.places] = found["forces"]
-        found["qdd"] = self.forward(columns["q"], columns["v"], tau)
-        return found
-
-
 def loop_columns(rows: Sequence[Row], dependent: bool = False) -> dict[str, Column]:
     """Return units and names of what is recorded of constraint rows, by path; ``dependent``: on each other."""
     dims, names = ("time", "constraint"), tuple(row.name for row in rows)
@@ -119,9 +93,11 @@ class Observer:
         self.problem = problem
         self.system = system
         self.passive = singular
-        self.kernel: _Rolled | SampleKernel | LeastNorm
-        if isinstance(system.dynamics, Rolled):
-            self.kernel = _Rolled(problem, system.dynamics, problem.scene.simulate.samples)
+        self.kernel: RolledKernel | SampleKernel | LeastNorm
+        if system.dynamics.any_size:
+            from robodyn_cli.run.observe_rolled import RolledKernel
+
+            self.kernel = RolledKernel(problem, system.dynamics, problem.scene.simulate.samples)
             outputs = self.kernel.function.outputs
         else:
             outputs = {name: list(entries) for name, entries in observed(problem).items()}

@@ -17,9 +17,10 @@ from robodyn_cli.equations.plan_variants import serial_chain, without_loops
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.equations.variant import Symbols
 from robodyn_cli.expr.graph import Scalar, count_operations
-from robodyn_cli.formulations.dynamics import Expanded, Rolled
+from robodyn_cli.formulations.dynamics import Expanded
 from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.formulations.residual import Residual
+from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.formulations.system import GROUPS
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.writer import INLINE_LIMIT

@@ -10,8 +10,8 @@ from robodyn_cli.equations.plan_terms import Ledger
 from robodyn_cli.equations.plan_variants import without_accelerations
 from robodyn_cli.equations.problem import GROUPS, Problem
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations
+from robodyn_cli.kernels.crossover import CROSSOVER, prefer_rolled
 from robodyn_cli.kernels.program import make_program
-from robodyn_cli.kernels.rolled import CROSSOVER, prefer_rolled
 from robodyn_cli.kernels.rolled_tables import RolledPlan
 from robodyn_cli.run import evaluation
 from robodyn_cli.run.dynamics import joint_force_terms, open_problem

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from typing import Any
 
-from robodyn_cli.formulations.dynamics import Rolled
+from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.integrators.writer import INLINE_LIMIT, LANES
 from robodyn_cli.kernels.compiler import machine
 from robodyn_cli.kernels.program import Program

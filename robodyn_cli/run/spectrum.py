@@ -11,8 +11,8 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import Expr, free_symbols
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.formulations.dynamics import Rolled
 from robodyn_cli.formulations.linearisation import differentiate
+from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.formulations.system import System
 from robodyn_cli.kernels.rolled import RolledForwardDynamics
 from robodyn_cli.record import record

@@ -101,3 +101,37 @@ def test_a_run_imports_the_members_that_its_scene_names(tmp_path: Path) -> None:
         and "universal" not in deploy["loops"]
         and deploy["trajectories"] == set()
     )
+
+
+# modules of ours; a run that needs more of them may raise its figure, knowingly: each costs time at every start
+MOST = {"inverse configs/2r_circle.yaml": 135, "simulate configs/double_pendulum.yaml": 175}
+
+
+@pytest.mark.parametrize("run", MOST)
+def test_a_small_run_imports_few_modules(run: str, tmp_path: Path) -> None:
+    found = modules_of(*run.split(), "--no-plots", "--quiet", "--out", str(tmp_path))
+    ours = sorted(name for name in found if name.startswith("robodyn_cli."))
+    assert len(ours) <= MOST[run], ours
+    assert not any(
+        name.startswith(("robodyn_cli.kernels.rolled", "robodyn_cli.formulations.rolled")) for name in ours
+    )
+
+
+def test_building_a_system_imports_neither_results_nor_runs() -> None:
+    """Who only integrates (as the benchmarks do) gets scene, equations, kernels and integrator, and no more."""
+    code = (
+        "import sys\n"
+        "from robodyn_cli import load_scene\n"
+        "from robodyn_cli.formulations.index1 import index1\n"
+        "from robodyn_cli.integrators.integrator import Integrator\n"
+        "from robodyn_cli.run.prepare import prepare\n"
+        "Integrator(index1(prepare(load_scene('configs/double_pendulum.yaml')).problem), 'gauss')\n"
+        "print(*sys.modules)\n"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=240
+    )
+    assert ended.returncode == 0, ended.stderr
+    found = set(ended.stdout.split())
+    assert not any(name.startswith(("robodyn_cli.results.", "robodyn_cli.report.")) for name in found)
+    assert not {"robodyn_cli.run.simulate", "robodyn_cli.run.recorder", "h5py", "numpy.polynomial"} & found

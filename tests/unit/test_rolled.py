@@ -18,12 +18,12 @@ from robodyn_cli.joints.helical import Helical
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.kernels import rolled
 from robodyn_cli.kernels.compiler import REPORT, compile_module, machine
+from robodyn_cli.kernels.crossover import prefer_rolled
 from robodyn_cli.kernels.ir import module
 from robodyn_cli.kernels.rolled import (
     RolledForwardDynamics,
     RolledInverseDynamics,
     RolledState,
-    prefer_rolled,
 )
 from robodyn_cli.kernels.rolled_loops import rolled_function, write_sample_kernel
 from robodyn_cli.kernels.rolled_tables import RolledPlan

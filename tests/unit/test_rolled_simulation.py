@@ -11,11 +11,12 @@ import pytest
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError
-from robodyn_cli.formulations.dynamics import Expanded, Rolled
+from robodyn_cli.formulations.dynamics import Expanded
 from robodyn_cli.formulations.index1 import index1, is_rolled
+from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.formulations.system import EventFunction, System
 from robodyn_cli.integrators.integrator import Grid, Integrator, Options
-from robodyn_cli.kernels import compiler, rolled
+from robodyn_cli.kernels import compiler, crossover
 from robodyn_cli.kernels.rolled_tables import RolledPlan
 from robodyn_cli.run.findings import findings
 from robodyn_cli.run.plan import plan as make_plan
@@ -77,7 +78,7 @@ def scene(
 
 def systems(source: Scene, monkeypatch: pytest.MonkeyPatch) -> tuple[System, System, np.ndarray]:
     """The system of a scene in both shapes, and its start."""
-    monkeypatch.setattr(rolled, "CROSSOVER", 2)
+    monkeypatch.setattr(crossover, "CROSSOVER", 2)
     setup = prepare(source)
     loops, graph = index1(setup.problem), index1(setup.problem, expanded=True)
     assert isinstance(loops.dynamics, Rolled) and isinstance(graph.dynamics, Expanded)
@@ -147,7 +148,7 @@ def test_same_states_by_collocation(name: str, monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_events_are_found_in_either_shape(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rolled, "CROSSOVER", 2)
+    monkeypatch.setattr(crossover, "CROSSOVER", 2)
     setup = prepare(SCENES["forces"])
     q = setup.problem.q
     watched = (EventFunction("straight", q[1] + 0.1 * setup.problem.v[2], 0, False),)
@@ -304,9 +305,9 @@ def test_energy_is_balanced_by_work() -> None:
 
 def test_observation_is_that_of_unrolled_code(monkeypatch: pytest.MonkeyPatch) -> None:
     source = scene(6, forces=FORCES, extra=TORQUES)
-    monkeypatch.setattr(rolled, "CROSSOVER", 2)
+    monkeypatch.setattr(crossover, "CROSSOVER", 2)
     loops = simulate(source)
-    monkeypatch.setattr(rolled, "CROSSOVER", 100)
+    monkeypatch.setattr(crossover, "CROSSOVER", 100)
     graph = simulate(source)
     assert set(loops.variables) == set(graph.variables)
     for path in graph.variables:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robodyn_cli.kernels import rolled
+from robodyn_cli.kernels import crossover
 from robodyn_cli.run.dynamics import ForwardDynamics, InverseDynamics
 from robodyn_cli.scene import load_scene_text
 from robodyn_cli.scene.types import Scene
 
-JOINTS = rolled.CROSSOVER + 1
+JOINTS = crossover.CROSSOVER + 1
 
 
 def chain(forces: str) -> Scene:
@@ -42,7 +42,7 @@ def test_rolled_and_unrolled_agree(forces: str, monkeypatch: pytest.MonkeyPatch)
     assert (inverse.shape, forward.shape) == ("rolled", "rolled")
     tau = inverse(q, qd, qdd)
     assert tau.flags.f_contiguous and tau.shape == q.shape
-    monkeypatch.setattr(rolled, "CROSSOVER", JOINTS + 1)
+    monkeypatch.setattr(crossover, "CROSSOVER", JOINTS + 1)
     unrolled = InverseDynamics(scene)
     assert unrolled.shape == "unrolled"
     assert inverse.joints == unrolled.joints
