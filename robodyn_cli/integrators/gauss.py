@@ -159,11 +159,15 @@ class Gauss(Corrected):
         self._advance(w, h)
         return self._judge(w, t, h)
 
-    def _mean(self, w: Writer, x: Value) -> Value:
-        """Return the root mean square over the stages."""
+    def _mean_square(self, w: Writer, x: Value) -> Value:
+        """Return the mean square over the stages."""
         f = w.f
         x = x * f.constant([float(k < self.stages) for k in range(self.lanes)])
-        return f.sqrt(f.reduce("add", x * x) * (1.0 / self.stages))
+        return f.reduce("add", x * x) * (1.0 / self.stages)
+
+    def _mean(self, w: Writer, x: Value) -> Value:
+        """Return the root mean square over the stages."""
+        return w.f.sqrt(self._mean_square(w, x))
 
     def _tolerances(self, w: Writer) -> tuple[Value, Value]:
         """Return the relative and the absolute tolerance to which a step is solved."""
@@ -255,20 +259,19 @@ class Gauss(Corrected):
                 rate = self.guess[j]
                 c = f.reduce("add", rate * top)
                 d = f.reduce("add", rate * below)
-                size = self._mean(w, rate)
-                self.sizes[j] = size
-                e = f.muladd(d * d, SECOND, c * c) * self.weight[j] / (size + 1e-300)
-                total.add_product(e, e)
+                square = self._mean_square(w, rate)
+                self.sizes[j] = f.sqrt(square)
+                e = f.muladd(d * d, SECOND, c * c) * self.weight[j]
+                total.add_product(e, e / (square + 1e-300))
                 if self.steep:
                     self.tops[j] = f.abs(c) + f.abs(d)
         if self.steep:
             self._look_at_ends(w, t, h, total)
         with f.strict():
-            error = f.sqrt(total.value * (SCALE * SCALE) / w.number(w.rates))
-            bounded = f.max(error, 1e-14)
+            error = total.value * (SCALE * SCALE) / w.number(w.rates)
             power = 1.0 / (2 * self.stages - 1)
-            # in logarithms, for this is what the next step waits for
-            size = rough_log2(f, bounded)
+            # what the next step waits for: in logarithms and without roots
+            size = f.max(rough_log2(f, error) * 0.5, math.log2(1e-14))
             own = size * -power + math.log2(SAFETY)
             # also from the trend of the last two errors (Gustafsson 1994): towards a pole steps shrink in proportion
             last = w.get(Real.MEMORY_2)
@@ -277,11 +280,11 @@ class Gauss(Corrected):
             factor = rough_exp2(f, f.select(f.compare("oeq", last, 1.0), own, f.min(own, trend)))
             self.last_error = f.max(size, math.log2(1e-4))
             ratio = w.get(Real.MEMORY)
-            growth = f.select(f.compare("olt", error, 1e-8), f.constant(4.0), f.constant(1.6))
+            growth = f.select(f.compare("olt", error, 1e-16), f.constant(4.0), f.constant(1.6))
             rejected = f.compare_int("sgt", f.load_int(w.whole(Whole.REJECTED_IN_ROW)), 0)
             growth = f.select(rejected, f.constant(1.0), growth)
             factor = f.min(f.max(f.min(factor, BEST_RATIO / (ratio + 1e-9)), 0.3), growth)
-        return Attempt(error * (1.0 / ACCEPT), factor)
+        return Attempt(error * (1.0 / ACCEPT**2), factor)
 
     def _look_at_ends(self, w: Writer, t: Value, h: Value, total: Total) -> None:
         """Add to the error what may hide where no stage looks: in the first and the last 2 % of the step.

@@ -188,12 +188,15 @@ class Function:
         return self.intrinsic("sqrt", [a])
 
     def max(self, a: Operand, b: Operand) -> Value:
-        """Return the larger; NaN if either is NaN (so that a diverging run is seen)."""
-        return self.intrinsic("maximum", [a, b])
+        """Return the larger; NaN if either is NaN (so that a diverging run is seen).
+
+        Zeros pass as equal whatever their sign: telling them apart would take four times as long.
+        """
+        return self.intrinsic("maximum", [a, b], "nsz")
 
     def min(self, a: Operand, b: Operand) -> Value:
         """Return the smaller; NaN if either is NaN."""
-        return self.intrinsic("minimum", [a, b])
+        return self.intrinsic("minimum", [a, b], "nsz")
 
     def reduce(self, kind: str, a: Value) -> Value:
         """Combine the lanes: ``add`` or ``maximum``."""
@@ -206,7 +209,7 @@ class Function:
             return self.emit(f"call reassoc double @{full}(double -0.0, {t} {a.ref})", 1)
         full = f"llvm.vector.reduce.f{kind}.v{a.width}f64"
         self.declarations.add(f"declare double @{full}({t})")
-        return self.emit(f"call double @{full}({t} {a.ref})", 1)
+        return self.emit(f"call nsz double @{full}({t} {a.ref})", 1)
 
     # -- comparisons ----------------------------------------------------------------------------------
     def compare(self, predicate: str, a: Operand, b: Operand) -> Condition:
