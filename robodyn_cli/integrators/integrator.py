@@ -67,7 +67,7 @@ class Integrator:
         state = np.asarray(state, dtype=float)
         if state.shape != self.y.shape:
             raise ValueError(f"the state has {self.system.size} components, got {state.shape}")
-        self.options = options
+        self.options, self._step = options, options.step
         self.memory.clear()
         w, n = self.w, self.n
         n[Whole.VELOCITIES] = self.system.nv
@@ -118,12 +118,15 @@ class Integrator:
     def _call(self, end: float) -> Status:
         w, n, options = self.w, self.n, self.options
         w[Real.T_END] = end
-        if options.step is not None:
-            w[Real.H] = options.step
+        if self._step is not None:
+            w[Real.H] = self._step
         elif not w[Real.H] > 0.0:
             # start well below any sensible step: growth is quick, and a first step that is far too long can
             # look good where derivatives happen to vanish
             w[Real.H] = min(1e-3 * (end - w[Real.T]), options.max_step)
+            if not self.stepper.adaptive:
+                # a step that no control lets grow again must not be what an event has left of it
+                self._step = w[Real.H]
         if not w[Real.H_OLD] > 0.0:
             w[Real.H_OLD] = w[Real.H]
         while True:

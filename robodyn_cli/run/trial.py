@@ -94,6 +94,8 @@ def solve(scene: Scene, budget: Budget, **options: Any) -> Solution:
     """Simulate a scene with other options of ``simulate``; what stops it comes back instead of being raised."""
     steps = min(budget.steps, int(options.pop("max_steps", budget.steps)))
     changed = dataclasses.replace(scene.simulate, samples=SAMPLES, max_steps=steps, **options)
+    if changed.step is None and changed.integrator in registry and not registry[changed.integrator].adaptive:
+        changed = dataclasses.replace(changed, step=1e-3 * changed.duration)
     began = time.perf_counter()
     try:
         result = simulate(dataclasses.replace(scene, simulate=changed), progress=_Watch(budget))

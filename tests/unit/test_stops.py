@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -124,6 +125,16 @@ def test_a_fixed_step_rests_where_it_cannot_follow_the_bounces() -> None:
         of_kind(exact, "impact")
     )
     assert np.abs(found["q"] - exact["q"]).max() < 1e-6 and found["qd"][-1, 0] == 0.0
+
+
+@pytest.mark.parametrize("method", ["rk4", "gauss4"])
+def test_a_step_that_nobody_gave_survives_impacts(method: str) -> None:
+    """It is a thousandth of the run; what an impact leaves of a step is no measure of the next ones."""
+    scene = load_scene_text(BALL)
+    options = dataclasses.replace(scene.simulate, integrator=method, duration=2.0, error_estimate=False)
+    found = simulate(dataclasses.replace(scene, simulate=options))
+    impacts = len(of_kind(found, "impact"))
+    assert impacts > 3 and found.summary["counters"]["steps"] < 1100 + 40 * impacts
 
 
 def test_a_joint_rests_on_its_stop_until_it_is_pulled_off() -> None:
