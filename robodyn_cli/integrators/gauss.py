@@ -31,6 +31,7 @@ BEST_RATIO = 0.35  # steps are chosen so that the iteration contracts at least t
 SAFETY = 0.85
 STALE = 0.25  # contraction of the iteration beyond which factors are renewed in each round
 SECOND = 0.1  # weight of the last but one Legendre coefficient in the error estimate
+SECOND_STEEP = 1.0  # the same where coefficients need not fall geometrically, so that a small last one proves little
 SCALE = 3.0
 RISK = 0.01  # what part of the acceptable error the trend of the last two may promise for the next step
 ACCEPT = 100.0  # the estimate is that pessimistic; measured against true errors
@@ -253,6 +254,7 @@ class Gauss(Corrected):
         f, T = w.f, self.table
         top = f.constant([float(x) for x in T.legendre[-1]])
         below = f.constant([float(x) for x in T.legendre[-2]])
+        second = SECOND_STEEP if self.steep else SECOND
         with f.strict():
             total = Total(f)
             for j in w.each(w.rates):
@@ -261,7 +263,7 @@ class Gauss(Corrected):
                 d = f.reduce("add", rate * below)
                 square = self._mean_square(w, rate)
                 self.sizes[j] = f.sqrt(square)
-                e = f.muladd(d * d, SECOND, c * c) * self.weight[j]
+                e = f.muladd(d * d, second, c * c) * self.weight[j]
                 total.add_product(e, e / (square + 1e-300))
                 if self.steep:
                     self.tops[j] = f.abs(c) + f.abs(d)
