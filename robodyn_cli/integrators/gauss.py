@@ -31,7 +31,9 @@ BEST_RATIO = 0.35  # steps are chosen so that the iteration contracts at least t
 SAFETY = 0.85
 STALE = 0.25  # contraction of the iteration beyond which factors are renewed in each round
 SECOND = 0.1  # weight of the last but one Legendre coefficient in the error estimate
-SECOND_STEEP = 1.0  # the same where coefficients need not fall geometrically, so that a small last one proves little
+SECOND_STEEP = (
+    1.0  # the same where coefficients need not fall geometrically, so that a small last one proves little
+)
 SCALE = 3.0
 RISK = 0.01  # what part of the acceptable error the trend of the last two may promise for the next step
 ACCEPT = 100.0  # the estimate is that pessimistic; measured against true errors
