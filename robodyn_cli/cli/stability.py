@@ -128,7 +128,7 @@ def describe(summary: Mapping[str, Any]) -> str:
                 small(m["estimate"]),
                 str(m["steps"]),
                 f"{1e3 * m['seconds']:.3g}",
-                small(g["largest_relative"]) if g else "-",
+                _energy(g, summary["energy_growth"]["period"]["seconds"]),
                 "-" if exponent is None else f"t^{exponent:.1f}",
             ]
         )
@@ -148,6 +148,14 @@ def describe(summary: Mapping[str, Any]) -> str:
                 f"of the projected run {c['integration_error']:.1e}"
             )
     return "\n".join(lines)
+
+
+def _energy(found: Mapping[str, Any] | None, period: float) -> str:
+    """Return the largest error of the energy, and over how many periods where these are not all."""
+    if found is None:
+        return "-"
+    cut = "" if found["status"] == "ok" else f" ({found['until'] / period:.0f})"
+    return small(found["largest_relative"]) + cut
 
 
 def describe_suite(summary: Mapping[str, Any]) -> str:

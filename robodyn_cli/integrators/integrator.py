@@ -228,7 +228,11 @@ class Integrator:
         crowd: deque[float] | None = None
         for stop in self._stops(end):
             while True:
-                status = self._call(stop)
+                try:
+                    status = self._call(stop)
+                except NumericalError:  # of who is told the progress: what the run has come to stays
+                    flush()
+                    raise
                 flush()
                 if status is Status.DONE:
                     break

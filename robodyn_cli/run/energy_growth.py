@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ from robodyn_cli.scene.types import Scene
 
 Array = NDArray[Any]
 PERIODS = 1000
+PATIENCE = 5.0  # times the fastest method's time: what a slower one may take for its long run
+LEAST_SECONDS = 2.0
 CROSSINGS = 4  # passes through the middle that make a motion an oscillation
 
 
@@ -103,6 +106,20 @@ def growth(scene: Scene, method: str, duration: float, budget: Budget) -> Growth
         error_estimate=False,
     )
     return _growth(method, done)
+
+
+def growths(scene: Scene, methods: Sequence[str], duration: float, budget: Budget) -> list[Growth]:
+    """Follow the energy with each method, for ``PATIENCE`` times the time of the fastest before it at most.
+
+    A method that is cut off there still tells how its error grows, up to the time that it has reached.
+    """
+    found: list[Growth] = []
+    for method in methods:
+        found.append(growth(scene, method, duration, budget))
+        if found[-1].status == "ok":
+            allowed = max(LEAST_SECONDS, PATIENCE * found[-1].seconds)
+            budget = dataclasses.replace(budget, seconds=min(budget.seconds, allowed))
+    return found
 
 
 def _growth(method: str, done: Solution) -> Growth:

@@ -15,7 +15,7 @@ from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.integrators.stability_region import limits
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.energy_growth import PERIODS, Growth, Period, growth, period
+from robodyn_cli.run.energy_growth import PERIODS, Growth, Period, growths, period
 from robodyn_cli.run.gains import study
 from robodyn_cli.run.prepare import Setup, prepare
 from robodyn_cli.run.progress import Progress, no_progress
@@ -87,7 +87,7 @@ def stability(
         usable = [
             t.method for t in trials if t.status in ("stable", "inaccurate") and t.method in own - {"auto"}
         ]
-        energies = [growth(scene, m, PERIODS * long.seconds, effort.long) for m in usable]
+        energies = growths(scene, usable, PERIODS * long.seconds, effort.long)
         progress(3, stages)
     result = Result("stability", scene.title or "stability", "ok", scene.text)
     result.summary = {

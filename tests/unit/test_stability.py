@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,8 @@ from robodyn_cli.errors import CapabilityError, NumericalError
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.integrators.stability_region import amplification, limits, radius
 from robodyn_cli.integrators.tableaus import DOP853, DOPRI5, RK4
-from robodyn_cli.run.energy_growth import growth, period
+from robodyn_cli.run import energy_growth
+from robodyn_cli.run.energy_growth import growth, growths, period
 from robodyn_cli.run.gains import study
 from robodyn_cli.run.prepare import prepare
 from robodyn_cli.run.stability import at_start, stability
@@ -24,6 +26,7 @@ from robodyn_cli.run.work_precision import formulations
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 FEW = Budget(100_000, 5.0)
+SPRING = slider("Mass on a spring", 50.0, 1.0, "-100*y", "{q: {y: 0.1}}", "[0, 0, 0]")
 
 
 def test_amplification_is_the_exponential_up_to_the_order() -> None:
@@ -113,6 +116,36 @@ def test_period_of_a_pendulum_and_growth_of_its_energy() -> None:
     drift = found["dop853"].exponent
     assert drift is not None and abs(drift - 1.0) < 0.1  # not symplectic: the energy drifts steadily
     assert found["gauss"].largest < 1e-11 and (found["gauss"].exponent or 0.0) < 0.85  # rounding only
+
+
+def test_slow_methods_are_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Five times the fastest so far, but never less than two seconds nor more than the budget."""
+    took = {"gauss": 1.0, "bdf": 4.0, "rk4": 0.01, "radau": 2.0}
+    given = {}
+
+    def faked(scene: Any, method: str, duration: float, budget: Budget) -> energy_growth.Growth:
+        given[method] = budget.seconds
+        status = "ok" if took[method] <= budget.seconds else "too_slow"
+        return energy_growth.Growth(method, status, np.zeros(0), np.zeros(0), 0.0, 0, took[method])
+
+    monkeypatch.setattr(energy_growth, "growth", faked)
+    found = growths(load_scene_text(SPRING), list(took), 1.0, Budget(100, 15.0))
+    assert given == {"gauss": 15.0, "bdf": 5.0, "rk4": 5.0, "radau": 2.0}
+    assert [g.status for g in found] == ["ok"] * 4
+
+
+def test_a_run_that_is_cut_off_keeps_its_samples() -> None:
+    """Whoever is told the progress may end a run; the growth of its error is then known up to there."""
+    scene = load_scene_text(SPRING, overrides=["simulate.integrator=rk4", "simulate.step=1e-5"])
+
+    def enough(time: float, duration: float) -> None:
+        if time > 1.0:
+            raise NumericalError("enough", time=time)
+
+    with pytest.raises(NumericalError, match="enough") as caught:
+        simulate(scene, progress=enough)
+    times = caught.value.result.time  # type: ignore[attr-defined]
+    assert times[-1] > 1.0 and len(times) > 20 and np.diff(times).max() < 0.06
 
 
 def test_automatic_gains_are_the_smallest_that_keep_the_drift_below_the_error() -> None:
