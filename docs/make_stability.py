@@ -117,7 +117,7 @@ How each engine is given what is special in a case:
   between the ends that the loop joins. The start lies on the parallelogram, 0.2 ms before the flat pose. Soft or regularised
   constraints take the mechanism to have two freedoms there and leave on the other branch, with a loop that is closed to all
   appearance. Exudyn's index 3 does not start, its index 2 stays on the branch. robodyn refuses the start as a singular
-  configuration; [`singular: pass`](cli.md) is for poses that are met on the way.
+  configuration; [`singular: pass`](scene.md) is for poses that are met on the way.
 - Dry friction: in MuJoCo `frictionloss`, in Exudyn `CoordinateSpringDamperExt`, with the scene's transition speed as its
   proportional zone, or bristles where the scene has none. scipy has the smoothed law of the scene, or the sign of the rate, about
   which it chatters as soon as a joint sticks.
@@ -126,8 +126,8 @@ How each engine is given what is special in a case:
   restitution of the scene in an impact of 8 steps, so what is wrong is mainly when impacts happen, and every later impact shifts
   with the first. In scipy terminal events end the run at each impact and a new one starts; a rebound below 1e-6 rad/s is taken
   for rest, and an event on the acceleration ends that.
-- `stiff_stops`, `spring_opening`: formulas of the joint, taken once a step by MuJoCo, at every iteration by Exudyn. Steps
-  of a millisecond do not see a contact of 0.3 ms.
+- `stiff_stops`, `spring_opening`: formulas of the joint, taken once a step by MuJoCo, at every iteration by Exudyn. Their steps
+  of half a millisecond and more cannot follow a contact of 0.3 ms.
 - `governor`: in MuJoCo stiffness and damping of the joint are set anew before each step, so the implicit integrators keep up.
 - MuJoCo refuses inertias as small as those of a link of a micrometre.
 """

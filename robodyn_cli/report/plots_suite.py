@@ -32,7 +32,12 @@ def cell(trial: dict[str, Any]) -> str:
     if trial["relative"] == 0.0:
         return "0"
     if trial["relative"] is not None:
-        return f"{trial['relative']:.0e}".replace("e-0", "e-").replace("e+0", "e").replace("-", "−")
+        return (
+            f"{trial['relative']:.0e}".replace("e-0", "e-")
+            .replace("e+0", "e")
+            .replace("e+", "e")
+            .replace("-", "−")
+        )
     if trial["status"] == "stable":
         return "stops" if trial["failure"] else "ran"
     return {"diverged": "diverges", "too_slow": "too slow", "unsupported": "cannot"}.get(
@@ -49,8 +54,9 @@ def draw(result: Result) -> Figure:
     left, high = 2.05, 0.27
     wide = 0.82 if len(methods) <= 12 else 0.6
     slanted = len(methods) > 8
+    right = 0.055 * len(methods[-1]) - 0.5 * wide if slanted else 0.0  # what of the last name stands out
     width, height = (
-        left + wide * len(methods) + 0.45,
+        left + wide * len(methods) + max(0.45, right),
         1.15 + (0.55 if slanted else 0.0) + high * len(cases) + 0.5,
     )
     figure = Figure(figsize=(width, height), dpi=120)
