@@ -122,7 +122,7 @@ How each engine is given what is special in a case:
   proportional zone, or bristles where the scene has none. scipy has the smoothed law of the scene, or the sign of the rate, about
   which it chatters as soon as a joint sticks.
 - Rigid stops: in MuJoCo a joint limit, in Exudyn a limit stop. Neither has a coefficient of restitution: at MuJoCo's default
-  parameters a limit hardly rebounds. Both are given stiffness and damping (in MuJoCo the negative form of `solref`) for the
+  parameters a limit rebounds a little, whatever is wanted. Both are given stiffness and damping (in MuJoCo the negative form of `solref`) for the
   restitution of the scene in an impact of 8 steps, so what is wrong is mainly when impacts happen, and every later impact shifts
   with the first. In scipy terminal events end the run at each impact and a new one starts; a rebound below 1e-6 rad/s is taken
   for rest, and an event on the acceleration ends that.
