@@ -104,15 +104,15 @@ PEERS = """\
 All cases (the shorter ones of `--quick`) in MuJoCo, Exudyn and scipy by `benchmarks/stability_peers.py`, at settings that a user
 would start with: MuJoCo with its default step or a thousandth of the duration, Exudyn's implicit integrators of index 3
 (generalized-alpha) and index 2 (trapezoidal) with steps of 1 ms or 4000 in all, scipy with Pinocchio's accelerations. After 10 s
-of computing a run is too slow. The models are below the table.
+of computing a run is too slow; where a solver says that it cannot go on, it gives up. The models are below the table.
 """
 
 MODELS = """\
 How each engine is given what is special in a case:
 
 - Loops: in MuJoCo a `connect` equality, in Exudyn plane bodies in redundant coordinates with a joint for each joint and loop, in
-  scipy Pinocchio's `constraintDynamics` without projection. Near a fold its proximal parameter counts: the 1e-10 that serves well
-  elsewhere leaves `four_bar_folded` visibly wrong, 1e-14 does not.
+  scipy Pinocchio's `constraintDynamics` without projection. Near a fold its proximal parameter counts: 1e-10 leaves
+  `four_bar_folded` visibly wrong, the 1e-14 of this table does not.
 - `start_near_singular` has no reference, so the cell tells the branch on which a run leaves the flat pose and the largest distance
   between the ends that the loop joins. The start lies on the parallelogram, 0.2 ms before the flat pose. Soft or regularised
   constraints take the mechanism to have two freedoms there and leave on the other branch, with a loop that is closed to all
@@ -122,13 +122,14 @@ How each engine is given what is special in a case:
   proportional zone, or bristles where the scene has none. scipy has the smoothed law of the scene, or the sign of the rate, about
   which it chatters as soon as a joint sticks.
 - Rigid stops: in MuJoCo a joint limit, in Exudyn a limit stop. Neither has a coefficient of restitution: at MuJoCo's default
-  parameters a limit rebounds a little, whatever is wanted. Both are given stiffness and damping (in MuJoCo the negative form of `solref`) for the
-  restitution of the scene in an impact of 8 steps, so what is wrong is mainly when impacts happen, and every later impact shifts
-  with the first. In scipy terminal events end the run at each impact and a new one starts; a rebound below 1e-6 rad/s is taken
-  for rest, and an event on the acceleration ends that.
+  parameters a limit rebounds a little, whatever is wanted. Both are given stiffness and damping (in MuJoCo the negative form of
+  `solref`) that make the restitution of the scene in an impact of 8 steps. So impacts come late, each later than the one before,
+  and between the right instant and theirs the rate has the wrong sign. In scipy a terminal event ends the run at each impact and a
+  new one starts; a rebound below 1e-6 rad/s is taken for rest, and an event on the acceleration ends that.
 - `stiff_stops`, `spring_opening`: formulas of the joint, taken once a step by MuJoCo, at every iteration by Exudyn. Their steps
   of half a millisecond and more cannot follow a contact of 0.3 ms.
-- `governor`: in MuJoCo stiffness and damping of the joint are set anew before each step, so the implicit integrators keep up.
+- `governor`: in MuJoCo stiffness and damping of the joint are set anew before each step; Euler and implicitfast take the
+  damping implicitly and keep up.
 - MuJoCo refuses inertias as small as those of a link of a micrometre.
 """
 
@@ -152,6 +153,8 @@ integration error.
 - A run that breaks down names time, joint and quantity.
 - `rigid_stops` and `stiff_stops` used to swing short of their stops, so that nothing was tested and all was well. Now the second
   link falls on its stop, bounces, rests on it and leaves it.
+- With impacts to meet, methods of fixed step went on with what the first impact had left of a step, some millions of times, where
+  a scene gave no step.
 - Springs of 1e8 N m/rad and more met their 1e-6 once the reference came from two families: two orders of Gauss's method had
   vouched for each other and were wrong by 1e-6 together.
 
@@ -159,6 +162,8 @@ integration error.
 
 - Where both methods of a reference are of one family (the table names them), an error that they share would not show.
 - `pendulum_1e5_s` is judged at 1e-3 of the range: at first it was held to 1e-5, which its references, good to 5 digits, could not tell.
+- `stiff_stops` runs at the default tolerances. Below some 1e-11 a run can end with "switches to and fro": a step that starts exactly
+  at the jump of the damping has its first stage on the wrong side of it.
 """
 
 
