@@ -134,7 +134,8 @@ def reached(rows: list[dict[str, Any]], targets: tuple[float, ...]) -> list[list
 ONE = """
 import sys
 sys.path.insert(0, {folder!r})
-import against_peers
+import against_peers, cases
+cases.Wanted.setting = {setting!r}
 for entry in against_peers.entries_of({engine!r}, against_peers.CASES[{case!r}]()):
     if entry.setting == {setting!r}:
         print(entry.run())

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,17 @@ class Entry:
     setting: str
     run: Callable[[], Any]
     path: Callable[[], Any] | None = None
+
+
+class Wanted:
+    """The one setting that is asked for, or all: engines need not build what is not wanted."""
+
+    setting: str | None = None
+
+    @classmethod
+    def of(cls, settings: Iterable[Any], write: Callable[[Any], str]) -> list[Any]:
+        """Return those settings whose text is wanted."""
+        return [x for x in settings if cls.setting in (None, write(x))]
 
 
 @lru_cache(maxsize=1)

@@ -6,12 +6,16 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from cases import Entry, FourBar
+from cases import Entry, FourBar, Wanted
 
 from peers.formulas import four_bar_rates, graph_rates, pendulum_rates
 
 STIFF_TOLERANCES = (1e-6, 2.2e-16)
 TOLERANCES = (*(10.0**-k for k in range(3, 16)), 2.2e-16)
+
+
+def setting(tolerance: float) -> str:
+    return f"tol {tolerance:.0e}"
 
 
 def entries(case: Any) -> Iterator[Entry]:
@@ -27,7 +31,8 @@ def entries(case: Any) -> Iterator[Entry]:
     rates = pendulum_rates(case, x, hy.sin, hy.cos) if n == 2 else graph_rates(case, x, hy.sin, hy.cos)
     # compact mode: without it the arm would compile for minutes
     options = {"compact_mode": n > 2}
-    for tolerance in STIFF_TOLERANCES if case.stiff else TOLERANCES:
+    asked = STIFF_TOLERANCES if case.stiff else TOLERANCES
+    for tolerance in Wanted.of(asked, setting):
         series = hy.taylor_adaptive(list(zip(x, rates)), case.y0, tol=tolerance, **options)
 
         def run(series: Any = series) -> tuple[np.ndarray, int]:
@@ -42,7 +47,7 @@ def entries(case: Any) -> Iterator[Entry]:
             times = np.concatenate([[0.0], case.times])
             return times, series.propagate_grid(times)[-1]
 
-        yield Entry("heyoka Taylor", f"tol {tolerance:.0e}", run, path if case.whole else None)
+        yield Entry("heyoka Taylor", setting(tolerance), run, path if case.whole else None)
 
 
 def _to_lock(hy: Any, case: FourBar) -> Iterator[Entry]:
@@ -60,4 +65,4 @@ def _to_lock(hy: Any, case: FourBar) -> Iterator[Entry]:
             steps = series.propagate_until(20.0)[3]
             return series.time, steps
 
-        yield Entry("heyoka Taylor", f"tol {tolerance:.0e}", run)
+        yield Entry("heyoka Taylor", setting(tolerance), run)

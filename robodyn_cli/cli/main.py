@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import gc
+import os
 import sys
+
+from robodyn_cli.threads import single_thread
 
 INTERRUPTED = 130
 
@@ -12,6 +15,7 @@ def main() -> None:
     """Run the command line; the exit code is the contract's (docs/cli.md)."""
     # imports and graphs make a hundred thousand objects and hardly any garbage: look for it less often
     gc.set_threshold(200_000, 20, 20)
+    single_thread(os.environ)
     try:
         from robodyn_cli.cli.quick import run_plain
 

@@ -18,13 +18,12 @@ from robodyn_cli.results.output_dir import SUMMARY_NAME
 from robodyn_cli.results.summary import read_summary
 from robodyn_cli.run.batch_entries import Entry, finished, settle
 from robodyn_cli.run.criteria import exit_code
+from robodyn_cli.threads import single_thread
 
 CRASHED = 70
 INTERRUPTED = 130
 TIMED_OUT = 3  # no result in the time that was given: as where a run takes too many steps
 GRACE = 5.0  # seconds that an interrupted worker has to tidy up
-# libraries that would start a thread a core in every worker
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def interrupt(process: subprocess.Popen[bytes]) -> None:
@@ -154,9 +153,7 @@ class Batch:
         assert entry.directory is not None
         words = self.worker(entry.command, entry.path, entry.directory)
         environment = dict(os.environ)
-        if self.jobs > 1:
-            for name in THREADS:
-                environment.setdefault(name, "1")
+        single_thread(environment)
         # a session of its own: an interrupt from the terminal is passed on by us alone
         own: dict[str, Any] = {"start_new_session": True}
         if sys.platform == "win32":

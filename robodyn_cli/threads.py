@@ -1,0 +1,16 @@
+"""Threads of the linear algebra that numpy brings along."""
+
+from __future__ import annotations
+
+from collections.abc import MutableMapping
+
+VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+def single_thread(environment: MutableMapping[str, str]) -> None:
+    """Ask for one thread, unless the environment says otherwise; heard by a numpy that is not imported yet.
+
+    Matrices of mechanisms are small: more threads make nothing faster, and starting them takes longer than a small run.
+    """
+    for name in VARIABLES:
+        environment.setdefault(name, "1")
