@@ -24,7 +24,7 @@ from robodyn_cli.kernels.ir import Int, Value
 from robodyn_cli.kernels.mathematics import rough_exp2, rough_log2
 
 ITERATIONS = 14
-HALFWAY = 5  # rounds after which an iteration that would still be far off in eight more is given up
+HALFWAY = 4  # rounds after which an iteration that would still be far off in eight more is given up
 CONVERGED = 0.02  # last update times contraction ratio, in units of the tolerance
 SMALLEST_RATIO = 0.01  # a luckily small update must not pass for convergence
 BEST_RATIO = 0.35  # steps are chosen so that the iteration contracts at least this fast
@@ -136,7 +136,7 @@ class Gauss(Corrected):
         capped, diverged = f.label("capped"), f.label("diverged")
         rounds = f.bump(self.round)
         unfinished = f.compare_int("slt", rounds, ITERATIONS) & f.compare("ord", update, 0.0)
-        if self.adaptive:
+        if self.adaptive and not self.steep:
             eighth = ratio
             for _ in range(3):
                 eighth = eighth * eighth
@@ -277,16 +277,20 @@ class Gauss(Corrected):
             # what the next step waits for: in logarithms and without roots
             size = f.max(rough_log2(f, error) * 0.5, math.log2(1e-14))
             own = size * -power + math.log2(SAFETY)
-            # also from the trend of the last two errors (Gustafsson 1994): towards a pole steps shrink in proportion
-            last = w.get(Real.MEMORY_2)
-            promise = last - size * 2.0 + math.log2(RISK * ACCEPT)
-            trend = promise * power + rough_log2(f, h / w.get(Real.H_OLD))
-            factor = rough_exp2(f, f.select(f.compare("oeq", last, 1.0), own, f.min(own, trend)))
+            if not self.steep:
+                # also from the trend of the last two errors (Gustafsson 1994): towards a pole steps shrink in
+                # proportion; where fronts may hide, a step that is rejected after all is a second look
+                last = w.get(Real.MEMORY_2)
+                promise = last - size * 2.0 + math.log2(RISK * ACCEPT)
+                trend = promise * power + rough_log2(f, h / w.get(Real.H_OLD))
+                own = f.select(f.compare("oeq", last, 1.0), own, f.min(own, trend))
+            factor = rough_exp2(f, own)
             self.last_error = f.max(size, math.log2(1e-4))
             ratio = w.get(Real.MEMORY)
             growth = f.select(f.compare("olt", error, 1e-16), f.constant(4.0), f.constant(1.6))
-            rejected = f.compare_int("sgt", f.load_int(w.whole(Whole.REJECTED_IN_ROW)), 0)
-            growth = f.select(rejected, f.constant(1.0), growth)
+            if not self.steep:
+                rejected = f.compare_int("sgt", f.load_int(w.whole(Whole.REJECTED_IN_ROW)), 0)
+                growth = f.select(rejected, f.constant(1.0), growth)
             factor = f.min(f.max(f.min(factor, BEST_RATIO / (ratio + 1e-9)), 0.3), growth)
         return Attempt(error * (1.0 / ACCEPT**2), factor)
 
