@@ -366,6 +366,17 @@ def test_breakpoints_in_odd_places_do_no_harm(method: str, points: tuple[float, 
     assert largest(states - case.exact(times)) < fine_error(method)
 
 
+@pytest.mark.parametrize("method", [m for m in ADAPTIVE if m.startswith("gauss")])
+def test_towards_a_pole_few_steps_are_rejected(method: str) -> None:
+    """q = 1/(1 - t): each step may be but a part of the one before it, which its own error does not tell."""
+    body = system(1, lambda t, q, v, z, p: [2.0 * q[0] * q[0] * q[0]])
+    integrator = Integrator(body, method)
+    integrator.reset(0.0, (1.0, 1.0), Options(1e-9, 1e-11))
+    integrator.advance(1.0 - 1e-4)
+    assert integrator.state[0] == pytest.approx(1e4, rel=1e-3)
+    assert integrator.counters.rejected <= 0.25 * integrator.counters.steps
+
+
 FRONTS = {
     "friction at the turn of a joint": lambda width: (
         lambda t, q, v, z, p: [-q[0] - 0.05 * f.tanh(v[0] / width)]
