@@ -100,7 +100,7 @@ def first_roots(
         roots = []
         for k, event in enumerate(events):
             if crosses(event, before[k], after[k]) or (lost and k == seen and before[k] != 0.0):
-                root = _root(k, values, a, float(before[k]), b, float(after[k]))
+                root = _root(k, values, a, float(before[k]), b, float(after[k]), event.kink)
                 if root is None:
                     # no motion beyond the last time that still has the old sign
                     return Found(_last_followed(k, values, a, float(before[k]), b))
@@ -118,11 +118,17 @@ def resolution(a: float, b: float) -> float:
     return FINE * max(abs(a), abs(b))
 
 
-def _root(index: int, values: Values, a: float, g_a: float, b: float, g_b: float) -> Root | None:
-    """Bracket the sign change between a and b by regula falsi; None where there is none."""
+def _root(
+    index: int, values: Values, a: float, g_a: float, b: float, g_b: float, strict: bool = False
+) -> Root | None:
+    """Bracket the sign change between a and b by regula falsi; None where there is none.
+
+    strict : zero counts as the old side. What switches on a function (``where``) takes zero for negative, so that a
+    run which stood at zero would go on with the old right-hand side, however short its steps.
+    """
     sign, side, exact = math.copysign(1.0, g_a) if g_a else 0.0, 0, False
     g_a = float(values(a)[index])
-    if g_a * sign <= 0.0:
+    if g_a * sign < 0.0 or (g_a * sign == 0.0 and not (strict and sign)):
         return Root(index, a, a, -sign)  # it stood at zero all along
     fine = resolution(a, b)
     goal, patience, wasted = 0.5 * (b - a), PATIENCE, 0
@@ -142,7 +148,7 @@ def _root(index: int, values: Values, a: float, g_a: float, b: float, g_b: float
         if not a < middle < b:
             break
         g = float(values(middle)[index])
-        if g * sign > 0.0:
+        if g * sign > 0.0 or (strict and g == 0.0):
             g_b *= _weight(g, g_a) if side < 0 else 1.0
             a, g_a, side = middle, g, -1
         else:

@@ -35,6 +35,7 @@ RESTART = 1 / 16  # first step after a jump, as a part of the time since the las
 # so many steps with events within this part of the time so far (or of a second) get nowhere
 CROWD = 200
 CROWDED = 1e-9
+BEYOND = 7  # doublings of the resolution in which a function that stands at zero is expected to cross
 
 
 class Integrator:
@@ -325,6 +326,13 @@ class Integrator:
                 known[time] = there
                 low, high = (time, high) if k == 0 else (min(low, time), time)
         found = first_roots(events, values, armed, seen, (start, low, high))
+        if not found.roots and events[seen].kink:
+            # it may stand at zero, where what switches on it does so a few roundings later
+            for k in range(BEYOND):
+                further = high + 2**k * resolution(start, high)
+                if further <= stop and crosses(events[seen], armed[seen], values(further)[seen]):
+                    found = first_roots(events, values, armed, seen, (start, low, further))
+                    break
         if not found.roots and found.time <= start:
             # the step cannot be taken: let it fail where it does
             self._go(high, -1, flush)

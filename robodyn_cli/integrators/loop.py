@@ -16,6 +16,7 @@ from robodyn_cli.integrators.writer import LANES, Writer
 from robodyn_cli.kernels.arrays import Array, Total
 from robodyn_cli.kernels.ir import Condition, Value, module
 
+SHORTEST = 32 * 2.3e-16  # of the time: steps that may pass a jump unchecked
 CLOSER = 2  # times that dense output is looked at again around an event
 
 
@@ -74,6 +75,8 @@ def write_run(system: System, method: Stepper, fused: bool) -> str:
     f.place(rejected)
     if method.adaptive:
         h = f.load(h_slot)
+        if any(e.kink for e in system.events):
+            _step_over_jump(w, h, accepted)
         broken = f.compare("uno", outcome.error, 0.0)
         shrink = f.select(broken, f.constant(0.1), f.min(f.max(f.load(factor_slot), 0.1), 0.9))
         w.put(Real.H, h * shrink)
@@ -127,6 +130,28 @@ def write_run(system: System, method: Stepper, fused: bool) -> str:
     if system.events:
         entries += [switching_function(system, fused), trial_function(), narrow_function(len(system.events))]
     return module([*entries, *w.functions.values()])
+
+
+def _step_over_jump(w: Writer, h: Value, accepted: str) -> None:
+    """Accept a rejected step that is as short as steps can be and passes a jump of the right-hand side.
+
+    No step over a jump is short enough for a tight tolerance; what a step of a few roundings of time makes of a wrong
+    right-hand side is rounding.
+    """
+    f, s = w.f, w.system
+    assert s.switching is not None
+    t = w.get(Real.T)
+    look, on = f.label("jump"), f.label("no.jump")
+    f.branch(f.compare("ole", h, f.abs(t) * SHORTEST), look, on)
+    f.place(look)
+    values = w.evaluate(s.switching, t + h, w.new)["g"]
+    least = f.constant(0.0)
+    for k, (g, event) in enumerate(zip(values, s.events)):
+        if event.kink:
+            product = g * w.get(Real.SIZE + k)
+            least = f.select(f.compare("olt", product, least), product, least)
+    f.branch(f.compare("olt", least, 0.0), accepted, on)
+    f.place(on)
 
 
 def _project(w: Writer, t: Value) -> None:
