@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robodyn_cli.report.style import COLOURS, DASHES, GREY
+from robodyn_cli.report.canvas import CHARACTER, legend_shape
+from robodyn_cli.report.style import GREY, HANDLE_LENGTH, MARKERS, dashed_style
 from robodyn_cli.results.result import Result
 
 if TYPE_CHECKING:
@@ -24,7 +25,6 @@ STATUS = {
     "unsupported": ("#bbbbbb", ""),
 }
 SHOWN = ("gauss", "gauss4", "implicit_midpoint", "dop853", "dopri5", "rk4")  # step limits that are drawn
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 LEAST = 1e-16
 
 
@@ -40,6 +40,15 @@ def _titled(width: float, height: float, result: Result, subtitle: str) -> Figur
     figure.text(0.1, 1 - 0.22 / height, result.title, fontsize=11, fontweight="bold", va="center")
     figure.text(0.1, 1 - 0.45 / height, subtitle, color=GREY, va="center")
     return figure
+
+
+def _legend(figure: Figure, ax: Axes, place: tuple[float, float]) -> None:
+    """Put the legend of ``ax`` with its lower left corner at ``place``, in as many columns as the labels allow."""
+    handles, labels = ax.get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="lower left", bbox_to_anchor=place, ncols=legend_shape(labels)[0],
+        handlelength=HANDLE_LENGTH, columnspacing=1.6,
+    )  # fmt: skip
 
 
 def _powers(ax: Axes, *axes: str) -> None:
@@ -89,16 +98,17 @@ def spectrum(result: Result) -> Figure | None:
     ax = figure.add_axes((0.1, 0.17, 0.84, 0.265))
     for k in shown:
         name = names[k]
+        place = SHOWN.index(name)  # a method looks the same in every scene
         good = np.isfinite(steps[:, k])
         ax.plot(
-            time[good], steps[good, k], color=COLOURS[k % len(COLOURS)], linestyle=DASHES[k % len(DASHES)], label=name,
-            marker=MARKERS[k % len(MARKERS)] if good.sum() < 4 else None,
+            time[good], steps[good, k], label=name, marker=MARKERS[place] if good.sum() < 4 else None,
+            **dashed_style(place),
         )  # fmt: skip
     ax.set_yscale("log")
     _powers(ax, "y")
     ax.set_xlabel("time [s]")
     ax.set_ylabel("largest stable step [s]")
-    figure.legend(*ax.get_legend_handles_labels(), loc="lower left", bbox_to_anchor=(0.08, 0.045), ncols=4)
+    _legend(figure, ax, (0.08, 0.045))
     figure.text(
         0.1, 0.022, "explicit: all modes inside |R| <= 1; gauss: the iteration that solves a step contracts",
         color=GREY, fontsize=8,
@@ -141,8 +151,10 @@ def methods(result: Result) -> Figure | None:
         if ref
         else "no reference: no two methods get through at tight tolerance"
     )
-    figure = _titled(7.6, height, result, told)
-    ax = figure.add_axes((0.17, 0.52 / height, 0.52, 0.32 * len(rows) / height))
+    left, wide = 0.25 + CHARACTER * max(len(row["method"]) for row in rows), 3.95
+    width = left + wide + 2.75  # the last for the words
+    figure = _titled(width, height, result, told)
+    ax = figure.add_axes((left / width, 0.52 / height, wide / width, 0.32 * len(rows) / height))
     for k, row in enumerate(rows):
         colour, hatch = STATUS[row["status"]]
         value = row["relative"]
@@ -174,27 +186,29 @@ def energy_growth(result: Result) -> Figure | None:
     curves = {n: m for n, m in facts.items() if f"energy_growth/{n}/error" in result and m["steps"]}
     if not curves:
         return None
-    lines = -(-len(curves) // 3)
+    labels = {name: _growth_label(name, m) for name, m in curves.items()}
+    _, lines = legend_shape(list(labels.values()))
     height = 4.0 + 0.19 * lines
     period = result.summary["energy_growth"]["period"]
     figure = _titled(7.6, height, result, f"a period is {period['seconds']:.4g} s: {period['source']}")
     bottom = (0.6 + 0.19 * lines) / height
     ax = figure.add_axes((0.1, bottom, 0.86, 1 - bottom - 0.68 / height))
-    for k, (name, m) in enumerate(curves.items()):
+    for k, (name, label) in enumerate(labels.items()):
         t, error = result[f"energy_growth/{name}/periods"][1:], result[f"energy_growth/{name}/error"][1:]
-        p = "" if m["exponent"] is None else f", ~t^{m['exponent']:.1f}"
-        ended = "" if m["status"] == "ok" else f", {m['status'].replace('_', ' ')}"
-        ax.plot(
-            t, np.maximum(np.maximum.accumulate(error), LEAST), color=COLOURS[k % len(COLOURS)],
-            linestyle=DASHES[k % len(DASHES)], label=f"{name}{p}{ended}",
-        )  # fmt: skip
+        ax.plot(t, np.maximum(np.maximum.accumulate(error), LEAST), label=label, **dashed_style(k))
     ax.set_xscale("log")
     ax.set_yscale("log")
     _powers(ax, "x", "y")
     ax.set_xlabel("time [periods]")
     ax.set_ylabel("largest error of the energy balance so far [1]")
-    figure.legend(*ax.get_legend_handles_labels(), loc="lower left", bbox_to_anchor=(0.08, 0.01), ncols=3)
+    _legend(figure, ax, (0.08, 0.01))
     return figure
+
+
+def _growth_label(name: str, facts: Mapping[str, Any]) -> str:
+    power = "" if facts["exponent"] is None else f", ~t^{facts['exponent']:.1f}"
+    ended = "" if facts["status"] == "ok" else f", {facts['status'].replace('_', ' ')}"
+    return f"{name}{power}{ended}"
 
 
 def baumgarte(result: Result) -> Figure | None:

@@ -10,9 +10,7 @@ from robodyn_cli.results.result import Result
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Okabe and Ito's colours and a marker a method, a dash a formulation: they survive greyscale
-COLOURS = ("#000000", "#E69F00", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#8C6D31")
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+# a dash a formulation; colour and marker tell the methods apart
 DASHES = ("-", "--", ":", "-.")
 # more curves than these cannot be told apart; all of them are in runs.csv
 MOST = 12
@@ -58,6 +56,7 @@ def draw(result: Result) -> Figure:
     from matplotlib.figure import Figure
     from matplotlib.ticker import NullFormatter
 
+    from robodyn_cli.report.style import HANDLE_LENGTH, marked_style
     from robodyn_cli.report.ticks import PowerFormatter
 
     curves = _readable(_curves(result.summary["runs"]), result.summary["best"])
@@ -69,12 +68,12 @@ def draw(result: Result) -> Figure:
     methods = list(dict.fromkeys(r[0]["method"] for r in curves.values()))
     kinds = list(dict.fromkeys(r[0]["formulation"] for r in curves.values()))
     for name, runs in curves.items():
-        look = methods.index(runs[0]["method"]) % len(COLOURS)
+        look = marked_style(methods.index(runs[0]["method"]))
         dash = DASHES[kinds.index(runs[0]["formulation"]) % len(DASHES)]
         for axis, key, factor in ((axes[0], "run_time_s", 1e3), (axes[1], "evaluations", 1.0)):
             axis.plot(
-                [factor * r[key] for r in runs], [r["error"] for r in runs], color=COLOURS[look],
-                marker=MARKERS[look], linestyle=dash, markersize=4.5, linewidth=1.3, label=name,
+                [factor * r[key] for r in runs], [r["error"] for r in runs], linestyle=dash,
+                markersize=5.4, linewidth=1.3, label=name, **look,
             )  # fmt: skip
     for axis, label in zip(axes, ("run time [ms], median", "evaluations of the right-hand side [1]")):
         axis.set_xscale("log")
@@ -90,8 +89,9 @@ def draw(result: Result) -> Figure:
     axes[1].tick_params(labelleft=False)
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(
-        handles, labels, loc="lower left", bbox_to_anchor=(0.07, 0.0), ncols=3, frameon=False, fontsize=8
-    )
+        handles, labels, loc="lower left", bbox_to_anchor=(0.07, 0.0), ncols=3, frameon=False, fontsize=8,
+        handlelength=HANDLE_LENGTH + 1.2,  # the marker hides as much of the line
+    )  # fmt: skip
     figure.text(0.09, 0.945, result.title, fontsize=12, fontweight="bold")
     summary = result.summary
     figure.text(

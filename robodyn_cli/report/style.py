@@ -27,6 +27,10 @@ DASHES: tuple[Any, ...] = (
     (0, (3, 1.2, 1, 1.2, 1, 1.2)),
     (0, (1, 2.5)),
 )
+# Of a line in a legend, in font sizes: as long as the longest dash needs to be told from a solid line.
+HANDLE_LENGTH = 3.5
+# Markers differ in outline, and each is known filled and open.
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 # Up to this many lines are told apart by colour and dash, up to MANY by shade and dash; more become a map.
 FEW = len(COLOURS)
 MANY = 24
@@ -83,6 +87,30 @@ def line_styles(count: int) -> list[dict[str, Any]]:
         {"color": colour, "linestyle": DASHES[index % 3], "linewidth": 1.1}
         for index, colour in enumerate(shades(count))
     ]
+
+
+def marked_style(index: int) -> dict[str, Any]:
+    """Return colour and marker of the ``index``-th curve; they repeat after twice the number of markers.
+
+    Marker and filling alone tell the curves apart, for a grey printer. In the second round the marker is open and
+    another than the one which the colour had in the first.
+    """
+    lap, place = divmod(index % (2 * len(MARKERS)), len(MARKERS))
+    colour = COLOURS[place]
+    return {
+        "color": colour,
+        "marker": MARKERS[(place + 3 * lap) % len(MARKERS)],
+        "markerfacecolor": "white" if lap else colour,
+    }
+
+
+def dashed_style(index: int) -> dict[str, Any]:
+    """Return colour and dash of the ``index``-th curve without markers; they repeat after the square of FEW.
+
+    Each further round pairs the colours with the next dashes but two.
+    """
+    lap, place = divmod(index, FEW)
+    return {"color": COLOURS[place], "linestyle": DASHES[(place + 3 * lap) % FEW]}
 
 
 def shades(count: int) -> Sequence[Any]:

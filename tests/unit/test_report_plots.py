@@ -13,9 +13,10 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from robodyn_cli.errors import OutputError
-from robodyn_cli.report import draw, draw_all, plot_files
+from robodyn_cli.report import draw, draw_all, plot_files, plots_stability, plots_work_precision
 from robodyn_cli.report.decimate import crest, envelope, finite, thin_path
 from robodyn_cli.report.registry import PLOTS, applicable
+from robodyn_cli.report.style import dashed_style, marked_style, styled
 from robodyn_cli.report.ticks import number, unit
 from robodyn_cli.results.hdf5 import read, write
 from robodyn_cli.results.output_dir import SIGNATURE
@@ -251,6 +252,75 @@ def test_columns_of_different_units_have_panels_of_their_own() -> None:
     )  # fmt: skip
     labels = [ax.get_ylabel() for ax in draw(result, "joint_angles").axes if ax.get_ylabel()]
     assert [label.rpartition(" ")[2] for label in labels][:2] == ["[rad]", "[m]"]
+
+
+def test_sixteen_curves_look_different_on_a_grey_printer_too() -> None:
+    looks = [marked_style(index) for index in range(16)]
+    filled = [look["markerfacecolor"] == look["color"] for look in looks]
+    assert len({(look["marker"], full) for look, full in zip(looks, filled)}) == 16
+    assert len({(look["color"], look["marker"]) for look in looks}) == 16
+    dashed = [dashed_style(index) for index in range(16)]
+    assert len({(look["color"], str(look["linestyle"])) for look in dashed}) == 16
+
+
+def _compared(methods: list[str]) -> Result:
+    runs = [
+        {
+            "method": name,
+            "formulation": "tree",
+            "error": error * (1 + k),
+            "run_time_s": 1e-3 / error,
+            "evaluations": 9,
+        }
+        for k, name in enumerate(methods)
+        for error in (1e-3, 1e-6)
+    ]
+    result = pendulum_result(3)
+    result.summary = {"runs": runs, "best": [], "compared_until": 1.0, "reference_digits": 12.0}
+    return result
+
+
+def test_as_many_methods_as_are_compared_have_lines_of_their_own() -> None:
+    figure = plots_work_precision.draw(_compared([f"method{k}" for k in range(plots_work_precision.MOST)]))
+    for ax in figure.axes:
+        looks = {(line.get_color(), line.get_marker(), line.get_markerfacecolor()) for line in ax.lines}
+        assert len(looks) == len(ax.lines) == plots_work_precision.MOST
+
+
+def _growing(names: list[str]) -> Result:
+    result = pendulum_result(3)
+    facts = [{"method": n, "steps": 9, "exponent": 1.0, "status": "budget_exhausted"} for n in names]
+    period = {"seconds": 1.0, "source": "given"}
+    result.summary = {"energy_growth": {"methods": facts, "period": period}}
+    for name in names:
+        result.add(
+            f"energy_growth/{name}/periods",
+            np.array([0.0, 1.0, 10.0]),
+            units="1",
+            long_name="time",
+            dims=("n",),
+        )
+        result.add(
+            f"energy_growth/{name}/error",
+            np.array([0.0, 1e-9, 1e-8]),
+            units="1",
+            long_name="error",
+            dims=("n",),
+        )
+    return result
+
+
+@pytest.mark.parametrize("count", [1, 3, 8, 12])
+def test_the_legend_of_the_energy_stays_on_the_page_and_off_the_axes(count: int) -> None:
+    with styled():
+        figure = plots_stability.energy_growth(_growing([f"generalized_alpha{k}" for k in range(count)]))
+        assert figure is not None
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        legend = figure.legends[0].get_window_extent()
+        page = figure.bbox
+        assert page.x0 <= legend.x0 and legend.x1 <= page.x1 and page.y0 <= legend.y0
+        assert legend.y1 <= figure.axes[0].xaxis.label.get_window_extent().y0
 
 
 def test_names_in_the_mechanism_do_not_overlap() -> None:
