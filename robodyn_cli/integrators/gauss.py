@@ -37,7 +37,9 @@ SECOND_STEEP = (
 SCALE = 3.0
 RISK = 0.01  # what part of the acceptable error the trend of the last two may promise for the next step
 ACCEPT = 100.0  # the estimate is that pessimistic; measured against true errors
+ACCEPT_STEEP = 1.0  # not where a front may lie in the step
 STEEP = frozenset({"tanh", "exp", "atan"})  # operations with which smooth rates may still change all at once
+ROUGH = 1e-11  # of a rate: what rounding may make of it at the ends of a step
 EDGE = 10.0  # rates at the ends of a step may differ that much from the polynomial, in its last coefficients
 
 
@@ -70,6 +72,7 @@ class Gauss(Corrected):
         self.round = f.int_slot()
         self.primed = f.int_slot()
         self.steep = any(i.op in STEEP for i in w.system.dynamics.program.instructions)
+        self.accept = ACCEPT_STEEP if self.steep else ACCEPT
         if self.steep:
             self.edge, self.tops = w.array(1, 1), w.array(1, 1)
 
@@ -292,7 +295,7 @@ class Gauss(Corrected):
                 rejected = f.compare_int("sgt", f.load_int(w.whole(Whole.REJECTED_IN_ROW)), 0)
                 growth = f.select(rejected, f.constant(1.0), growth)
             factor = f.min(f.max(f.min(factor, BEST_RATIO / (ratio + 1e-9)), 0.3), growth)
-        return Attempt(error * (1.0 / ACCEPT**2), factor)
+        return Attempt(error * (1.0 / self.accept**2), factor)
 
     def _look_at_ends(self, w: Writer, t: Value, h: Value, total: Total) -> None:
         """Add to the error what may hide where no stage looks: in the first and the last 2 % of the step.
@@ -301,14 +304,15 @@ class Gauss(Corrected):
         """
         f, T = w.f, self.table
         signs = (-1.0) ** np.arange(self.lanes)
-        gap = float(T.c[0]) * ACCEPT / SCALE
+        gap = float(T.c[0]) * self.accept / SCALE
         for time, state, row in ((t, w.state, signs @ T.M), (t + h, w.new, T.M[0])):
             w.dynamics(time, state, self.edge)
             w.count(Whole.EVALUATIONS)
             with f.strict():
                 for j in w.each(w.rates):
                     expected = f.reduce("add", self.guess[j] * f.constant([float(x) for x in row]))
-                    missed = f.abs(self.edge[j] - expected) - EDGE * self.tops[j]
+                    known = f.muladd(self.sizes[j], ROUGH, self.tops[j] * EDGE)
+                    missed = f.abs(self.edge[j] - expected) - known
                     hidden = f.select(f.compare("ole", missed, 0.0), 0.0, missed) * self.weight[j] * gap
                     total.add_product(hidden, hidden)
 

@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 # the second run: so many times the steps, so that both together take less than three times the first, unless a
 # tolerance so much tighter does it with fewer
 MORE_STEPS = 1.9
+MOST_STEPS = 4
 TIGHTER = 50.0
 TIGHTEST_RTOL = 1e-14  # not below what double precision can resolve
 FINEST_RTOL = 1e-12  # below it, methods of high order are at rounding, where a tighter tolerance says nothing
@@ -116,12 +117,21 @@ def estimate_error(
     """
     mean_step = end / max(counters.steps, 1)
     second, how = tighter(options, mean_step, method)
-    # more steps than the first are what is asked of it
-    second = dataclasses.replace(second, max_steps=4 * options.max_steps)
+    # more steps than the first are what is asked of it, but not many times as many
+    most = min(4 * options.max_steps, MOST_STEPS * counters.steps + 1000)
+    second = dataclasses.replace(second, max_steps=most)
     grid = grid.every(recorder.every)
     report: dict[str, Any] = {"method": f"difference from a second integration with {how}"}
     try:
-        states, more = integrate_states(problem, system, method, start, grid, end, second, tick, passage)
+        try:
+            states, more = integrate_states(problem, system, method, start, grid, end, second, tick, passage)
+        except NumericalError as error:
+            if error.details.get("status") != "max_steps" or options.step is not None:
+                raise
+            # a tolerance that the method cannot keep
+            second, how = other_steps(dataclasses.replace(options, max_steps=most), mean_step)
+            report["method"] = f"difference from a second integration with {how}"
+            states, more = integrate_states(problem, system, method, start, grid, end, second, tick, passage)
         if more.steps <= 1.02 * counters.steps and options.step is None:
             # the tolerance does not decide about the steps, so the same ones were taken once more
             second, how = other_steps(second, mean_step)

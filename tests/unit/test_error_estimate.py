@@ -14,6 +14,7 @@ from robodyn_cli import deploy, load_scene, simulate
 from robodyn_cli.integrators.integrator import Options
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.run.second_run import remainder, tighter
+from tests.mechanisms import CONFIGS
 
 ROOT = Path(__file__).parents[2]
 
@@ -106,3 +107,15 @@ def test_without_an_estimate() -> None:
     summary = deploy(scene).summary
     assert summary["error_estimate"] is None and summary["lock"]["time_error"] is None
     assert "error_estimate" not in summary["wall_time_s"]
+
+
+def test_a_tolerance_that_a_method_cannot_keep_does_not_multiply_the_work() -> None:
+    """Backward differentiation of the squeezer needs 8000 steps at 1e-12, and 2e5 at the tolerance of the estimate."""
+    overrides = [
+        "simulate.duration=0.05", "simulate.samples=26", "simulate.integrator=bdf", "simulate.rtol=1e-12",
+        "simulate.atol=1e-13",
+    ]  # fmt: skip
+    result = simulate(load_scene(CONFIGS / "benchmarks" / "andrews.yaml", overrides))
+    estimate = result.summary["error_estimate"]
+    assert estimate["steps"] <= 3 * result.summary["counters"]["steps"]
+    assert 1e-8 < estimate["state_max"] < 1e-4

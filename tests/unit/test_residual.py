@@ -138,3 +138,16 @@ def test_runs_end_where_those_of_forward_dynamics_end(method: str) -> None:
     assert_close(samples[0], samples[1], 1e-9)
     assert abs(counts[0][0] - counts[1][0]) <= 2
     assert counts[0][1] <= 1.1 * counts[1][1]
+
+
+def test_smoothed_friction_does_not_multiply_steps_at_tight_tolerances() -> None:
+    """Rounding at the ends of a step, through M^-1, used to pass for a front there: 1e5 steps at rtol 1e-13."""
+    smooth = "friction: {viscous: 0.1, coulomb: 0.2, transition_speed: 0.1}}"
+    setup = prepare(load_scene_text(tree().replace("damper: {damping: 0.1}}", smooth)))
+    system = index1(setup.problem, work=False)
+    integrator, steps = Integrator(system, "gauss"), []
+    for rtol in (1e-11, 1e-13):
+        integrator.reset(0.0, np.concatenate([setup.assembled.q, setup.assembled.v]), Options(rtol, 1e-16))
+        integrator.advance(1.0)
+        steps.append(integrator.counters.steps)
+    assert steps[1] < 2 * steps[0]
