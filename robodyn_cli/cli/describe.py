@@ -65,7 +65,7 @@ def _cost_line(summary: Mapping[str, Any]) -> str:
 
 def describe_simulate(summary: Mapping[str, Any]) -> str:
     """Return the summary of a simulation."""
-    tolerances = ", ".join(f"{k} {v:.1g}" for k, v in summary.get("tolerances", {}).items())
+    tolerances = ", ".join(f"{k} {v:.4g}" for k, v in summary.get("tolerances", {}).items())
     lines = [
         f"{summary['title']}",
         f"  simulated          {number(summary['termination'].get('time'))} s, {summary['samples']} samples, "

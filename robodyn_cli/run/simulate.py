@@ -142,6 +142,8 @@ def simulate(
                 problem, system, integrator.stepper.name, start, grid, integrator.time, options, recorder, run.counters,
                 lambda time: progress(time, scene.simulate.duration), passage,
             )  # fmt: skip
+        if reason := result.summary["error_estimate"].get("reason"):
+            result.summary.setdefault("warnings", []).append(f"nothing vouches for this motion: {reason}")
     result.summary["wall_time_s"] = watch.report()
     return result
 

@@ -119,3 +119,10 @@ def test_a_tolerance_that_a_method_cannot_keep_does_not_multiply_the_work() -> N
     estimate = result.summary["error_estimate"]
     assert estimate["steps"] <= 3 * result.summary["counters"]["steps"]
     assert 1e-8 < estimate["state_max"] < 1e-4
+
+
+def test_a_run_that_no_second_one_confirms_carries_a_warning() -> None:
+    overrides = ["simulate.integrator=rk4", "simulate.step=100", "simulate.samples=11"]
+    summary = simulate(load_scene(CONFIGS / "double_pendulum.yaml", overrides)).summary
+    assert summary["error_estimate"]["state_max"] is None
+    assert summary["warnings"][0].startswith("nothing vouches for this motion: the second integration failed")
