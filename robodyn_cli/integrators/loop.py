@@ -14,9 +14,10 @@ from robodyn_cli.integrators.stepper import SLACK, Stepper
 from robodyn_cli.integrators.trial import switching_function, trial_function
 from robodyn_cli.integrators.writer import LANES, Writer
 from robodyn_cli.kernels.arrays import Array, Total
-from robodyn_cli.kernels.ir import Condition, Value, module
+from robodyn_cli.kernels.ir import Condition, Function, Int, Value, module
 
 SHORTEST = 32 * 2.3e-16  # of the time: steps that may pass a jump unchecked
+DIPS = 4  # times that it is looked at where a function nearly touches zero
 CLOSER = 2  # times that dense output is looked at again around an event
 
 
@@ -132,6 +133,34 @@ def write_run(system: System, method: Stepper, fused: bool) -> str:
     return module([*entries, *w.functions.values()])
 
 
+def _dips(f: Function, first: Value, before: Value, g: Value) -> Int:
+    """Return the lanes, as bits, in which a function comes nearest to zero and may cross it and come back.
+
+    A parabola through the lane and its neighbours (the last neighbour, and that of the ``first`` value, by
+    extrapolation) goes beyond zero, or most of the way.
+    """
+    width = g.width
+
+    def extrapolated(a: Value, b: Value, c: Value) -> Value:
+        return (a - b) * 3.0 + c
+
+    def near(before: Value, g: Value, after: Value) -> Condition:
+        size = f.abs(g)
+        nearest = f.compare("ogt", f.abs(before), size) & f.compare("ogt", f.abs(after), size)
+        together = f.compare("ogt", before * g, 0.0) & f.compare("ogt", after * g, 0.0)
+        slope, bend = after - before, (before + after) - (g + g)
+        # g - slope^2 / (8 bend) < g / 4, where g and bend have the same sign
+        return nearest & together & f.compare("ogt", slope * slope, f.abs(bend) * size * 6.0)
+
+    lane = [f.lane(g, k) for k in (0, 1, width - 3, width - 2, width - 1)]
+    beyond = f.splat(extrapolated(lane[4], lane[3], lane[2]), width)
+    vec = f"<{width} x double>"
+    order = ", ".join(f"i32 {j + 1}" for j in range(width))
+    after = f.emit(f"shufflevector {vec} {g.ref}, {vec} {beyond.ref}, <{width} x i32> <{order}>", width)
+    at_start = near(extrapolated(first, lane[0], lane[1]), first, lane[0])
+    return near(before, g, after).mask() | f.select_int(at_start, 1, 0)
+
+
 def _step_over_jump(w: Writer, h: Value, accepted: str) -> None:
     """Accept a rejected step that is as short as steps can be and passes a jump of the right-hand side.
 
@@ -225,12 +254,14 @@ def _find_event(w: Writer, method: Stepper, t: Value, h: Value, status: str, lea
     quiet, look, scan = f.label("quiet"), f.label("look"), f.label("scan")
     f.branch(f.compare_int("ne", f.load_int(w.whole(Whole.WATCH)), 0), look, quiet)
     f.place(look)
-    base, span, closer = f.slot(), f.slot(), f.int_slot()
+    base, span, closer, dips = f.slot(), f.slot(), f.int_slot(), f.int_slot()
     # of each function the value before the first lane, and those in the lanes
     passed = f.slot(1, (width + 1) * count)
     f.store(-1.0, base)
     f.store(1.0, span)
     f.store_int(0, closer)
+    f.store_int(0, dips)
+    ends = f.slot(1, count)
     for k in range(count):
         f.store(w.get(Real.SIZE + k), f.offset(passed, (width + 1) * k))
     f.jump(scan)
@@ -244,7 +275,8 @@ def _find_event(w: Writer, method: Stepper, t: Value, h: Value, status: str, lea
     which = f.int_slot()
     f.store_int(width, first)
     f.store_int(0, which)
-    lasts: list[Value] = []
+    dipping, dipping_at = f.int_slot(), f.int_slot()
+    f.store_int(0, dipping)
     for k, (g, event) in enumerate(zip(values, s.events)):
         g = f.splat(g, width)
         row = f.offset(passed, (width + 1) * k)
@@ -270,7 +302,14 @@ def _find_event(w: Writer, method: Stepper, t: Value, h: Value, status: str, lea
         sooner = f.compare_int("slt", lane, f.load_int(first))
         f.store_int(f.select_int(sooner, lane, f.load_int(first)), first)
         f.store_int(f.select_int(sooner, f.emit_int(f"add i64 0, {k}"), f.load_int(which)), which)
-        lasts.append(f.lane(g, width - 1))
+        dip = _dips(f, before, shifted, g) | (1 << width)
+        lane = f.lowest_bit(dip)
+        deeper = f.compare_int("slt", lane, width)
+        f.store_int(f.select_int(deeper, lane, f.load_int(dipping_at)), dipping_at)
+        f.store_int(f.select_int(deeper, 1, f.load_int(dipping)), dipping)
+        at_end = f.compare_int("eq", f.load_int(dips), 0)
+        last = f.offset(ends, k)
+        f.store(f.select(at_end, f.lane(g, width - 1), f.load(last)), last)
     found, none, enough, nothing = (f.label(x) for x in ("found", "none", "enough", "nothing"))
     f.branch(f.compare_int("slt", f.load_int(first), width), found, none)
     f.place(found)
@@ -296,12 +335,28 @@ def _find_event(w: Writer, method: Stepper, t: Value, h: Value, status: str, lea
     f.store_int(known + 1, closer)
     f.branch(f.compare_int("slt", known, CLOSER), scan, enough)
     f.place(none)
+    dip, plain = f.label("dip"), f.label("plain")
+    may = f.compare_int("eq", f.load_int(dipping), 1) & f.compare_int("eq", f.load_int(closer), 0)
+    f.branch(may & f.compare_int("slt", f.bump(dips), DIPS + 1), dip, plain)
+    f.place(dip)
+    # once more between the neighbours of the lane that is nearest to zero
+    at = f.load_int(dipping_at)
+    part = f.load(span) * (1.0 / width)
+    start = f.load(base) + part * f.to_double(at)
+    f.store(start, base)
+    f.store(f.min(part * 2.0, -start), span)
+    for k in range(count):
+        row = f.offset(passed, (width + 1) * k)
+        f.store(f.load(f.offset(row, at)), row)
+    f.jump(scan)
+    f.place(plain)
     f.branch(f.compare_int("eq", f.load_int(closer), 0), nothing, enough)
     f.place(enough)
     f.store_int(Status.EVENT, status)
     f.jump(leave)
     f.place(nothing)
-    for k, g in enumerate(lasts):
+    for k in range(count):
+        g = f.load(f.offset(ends, k))
         # a function that ends the step at zero keeps its sign: whether it crosses shows in the next step
         w.put(Real.SIZE + k, f.select(f.compare("oeq", g, 0.0), w.get(Real.SIZE + k), g))
     f.jump(quiet)
