@@ -18,6 +18,7 @@ from robodyn_cli.kernels.ir import Condition, Function, Int, Value, module
 
 SHORTEST = 32 * 2.3e-16  # of the time: steps that may pass a jump unchecked
 DIPS = 4  # times that it is looked at where a function nearly touches zero
+TOUCHING = 1e-9  # of its neighbours, below which a value says nothing about what lies beyond zero
 CLOSER = 2  # times that dense output is looked at again around an event
 
 
@@ -150,7 +151,9 @@ def _dips(f: Function, first: Value, before: Value, g: Value) -> Int:
         together = f.compare("ogt", before * g, 0.0) & f.compare("ogt", after * g, 0.0)
         slope, bend = after - before, (before + after) - (g + g)
         # g - slope^2 / (8 bend) < g / 4, where g and bend have the same sign
-        return nearest & together & f.compare("ogt", slope * slope, f.abs(bend) * size * 6.0)
+        deep = f.compare("ogt", slope * slope, f.abs(bend) * size * 6.0)
+        # one that stands at zero but for rounding has been looked at
+        return nearest & together & deep & f.compare("ogt", size, f.abs(after) * TOUCHING)
 
     lane = [f.lane(g, k) for k in (0, 1, width - 3, width - 2, width - 1)]
     beyond = f.splat(extrapolated(lane[4], lane[3], lane[2]), width)
