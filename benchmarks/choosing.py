@@ -163,23 +163,22 @@ def draw(results: dict[str, dict[str, list[Point]]], energy: dict[str, Any], pat
     """Draw errors over run times, a panel a motion, and the energy over long times."""
     import matplotlib.pyplot as plt
 
-    from robodyn_cli.report.style import COLOURS, DASHES
+    from robodyn_cli.report.style import DASHES, marked_style
 
-    marks = ("o", "s", "^", "D", "v", "P", "X", "<")
     figure, axes = plt.subplots(3, 2, figsize=(9.5, 10.5), layout="constrained")
     for ax, (title, curves) in zip(axes.flat, results.items()):
         for k, name in enumerate(COMPARED):
             points = [p for p in curves.get(name, []) if 1e-15 < p.error < 1.0]
             ax.loglog(
-                [1e3 * p.seconds for p in points], [p.error for p in points], color=COLOURS[k], ls=DASHES[k],
-                marker=marks[k], ms=4, label=name,
+                [1e3 * p.seconds for p in points], [p.error for p in points], ls=DASHES[k], ms=4, label=name,
+                **marked_style(k),
             )  # fmt: skip
         ax.set(title=title, xlabel="run time [ms]", ylabel="largest error of a joint position [rad]")
         ax.grid(True, which="major", color="#dedede", lw=0.6)
     ax = axes.flat[4]
     for k, (name, points) in enumerate(energy.items()):
-        ax.loglog([1e3 * p[0] for p in points], [p[1] for p in points], color=COLOURS[k % 8], ls=DASHES[k % 8],
-                  marker=marks[k % 8], ms=4, label=name)  # fmt: skip
+        ax.loglog([1e3 * p[0] for p in points], [p[1] for p in points], ls=DASHES[k % 8], ms=4, label=name,
+                  **marked_style(k))  # fmt: skip
     ax.set(
         title="pendulum, 1000 periods, fixed steps",
         xlabel="run time [ms]",

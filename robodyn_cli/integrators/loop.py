@@ -305,10 +305,12 @@ def _find_event(w: Writer, method: Stepper, t: Value, h: Value, status: str, lea
         sooner = f.compare_int("slt", lane, f.load_int(first))
         f.store_int(f.select_int(sooner, lane, f.load_int(first)), first)
         f.store_int(f.select_int(sooner, f.emit_int(f"add i64 0, {k}"), f.load_int(which)), which)
-        lane = f.lowest_bit(_dips(f, before, shifted, g) | (1 << width))
-        deeper = f.compare_int("slt", lane, width)
-        f.store_int(f.select_int(deeper, lane, f.load_int(dipping_at)), dipping_at)
-        f.store_int(f.select_int(deeper, 1, f.load_int(dipping)), dipping)
+        # what is much shorter than a fixed step is not resolved by it, nor by half of it for the estimate
+        if method.adaptive:
+            lane = f.lowest_bit(_dips(f, before, shifted, g) | (1 << width))
+            deeper = f.compare_int("slt", lane, width)
+            f.store_int(f.select_int(deeper, lane, f.load_int(dipping_at)), dipping_at)
+            f.store_int(f.select_int(deeper, 1, f.load_int(dipping)), dipping)
         at_end = f.compare_int("eq", f.load_int(dips), 0)
         last = f.offset(ends, k)
         f.store(f.select(at_end, f.lane(g, width - 1), f.load(last)), last)
