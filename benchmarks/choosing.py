@@ -19,10 +19,10 @@ import numpy as np
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.integrator import Grid, Integrator, Options
 from robodyn_cli.integrators.registry import methods
-from robodyn_cli.run.prepare import prepare
-from robodyn_cli.run.stability_scenes import HANGING, stiff_arm
+from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
+from robodyn_cli.run.driver.prepare import prepare
+from robodyn_cli.run.numerics.stability_scenes import HANGING, stiff_arm
 from robodyn_cli.scene.load import load_scene, load_scene_text
 
 SAMPLES = 257

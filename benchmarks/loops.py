@@ -25,10 +25,10 @@ from peers.exudyn_loops import Mechanism, Unsupported, solve  # noqa: E402
 
 from robodyn_cli import load_scene  # noqa: E402
 from robodyn_cli.errors import CapabilityError, NumericalError, RobodynError  # noqa: E402
-from robodyn_cli.integrators.integrator import Grid, Integrator, Options  # noqa: E402
-from robodyn_cli.run.prepare import prepare  # noqa: E402
-from robodyn_cli.run.trial import Reference, agreed  # noqa: E402
-from robodyn_cli.run.work_precision import LONGEST, formulations, reference  # noqa: E402
+from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options  # noqa: E402
+from robodyn_cli.run.driver.prepare import prepare  # noqa: E402
+from robodyn_cli.run.numerics.trial import Reference, agreed  # noqa: E402
+from robodyn_cli.run.numerics.work_precision import LONGEST, formulations, reference  # noqa: E402
 
 FOLDER = measure.ROOT / "configs" / "benchmarks"
 TOLERANCES = (1e-4, 1e-7, 1e-10, 1e-13)

@@ -69,8 +69,8 @@ def measure(n: int) -> dict[str, Any]:
 
     from robodyn_cli import load_scene_text
     from robodyn_cli.formulations.index1 import index1
-    from robodyn_cli.integrators.integrator import Integrator, Options
-    from robodyn_cli.run.prepare import prepare
+    from robodyn_cli.integrators.runtime.integrator import Integrator, Options
+    from robodyn_cli.run.driver.prepare import prepare
 
     start = time.process_time()
     setup = prepare(load_scene_text(scene(n)))

@@ -17,15 +17,15 @@ from robodyn_cli.version import __version__
 _HOME = {
     "load_scene": "robodyn_cli.scene.load",
     "load_scene_text": "robodyn_cli.scene.load",
-    "inverse": "robodyn_cli.run.inverse",
+    "inverse": "robodyn_cli.run.inverse.inverse",
     "simulate": "robodyn_cli.run.simulate",
-    "deploy": "robodyn_cli.run.deploy",
-    "kinematics": "robodyn_cli.run.kinematics",
-    "statics": "robodyn_cli.run.statics",
-    "assemble": "robodyn_cli.run.assemble",
-    "plan": "robodyn_cli.run.plan",
-    "InverseDynamics": "robodyn_cli.run.dynamics",
-    "ForwardDynamics": "robodyn_cli.run.dynamics",
+    "deploy": "robodyn_cli.run.deploy.deploy",
+    "kinematics": "robodyn_cli.run.mechanism.kinematics",
+    "statics": "robodyn_cli.run.mechanism.statics",
+    "assemble": "robodyn_cli.run.mechanism.assemble",
+    "plan": "robodyn_cli.run.plan.plan",
+    "InverseDynamics": "robodyn_cli.run.inverse.dynamics",
+    "ForwardDynamics": "robodyn_cli.run.inverse.dynamics",
     "Result": "robodyn_cli.results.result",
     "read_result": "robodyn_cli.results.hdf5",
     "write_result": "robodyn_cli.results.hdf5",
@@ -47,15 +47,15 @@ if TYPE_CHECKING:  # "as" makes a name part of the API for type checkers
     from robodyn_cli.report import draw_all as draw_all
     from robodyn_cli.results import hdf5
     from robodyn_cli.results.result import Result as Result
-    from robodyn_cli.run.assemble import assemble as assemble
-    from robodyn_cli.run.deploy import deploy as deploy
-    from robodyn_cli.run.dynamics import ForwardDynamics as ForwardDynamics
-    from robodyn_cli.run.dynamics import InverseDynamics as InverseDynamics
-    from robodyn_cli.run.inverse import inverse as inverse
-    from robodyn_cli.run.kinematics import kinematics as kinematics
-    from robodyn_cli.run.plan import plan as plan
+    from robodyn_cli.run.deploy.deploy import deploy as deploy
+    from robodyn_cli.run.inverse.dynamics import ForwardDynamics as ForwardDynamics
+    from robodyn_cli.run.inverse.dynamics import InverseDynamics as InverseDynamics
+    from robodyn_cli.run.inverse.inverse import inverse as inverse
+    from robodyn_cli.run.mechanism.assemble import assemble as assemble
+    from robodyn_cli.run.mechanism.kinematics import kinematics as kinematics
+    from robodyn_cli.run.mechanism.statics import statics as statics
+    from robodyn_cli.run.plan.plan import plan as plan
     from robodyn_cli.run.simulate import simulate as simulate
-    from robodyn_cli.run.statics import statics as statics
     from robodyn_cli.scene.load import load_scene as load_scene
     from robodyn_cli.scene.load import load_scene_text as load_scene_text
 

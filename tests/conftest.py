@@ -27,7 +27,7 @@ def pytest_pyfunc_call(pyfuncitem: Any) -> Generator[None, Any, Any]:
 def fixed_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """Methods named ``fixed NAME`` that take every step as it comes."""
     from robodyn_cli.integrators.registry import methods
-    from robodyn_cli.integrators.stepper import Attempt
+    from robodyn_cli.integrators.stepping.stepper import Attempt
 
     monkeypatch.setenv("ROBODYN_CACHE", "off")
     for name, method in list(methods.items()):

@@ -13,8 +13,8 @@ from robodyn_cli.expr import functions as f
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.formulations.dynamics import Expanded
 from robodyn_cli.formulations.system import EventFunction, System
-from robodyn_cli.integrators.integrator import Counters, Event, Grid, Integrator, Options
 from robodyn_cli.integrators.registry import methods
+from robodyn_cli.integrators.runtime.integrator import Counters, Event, Grid, Integrator, Options
 
 Array = np.ndarray
 

@@ -18,7 +18,7 @@ TOLERANCES = {
 def chain_system(case: Chain) -> tuple[Any, np.ndarray]:
     """Return the system and its state at t = 0."""
     from robodyn_cli.formulations.index1 import index1
-    from robodyn_cli.run.prepare import prepare
+    from robodyn_cli.run.driver.prepare import prepare
     from robodyn_cli.scene.load import load_scene_text
 
     setup = prepare(load_scene_text(case.scene_text()))
@@ -30,8 +30,8 @@ def four_bar_system() -> tuple[Any, np.ndarray]:
     from robodyn_cli import load_scene
     from robodyn_cli.formulations.index1 import index1
     from robodyn_cli.formulations.system import EventFunction
-    from robodyn_cli.run.prepare import passive_coordinates, prepare
-    from robodyn_cli.run.singularity import passive_determinant
+    from robodyn_cli.run.driver.prepare import passive_coordinates, prepare
+    from robodyn_cli.run.driver.singularity import passive_determinant
 
     setup = prepare(load_scene(CONFIGS / "four_bar_deploy.yaml"))
     determinant = passive_determinant(setup.problem, passive_coordinates(setup.problem) or [])
@@ -44,7 +44,7 @@ def entries(case: Any, methods: Any = ()) -> Iterator[Entry]:
 
     A short run at a coarse tolerance is one for fewer stages.
     """
-    from robodyn_cli.integrators.integrator import Integrator, Options
+    from robodyn_cli.integrators.runtime.integrator import Integrator, Options
 
     smooth = ("gauss", "gauss8") if isinstance(case, FourBar) else ("gauss",)
     for method in methods or (("rodas5p", "radau13") if case.stiff else smooth):
@@ -60,7 +60,7 @@ def entries(case: Any, methods: Any = ()) -> Iterator[Entry]:
 
 
 def to_lock(integrator: Any, start: np.ndarray, options: Any) -> Any:
-    from robodyn_cli.integrators.integrator import Grid
+    from robodyn_cli.integrators.runtime.integrator import Grid
 
     grid = Grid(0.0, 20.0, 2)
 
@@ -79,7 +79,7 @@ def to_lock(integrator: Any, start: np.ndarray, options: Any) -> Any:
 
 
 def swing(integrator: Any, start: np.ndarray, options: Any, case: Chain) -> tuple[Any, Any]:
-    from robodyn_cli.integrators.integrator import Grid
+    from robodyn_cli.integrators.runtime.integrator import Grid
 
     def run() -> tuple[np.ndarray, int]:
         integrator.reset(0.0, start, options)

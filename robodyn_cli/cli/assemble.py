@@ -33,7 +33,7 @@ def command(
     def action() -> int:
         changes = list(overrides or ())
         if at:
-            from robodyn_cli.run.info import state_overrides
+            from robodyn_cli.run.mechanism.info import state_overrides
             from robodyn_cli.scene.load import load_scene
 
             changes += state_overrides(load_scene(scene, changes), at)

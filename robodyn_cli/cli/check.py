@@ -29,8 +29,8 @@ def command(
         import json
 
         from robodyn_cli.errors import SceneError
-        from robodyn_cli.run.criteria import judge
-        from robodyn_cli.run.stored import summary_and_scene
+        from robodyn_cli.run.batch.criteria import judge
+        from robodyn_cli.run.batch.stored import summary_and_scene
         from robodyn_cli.scene.load import load_scene, load_scene_text
 
         summary, text = summary_and_scene(result)

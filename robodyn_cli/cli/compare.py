@@ -39,7 +39,7 @@ def command(
 
         from robodyn_cli.results.compare import compare
         from robodyn_cli.results.summary import jsonable
-        from robodyn_cli.run.stored import read_stored
+        from robodyn_cli.run.batch.stored import read_stored
 
         found = compare(read_stored(result), read_stored(baseline), rtol=rtol, atol=atol)
         rows = [as_dict(item) for item in found.differences]

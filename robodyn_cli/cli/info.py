@@ -31,7 +31,7 @@ def command(
         from robodyn_cli.cli.runner import default_directory
         from robodyn_cli.results.output_dir import OutputDirectory
         from robodyn_cli.results.summary import jsonable
-        from robodyn_cli.run.info import info
+        from robodyn_cli.run.mechanism.info import info
 
         found, result = info(scene, overrides or (), at or ())
         report = {"status": "ok", "command": "info", **found}
@@ -55,7 +55,7 @@ def command(
 
 def describe(found: Mapping[str, Any]) -> str:
     """Return the report for the terminal."""
-    from robodyn_cli.run.info import tree
+    from robodyn_cli.run.mechanism.info import tree
 
     joints = found["state"]["q"]
     lines = [str(found["title"]), *("  " + line for line in tree(found["joints"], found["links"]))]

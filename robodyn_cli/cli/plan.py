@@ -25,7 +25,7 @@ def command(
     def action() -> int:
         import json
 
-        from robodyn_cli.run.plan import plan, render
+        from robodyn_cli.run.plan.plan import plan, render
         from robodyn_cli.scene.load import load_scene
 
         found = plan(load_scene(scene, list(overrides or ())), for_command)

@@ -49,11 +49,11 @@ def command(
         from robodyn_cli.cli.worker import command_line
         from robodyn_cli.errors import CapabilityError
         from robodyn_cli.results.atomic import write_bytes
-        from robodyn_cli.run import batch_reports as reports
-        from robodyn_cli.run.batch import Batch
-        from robodyn_cli.run.batch_entries import entries
-        from robodyn_cli.run.findings import worst
-        from robodyn_cli.run.gather import gather
+        from robodyn_cli.run.batch import reports
+        from robodyn_cli.run.batch.batch import Batch
+        from robodyn_cli.run.batch.entries import entries
+        from robodyn_cli.run.batch.findings import worst
+        from robodyn_cli.run.batch.gather import gather
 
         start = time.perf_counter()
         if timeout is not None and not 0.0 < timeout < math.inf:

@@ -62,7 +62,7 @@ def run_suite(
     from robodyn_cli.results.atomic import write_bytes
     from robodyn_cli.results.hdf5 import write
     from robodyn_cli.results.output_dir import OutputDirectory
-    from robodyn_cli.run.stability_suite import suite
+    from robodyn_cli.run.numerics.stability_suite import suite
 
     with OutputDirectory(out or Path("outputs") / "stability-suite", plot_files()) as directory:
         result = suite(quick, cases, console.progress, lambda line: console.note(line))

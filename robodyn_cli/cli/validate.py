@@ -24,8 +24,8 @@ def command(
     def action() -> int:
         import json
 
-        from robodyn_cli.run.findings import findings, worst
-        from robodyn_cli.run.gather import gather
+        from robodyn_cli.run.batch.findings import findings, worst
+        from robodyn_cli.run.batch.gather import gather
 
         report = []
         for path in gather(scenes):

@@ -45,7 +45,7 @@ def command(
         from robodyn_cli.results.atomic import write_bytes
         from robodyn_cli.results.hdf5 import write
         from robodyn_cli.results.output_dir import OutputDirectory
-        from robodyn_cli.run.work_precision import work_precision
+        from robodyn_cli.run.numerics.work_precision import work_precision
         from robodyn_cli.scene.load import load_scene
 
         loaded = load_scene(scene, list(overrides or ()))

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from robodyn_cli.integrators.stepper import Stepper
+from robodyn_cli.integrators.stepping.stepper import Stepper
 from robodyn_cli.registry import Registry
 
 methods: Registry[type[Stepper]] = Registry(
-    "robodyn_cli.integrators",
+    "robodyn_cli.integrators.methods",
     {
         "gauss": "gauss:Gauss",
         "gauss8": "gauss_orders:Gauss8",

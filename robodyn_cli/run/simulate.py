@@ -15,22 +15,22 @@ from robodyn_cli.errors import (
 )
 from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.formulations.system import EventFunction
-from robodyn_cli.integrators.integrator import Event, Grid, Integrator
+from robodyn_cli.integrators.runtime.integrator import Event, Grid, Integrator
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.writer import ResultWriter
-from robodyn_cli.run.divergence import breakdown
-from robodyn_cli.run.mass_matrix import nearly_singular
-from robodyn_cli.run.method import Choice, Run
-from robodyn_cli.run.modes import Modes
-from robodyn_cli.run.observe import Observer
-from robodyn_cli.run.passage import Passage, passage_event
-from robodyn_cli.run.prepare import Setup, options_for, passive_coordinates, prepare
+from robodyn_cli.run.driver.contact_states import Modes
+from robodyn_cli.run.driver.divergence import breakdown
+from robodyn_cli.run.driver.mass_matrix import nearly_singular
+from robodyn_cli.run.driver.method import Choice, Run
+from robodyn_cli.run.driver.passage import Passage, passage_event
+from robodyn_cli.run.driver.prepare import Setup, options_for, passive_coordinates, prepare
+from robodyn_cli.run.driver.redundancy import check_redundant, describe_dependence
+from robodyn_cli.run.driver.second_run import estimate_error
+from robodyn_cli.run.driver.singularity import driven_dead_point, rank_loss_event, stop_at_rank_loss
+from robodyn_cli.run.driver.start import start_warnings
+from robodyn_cli.run.observation.observe import Observer
+from robodyn_cli.run.observation.recorder import Recorder
 from robodyn_cli.run.progress import Progress, no_progress
-from robodyn_cli.run.recorder import Recorder
-from robodyn_cli.run.redundancy import check_redundant, describe_dependence
-from robodyn_cli.run.second_run import estimate_error
-from robodyn_cli.run.singularity import driven_dead_point, rank_loss_event, stop_at_rank_loss
-from robodyn_cli.run.start import start_warnings
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 
@@ -62,7 +62,7 @@ def simulate(
     watch = watch or Stopwatch()
     gains = None
     if scene.simulate.stabilisation == "baumgarte":
-        from robodyn_cli.run.gains import with_gains  # which needs this module
+        from robodyn_cli.run.driver.gains import with_gains  # which needs this module
 
         scene, gains = with_gains(scene, watch)
     setup = prepare(scene, watch, modes=True)

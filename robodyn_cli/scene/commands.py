@@ -21,13 +21,13 @@ class SceneCommand:
 
 
 SCENE_COMMANDS: dict[str, SceneCommand] = {
-    "inverse": SceneCommand("robodyn_cli.run.inverse", "inverse"),
+    "inverse": SceneCommand("robodyn_cli.run.inverse.inverse", "inverse"),
     "simulate": SceneCommand("robodyn_cli.run.simulate", "simulate", streamed=True),
-    "deploy": SceneCommand("robodyn_cli.run.deploy", "deploy", streamed=True),
+    "deploy": SceneCommand("robodyn_cli.run.deploy.deploy", "deploy", streamed=True),
     "stability": SceneCommand(
-        "robodyn_cli.run.stability", "stability", plots="robodyn_cli.report.plots_stability"
+        "robodyn_cli.run.numerics.stability", "stability", plots="robodyn_cli.report.plots_stability"
     ),
-    "statics": SceneCommand("robodyn_cli.run.statics", "statics"),
-    "assemble": SceneCommand("robodyn_cli.run.assemble", "assemble"),
-    "kinematics": SceneCommand("robodyn_cli.run.kinematics", "kinematics"),
+    "statics": SceneCommand("robodyn_cli.run.mechanism.statics", "statics"),
+    "assemble": SceneCommand("robodyn_cli.run.mechanism.assemble", "assemble"),
+    "kinematics": SceneCommand("robodyn_cli.run.mechanism.kinematics", "kinematics"),
 }

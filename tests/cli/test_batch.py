@@ -15,12 +15,12 @@ import pytest
 
 from robodyn_cli.cli.runner import EXIT
 from robodyn_cli.errors import SceneError
-from robodyn_cli.run import batch_entries
-from robodyn_cli.run.batch import Batch
-from robodyn_cli.run.batch_entries import Entry, entries, unique_names
-from robodyn_cli.run.batch_reports import junit, markdown, tally
-from robodyn_cli.run.criteria import EXIT_OF_STATUS
-from robodyn_cli.run.gather import gather
+from robodyn_cli.run.batch import entries as batch_entries
+from robodyn_cli.run.batch.batch import Batch
+from robodyn_cli.run.batch.criteria import EXIT_OF_STATUS
+from robodyn_cli.run.batch.entries import Entry, entries, unique_names
+from robodyn_cli.run.batch.gather import gather
+from robodyn_cli.run.batch.reports import junit, markdown, tally
 from tests.cli.batch_scenes import ROOT, arm, robodyn, run
 
 PASSES = "expect: {status: ok, peak_torque.swing: < 100}"

@@ -13,11 +13,11 @@ import pytest
 
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.results.result import Result
-from robodyn_cli.run import batch as batch_module
-from robodyn_cli.run.batch import Batch
-from robodyn_cli.run.batch_entries import Entry, entries
-from robodyn_cli.run.batch_reports import junit
-from robodyn_cli.run.criteria import Outcome
+from robodyn_cli.run.batch import batch as batch_module
+from robodyn_cli.run.batch.batch import Batch
+from robodyn_cli.run.batch.criteria import Outcome
+from robodyn_cli.run.batch.entries import Entry, entries
+from robodyn_cli.run.batch.reports import junit
 from robodyn_cli.run.progress import Progress
 from robodyn_cli.scene.commands import SCENE_COMMANDS
 from robodyn_cli.scene.types import Scene
@@ -133,8 +133,8 @@ def test_the_commands_of_scenes_exist(tmp_path: Path) -> None:
 
 
 def test_an_analysis_is_a_command_of_a_scene_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from robodyn_cli.run import stability
     from robodyn_cli.run.commands import execute
+    from robodyn_cli.run.numerics import stability
     from robodyn_cli.run.stopwatch import Stopwatch
 
     path = tmp_path / "swing.yaml"

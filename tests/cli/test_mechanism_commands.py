@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from robodyn_cli.run.criteria import judge
+from robodyn_cli.run.batch.criteria import judge
 from robodyn_cli.scene.load import load_scene
 from tests.cli.tool import invoke
 

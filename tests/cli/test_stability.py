@@ -6,9 +6,9 @@ import json
 from pathlib import Path
 
 from robodyn_cli.results.hdf5 import read
-from robodyn_cli.run.stability_cases import CASES, Case
-from robodyn_cli.run.stability_suite import judge
-from robodyn_cli.run.trial import Trial
+from robodyn_cli.run.numerics.stability_cases import CASES, Case
+from robodyn_cli.run.numerics.stability_suite import judge
+from robodyn_cli.run.numerics.trial import Trial
 from tests.cli.tool import files, invoke
 
 CONFIGS = Path(__file__).parents[2] / "configs"

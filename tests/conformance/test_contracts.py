@@ -15,7 +15,7 @@ from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.dynamics import Expanded
 from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.formulations.system import EventFunction, System
-from robodyn_cli.integrators.integrator import Event, Grid, Integrator, Options
+from robodyn_cli.integrators.runtime.integrator import Event, Grid, Integrator, Options
 from robodyn_cli.kernels.compiler import REPORT
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.scene.load import load_scene

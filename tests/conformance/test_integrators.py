@@ -11,11 +11,12 @@ import pytest
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr import functions as f
 from robodyn_cli.formulations.system import EventFunction
-from robodyn_cli.integrators import engine, writer
-from robodyn_cli.integrators import integrator as module
-from robodyn_cli.integrators.integrator import Grid, Integrator, Options
 from robodyn_cli.integrators.registry import methods
-from robodyn_cli.integrators.stepper import Stepper
+from robodyn_cli.integrators.runtime import engine
+from robodyn_cli.integrators.runtime import integrator as module
+from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
+from robodyn_cli.integrators.stepping import writer
+from robodyn_cli.integrators.stepping.stepper import Stepper
 from robodyn_cli.kernels import compiler
 from tests import systems
 from tests.systems import (

@@ -16,8 +16,8 @@ from robodyn_cli.expr.graph import Graph
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.index1 import index1, residuals
 from robodyn_cli.formulations.system import EventFunction, System
-from robodyn_cli.integrators.integrator import Grid, Integrator, Options
 from robodyn_cli.integrators.registry import methods
+from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
 from robodyn_cli.scene.load import load_scene, load_scene_text
 from robodyn_cli.solve.assembly import assemble
 from tests.systems import collect, settings, system, within_reach

@@ -18,10 +18,10 @@ from robodyn_cli.errors import CapabilityError, NumericalError
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.formulations.index3 import Index3
-from robodyn_cli.integrators import generalized_alpha as module
-from robodyn_cli.integrators.integrator import Grid, Integrator, Options
+from robodyn_cli.integrators.methods import generalized_alpha as module
+from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.prepare import prepare
+from robodyn_cli.run.driver.prepare import prepare
 from robodyn_cli.scene.load import load_scene_text
 from tests.oracle.test_stiff import PENDULUM as STIFF_PENDULUM
 from tests.systems import advance, collect, linear, system

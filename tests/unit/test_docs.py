@@ -25,7 +25,7 @@ from robodyn_cli.expr.formula_tree import CONSTANTS, FUNCTIONS
 from robodyn_cli.report.registry import PLOTS
 from robodyn_cli.results.errors import DirectoryInUseError
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.work_precision import work_precision
+from robodyn_cli.run.numerics.work_precision import work_precision
 from robodyn_cli.scene.starters import STARTERS
 
 ROOT = Path(__file__).parents[2]

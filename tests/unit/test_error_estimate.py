@@ -11,9 +11,9 @@ from types import ModuleType
 import pytest
 
 from robodyn_cli import deploy, load_scene, simulate
-from robodyn_cli.integrators.integrator import Options
 from robodyn_cli.integrators.registry import methods as registry
-from robodyn_cli.run.second_run import remainder, tighter
+from robodyn_cli.integrators.runtime.integrator import Options
+from robodyn_cli.run.driver.second_run import remainder, tighter
 from tests.mechanisms import CONFIGS
 
 ROOT = Path(__file__).parents[2]

@@ -9,10 +9,10 @@ import pytest
 
 from robodyn_cli.expr import functions as f
 from robodyn_cli.formulations.system import EventFunction
-from robodyn_cli.integrators.events import Found, Root, crosses, first_roots
-from robodyn_cli.integrators.integrator import Event, Grid, Integrator
-from robodyn_cli.integrators.layout import Status
+from robodyn_cli.integrators.event_location.events import Found, Root, crosses, first_roots
 from robodyn_cli.integrators.registry import methods
+from robodyn_cli.integrators.runtime.integrator import Event, Grid, Integrator
+from robodyn_cli.integrators.runtime.layout import Status
 from tests.systems import collect, events_of, is_low, settings, system, within_reach
 
 METHODS = tuple(methods)

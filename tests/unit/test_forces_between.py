@@ -11,10 +11,10 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.index1 import index1, is_rolled
-from robodyn_cli.integrators.integrator import Grid, Options
-from robodyn_cli.run.deploy import deploy
-from robodyn_cli.run.dynamics import ForwardDynamics, InverseDynamics
-from robodyn_cli.run.inverse import inverse
+from robodyn_cli.integrators.runtime.integrator import Grid, Options
+from robodyn_cli.run.deploy.deploy import deploy
+from robodyn_cli.run.inverse.dynamics import ForwardDynamics, InverseDynamics
+from robodyn_cli.run.inverse.inverse import inverse
 from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene.load import load_scene, load_scene_text
 from tests.systems import integrate

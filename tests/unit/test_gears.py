@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.run.dynamics import ForwardDynamics, InverseDynamics
-from robodyn_cli.run.inverse import inverse
+from robodyn_cli.run.inverse.dynamics import ForwardDynamics, InverseDynamics
+from robodyn_cli.run.inverse.inverse import inverse
 from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene.load import load_scene, load_scene_text
 

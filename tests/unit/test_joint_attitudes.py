@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from robodyn_cli.errors import NumericalError
-from robodyn_cli.run.inverse import inverse
+from robodyn_cli.run.inverse.inverse import inverse
 from robodyn_cli.scene.load import load_scene_text
 from robodyn_cli.spatial import quaternion
 

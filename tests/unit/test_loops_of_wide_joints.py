@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robodyn_cli.run.deploy import deploy
-from robodyn_cli.run.inverse import inverse
-from robodyn_cli.run.prepare import passive_coordinates, prepare
+from robodyn_cli.run.deploy.deploy import deploy
+from robodyn_cli.run.driver.prepare import passive_coordinates, prepare
+from robodyn_cli.run.inverse.inverse import inverse
 from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene.load import load_scene, load_scene_text
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from robodyn_cli.errors import CapabilityError, SceneError
-from robodyn_cli.run.deploy import deploy
-from robodyn_cli.run.inverse import inverse
+from robodyn_cli.run.deploy.deploy import deploy
+from robodyn_cli.run.inverse.inverse import inverse
 from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene.load import load_scene, load_scene_text
 from tests.mechanisms import SLIDER

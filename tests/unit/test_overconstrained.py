@@ -11,9 +11,9 @@ from robodyn_cli import load_scene_text, simulate
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.index1 import index1
-from robodyn_cli.integrators.integrator import Grid, Integrator, Options
+from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.prepare import prepare
+from robodyn_cli.run.driver.prepare import prepare
 from tests import mechanisms
 from tests.mechanisms import SKEW, TWIST, close, run
 

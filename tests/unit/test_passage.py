@@ -7,7 +7,7 @@ import pytest
 
 from robodyn_cli import load_scene, load_scene_text, simulate
 from robodyn_cli.errors import SingularConfigurationError
-from robodyn_cli.run import passage
+from robodyn_cli.run.driver import passage
 from robodyn_cli.spatial.algebra import rotation_rpy
 from tests.mechanisms import CONFIGS, close
 

@@ -10,11 +10,11 @@ import pytest
 
 from robodyn_cli.equations.variant import Variant
 from robodyn_cli.errors import CapabilityError, SceneError
-from robodyn_cli.integrators.integrator import Integrator
+from robodyn_cli.integrators.runtime.integrator import Integrator
 from robodyn_cli.kernels.samples import SampleKernel
-from robodyn_cli.run.dynamics import InverseDynamics
-from robodyn_cli.run.inverse import inverse
-from robodyn_cli.run.plan import plan, render
+from robodyn_cli.run.inverse.dynamics import InverseDynamics
+from robodyn_cli.run.inverse.inverse import inverse
+from robodyn_cli.run.plan.plan import plan, render
 from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene import load_scene, load_scene_text
 from robodyn_cli.scene.types import Scene
@@ -167,7 +167,7 @@ def test_forward_counts_what_is_compiled(name: str, command: str, monkeypatch: p
     if command == "simulate":
         simulate(scene)
     else:
-        from robodyn_cli.run.deploy import deploy
+        from robodyn_cli.run.deploy.deploy import deploy
 
         deploy(scene)
     for k in found["kernels"]:

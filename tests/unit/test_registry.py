@@ -123,8 +123,8 @@ def test_building_a_system_imports_neither_results_nor_runs() -> None:
         "import sys\n"
         "from robodyn_cli import load_scene\n"
         "from robodyn_cli.formulations.index1 import index1\n"
-        "from robodyn_cli.integrators.integrator import Integrator\n"
-        "from robodyn_cli.run.prepare import prepare\n"
+        "from robodyn_cli.integrators.runtime.integrator import Integrator\n"
+        "from robodyn_cli.run.driver.prepare import prepare\n"
         "Integrator(index1(prepare(load_scene('configs/double_pendulum.yaml')).problem), 'gauss')\n"
         "print(*sys.modules)\n"
     )
@@ -134,4 +134,7 @@ def test_building_a_system_imports_neither_results_nor_runs() -> None:
     assert ended.returncode == 0, ended.stderr
     found = set(ended.stdout.split())
     assert not any(name.startswith(("robodyn_cli.results.", "robodyn_cli.report.")) for name in found)
-    assert not {"robodyn_cli.run.simulate", "robodyn_cli.run.recorder", "h5py", "numpy.polynomial"} & found
+    assert (
+        not {"robodyn_cli.run.simulate", "robodyn_cli.run.observation.recorder", "h5py", "numpy.polynomial"}
+        & found
+    )

@@ -13,9 +13,9 @@ from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.formulations.residual import Residual
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.gauss import Gauss
-from robodyn_cli.integrators.integrator import Grid, Integrator, Options
-from robodyn_cli.run.prepare import prepare
+from robodyn_cli.integrators.methods.gauss import Gauss
+from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
+from robodyn_cli.run.driver.prepare import prepare
 from tests.mechanisms import CONFIGS
 from tests.numeric import assert_close
 

@@ -15,12 +15,12 @@ from robodyn_cli.formulations.dynamics import Expanded
 from robodyn_cli.formulations.index1 import index1, is_rolled
 from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.formulations.system import EventFunction, System
-from robodyn_cli.integrators.integrator import Grid, Integrator, Options
+from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
 from robodyn_cli.kernels import compiler, crossover
 from robodyn_cli.kernels.rolled_tables import RolledPlan
-from robodyn_cli.run.findings import findings
-from robodyn_cli.run.plan import plan as make_plan
-from robodyn_cli.run.prepare import prepare
+from robodyn_cli.run.batch.findings import findings
+from robodyn_cli.run.driver.prepare import prepare
+from robodyn_cli.run.plan.plan import plan as make_plan
 from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene import load_scene_text
 from robodyn_cli.scene.types import Scene
@@ -218,7 +218,7 @@ def made(source: Scene) -> tuple[System, np.ndarray]:
 def test_a_hundred_joints_move_as_scipy_says() -> None:
     from scipy.integrate import solve_ivp
 
-    from robodyn_cli.run.dynamics import ForwardDynamics
+    from robodyn_cli.run.inverse.dynamics import ForwardDynamics
 
     source = scene(100, forces=FORCES[:3], extra=TORQUES)
     system, start = made(source)

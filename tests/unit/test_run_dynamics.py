@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from robodyn_cli.kernels import crossover
-from robodyn_cli.run.dynamics import ForwardDynamics, InverseDynamics
+from robodyn_cli.run.inverse.dynamics import ForwardDynamics, InverseDynamics
 from robodyn_cli.scene import load_scene_text
 from robodyn_cli.scene.types import Scene
 

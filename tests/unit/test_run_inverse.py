@@ -13,11 +13,11 @@ from robodyn_cli.equations.problem import GROUPS, Problem
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.model.build import build_model
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.dynamics import ForwardDynamics, InverseDynamics
-from robodyn_cli.run.evaluation import SampleFunction
-from robodyn_cli.run.inverse import inverse, torque_terms
-from robodyn_cli.run.places import place_outputs, quaternions
-from robodyn_cli.run.quadrature import integrate, integrate_positive, mean_square
+from robodyn_cli.run.inverse.dynamics import ForwardDynamics, InverseDynamics
+from robodyn_cli.run.inverse.inverse import inverse, torque_terms
+from robodyn_cli.run.observation.evaluation import SampleFunction
+from robodyn_cli.run.observation.places import place_outputs, quaternions
+from robodyn_cli.run.observation.quadrature import integrate, integrate_positive, mean_square
 from robodyn_cli.scene import load_scene, load_scene_text
 from robodyn_cli.spatial.algebra import rotation_rpy
 from tests.numeric import assert_close, real

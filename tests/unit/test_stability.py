@@ -12,17 +12,17 @@ import pytest
 
 from robodyn_cli import load_scene, load_scene_text, simulate
 from robodyn_cli.errors import CapabilityError, NumericalError
+from robodyn_cli.integrators.methods.stability_region import amplification, limits, radius
+from robodyn_cli.integrators.methods.tableaus import DOP853, DOPRI5, RK4
 from robodyn_cli.integrators.registry import methods as registry
-from robodyn_cli.integrators.stability_region import amplification, limits, radius
-from robodyn_cli.integrators.tableaus import DOP853, DOPRI5, RK4
-from robodyn_cli.run import energy_growth
-from robodyn_cli.run.energy_growth import growth, growths, period
-from robodyn_cli.run.gains import study
-from robodyn_cli.run.prepare import prepare
-from robodyn_cli.run.stability import at_start, stability
-from robodyn_cli.run.stability_scenes import arm, slider
-from robodyn_cli.run.trial import FAMILIES, Budget, attempt, reference
-from robodyn_cli.run.work_precision import formulations
+from robodyn_cli.run.driver.gains import study
+from robodyn_cli.run.driver.prepare import prepare
+from robodyn_cli.run.numerics import energy_growth
+from robodyn_cli.run.numerics.energy_growth import growth, growths, period
+from robodyn_cli.run.numerics.stability import at_start, stability
+from robodyn_cli.run.numerics.stability_scenes import arm, slider
+from robodyn_cli.run.numerics.trial import FAMILIES, Budget, attempt, reference
+from robodyn_cli.run.numerics.work_precision import formulations
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 FEW = Budget(100_000, 5.0)
@@ -93,8 +93,8 @@ def test_spectrum_of_a_four_bar_has_no_modes_across_its_constraints() -> None:
 
 def test_spectrum_of_a_long_chain_agrees_with_the_exact_jacobian() -> None:
     from robodyn_cli.formulations.index1 import index1
-    from robodyn_cli.run.spectrum import jacobians
-    from robodyn_cli.run.stability_scenes import chain
+    from robodyn_cli.run.numerics.spectrum import jacobians
+    from robodyn_cli.run.numerics.stability_scenes import chain
 
     n = 31
     scene = load_scene_text(chain("chain", 1.0, [0.1] * n, [0.1] * n, {"q1": -1.0, "q7": 0.3}))

@@ -9,9 +9,9 @@ import pytest
 
 import robodyn_cli
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.integrators.integrator import Integrator, Options
+from robodyn_cli.integrators.methods.symplectic import Symplectic8, composed
 from robodyn_cli.integrators.registry import methods
-from robodyn_cli.integrators.symplectic import Symplectic8, composed
+from robodyn_cli.integrators.runtime.integrator import Integrator, Options
 from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene.load import load_scene, load_scene_text
 from robodyn_cli.scene.methods import FIXED_STEP

@@ -9,9 +9,9 @@ import pytest
 from robodyn_cli import load_scene
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.index1 import index1
-from robodyn_cli.run import work_precision as module
-from robodyn_cli.run.prepare import prepare
-from robodyn_cli.run.work_precision import reference, work_precision
+from robodyn_cli.run.driver.prepare import prepare
+from robodyn_cli.run.numerics import work_precision as module
+from robodyn_cli.run.numerics.work_precision import reference, work_precision
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 

@@ -1,0 +1,177 @@
+"""Events: from a step that passes one to the state at it.
+
+The compiled loop looks at dense output only to see that some function changes sign in a step. Here the motion
+is integrated to trial times by steps that end there, which have the full order of the method, so that an event
+is as accurate as the states themselves.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.errors import NumericalError
+from robodyn_cli.formulations.system import EventFunction
+from robodyn_cli.integrators.runtime.layout import FINE
+from robodyn_cli.record import mutable_record, record
+
+Array = NDArray[np.float64]
+Numbers = Sequence[float] | Array
+Values = Callable[[float], Numbers]
+
+TRIALS = 200
+PATIENCE = 3  # secant trials that may fail to halve the bracket before it is bisected; fewer each time
+
+
+@mutable_record
+class Event:
+    """An event that happened: which function, when, and the state (q, v, z) there."""
+
+    name: str
+    index: int
+    time: float
+    state: Array
+    time_error: float
+
+    def __init__(self, name: str, index: int, time: float, state: Array, time_error: float) -> None:
+        self.name, self.index, self.time, self.state, self.time_error = name, index, time, state, time_error
+
+
+def chatter(event: EventFunction, time: float) -> NumericalError:
+    """Return the error of a function that changes its sign again and again, getting nowhere."""
+    advice = "; make its jump a steep slope, as in tanh(x/0.001) for sign(x)" if event.kink else ""
+    return NumericalError(
+        f"{event.name} switches to and fro without end at t = {time:.6g} s{advice}",
+        time=time, status="chatter",
+    )  # fmt: skip
+
+
+@record
+class Root:
+    """A sign change of function ``index`` in (low, high]; ``sign`` is the one beyond it."""
+
+    index: int
+    low: float
+    high: float
+    sign: float
+
+
+@record
+class Found:
+    """Where to go, and the functions that change sign there (none: go there and look on)."""
+
+    time: float
+    roots: tuple[Root, ...] = ()
+
+
+def crosses(event: EventFunction, before: float, after: float) -> bool:
+    """Tell whether a change from ``before`` to ``after`` counts; zero belongs to neither side."""
+    rising = before < 0.0 < after
+    falling = before > 0.0 > after
+    return (rising and event.direction >= 0) or (falling and event.direction <= 0)
+
+
+def first_roots(
+    events: Sequence[EventFunction],
+    values: Values,
+    armed: Numbers,
+    seen: int,
+    times: tuple[float, float, float],
+) -> Found:
+    """Find the first sign change in a step, and all that coincide with it.
+
+    Parameters
+    ----------
+    values : the event functions at a time; NaN where the motion cannot be followed that far.
+    armed : values before the step; at zero, any value of the side that the function came from.
+    seen : the function that dense output saw change sign.
+    times : start of the step, and the bracket in which dense output saw the change.
+    """
+    start, low, high = times
+    before = armed
+    for a, b in ((start, low), (low, high)):
+        if b <= a:
+            continue
+        after = values(b)
+        lost = math.isnan(after[seen])
+        roots = []
+        for k, event in enumerate(events):
+            if crosses(event, before[k], after[k]) or (lost and k == seen and before[k] != 0.0):
+                root = _root(k, values, a, float(before[k]), b, float(after[k]), event.kink)
+                if root is None:
+                    # no motion beyond the last time that still has the old sign
+                    return Found(_last_followed(k, values, a, float(before[k]), b))
+                roots.append(root)
+        if roots:
+            bound = min(r.high for r in roots) + 2.0 * resolution(start, high)
+            together = tuple(r for r in roots if r.high <= bound)
+            return Found(max(r.high for r in together), together)
+        before = [x if y == 0.0 else y for x, y in zip(before, after)]
+    return Found(high)
+
+
+def resolution(a: float, b: float) -> float:
+    """Return how narrow a bracket between these times can sensibly become."""
+    return FINE * max(abs(a), abs(b))
+
+
+def _root(
+    index: int, values: Values, a: float, g_a: float, b: float, g_b: float, strict: bool = False
+) -> Root | None:
+    """Bracket the sign change between a and b by regula falsi; None where there is none.
+
+    strict : zero counts as the old side. What switches on a function (``where``) takes zero for negative, so that a
+    run which stood at zero would go on with the old right-hand side, however short its steps.
+    """
+    sign, side, exact = math.copysign(1.0, g_a) if g_a else 0.0, 0, False
+    g_a = float(values(a)[index])
+    if g_a * sign < 0.0 or (g_a * sign == 0.0 and not (strict and sign)):
+        return Root(index, a, a, -sign)  # it stood at zero all along
+    fine = resolution(a, b)
+    goal, patience, wasted = 0.5 * (b - a), PATIENCE, 0
+    for _ in range(TRIALS):
+        if b - a <= fine or exact:
+            break
+        if b - a <= goal:
+            goal, wasted = 0.5 * (b - a), 0
+        middle = 0.5 * (a + b)
+        if wasted >= patience:
+            patience, wasted = max(patience - 1, 1), 0
+        elif math.isfinite(g_b) and g_b != g_a:
+            wasted += 1
+            secant = b - g_b * (b - a) / (g_b - g_a)
+            # never so close to an end that nothing is learned
+            middle = min(max(secant, a + 0.5 * fine), b - 0.5 * fine)
+        if not a < middle < b:
+            break
+        g = float(values(middle)[index])
+        if g * sign > 0.0 or (strict and g == 0.0):
+            g_b *= _weight(g, g_a) if side < 0 else 1.0
+            a, g_a, side = middle, g, -1
+        else:
+            g_a *= _weight(g, g_b) if side > 0 else 1.0
+            b, g_b, exact, side = middle, g, g == 0.0, 1
+    if exact:
+        a = max(a, b - fine)  # no bracket says more than a value of zero
+    return Root(index, a, b, -sign) if math.isfinite(g_b) else None
+
+
+def _weight(new: float, old: float) -> float:
+    """Return by how much the value at the end that stayed counts less (Anderson and Bjorck 1973)."""
+    weight = 1.0 - new / old if old else 0.5
+    return weight if weight > 0.0 else 0.5
+
+
+def _last_followed(index: int, values: Values, a: float, g_a: float, b: float) -> float:
+    """Return the latest time up to which the function keeps its sign and the motion can be followed."""
+    while True:
+        middle = 0.5 * (a + b)
+        if b - a <= resolution(a, b) or not a < middle < b:
+            return a
+        if values(middle)[index] * g_a > 0.0:
+            a = middle
+        else:
+            b = middle

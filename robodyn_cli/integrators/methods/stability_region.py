@@ -1,0 +1,100 @@
+"""Linear stability of the methods: what a step makes of x' = lambda x.
+
+A Runge-Kutta method multiplies x by R(z), z = h lambda, in each step (Hairer and Wanner 1996, section IV.2). It is
+stable where |R(z)| <= 1; how far that region reaches along a direction of the complex plane limits the step.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.integrators.methods.explicit import ExplicitRungeKutta
+from robodyn_cli.integrators.methods.gauss import Gauss
+from robodyn_cli.integrators.methods.gauss_tables import gauss_table
+from robodyn_cli.integrators.methods.tableaus import ExplicitTable
+from robodyn_cli.integrators.registry import methods
+from robodyn_cli.record import record
+
+Array = NDArray[Any]
+FARTHEST = 40.0  # |z| up to which the boundary is looked for; explicit methods end well before
+STRICT = 1e-9  # growth per step that counts as none: rounding of R
+
+
+def amplification(table: ExplicitTable, z: Array) -> Array:
+    """Return R(z) of an explicit Runge-Kutta method, by its stages: k_i = 1 + z sum_j a_ij k_j."""
+    z = np.asarray(z, dtype=complex)
+    stages: list[Array] = []
+    for row in table.A[: len(table.b)]:
+        k = np.ones_like(z)
+        for a, other in zip(row, stages):
+            if a != 0.0:
+                k = k + z * a * other
+        stages.append(k)
+    total = np.ones_like(z)
+    for b, k in zip(table.b, stages):
+        total = total + z * b * k
+    return total
+
+
+def radius(table: ExplicitTable, direction: Array, growth: float = STRICT) -> Array:
+    """Return how far from 0 along directions (unit complex numbers) |R| stays below 1 + ``growth``."""
+    direction = np.atleast_1d(np.asarray(direction, dtype=complex))
+    grid = np.linspace(0.0, FARTHEST, 4001)[1:]
+    outside = np.abs(amplification(table, direction[:, None] * grid)) > 1.0 + growth
+    first = np.where(outside.any(axis=1), outside.argmax(axis=1), len(grid) - 1)
+    high = grid[first]
+    low = np.where(first > 0, grid[first - 1], 0.0)
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        bad = np.abs(amplification(table, direction * middle)) > 1.0 + growth
+        low, high = np.where(bad, low, middle), np.where(bad, middle, high)
+    return low
+
+
+@record
+class Limit:
+    """How far a method's step may go: for decaying modes along the real axis, for oscillating ones along the imaginary.
+
+    kind : ``region`` (|R| <= 1) or ``iteration`` (an implicit method that is solved by fixed-point iteration, which
+        contracts only while h |lambda| times the spectral radius of A stays below 1).
+    real, imaginary : extents in |h lambda|.
+    """
+
+    method: str
+    kind: str
+    real: float
+    imaginary: float
+
+    def largest_step(self, eigenvalues: Array) -> float:
+        """Return the largest step at which no decaying or oscillating mode grows (modes that grow by themselves
+        set no limit); infinite where there is none."""
+        found = np.asarray(eigenvalues, dtype=complex)
+        size = np.abs(found)
+        biggest = float(size.max(initial=0.0))
+        found = found[(found.real <= 1e-3 * size) & (size > 1e-12 * biggest)]
+        if not found.size:
+            return float("inf")
+        # a real part that is only rounding does not decide which side of the axis a mode is on
+        found = np.where(found.real > 0.0, 1j * np.abs(found), found)
+        if self.kind == "iteration":
+            return self.real / float(np.abs(found).max())
+        table = methods[self.method].table  # type: ignore[attr-defined]
+        return float((radius(table, found / np.abs(found)) / np.abs(found)).min())
+
+
+@lru_cache
+def limits() -> tuple[Limit, ...]:
+    """Return the limits of the registered methods that have one; implicit ones that are solved exactly have none."""
+    found = []
+    for name, cls in methods.items():
+        if issubclass(cls, ExplicitRungeKutta):
+            along = radius(cls.table, np.array([-1.0, 1j]))
+            found.append(Limit(name, "region", float(along[0]), float(along[1])))
+        elif issubclass(cls, Gauss):
+            reach = 1.0 / float(np.abs(np.linalg.eigvals(gauss_table(cls.stages).A)).max())
+            found.append(Limit(name, "iteration", reach, reach))
+    return tuple(found)

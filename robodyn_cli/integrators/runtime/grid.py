@@ -1,0 +1,65 @@
+"""The uniform sample times of a run."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.integrators.stepping.stepper import SLACK
+from robodyn_cli.record import record
+
+Array = NDArray[Any]
+
+
+@record
+class Grid:
+    """Uniform sample times start + k step, k = 0 .. count - 1; the last one is ``end`` without rounding, if given."""
+
+    start: float
+    step: float
+    count: int
+    end: float | None = None
+
+    @staticmethod
+    def over(duration: float, count: int) -> Grid:
+        return Grid(0.0, duration / max(count - 1, 1), count, duration if count > 1 else None)
+
+    def times(self, first: int, last: int) -> Array:
+        """Return sample times first .. last - 1."""
+        times = self.start + np.arange(first, last) * self.step
+        if self.end is not None and first < last == self.count:
+            times[-1] = self.end
+        return times
+
+    def every(self, n: int) -> Grid:
+        """Return every n-th sample, from the first."""
+        if n == 1:
+            return self
+        count = (self.count - 1) // n + 1
+        whole = (count - 1) * n == self.count - 1
+        return Grid(self.start, self.step * n, count, self.end if whole else None)
+
+    def up_to(self, count: int) -> Grid:
+        """Return the first samples."""
+        return self if count >= self.count else Grid(self.start, self.step, count)
+
+    def begins_by(self, k: int, time: float) -> bool:
+        """Tell whether sample k lies at or before ``time``, but for rounding."""
+        sample = self.start + k * self.step
+        return sample <= time or sample <= time + self._slack(time)
+
+    def first_at(self, time: float) -> int:
+        """Return the first sample that does not lie before ``time``, but for rounding."""
+        if time == self.start:
+            return 0
+        if self.step <= 0.0:
+            return 0 if self.start >= time - self._slack(time) else self.count
+        k = max(0, int((time - self.start) / self.step) - 1)
+        while self.start + k * self.step < time - self._slack(time):
+            k += 1
+        return k
+
+    def _slack(self, time: float) -> float:
+        return SLACK * (abs(self.start) + abs(time))

@@ -1,0 +1,391 @@
+"""Drive the compiled stepping loop: blocks of samples, breakpoints, events, counters."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.errors import NumericalError
+from robodyn_cli.formulations.system import System
+from robodyn_cli.integrators.event_location.events import Event as Event
+from robodyn_cli.integrators.event_location.events import (
+    Found,
+    Root,
+    chatter,
+    crosses,
+    first_roots,
+    resolution,
+)
+from robodyn_cli.integrators.registry import methods
+from robodyn_cli.integrators.runtime.charted import Parameters
+from robodyn_cli.integrators.runtime.engine import Engine
+from robodyn_cli.integrators.runtime.grid import Grid as Grid
+from robodyn_cli.integrators.runtime.layout import UNARMED, Real, Status, Whole
+from robodyn_cli.integrators.runtime.options import Counters as Counters
+from robodyn_cli.integrators.runtime.options import Options as Options
+from robodyn_cli.integrators.stepping.stepper import Stepper
+
+Array = NDArray[Any]
+DEFAULTS = Options()
+SMALLEST_ATOL = 1e-300  # keeps weights finite where the tolerance is zero
+# the compiled loop runs for about this long [s] at a time; the number of steps adapts itself
+SLICE_TIME = 0.02
+FIRST_SLICE = 256
+RESTART = 1 / 16  # first step after a jump, as a part of the time since the last one
+# so many steps with events within this part of the time so far (or of a second) get nowhere
+CROWD = 200
+CROWDED = 1e-9
+BEYOND = 7  # doublings of the resolution in which a function that stands at zero is expected to cross
+
+
+class Integrator:
+    """One system and one method, compiled; holds the state of a run, which may stop and resume.
+
+    Parameters
+    ----------
+    system : what to integrate.
+    method : name in the registry.
+    parameters : values of the symbolic parameters p; by default those of the system.
+
+    ``tick``, where set, is told the time every few milliseconds of a run.
+    """
+
+    def __init__(self, system: System, method: str = "gauss", parameters: Any = ()) -> None:
+        self.system = system
+        self.stepper: Stepper = methods[method]()
+        self.parameters = Parameters(system, parameters if len(parameters) else system.parameters)
+        self.p = self.parameters.values
+        self.engine = Engine(system, method, self.p)
+        self.memory = self.engine.memory
+        self.w, self.n, self.y = self.memory.w, self.memory.n, self.memory.y
+        self._slice = FIRST_SLICE
+        self.tick: Callable[[float], None] | None = None
+        self.reset(0.0, np.zeros(system.size))
+
+    # -- state ----------------------------------------------------------------------------------------
+    def reset(self, time: float, state: Any, options: Options = DEFAULTS) -> None:
+        """Start a run from ``state`` = (q, v, z) at ``time``."""
+        state = np.asarray(state, dtype=float)
+        if state.shape != self.y.shape:
+            raise ValueError(f"the state has {self.system.size} components, got {state.shape}")
+        self.options, self._step = options, options.step
+        self.memory.clear()
+        w, n = self.w, self.n
+        n[Whole.VELOCITIES] = self.system.nv
+        self.y[:] = state
+        w[Real.T] = time
+        w[Real.RTOL], w[Real.ATOL] = options.rtol, max(options.atol, SMALLEST_ATOL)
+        w[Real.H_MAX] = options.max_step
+        w[Real.MEMORY] = w[Real.MEMORY_2] = 1.0
+        n[Whole.LAST_SAMPLE] = -1
+        self.events_seen = 0
+        self._since, self._restart = time, math.inf
+        if self.system.chart is not None:
+            self.parameters.start(time, self.y)
+
+    @property
+    def time(self) -> float:
+        return self.w[Real.T]
+
+    @property
+    def state(self) -> Array:
+        return self.y.copy()
+
+    @property
+    def counters(self) -> Counters:
+        n = self.n
+        return Counters(
+            n[Whole.ACCEPTED], n[Whole.REJECTED], n[Whole.EVALUATIONS], n[Whole.PROJECTIONS], self.events_seen,
+        )  # fmt: skip
+
+    def set_state(self, state: Any, signs: Mapping[int, float] | None = None, step: float = math.inf) -> None:
+        """Replace the state in the middle of a run (a jump); the time stays.
+
+        signs : the side from which event functions start, by index. step : the next step is at most so long.
+        """
+        self.y[:] = state
+        if self.system.events:
+            # the next event may come sooner than the last one did, so the step starts short again
+            if self.time > self._since:
+                self._restart = RESTART * (self.time - self._since)
+                self._since = self.time
+            self.w[Real.H] = min(self.w[Real.H], self._restart, step)
+            self.memory.armed.fill(0.0)
+            self.n[Whole.WATCH] = UNARMED
+        if signs:
+            self._watch(self.event_values(), signs)
+
+    # -- running --------------------------------------------------------------------------------------
+    def _call(self, end: float) -> Status:
+        w, n, options = self.w, self.n, self.options
+        w[Real.T_END] = end
+        if self._step is not None:
+            w[Real.H] = self._step
+        elif not w[Real.H] > 0.0:
+            # start well below any sensible step: growth is quick, and a first step that is far too long can
+            # look good where derivatives happen to vanish
+            w[Real.H] = min(1e-3 * (end - w[Real.T]), options.max_step)
+            if not self.stepper.adaptive:
+                # a step that no control lets grow again must not be what an event has left of it
+                self._step = w[Real.H]
+        if not w[Real.H_OLD] > 0.0:
+            w[Real.H_OLD] = w[Real.H]
+        while True:
+            # back here every few milliseconds: interrupts are heard, and progress is told
+            most = n[Whole.ACCEPTED] + n[Whole.REJECTED] + self._slice
+            n[Whole.MAX_STEPS] = min(options.max_steps, most)
+            start = perf_counter()
+            status = self.engine.drive()
+            if status is not Status.MAX_STEPS or most >= options.max_steps:
+                return status
+            spent = perf_counter() - start
+            if spent < SLICE_TIME:
+                self._slice *= 2
+            elif spent > 4 * SLICE_TIME:
+                self._slice = max(1, self._slice // 2)
+            if self.tick is not None:
+                self.tick(self.time)
+
+    def event_values(self) -> list[float]:
+        """Return the event functions at the current state."""
+        return self.engine.look() if self.system.events else []
+
+    def _watch(self, values: Sequence[float], signs: Mapping[int, float]) -> None:
+        """Arm the event functions, whose values are these; those that just fired (``signs``) have their new sign."""
+        w = self.w
+        for k, (g, event) in enumerate(zip(values, self.system.events)):
+            place = Real.SIZE + k
+            if k in signs:
+                w[place] = signs[k] * max(abs(g), 1e-300)
+            elif g != 0.0 and not crosses(event, w[place], g):
+                # a function at zero keeps the side it came from, and one that has crossed is found in the next step
+                w[place] = g
+        self.n[Whole.WATCH] = 1
+
+    def advance(self, end: float) -> None:
+        """Integrate to ``end`` without samples or events.
+
+        Raises
+        ------
+        NumericalError : the step size underflows, the state stops being finite, or there are too many steps.
+        """
+        if self.system.chart is not None:  # which wears out on the way
+            self.run(end, Grid(end, 0.0, 0), lambda t, x: None, watch=False)
+            return
+        self.n[Whole.WATCH], self.n[Whole.LAST_SAMPLE] = 0, -1
+        for stop in self._stops(end):
+            self._check(self._call(stop))
+
+    def _stops(self, end: float) -> list[float]:
+        """Return the times ahead at which a step has to end."""
+        between = self.system.breakpoints
+        return [*(b for b in between if self.time < b < end), end] if between else [end]
+
+    def run(
+        self,
+        end: float,
+        grid: Grid,
+        emit: Callable[[Array, Array], None],
+        on_event: Callable[[Event], bool] | None = None,
+        block: int = 65536,
+        watch: bool = True,
+    ) -> None:
+        """Integrate to ``end``, handing on samples in blocks.
+
+        Parameters
+        ----------
+        grid : sample times; those from the current time on are written.
+        emit : takes times (m,) and states (m, nx), in order, each sample once.
+        on_event : called at each event with the state there (the integrator's own state is at the event);
+            returns whether to go on. It may call ``set_state``.
+        watch : whether to look for events at all.
+        """
+        s, n, time = self.system, self.n, self.time
+        capacity = max(1, min(block, grid.count))
+        if len(self.engine.out) != capacity * s.size:
+            self.engine.make_room(capacity * s.size)
+        n[Whole.CAPACITY], n[Whole.ROWS] = capacity, 0
+        first = grid.first_at(time)
+        self.w[Real.SAMPLE_START], self.w[Real.SAMPLE_STEP] = grid.start, grid.step
+        if first < grid.count and grid.begins_by(first, time):
+            emit(np.array([time]), self.y[None].copy())
+            first += 1
+        n[Whole.NEXT_SAMPLE], n[Whole.LAST_SAMPLE] = first, grid.count - 1
+        # a chart wears out whether anyone looks or not
+        watch = (watch or s.chart is not None) and bool(s.events)
+        if not watch:
+            n[Whole.WATCH] = 0
+        elif not n[Whole.WATCH]:
+            n[Whole.WATCH] = UNARMED
+
+        def flush() -> None:
+            count = n[Whole.ROWS]
+            if count:
+                last = n[Whole.NEXT_SAMPLE]
+                rows = self.engine.out.reshape(s.size, capacity)
+                emit(grid.times(last - count, last), rows[:, :count].T.copy())
+                n[Whole.ROWS] = self.memory.saved_n[Whole.ROWS] = 0
+
+        crowd: deque[float] | None = None
+        for stop in self._stops(end):
+            while True:
+                try:
+                    status = self._call(stop)
+                except NumericalError:  # of who is told the progress: what the run has come to stays
+                    flush()
+                    raise
+                flush()
+                if status is Status.DONE:
+                    break
+                if status is Status.EVENT:
+                    crowd = deque(maxlen=CROWD) if crowd is None else crowd
+                    crowd.append(self.memory.saved_w[Real.T])
+                    if len(crowd) == CROWD and crowd[-1] - crowd[0] <= CROWDED * max(1.0, crowd[-1]):
+                        raise chatter(s.events[self.n[Whole.EVENT]], crowd[-1])
+                    if not self._handle(self._locate(stop, grid, flush), on_event):
+                        return
+                else:
+                    self._check(status)
+        if watch:
+            self._handle(self._at_end(), on_event)
+
+    def _handle(self, events: Sequence[Event], on_event: Callable[[Event], bool] | None) -> bool:
+        """Report events at the same time, each with the state that the ones before it have left."""
+        onward = True
+        for k, event in enumerate(events):
+            if self.system.events[event.index].renewal:
+                self.parameters.renew(self.time, self.y)
+                self._watch(self.event_values(), {})
+                continue
+            self.events_seen += 1
+            if on_event is not None:
+                going = on_event(dataclasses.replace(event, state=self.state) if k else event)
+            else:
+                going = not self.system.events[event.index].terminal
+            onward = onward and going
+        return onward
+
+    def _at_end(self) -> tuple[Event, ...]:
+        """Return the events whose functions have come to zero exactly at the end of the run."""
+        found = []
+        for k, (g, event) in enumerate(zip(self.event_values(), self.system.events)):
+            sign = -float(np.sign(self.w[Real.SIZE + k]))
+            if g == 0.0 and crosses(event, -sign, sign):
+                self.w[Real.SIZE + k] = sign * 1e-300
+                found.append(self._event(k, 0.0))
+        return tuple(found)
+
+    def _locate(self, stop: float, grid: Grid, flush: Callable[[], None]) -> tuple[Event, ...]:
+        """Find the first event in the step ahead, and others at the same time, and go there."""
+        n, last = self.n, grid.count - 1
+        seen = n[Whole.EVENT]
+        if n[Whole.LOCATED]:
+            time, fine = self.time, resolution(self.memory.saved_w[Real.T], self.time)
+            if n[Whole.NEXT_SAMPLE] <= last and grid.begins_by(n[Whole.NEXT_SAMPLE], time):
+                sign = math.copysign(1.0, self.w[Real.SIZE + seen])
+                self._go(time, last, flush)
+                self._watch(self.engine.seen(), {seen: sign})
+            return (self._event(seen, fine),)
+        time, roots = self._sort_out(seen, stop, flush)
+        # take the step for good, samples included
+        self._go(time, last, flush)
+        self._watch(self.engine.seen(), {r.index: r.sign for r in roots})
+        return tuple(self._event(r.index, r.high - r.low) for r in roots)
+
+    def _event(self, index: int, error: float) -> Event:
+        return Event(self.system.events[index].name, index, self.time, self.state, error)
+
+    def _sort_out(self, seen: int, stop: float, flush: Callable[[], None]) -> tuple[float, tuple[Root, ...]]:
+        """Return where to go, and the functions that change sign there, when more than one may do so."""
+        engine, events = self.engine, self.system.events
+        armed, lost = self.memory.armed.tolist(), [math.nan] * len(events)
+        start = self.memory.saved_w[Real.T]
+        high = min(self.w[Real.EVENT_HIGH], stop)
+        low = min(max(self.w[Real.EVENT_LOW], start), high)
+        known: dict[float, Sequence[float]] = {}
+
+        def values(time: float) -> Sequence[float]:
+            if time not in known:
+                known[time] = trial(time)
+            return known[time]
+
+        def trial(time: float) -> Sequence[float]:
+            status = engine.trial(time, -1)
+            if status is Status.DONE:
+                return engine.seen()
+            try:
+                if status is not Status.MAX_STEPS:
+                    return lost
+                self._check(self._call(time))
+            except NumericalError:
+                return lost
+            return self.event_values()
+
+        for k, (time, *there) in enumerate(engine.bracket.tolist()):
+            if time == time:
+                known[time] = there
+                low, high = (time, high) if k == 0 else (min(low, time), time)
+        found = first_roots(events, values, armed, seen, (start, low, high))
+        if not found.roots and events[seen].kink:
+            # it may stand at zero, where what switches on it does so a few roundings later
+            for k in range(BEYOND):
+                further = high + 2**k * resolution(start, high)
+                if further <= stop and crosses(events[seen], armed[seen], values(further)[seen]):
+                    found = first_roots(events, values, armed, seen, (start, low, further))
+                    break
+        if not found.roots and found.time <= start:
+            # the step cannot be taken: let it fail where it does
+            self._go(high, -1, flush)
+            found = Found(high)
+        return found.time, found.roots
+
+    def _go(self, time: float, last: int, flush: Callable[[], None]) -> None:
+        """Go to ``time`` from what was saved."""
+        status = self.engine.trial(time, last)
+        arrived = status is Status.DONE
+        while status in (Status.FULL, Status.MAX_STEPS):
+            flush()
+            status = self._call(time)
+            if status is Status.MAX_STEPS:
+                break
+        flush()
+        self._check(status)
+        if not arrived:
+            self.engine.look()
+
+    def _check(self, status: Status) -> None:
+        if status in (Status.DONE, Status.FULL):
+            return
+        where = f"at t = {self.time:.6g} s"
+        facts = {"time": self.time, "status": status.name.lower()}
+        if status is Status.MAX_STEPS:
+            raise NumericalError(f"more than {self.options.max_steps} steps, stopped {where}", **facts)
+        if status is Status.NOT_FINITE:
+            raise NumericalError(f"the state stops being finite {where}", **facts)
+        if status is Status.NOT_SOLVED:
+            words = f"the equations of a step of {self.w[Real.H]:.3g} s have no solution nearby"
+            raise NumericalError(f"{words} {where}; allowed: a shorter simulate.step", **facts)
+        if not np.all(np.isfinite(self._rates())):
+            raise NumericalError(f"the equations of motion give no finite accelerations {where}", **facts)
+        hint = ""
+        if self.options.atol == 0.0 and np.any(self.y == 0.0):
+            hint = "; with 'atol: 0' what is or passes zero may have no error at all: allow some, as 'atol: 1e-12'"
+        raise NumericalError(
+            f"the step size became too small {where} (step {self.w[Real.H]:.3g} s){hint}", **facts
+        )
+
+    def _rates(self) -> Array:
+        """Return accelerations and z rates at the current state (slowly, without a compiler)."""
+        s, y = self.system, self.y[:, None]
+        groups = {
+            "t": np.array([[self.time]]), "q": y[: s.nq], "v": y[s.nq : s.nq + s.nv], "z": y[s.nq + s.nv :],
+            "p": self.p[:, None],
+        }  # fmt: skip
+        return s.dynamics.values(groups)

@@ -1,0 +1,96 @@
+"""Dense output from states and accelerations at both ends of a step, for methods that have nothing better."""
+
+from __future__ import annotations
+
+from robodyn_cli.formulations.system import System
+from robodyn_cli.integrators.runtime.layout import Whole
+from robodyn_cli.integrators.stepping.stepper import Stepper
+from robodyn_cli.integrators.stepping.writer import Writer
+from robodyn_cli.kernels.arrays import Array
+from robodyn_cli.kernels.ir import Value
+
+PROBE = 0.25  # part of a step at which the rate of z is looked at once more for dense output
+
+
+class HermiteStepper(Stepper):
+    """A method whose attempt leaves the state at the start, its rates there, and what the step adds to it."""
+
+    x0: list[Value]
+    rate0: list[Value]
+    increments: list[Value]
+
+    def dense_size(self, system: System) -> int:
+        return 2 * (system.size + system.nv + system.nz) + system.nz
+
+    def _end_rate(self, w: Writer, t: Value, x: list[Value]) -> list[Value]:
+        """Return x-dot at the end of the step."""
+        w.count(Whole.EVALUATIONS)
+        return w.rate_of(t, x)
+
+    def save_dense(self, w: Writer, t: Value, h: Value) -> None:
+        f, s = w.f, w.system
+        with self.used(w, t, h):
+            x1 = [w.new[k] for k in range(s.size)]
+            rate1 = self._end_rate(w, t + h, x1)
+            kept = [*self.x0, *self.increments, *self.rate0[s.nq :], *rate1[s.nq :]]
+            for k, value in enumerate(kept):
+                f.store(value, f.offset("%dense", k))
+            self._probe(w, t, h, len(kept))
+
+    def _probe(self, w: Writer, t: Value, h: Value, place: int) -> None:
+        """Store what the cubic polynomials of z miss: the coefficients of x^2 (1 - x)^2."""
+        f, s = w.f, w.system
+        if not s.nz:
+            return
+        for j in range(s.nz):
+            f.store(0.0, f.offset("%dense", place + j))
+        there, rates = w.array(2, 1), w.array(1, 1)
+        self.dense(w, f.constant(PROBE - 1.0), h, there)
+        w.dynamics(f.muladd(h, PROBE, t), there, rates)
+        w.count(Whole.EVALUATIONS)
+        x = PROBE
+        for j in range(s.nz):
+            (_, gained), (r0, r1) = self._ends(w, s.nv + j, h, 1)
+            slope = 6.0 * x * (1.0 - x) * gained
+            slope = slope + (1.0 - x) * (1.0 - 3.0 * x) * r0 + x * (3.0 * x - 2.0) * r1
+            missed = (h * rates[s.nv + j] - slope) * (1.0 / (2.0 * x * (1.0 - x) * (1.0 - 2.0 * x)))
+            f.store(missed, f.offset("%dense", place + j))
+
+    def _ends(
+        self, w: Writer, j: int, h: Value, width: int
+    ) -> tuple[tuple[Value, Value], tuple[Value, Value]]:
+        """Return state j (of v, then z) at the start and what it gains, and h times its rate at both ends."""
+        f, s = w.f, w.system
+        n = s.nv + s.nz
+        at = (s.nq + j, s.size + s.nq + j, 2 * s.size + j, 2 * s.size + n + j)
+        y0, gained, r0, r1 = (f.splat(f.load(f.offset("%dense", k)), width) for k in at)
+        return (y0, gained), (r0 * h, r1 * h)
+
+    def dense(self, w: Writer, u: Value, h: Value, out: Array) -> None:
+        """Hermite polynomials of degree 5 for q (from q, v, a), their derivatives for v, and of degree 4 for z."""
+        f, s = w.f, w.system
+        n = s.nv + s.nz
+        x = u + 1.0
+
+        def get(k: int) -> Value:
+            return f.splat(f.load(f.offset("%dense", k)), u.width)
+
+        for j in range(s.nq):
+            q0, gained = get(j), get(s.size + j)
+            (v0, faster), (a0, a1) = self._ends(w, j, h, u.width)
+            v0, a0, a1 = v0 * h, a0 * h, a1 * h
+            # Taylor's polynomial at the start, and what it misses at the end in x^3, x^4, x^5
+            d = gained - (v0 + 0.5 * a0)
+            e = faster * h - a0
+            c = a1 - a0
+            c3 = 10.0 * d - 4.0 * e + 0.5 * c
+            c4 = 7.0 * e - 15.0 * d - c
+            c5 = 6.0 * d - 3.0 * e + 0.5 * c
+            tail = f.muladd(f.muladd(c5, x, c4), x, c3)
+            out[j] = f.muladd(f.muladd(f.muladd(tail, x, 0.5 * a0), x, v0), x, q0)
+            slope = f.muladd(f.muladd(5.0 * c5, x, 4.0 * c4), x, 3.0 * c3)
+            out[s.nq + j] = f.muladd(f.muladd(slope, x, a0), x, v0) * (1.0 / h)
+        for j in range(s.nv, n):
+            (z0, gained), (r0, r1) = self._ends(w, j, h, u.width)
+            cubic = z0 + gained * x * x * (3.0 - 2.0 * x) - x * u * (-u * r0 - x * r1)
+            out[s.nq + j] = cubic + get(2 * (s.size + n) + j - s.nv) * (x * x) * (u * u)

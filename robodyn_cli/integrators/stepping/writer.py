@@ -1,0 +1,162 @@
+"""The function that a stepping loop is written into, with the state and the programs of a system at hand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from robodyn_cli.formulations.system import System
+from robodyn_cli.integrators.runtime.layout import Real, Whole
+from robodyn_cli.kernels.arrays import Array, each
+from robodyn_cli.kernels.ir import RELAXED, Condition, Function, Int, Value
+from robodyn_cli.kernels.lower import call_program, lower, outline
+from robodyn_cli.kernels.program import Program
+
+INLINE_LIMIT = 400  # operations; longer programs become functions
+LONG = 24  # velocities from which on what is done for each of them is a loop
+LANES = 8
+ARGUMENTS = ("w", "n", "y", "p", "dense", "out", "tables", "scratch", "work")
+
+
+class Writer:
+    """The function under construction, with the state and the programs of the system at hand.
+
+    ``nv``, ``rates`` (nv + nz) and ``size`` are Python ints, or Ints for a long system and where the code serves
+    systems of any size: then rows of vectors live in memory of the caller, and ``each`` makes a loop (unless
+    ``loops`` is False and the size is known).
+    """
+
+    def __init__(self, system: System, fused: bool, loops: bool = True) -> None:
+        self.system = system
+        self.fused = fused
+        self.f = f = Function("run", [f"ptr noalias %{a}" for a in ARGUMENTS], result="i64", flags=RELAXED)
+        self.functions: dict[str, Function] = {}
+        self._named: dict[str, Array] = {}
+        # doubles taken so far in the caller's memory: so many per (padded) velocity, and so many beside
+        self._taken = [0, 0]
+        self.nv: Int | int = system.nv
+        if system.dynamics.any_size or (loops and system.nv == system.nq > LONG):
+            with f.entry():
+                self.nv = f.load_int(self.whole(Whole.VELOCITIES))
+                # a multiple of the lanes, so that every row starts aligned
+                self._padded = (self.nv + (LANES - 1)) & -LANES
+                self.rates: Int | int = self.nv + system.nz
+                self.size: Int | int = self.nv * 2 + system.nz
+        else:
+            self.rates, self.size = system.nv + system.nz, system.size
+        self.state = self.array(2, 1)
+        self.new = self.array(2, 1)
+
+    # -- rows of vectors ------------------------------------------------------------------------------
+    def array(self, velocities: int, others: int, width: int = 1) -> Array:
+        """Return room for so many vectors a velocity, and so many a further state z."""
+        f, s = self.f, self.system
+        more = others * s.nz
+        if isinstance(self.nv, int):
+            return Array(f, f.slot(width, max(1, velocities * self.nv + more)), width)
+        with f.entry():
+            base = f.offset("%work", self._padded * self._taken[0] + self._taken[1])
+        self._taken[0] += velocities * width
+        self._taken[1] += -(-more * width // LANES) * LANES
+        return Array(f, base, width)
+
+    def workspace(self, name: str, velocities: int, others: int, width: int) -> Array:
+        """Return the room called ``name``, the same one each time."""
+        if name not in self._named:
+            self._named[name] = self.array(velocities, others, width)
+        return self._named[name]
+
+    def each(self, count: Int | int) -> Iterator[Int | int]:
+        """Emit the body of a ``for`` once an index."""
+        return each(self.f, count)
+
+    def number(self, count: Int | int) -> Value | float:
+        """Return a count as a double."""
+        return self.f.to_double(count) if isinstance(count, Int) else float(count)
+
+    def memory_function(self) -> Function:
+        """Return ``i64 memory(n)``: the doubles of ``%work`` that a system of n velocities takes."""
+        f = Function("memory", ["i64 %n"], result="i64")
+        padded = (f.int_argument("n") + (LANES - 1)) & -LANES
+        f.ret(padded * self._taken[0] + self._taken[1])
+        return f
+
+    # -- shared memory --------------------------------------------------------------------------------
+    def real(self, place: int) -> str:
+        return self.f.offset("%w", int(place))
+
+    def whole(self, place: int) -> str:
+        return self.f.offset("%n", int(place))
+
+    def get(self, place: int) -> Value:
+        return self.f.load(self.real(place))
+
+    def put(self, place: int, value: Value | float) -> None:
+        self.f.store(value, self.real(place))
+
+    def count(self, place: int, by: int = 1) -> None:
+        self.f.bump(self.whole(place), by)
+
+    def due(self, limit: Value, slack: float) -> Condition:
+        """Return whether the next sample lies before ``limit`` or, but for rounding, at it."""
+        f = self.f
+        k = f.load_int(self.whole(Whole.NEXT_SAMPLE))
+        start = self.get(Real.SAMPLE_START)
+        with f.strict():
+            time = start + f.to_double(k) * self.get(Real.SAMPLE_STEP)
+            bound = limit + (f.abs(limit) + f.abs(start)) * slack
+        return f.compare("ole", time, bound) & f.compare_int(
+            "sle", k, f.load_int(self.whole(Whole.LAST_SAMPLE))
+        )
+
+    # -- programs -------------------------------------------------------------------------------------
+    def evaluate(
+        self, program: Program, t: Value, x: Array, **more: list[Value] | Array
+    ) -> dict[str, list[Value]]:
+        """Emit a program of the system at time t and state x = (q, v, z), with ``more`` input groups."""
+        f, width = self.f, x.width
+        first: dict[str, Int | int] = {"q": 0, "v": self.nv, "z": self.nv * 2}
+        inputs: dict[str, list[Value] | Array] = {**more, "t": [t]}
+        for group, count in program.inputs.items():
+            if group == "p":
+                inputs[group] = [f.load(f.offset("%p", k)) for k in range(count)]
+            elif group in first:
+                inputs[group] = x.part(first[group])
+        if program.operations <= INLINE_LIMIT:
+            return lower(f, program, self._values(program, inputs, width), width, self.fused)
+        name = f"program.{program.digest[:12]}.{width}"
+        if name not in self.functions:
+            self.functions[name] = outline(name, program, width, self.fused, f.flags)
+        return call_program(f, name, program, inputs, width)
+
+    def _values(
+        self, program: Program, inputs: Mapping[str, list[Value] | Array], width: int
+    ) -> dict[str, list[Value]]:
+        """Load those inputs that are in memory, as far as they are used."""
+        used = {i.value for i in program.instructions if i.op == "sym"}
+        zero = self.f.constant(0.0, width)
+        found: dict[str, list[Value]] = {}
+        for group, count in program.inputs.items():
+            source = inputs[group]
+            if isinstance(source, Array):
+                source = [source[k] if (group, k) in used else zero for k in range(count)]
+            found[group] = source
+        return found
+
+    def dynamics(self, t: Value, x: Array, rates: Array) -> None:
+        """Store v-dot and z-dot at time t and state x."""
+        self.system.dynamics.emit(self, t, x, rates)
+
+    def rate(self, t: Value, x: Array, rates: Array) -> None:
+        """Store the whole x-dot = (v, v-dot, z-dot)."""
+        v = x.part(self.nv)
+        for k in self.each(self.nv):
+            rates[k] = v[k]
+        self.dynamics(t, x, rates.part(self.nv))
+
+    def rate_of(self, t: Value, x: list[Value]) -> list[Value]:
+        """Return x-dot at time t and a state that is not in memory; for systems of known size."""
+        here, rates = self.array(2, 1), self.array(2, 1)
+        for k, value in enumerate(x):
+            here[k] = value
+        self.rate(t, here, rates)
+        return [rates[k] for k in range(len(x))]

@@ -1,0 +1,210 @@
+"""Many scenes, each by its own command in a process of its own; what is finished is not run again."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from robodyn_cli.results.output_dir import SUMMARY_NAME
+from robodyn_cli.results.summary import read_summary
+from robodyn_cli.run.batch.criteria import exit_code
+from robodyn_cli.run.batch.entries import Entry, finished, settle
+from robodyn_cli.threads import single_thread
+
+CRASHED = 70
+INTERRUPTED = 130
+TIMED_OUT = 3  # no result in the time that was given: as where a run takes too many steps
+GRACE = 5.0  # seconds that an interrupted worker has to tidy up
+
+
+def interrupt(process: subprocess.Popen[bytes]) -> None:
+    """Ask a worker to end."""
+    with contextlib.suppress(OSError):
+        process.send_signal(signal.SIGTERM if sys.platform == "win32" else signal.SIGINT)
+
+
+class Clock:
+    """Ends a worker when its time is over: asks it first, so that it can tidy up."""
+
+    def __init__(self, process: subprocess.Popen[bytes], seconds: float | None) -> None:
+        self.process = process
+        self.fired = False
+        self._stopped = threading.Event()
+        if seconds is not None:
+            threading.Thread(target=self._wait, args=(seconds,), daemon=True).start()
+
+    def _wait(self, seconds: float) -> None:
+        if self._stopped.wait(seconds):
+            return
+        self.fired = True
+        interrupt(self.process)
+        if not self._stopped.wait(GRACE):
+            self.process.kill()
+
+    def stop(self) -> None:
+        """Let the worker be: it has ended."""
+        self._stopped.set()
+
+
+class Batch:
+    """Runs scenes in worker processes.
+
+    Parameters
+    ----------
+    scenes : from ``entries``. jobs : processes at a time. drawn, force : draw; run what is finished too.
+    timeout : seconds that each scene may take; one that takes longer is interrupted, and ended where it goes on.
+    worker : command line of a worker for a command, a scene and a directory; it must end when its standard input
+    does, so that it does not outlive the batch.
+    """
+
+    def __init__(
+        self,
+        scenes: Sequence[Entry],
+        jobs: int,
+        worker: Callable[[str, Path, Path], list[str]],
+        drawn: bool,
+        force: bool,
+        timeout: float | None = None,
+    ) -> None:
+        self.scenes = list(scenes)
+        self.jobs = max(1, min(jobs, len(self.scenes)))
+        self.worker = worker
+        self.drawn = drawn
+        self.force = force
+        self.timeout = timeout
+        self._lock = threading.Lock()
+        self._running: set[subprocess.Popen[bytes]] = set()
+        self._stopping = False
+        self._done: queue.Queue[Entry | BaseException] = queue.Queue()
+
+    def run(self) -> Iterator[Entry]:
+        """Yield each scene when it is done; interrupted, stop the workers and mark what is not."""
+        waiting = iter(self.scenes)
+        open_scenes = {id(entry): entry for entry in self.scenes}
+        threads = [
+            threading.Thread(target=self._serve, args=(waiting,), daemon=True) for _ in range(self.jobs)
+        ]
+        try:
+            for thread in threads:
+                thread.start()
+            while open_scenes:
+                try:
+                    # without a time limit an interrupt would not be seen on every system
+                    entry = self._done.get(timeout=0.2)
+                except queue.Empty:
+                    continue
+                if isinstance(entry, BaseException):
+                    raise entry
+                del open_scenes[id(entry)]
+                yield entry
+        finally:
+            for entry in open_scenes.values():
+                entry.stopped = True
+            self._stop()
+
+    def _serve(self, waiting: Iterator[Entry]) -> None:
+        while not self._stopping:
+            with self._lock:
+                entry = next(waiting, None)
+            if entry is None:
+                return
+            try:
+                self._one(entry)
+            except BaseException as error:
+                self._done.put(error)
+                return
+            if not self._stopping:
+                self._done.put(entry)
+
+    def _one(self, entry: Entry) -> None:
+        if entry.directory is None:
+            return
+        start = time.perf_counter()
+        if not self.force:
+            summary = finished(entry, self.drawn)
+            if summary is not None:
+                entry.unchanged = True
+                settle(entry, exit_code(summary), summary)
+                entry.seconds = time.perf_counter() - start
+                return
+        code, said, late = self._work(entry)
+        entry.seconds = time.perf_counter() - start
+        if late:
+            entry.exit_code = TIMED_OUT
+            entry.message = f"ended after {self.timeout:g} s: the time limit of a scene (--timeout)"
+            return
+        summary = read_summary(entry.directory / SUMMARY_NAME)
+        if not summary or exit_code(summary) != code:
+            # the worker did not get as far as a summary: what is there is another run's
+            summary = {"status": "failed", "error": {"exit_code": code, "message": said}}
+        settle(entry, code, summary)
+
+    def _work(self, entry: Entry) -> tuple[int, str, bool]:
+        """Return the exit code of a worker, the last line that it printed, and whether it ran out of time."""
+        assert entry.directory is not None
+        words = self.worker(entry.command, entry.path, entry.directory)
+        environment = dict(os.environ)
+        single_thread(environment)
+        # a session of its own: an interrupt from the terminal is passed on by us alone
+        own: dict[str, Any] = {"start_new_session": True}
+        if sys.platform == "win32":
+            own = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
+        with self._lock:
+            if self._stopping:
+                return CRASHED, "", False
+            process = subprocess.Popen(
+                words,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                env=environment,
+                **own,
+            )
+            self._running.add(process)
+        assert process.stderr is not None and process.stdin is not None
+        clock = Clock(process, self.timeout)
+        try:
+            lines = process.stderr.read().decode(errors="replace").strip().splitlines()
+            code = process.wait()
+        finally:
+            clock.stop()
+            with self._lock:
+                self._running.discard(process)
+            process.stderr.close()
+            with contextlib.suppress(OSError):
+                process.stdin.close()
+        said = lines[-1].removeprefix("robodyn: error: ") if lines else ""
+        if code < 0:
+            said = f"the process of this scene was ended by signal {-code} ({signal.strsignal(-code)})"
+            code = CRASHED
+        elif code not in (0, 1, 2, 3, 4, 5, 70, 74, 130):
+            said = f"the process of this scene ended with code {code}: {said}"
+            code = CRASHED
+        # a worker that was done as its time ran out is done
+        return code, said, clock.fired and code in (CRASHED, INTERRUPTED)
+
+    def _stop(self) -> None:
+        """End the workers: ask, wait, and do not ask again."""
+        with self._lock:
+            self._stopping = True
+            running = list(self._running)
+        for process in running:
+            interrupt(process)
+        limit = time.monotonic() + GRACE
+        try:
+            for process in running:
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    process.wait(max(0.0, limit - time.monotonic()))
+        finally:
+            for process in running:
+                if process.poll() is None:
+                    process.kill()

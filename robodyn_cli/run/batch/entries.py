@@ -1,0 +1,152 @@
+"""The scenes of a batch: what is to be run, whether it is finished, and what its criteria say of the run."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from robodyn_cli.errors import RobodynError, SceneError
+from robodyn_cli.record import mutable_record
+from robodyn_cli.results.errors import ResultFileError
+from robodyn_cli.results.output_dir import RESULT_NAME, SUMMARY_NAME
+from robodyn_cli.results.provenance import sha256
+from robodyn_cli.results.summary import read_summary
+from robodyn_cli.run.batch.criteria import EXIT_CODE, FAILED, Outcome, exit_code, judge
+from robodyn_cli.run.batch.findings import worst
+from robodyn_cli.scene.commands import SCENE_COMMANDS
+from robodyn_cli.scene.load import load_scene
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.version import __version__
+
+
+@mutable_record
+class Entry:
+    """One scene of a batch and what became of it.
+
+    ``verdict`` is ``ok``, ``failed`` (a criterion, or no lock), ``error`` or ``stopped``; ``unchanged`` says that
+    an earlier result was kept.
+    """
+
+    path: Path
+    name: str
+    directory: Path | None = None
+    scene: Scene | None = None
+    exit_code: int = 0
+    unchanged: bool = False
+    stopped: bool = False
+    seconds: float = 0.0
+    message: str = ""
+    criteria: list[Outcome] = dataclasses.field(default_factory=list)
+
+    @property
+    def command(self) -> str:
+        return (self.scene.command if self.scene is not None else None) or ""
+
+    @property
+    def verdict(self) -> str:
+        if self.stopped:
+            return "stopped"
+        return {0: "ok", FAILED: "failed"}.get(self.exit_code, "error")
+
+    @property
+    def problems(self) -> list[str]:
+        """What went wrong, in words."""
+        found = [str(outcome) for outcome in self.criteria if not outcome.holds]
+        return [self.message, *found] if self.message else found
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what ``--json`` shows."""
+        return {
+            "scene": str(self.path), "name": self.name, "command": self.command or None, "verdict": self.verdict,
+            "exit_code": self.exit_code, "unchanged": self.unchanged, "seconds": round(self.seconds, 3),
+            "message": self.message or None, "criteria": [o.as_dict() for o in self.criteria],
+            "directory": str(self.directory) if self.directory is not None else None,
+        }  # fmt: skip
+
+
+def entries(paths: Sequence[Path], out: Path, overrides: Sequence[str] = ()) -> list[Entry]:
+    """Return the scenes loaded, each with its output directory; what is wrong with one is an error of its own.
+
+    ``overrides`` are ``key.path=value`` texts, applied to every scene.
+    """
+    found = []
+    for path, name in zip(paths, unique_names(paths)):
+        entry = Entry(path, name)
+        try:
+            entry.scene = load_scene(path, overrides)
+            if entry.scene.command is None:
+                raise SceneError(
+                    f"{path}: key 'command' is missing: it says what to run; allowed: {', '.join(SCENE_COMMANDS)}"
+                )
+            entry.directory = out / name / entry.command
+        except RobodynError as error:
+            entry.exit_code, entry.message = error.exit_code, error.message
+        found.append(entry)
+    return found
+
+
+def unique_names(paths: Sequence[Path]) -> list[str]:
+    """Return the stems of the files; where two are the same, with as much of their folders as tells them apart."""
+    stems = [path.stem for path in paths]
+    if len(set(stems)) == len(stems):
+        return stems
+    full = [Path(os.path.abspath(path)).with_suffix("") for path in paths]
+    try:
+        root = os.path.commonpath([path.parent for path in full])
+    except ValueError:  # on different drives
+        return [f"{stem}-{k}" if stems.count(stem) > 1 else stem for k, stem in enumerate(stems)]
+    return [
+        stem if stems.count(stem) == 1 else path.relative_to(root).as_posix()
+        for stem, path in zip(stems, full)
+    ]
+
+
+def finished(entry: Entry, drawn: bool) -> dict[str, Any] | None:
+    """Return the summary of an earlier, whole result of the same scene and version, None if there is none.
+
+    ``drawn`` asks for drawings too. A failed run is not finished, unless the scene expects its exit code.
+    """
+    from robodyn_cli.results.hdf5 import read
+
+    assert entry.directory is not None and entry.scene is not None
+    summary = read_summary(entry.directory / SUMMARY_NAME)
+    outputs = summary.get("outputs")
+    if not isinstance(outputs, list) or RESULT_NAME not in outputs or summary.get("command") != entry.command:
+        return None
+    if not all((entry.directory / str(name)).exists() for name in outputs):
+        return None
+    if drawn and not any(str(name).endswith(".png") for name in outputs):
+        return None
+    expected = entry.scene.expect.get(EXIT_CODE)
+    if summary.get("status") == "failed" and not (expected and expected.holds(exit_code(summary))):
+        return None
+    try:
+        result = read(entry.directory / RESULT_NAME, select=lambda path: False)
+    except ResultFileError:
+        return None
+    same = (
+        sha256(result.scene_text) == sha256(entry.scene.text)
+        and result.attributes.get("robodyn_version") == __version__
+        and result.status == summary.get("status")
+    )
+    return summary if same else None
+
+
+def settle(entry: Entry, code: int, summary: dict[str, Any]) -> None:
+    """Judge a run by its exit code and the criteria of its scene."""
+    assert entry.scene is not None
+    error = summary.get("error")
+    message = str(error.get("message", "")) if isinstance(error, dict) else ""
+    try:
+        entry.criteria = judge(entry.scene.expect, summary, f"{entry.path}: ")
+    except SceneError as wrong:
+        entry.exit_code, entry.message = worst([code, wrong.exit_code]), wrong.message
+        return
+    if any(o.key == EXIT_CODE and o.holds for o in entry.criteria):
+        code = 0
+    elif code != 0:
+        entry.message = message or str(summary.get("termination", {}).get("reason", ""))
+    entry.exit_code = worst([code, *(FAILED for o in entry.criteria if not o.holds)])

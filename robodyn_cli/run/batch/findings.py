@@ -1,0 +1,176 @@
+"""What is wrong with a scene before it runs: the file itself, its bodies, its loops, data that its command needs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.equations.plan_facts import listed_data, unknown_data
+from robodyn_cli.errors import GeometryError, RobodynError, SceneError
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.formulations.index1 import index1
+from robodyn_cli.formulations.rolled import Rolled
+from robodyn_cli.model.consistency import body_problems
+from robodyn_cli.model.model import Model
+from robodyn_cli.record import record
+from robodyn_cli.run.commands import execute
+from robodyn_cli.run.driver.prepare import passive_coordinates, prepare
+from robodyn_cli.run.driver.singularity import passive_determinant
+from robodyn_cli.run.inverse.closed import needed_data
+from robodyn_cli.run.inverse.dynamics import open_problem
+from robodyn_cli.run.inverse.inverse import _check_actuated as check_actuated
+from robodyn_cli.run.inverse.inverse import torque_terms
+from robodyn_cli.run.inverse.motion import plan_motion, with_led_point
+from robodyn_cli.run.progress import no_progress
+from robodyn_cli.run.stopwatch import Stopwatch
+from robodyn_cli.scene.check import Check
+from robodyn_cli.scene.collect import examine
+from robodyn_cli.scene.nodes import Node, dotted, located
+from robodyn_cli.scene.types import Scene
+
+# exit codes from good to bad; what is not listed is worse than all of them
+BADNESS = (0, 1, 3, 2, 4, 5, 74, 70)
+# commands that take no longer than trying them out would
+AT_ONCE = ("assemble", "kinematics", "statics")
+# samples at which a trajectory is tried out
+TRIED = 501
+
+
+def worst(codes: Sequence[int]) -> int:
+    """Return the worst of several exit codes: 1 over 0, 3 over 1, 2 over 3, then 4, 5, 74, 70."""
+    return max(codes, key=lambda code: BADNESS.index(code) if code in BADNESS else len(BADNESS), default=0)
+
+
+@record
+class Finding:
+    """One thing that is wrong: ``severity`` is ``error`` or ``warning``, the message begins with the place."""
+
+    severity: str
+    message: str
+    exit_code: int
+    details: dict[str, Any]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what ``--json`` shows."""
+        return {
+            "severity": self.severity,
+            "message": self.message,
+            "exit_code": self.exit_code,
+            **self.details,
+        }
+
+
+def findings(path: Path, strict: bool = False) -> list[Finding]:
+    """Return all that is wrong with a scene file, errors first; warnings are errors with ``strict``."""
+    examined = examine(path)
+    if examined.scene is None or examined.root is None:
+        return [_error(e) for e in examined.errors]
+    scene, root = examined.scene, examined.root
+    found = [_error(e) for e in _trial(scene, root)]
+    code = SceneError.exit_code if strict else 0
+    for error in _physical(scene, root):
+        found.append(Finding("error" if strict else "warning", error.message, code, _place(error)))
+    return found
+
+
+def _error(error: RobodynError) -> Finding:
+    return Finding("error", error.message, error.exit_code, _place(error))
+
+
+def _place(error: RobodynError) -> dict[str, Any]:
+    return {key: error.details[key] for key in ("file", "line", "column", "key") if key in error.details}
+
+
+def _physical(scene: Scene, root: Node) -> list[SceneError]:
+    found = []
+    for k, link in enumerate(scene.robot.links):
+        for text in body_problems(link):
+            key = "inertia" if "inertia" in text or "moments" in text else "mass"
+            found.append(_at(root, ("robot", "links", k, key), f"{link.name}: {text}"))
+    return found
+
+
+def _at(root: Node, path: tuple[str | int, ...], message: str) -> SceneError:
+    """Return an error at the node of a path, or at the nearest one above it."""
+    check, reach = Check(root), path
+    while (node := check.find(reach)) is None:
+        reach = reach[:-1]
+    return located(node, dotted(path), message)
+
+
+def _trial(scene: Scene, root: Node) -> list[RobodynError]:
+    """Try what the scene's command does before it computes anything."""
+    command = scene.command or ("inverse" if scene.trajectory is not None else None)
+    if command is None and (scene.loops or scene.couplers or scene.initial.q):
+        command = "simulate"
+    try:
+        if command == "inverse":
+            model, outputs = _inverse(scene)
+        elif command in AT_ONCE:
+            try:
+                execute(command, scene, no_progress, Stopwatch())
+            except RobodynError as error:
+                if getattr(error, "result", None) is None:  # else it ran, and ended on the way
+                    raise
+            return []
+        elif command is not None:
+            model, outputs = _forward(scene, command)
+        else:
+            return []
+    except RobodynError as error:
+        if "missing" in error.details:
+            return _missing(scene, root, command or "", error.details["missing"])
+        if error.details.get("line") is not None:
+            return [error]
+        key, sentence = str(error.details.get("key", "")), error.message.removeprefix(f"{scene.path}: ")
+        if not key and isinstance(error, GeometryError):
+            loops = [loop.name for loop in scene.loops]
+            loop = error.details.get("loop")
+            key = "trajectory" if command == "inverse" else "initial"
+            if loop in loops:
+                key = f"loops.{loops.index(loop)}"
+        placed = _at(root, tuple(_steps(key)), sentence.removeprefix(f"{key}: ") if key else sentence)
+        placed.exit_code = error.exit_code
+        return [placed]
+    return _missing(scene, root, command, unknown_data(model, outputs)[0])
+
+
+def _steps(key: str) -> list[str | int]:
+    return [int(step) if step.isdecimal() else step for step in key.split(".")] if key else []
+
+
+def _missing(scene: Scene, root: Node, command: str, names: Sequence[str]) -> list[RobodynError]:
+    """Return an error a link that lacks data which the command needs."""
+    links = [link.name for link in scene.robot.links]
+    found: list[RobodynError] = []
+    for k, link in enumerate(links):
+        here = [name for name in names if name.endswith(f" of {link}")]
+        if here:
+            what = f"{command} needs {listed_data(here)}, which the scene does not give"
+            found.append(_at(root, ("robot", "links", k), what))
+    return found
+
+
+def _inverse(scene: Scene) -> tuple[Model, list[Scalar]]:
+    if scene.loops or scene.couplers:
+        return needed_data(scene, min(TRIED, scene.inverse.samples))
+    problem = open_problem(with_led_point(scene), "inverse dynamics")
+    check_actuated(problem)
+    duration = scene.trajectory.duration if scene.trajectory is not None else 0.0
+    plan_motion(problem, np.linspace(0.0, duration, min(TRIED, scene.inverse.samples)))
+    return problem.model, [x for term in torque_terms(problem).values() for x in term]
+
+
+def _forward(scene: Scene, command: str) -> tuple[Model, list[Scalar]]:
+    if command == "deploy" and not scene.loops and not scene.couplers:
+        raise SceneError("deploy needs a mechanism with closed loops; this scene has none", key="loops")
+    problem = prepare(scene, modes=True).problem
+    if command == "deploy" and scene.deploy.criterion != "multipliers":
+        passive_determinant(problem, passive_coordinates(problem) or [])
+    dynamics = index1(problem, "none", work=False).dynamics
+    # loops over bodies have asked for what they need when they were made
+    outputs = dynamics.forces if isinstance(dynamics, Rolled) else dynamics.expressions()[0]
+    return problem.model, list(outputs)

@@ -1,0 +1,184 @@
+"""Baumgarte's gains: which to take, and what happens over the whole plane of them.
+
+The gains are parameters of the compiled code, so any number of pairs runs on one compilation.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import NumericalError
+from robodyn_cli.formulations.index1 import index1, projection, residuals
+from robodyn_cli.formulations.system import GROUPS, System
+from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
+from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.record import record
+from robodyn_cli.scene.types import Baumgarte
+
+Array = NDArray[Any]
+SAMPLES = 129
+FACTORS = tuple(2.0**k for k in range(-12, 3))  # c in alpha = beta = c / h that are tried, the smallest first
+LONGEST = 5_000  # steps of the trial runs: the gains of a long run are chosen on its first part
+TIGHTER = 1e-3  # tolerance of the run that the errors are measured against, over that of the trial
+TIGHTEST = 3e-14
+
+
+@record
+class Outcome:
+    """What a pair of gains did.
+
+    drift : largest distance of the positions from the constraints, as the step that projection would take [rad, m].
+    residual : largest residual of the loops [m]. error : largest error of any q. steps : it took. Infinite where
+    the run fails.
+    """
+
+    alpha: float
+    beta: float
+    drift: float
+    residual: float
+    error: float
+    steps: int
+
+
+@record
+class Gains:
+    """The automatic choice alpha = beta = c / h.
+
+    step : h, the mean step of the projected run [s]. factor : c. drift, error : as in ``Outcome``.
+    integration_error : of the projected run (or what rounding leaves), the bar for the drift. over : length of the
+    trial runs [s]. met : whether the drift stays below the bar.
+    """
+
+    alpha: float
+    beta: float
+    factor: float
+    step: float
+    drift: float
+    error: float
+    integration_error: float
+    over: float
+    met: bool
+
+    def as_dict(self) -> dict[str, Any]:
+        return dataclasses.asdict(self)
+
+
+class GainStudy:
+    """Runs of one mechanism with any gains, against its projected motion."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        projected: System,
+        start: Array,
+        duration: float,
+        options: Options,
+        method: str,
+    ) -> None:
+        """``start``, a state of the ``projected`` system, is consistent; ``options`` and ``method`` are those of
+        the runs to come."""
+        self.options = options
+        self.method = method
+        alpha, beta = problem.graph.symbols(["alpha", "beta"], "p")
+        self.system = index1(problem, Baumgarte(alpha=alpha, beta=beta), work=False)  # type: ignore[arg-type]
+        self.projected = projected
+        q, _ = projection(problem)
+        found = residuals(problem)
+        self._observe = SampleKernel({"q": q, "eta": found["position"]}, GROUPS)
+        self.start = start
+        self.over = duration
+        states, steps, reached = self._run(self.projected, (), options, duration, LONGEST)
+        if reached < duration:
+            self.over = reached
+            states, steps, _ = self._run(self.projected, (), options, reached, LONGEST + 1)
+        tight = max(options.rtol * TIGHTER, TIGHTEST)
+        precise = dataclasses.replace(
+            options,
+            rtol=tight,
+            atol=options.atol * tight / options.rtol,
+            step=None if options.step is None else options.step / 4,
+        )
+        self.reference, _, _ = self._run(self.projected, (), precise, self.over, 100 * LONGEST)
+        self.step = self.over / max(steps, 1)
+        # below what rounding leaves there is no error to stay under
+        rounding = 1e-13 * float(np.abs(self.system.split(self.reference)[0]).max(initial=0.0))
+        self.integration_error = max(self._error(states), rounding)
+
+    def _run(
+        self, system: System, gains: tuple[float, ...], options: Options, end: float, most: int
+    ) -> tuple[Array, int, float]:
+        """Return samples (T, nx), the number of steps and how far the run came; it may come less far than asked."""
+        integrator = Integrator(system, self.method, gains)
+        integrator.reset(0.0, self.start, dataclasses.replace(options, max_steps=most))
+        grid = Grid.over(end, SAMPLES)
+        rows: list[Array] = []
+        try:
+            integrator.run(end, grid, lambda t, x: rows.append(x), watch=False)
+        except NumericalError as error:
+            if error.details.get("status") != "max_steps" or integrator.time <= 0.0:
+                raise
+        return np.concatenate(rows), integrator.counters.steps, integrator.time
+
+    def _error(self, states: Array) -> float:
+        q, reference = (self.system.split(x)[0] for x in (states, self.reference[: len(states)]))
+        return float(np.abs(q - reference).max(initial=0.0))
+
+    def outcome(self, alpha: float, beta: float) -> Outcome:
+        """Run with a pair of gains."""
+        try:
+            x, steps, reached = self._run(self.system, (alpha, beta), self.options, self.over, 20 * LONGEST)
+        except NumericalError:
+            return Outcome(alpha, beta, np.inf, np.inf, np.inf, 0)
+        if reached < self.over:
+            return Outcome(alpha, beta, np.inf, np.inf, np.inf, steps)
+        times = Grid.over(self.over, SAMPLES).times(0, SAMPLES)
+        groups = self.system.groups(times, x, np.array([alpha, beta]))
+        found = self._observe.evaluate(SAMPLES, groups)
+        drift = float(np.abs(found["q"] - groups["q"]).max(initial=0.0))
+        return Outcome(
+            alpha, beta, drift, float(np.abs(found["eta"]).max(initial=0.0)), self._error(x), steps
+        )
+
+    def choose(self) -> Gains:
+        """Return the smallest gains alpha = beta = c / h whose drift stays below the integration error."""
+        best: tuple[float, Outcome] | None = None
+        for factor in FACTORS:
+            found = self.outcome(factor / self.step, factor / self.step)
+            if best is None or found.drift < best[1].drift:
+                best = (factor, found)
+            if found.drift <= self.integration_error:
+                best = (factor, found)
+                break
+        assert best is not None
+        factor, found = best
+        return Gains(
+            found.alpha,
+            found.beta,
+            factor,
+            self.step,
+            found.drift,
+            found.error,
+            self.integration_error,
+            self.over,
+            found.drift <= self.integration_error,
+        )
+
+    def plane(self, factors: Array, seconds: float) -> tuple[Array, Array, Array, int]:
+        """Return drift, error and steps over (alpha, beta) = factors / h, rows by alpha; NaN where time ran out."""
+        n = len(factors)
+        drift, error, steps = (np.full((n, n), np.nan) for _ in range(3))
+        end, done = time.perf_counter() + seconds, 0
+        for i, a in enumerate(factors):
+            for k, b in enumerate(factors):
+                if time.perf_counter() > end:
+                    return drift, error, steps, done
+                found = self.outcome(float(a) / self.step, float(b) / self.step)
+                drift[i, k], error[i, k], steps[i, k] = found.drift, found.error, found.steps or np.nan
+                done += 1
+        return drift, error, steps, done

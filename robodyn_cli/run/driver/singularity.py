@@ -1,0 +1,274 @@
+"""Tell singular configurations apart: dead point of the input, bifurcation, neither.
+
+Dead point: Psi keeps its rank, its block of passive coordinates loses it; the input cannot move the mechanism.
+Bifurcation: Psi itself loses rank; the constraints no longer decide how the motion goes on.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.algorithms.constraints import determinant
+from robodyn_cli.equations.dependence import closeness
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import CapabilityError, NumericalError, SingularConfigurationError
+from robodyn_cli.expr.calculus import jacobian
+from robodyn_cli.expr.graph import Expr, Scalar
+from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.formulations.row_chart import RowChart
+from robodyn_cli.formulations.system import EventFunction, System
+from robodyn_cli.integrators.runtime.integrator import Event, Integrator, Options
+from robodyn_cli.record import record
+
+Array = NDArray[Any]
+RANK = 1e-6  # ratio of singular values below which a located pose counts as having lost rank
+NEAR = 0.02  # ratio from which on a loss of rank is looked for ahead
+START = 1e-9  # the same at the start, where only rounding stands between a pose and a singular one
+NEAR_RANK_LOSS = "near_rank_loss"
+
+
+@record
+class Singularity:
+    """What kind of configuration it is, and the singular values that say so (largest first)."""
+
+    kind: str
+    psi: Array
+    passive: Array
+
+
+@record
+class Culprit:
+    """The joint that moves most, and the closure that resists least, in the direction in which rank is lost."""
+
+    joint: str
+    loop: str
+
+
+def culprit(problem: Problem, q: Array, columns: Sequence[int], t: float = 0.0) -> Culprit:
+    """Return joint and closure of the smallest singular value of the loops' Psi in some velocity coordinates."""
+    psi = psi_at(problem, q, t)[:, list(columns)]
+    U, _, Vt = np.linalg.svd(psi)
+    column = columns[int(np.argmax(np.abs(Vt[min(psi.shape) - 1])))]
+    row = loop_rows(problem)[int(np.argmax(np.abs(U[:, min(psi.shape) - 1])))]
+    model = problem.model
+    joint = next(b.joint_name for b in model.bodies if b.v <= column < b.v + b.joint.nv)
+    return Culprit(joint, problem.constraints.rows[row].name.rsplit(".", 1)[0])
+
+
+def loop_rows(problem: Problem) -> list[int]:
+    """Return the indices of rows that close loops (not those that prescribe a joint)."""
+    constraints = problem.constraints
+    return [i for i in range(len(constraints.rows)) if i not in constraints.prescribed]
+
+
+def passive_determinant(problem: Problem, passive: Sequence[int]) -> Scalar:
+    """Return the determinant of the passive block of Psi, whose sign change is a dead point.
+
+    Raises
+    ------
+    CapabilityError : the block is not square, so the input does not determine the configuration.
+    """
+    rows = problem.independent_rows
+    if len(passive) != len(rows):
+        freedom = problem.model.nv - len(rows)
+        raise CapabilityError(
+            f"a dead point needs as many driven joints as degrees of freedom: the mechanism has {freedom}, and "
+            f"{problem.model.nv - len(passive)} joints are actuated or prescribed; set `actuated`, or use "
+            "deploy.criterion: multipliers"
+        )
+    value: Scalar = determinant(rows[:, list(passive)])
+    return value
+
+
+def rank_loss_event(problem: Problem) -> tuple[EventFunction, ...]:
+    """Return the event of coming near a loss of rank: 1 / (tr A tr A^-1) of A = Psi Psi^T falls below ``NEAR^2``.
+
+    The quantity lies between the squared ratio of smallest to largest singular value and m times less.
+    """
+    rows = problem.independent_rows
+    if not len(rows):
+        return ()
+    return (EventFunction(NEAR_RANK_LOSS, closeness(rows) - NEAR * NEAR, direction=-1, terminal=False),)
+
+
+def singular_ratio(problem: Problem, q: Array) -> float:
+    """Return smallest over largest singular value of the loops' Psi (but for those zero in every pose)."""
+    sigma = np.linalg.svd(psi_at(problem, q), compute_uv=False)
+    return float(sigma[problem.loop_rank - 1] / sigma[0])
+
+
+def rank_loss_ahead(
+    problem: Problem, system: System, method: str, event: Event, options: Options
+) -> tuple[float, Array] | None:
+    """Tell whether the motion from here on runs into a loss of rank, and where: time and state, else None.
+
+    Close to it the multipliers are ill-conditioned, so it is approached by steps that cover nine tenths of the
+    way to the root of the secant of the ratio of singular values (which falls linearly towards it), and the
+    small rest is extrapolated.
+    """
+    integrator = Integrator(system, method)
+    integrator.reset(event.time, event.state, options)
+    speed = float(np.abs(system.split(event.state)[1]).max())
+    if speed == 0.0:
+        return None
+    low, state = event.time, event.state
+    ratio = singular_ratio(problem, system.split(state)[0])
+    trial, rest, slow = low + 0.05 * ratio / speed, np.inf, 0
+    for _ in range(60):
+        integrator.reset(low, state, dataclasses.replace(options, max_step=(trial - low) / 4))
+        try:
+            integrator.advance(trial)
+        except NumericalError:
+            break
+        before, low, state = (low, ratio, state), trial, integrator.state
+        ratio = singular_ratio(problem, system.split(state)[0])
+        slope = (ratio - before[1]) / (low - before[0])
+        if not slope < 0.0:
+            return None
+        root = low - ratio / slope
+        # on the way to a mere minimum the root recedes instead of closing in
+        slow = slow + 1 if root - low > 0.5 * rest else 0
+        if slow > 3:
+            return None
+        rest = root - low
+        if ratio < RANK:
+            end = state + rest / (low - before[0]) * (state - before[2])
+            return root, end
+        trial = low + 0.9 * rest
+    return None
+
+
+def psi_at(problem: Problem, q: Array, t: float = 0.0) -> Array:
+    """Return Psi of the loops at a configuration, as numbers."""
+    rows = loop_rows(problem)
+    flat = evaluate(list(problem.psi[rows].ravel()), {"q": q.tolist(), "t": [t], "p": []})
+    return np.array(flat, dtype=float).reshape(len(rows), problem.model.nv)
+
+
+def driven_dead_point(
+    problem: Problem, passive: Sequence[int], q: Array, time: float, duration: float
+) -> tuple[float, Array, str] | None:
+    """Find the singular pose that a prescribed motion has run into at (q, time): its time, q and kind.
+
+    Towards it the passive rates grow without bound, so no integrator can reach it; but it is pure geometry:
+    eta(q, t) = 0 with the determinant of the passive block zero, in the unknowns q and t.
+    """
+    if not problem.constraints.prescribed or not np.all(np.isfinite(q)):
+        return None
+    try:
+        singular = passive_determinant(problem, passive)
+    except CapabilityError:
+        return None
+    unknowns: list[Expr] = [*problem.q, problem.t]
+    equations = [*problem.working.eta, singular]
+    if len(equations) != len(unknowns):
+        return None
+    rows = jacobian(equations, unknowns)
+    entries = [row.get(k, 0.0) for row in rows for k in range(len(unknowns))]
+    parameters = RowChart(problem).choose(time, q, None).tolist() if problem.dependent else []
+    x = np.append(q, time)
+    for _ in range(50):
+        values = {"q": x[:-1].tolist(), "t": [float(x[-1])], "p": parameters}
+        residual = np.array(evaluate(equations, values), dtype=float)
+        J = np.array(evaluate(entries, values), dtype=float).reshape(len(rows), len(unknowns))
+        if not np.all(np.isfinite(J)) or not np.all(np.isfinite(residual)):
+            return None
+        step, *_ = np.linalg.lstsq(J, -residual, rcond=1e-14)
+        x = x + step * min(1.0, 0.3 / max(float(np.abs(step).max()), 1e-300))
+        if float(np.abs(step).max()) < 1e-14 * max(1.0, float(np.abs(x).max())):
+            break
+    ahead = float(x[-1]) - time
+    if not np.all(np.isfinite(x)) or np.abs(residual).max() >= 1e-9:
+        return None
+    if not -1e-9 * max(1.0, time) <= ahead <= 1e-3 * max(duration, time):
+        return None
+    return float(x[-1]), x[:-1], classify(problem, x[:-1], passive).kind
+
+
+def classify(problem: Problem, q: Array, passive: Sequence[int]) -> Singularity:
+    """Return the kind of configuration: ``bifurcation``, ``dead_point`` or ``regular``."""
+    psi, rank = psi_at(problem, q), problem.loop_rank
+    whole = np.linalg.svd(psi, compute_uv=False)[:rank]
+    block = np.linalg.svd(psi[:, list(passive)], compute_uv=False)[:rank] if len(passive) else np.zeros(0)
+    if whole[-1] < RANK * whole[0]:
+        return Singularity("bifurcation", whole, block)
+    if len(block) and block[-1] < RANK * whole[0]:
+        return Singularity("dead_point", whole, block)
+    return Singularity("regular", whole, block)
+
+
+def refuse_dependent_rows(problem: Problem, q: Array, time: float) -> None:
+    """Tell a loss of rank of the rows that were kept, of redundant ones, from one of the loops themselves.
+
+    Raises
+    ------
+    NumericalError : the loops keep their rank; other rows would have to be kept from here on.
+    """
+    if problem.keep_rows is None:
+        return
+    every = Problem(problem.scene, model=problem.model)
+    sigma = np.linalg.svd(psi_at(every, q, time), compute_uv=False)
+    if int((sigma > RANK * sigma[0]).sum()) < len(loop_rows(problem)):
+        return
+    kept = ", ".join(problem.constraints.rows[i].name for i in loop_rows(problem))
+    raise NumericalError(
+        f"the constraints kept of redundant ones ({kept}) come to depend on each other at t = {time:.9g} s, although "
+        "the loops do not lose rank; start closer to that configuration, or model the loop in its plane",
+        time=time, status="dependent_rows",
+    )  # fmt: skip
+
+
+def starts_at_dead_point(problem: Problem, q: Array, passive: Sequence[int]) -> bool:
+    """Tell whether the passive block is singular, to rounding, in the configuration that the loops closed in."""
+    if not len(passive) or not problem.constraints.rows:
+        return False
+    psi = psi_at(problem, q)
+    block = np.linalg.svd(psi[:, list(passive)], compute_uv=False)[: problem.loop_rank]
+    return bool(block[-1] < START * np.linalg.norm(psi, 2))
+
+
+def refuse_singular_start(problem: Problem, q: Array, passive: Sequence[int]) -> None:
+    """Raise if a deployment would start where it is to end: the determinant there is rounding noise.
+
+    Raises
+    ------
+    SingularConfigurationError : the start is a dead point.
+    """
+    if not starts_at_dead_point(problem, q, passive):
+        return
+    angles = ", ".join(f"{n} {x:.6g}" for n, x in zip(problem.model.q_names, q))
+    raise SingularConfigurationError(
+        f"the start is a dead point already ({angles}): its passive block of Psi is singular, so the input cannot "
+        "move the mechanism; start a little away from it (initial.q)",
+        kind="dead_point",
+        q=q.tolist(),
+    )
+
+
+def stop_at_rank_loss(problem: Problem, system: System, method: str, event: Event, options: Options) -> None:
+    """Raise if the motion runs into a loss of rank; coming near and leaving again passes.
+
+    Raises
+    ------
+    SingularConfigurationError : Psi has lost rank.
+    """
+    ahead = rank_loss_ahead(problem, system, method, event, options)
+    if ahead is None:
+        return
+    time, state = ahead
+    q, _, _ = system.split(state)
+    refuse_dependent_rows(problem, q, time)
+    found = classify(problem, q, ())
+    named = culprit(problem, q, range(problem.model.nv), time)
+    raise SingularConfigurationError(
+        f"bifurcation at t = {time:.9g} s: the constraint Jacobian of loop {named.loop} loses rank and lets joint "
+        f"{named.joint} go, so the multipliers are not unique and the motion may branch; set simulate.singular: "
+        "pass to go on",
+        time=time, kind="bifurcation", singular_values=found.psi.tolist(), q=q.tolist(),
+        loop=named.loop, joint=named.joint,
+    )  # fmt: skip

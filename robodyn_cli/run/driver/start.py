@@ -1,0 +1,38 @@
+"""What is doubtful about the configuration in which a simulation starts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.run.driver.singularity import Array, psi_at
+
+# smallest singular value of the passive block over the largest of Psi; about the angle [rad] from a dead point
+NEAR = 1e-6
+
+
+def start_warnings(problem: Problem, q: Array, passive: Sequence[int]) -> list[str]:
+    """Return warnings about the closed configuration ``q`` (nq,) at t = 0.
+
+    A dead point of the input, where the block of Psi of the ``passive`` coordinates is singular, is no obstacle to a
+    simulation. But the loops may have closed there because ``initial.q`` left them the choice, and then the input moves
+    nothing: the passive joints alone can move, the driven ones at rest.
+    """
+    if not problem.constraints.rows or not 0 < len(passive) < problem.model.nv:
+        return []
+    psi = psi_at(problem, q)
+    block = np.linalg.svd(psi[:, list(passive)], compute_uv=False)[: problem.loop_rank]
+    if block[-1] >= NEAR * np.linalg.norm(psi, 2):
+        return []
+    pose = ", ".join(f"{name} {x:.6g}" for name, x in zip(problem.model.q_names, q))
+    remedy = (
+        ""
+        if problem.scene.initial.hold
+        else "; if it is not meant, keep joints at their value with initial.hold"
+    )
+    return [
+        f"the loops have closed in a dead point of the input ({pose}): there the driven joints cannot "
+        f"move the mechanism, and small errors decide where it goes{remedy}"
+    ]

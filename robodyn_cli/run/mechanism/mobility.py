@@ -1,0 +1,37 @@
+"""Mobility of a mechanism: by counting, and as it is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.run.driver.singularity import loop_rows
+
+Array = NDArray[np.float64]
+RANK = 1e-8  # ratio of singular values below which rank is lost
+
+
+def mobility(problem: Problem, psi: Array) -> dict[str, Any]:
+    """Return degrees of freedom by Gruebler's count and by the rank of Psi (T, m, nv) along a motion.
+
+    count : velocity coordinates of the tree less all rows of the closures, as Gruebler and Kutzbach count links
+    and joints in space (6 (n - 1) - sum of the joints' constraints). planar_count : less only the rows that do not
+    vanish identically, which for a mechanism in a plane is 3 (n - 1) - 2 j. actual : less the rank.
+    """
+    nv, rows = problem.model.nv, len(loop_rows(problem))
+    vanishing = len(problem.constraints.dropped)
+    s = np.linalg.svd(psi, compute_uv=False)
+    rank = int((s > RANK * s[:, :1]).sum(axis=1).max(initial=0)) if s.size else 0
+    return {
+        "coordinates": nv,
+        "rows": rows + vanishing,
+        "vanishing_rows": vanishing,
+        "rank": rank,
+        "redundant_rows": rows - rank,
+        "count": nv - rows - vanishing,
+        "planar_count": nv - rows,
+        "actual": nv - rank,
+    }

@@ -1,0 +1,227 @@
+"""From integrated states to everything a simulation reports, block by block."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.graph import Expr, Scalar
+from robodyn_cli.formulations.index1 import residuals
+from robodyn_cli.formulations.system import GROUPS, System
+from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.loops.base import Row
+from robodyn_cli.record import record
+from robodyn_cli.run.observation.least_norm import LeastNorm, equations_of
+from robodyn_cli.run.observation.places import FORCES, place_dataset, place_outputs
+from robodyn_cli.run.observation.reactions import ReactionSamples
+from robodyn_cli.run.observation.units import joint_columns
+
+Array = NDArray[Any]
+XYZ = ("x", "y", "z")
+MEANINGS = {
+    "q": "joint position", "qd": "joint velocity", "qdd": "joint acceleration", "tau": "actuator torque"
+}  # fmt: skip
+MOST_ROWS = 40  # of Psi, up to which its singular values are worth their time at every sample
+
+
+@record
+class Column:
+    """A dataset of the result: units, meaning and names of its columns (see ``Result.add``)."""
+
+    units: str
+    long_name: str
+    dims: tuple[str, ...]
+    names: tuple[str, ...] = ()
+    column_units: tuple[str, ...] = ()
+
+
+def observed(problem: Problem, accelerations: bool = True) -> dict[str, Sequence[Scalar]]:
+    """Return what is evaluated at the samples of a simulation, by output."""
+    outputs: dict[str, Sequence[Scalar]] = {
+        "tau": _actuator_torques(problem),
+        "energy": [problem.kinetic, problem.potential],
+    }
+    if problem.model.forces:
+        outputs["forces.potential"] = [effect.potential for effect in problem.elements.effects]
+        outputs["forces.power"] = [effect.power for effect in problem.elements.effects]
+    if accelerations and not problem.dependent:
+        outputs["qdd"] = list(problem.forward.qdd)
+    if problem.dependent:
+        return {**outputs, **equations_of(problem), **place_outputs(problem)}
+    if problem.constraints.rows:
+        found = residuals(problem)
+        outputs["lam"] = list(problem.forward.lam)
+        outputs["eta"] = found["position"]
+        outputs["eta_rate"] = found["velocity"]
+        if len(problem.constraints.rows) <= MOST_ROWS:
+            outputs["psi"] = list(problem.psi.ravel())
+    return {**outputs, **place_outputs(problem)}
+
+
+def _actuator_torques(problem: Problem) -> list[Scalar]:
+    """Actuator torques; a prescribed joint's is the multiplier that drives it."""
+    tau = list(problem.actuator_torques)
+    if problem.dependent:  # ``LeastNorm`` knows the multipliers
+        return tau
+    for i in problem.constraints.prescribed:
+        for k, x in enumerate(problem.constraints.rows[i].psi):
+            if isinstance(x, Expr) or x != 0.0:
+                tau[k] = tau[k] + x * problem.forward.lam[i]
+    return tau
+
+
+def loop_columns(rows: Sequence[Row], dependent: bool = False) -> dict[str, Column]:
+    """Return units and names of what is recorded of constraint rows, by path; ``dependent``: on each other."""
+    dims, names = ("time", "constraint"), tuple(row.name for row in rows)
+    force = "N" if all(row.kind == "force" for row in rows) else "N or N m"
+    least = " (rows depend on each other: those of least norm)" if dependent else ""
+    return {
+        "constraints/multipliers": Column(force, f"Lagrange multipliers{least}", dims, names),
+        "constraints/position_residual": Column("m", "residual of position constraints", dims, names),
+        "constraints/velocity_residual": Column("m/s", "residual of velocity constraints", dims, names),
+    }
+
+
+class Observer:
+    """Evaluates accelerations, torques, multipliers, residuals, energies and places at sampled states."""
+
+    def __init__(self, problem: Problem, system: System, singular: Sequence[int] | None = None) -> None:
+        self.problem = problem
+        self.system = system
+        self.passive = singular
+        self.kernel: RolledKernel | SampleKernel | LeastNorm
+        if system.dynamics.any_size:
+            from robodyn_cli.run.observation.observe_rolled import RolledKernel
+
+            self.kernel = RolledKernel(problem, system.dynamics, problem.scene.simulate.samples)
+            outputs = self.kernel.function.outputs
+        else:
+            outputs = {name: list(entries) for name, entries in observed(problem).items()}
+            self.kernel = LeastNorm(problem, outputs) if problem.dependent else SampleKernel(outputs, GROUPS)
+        self.places = [path for path in outputs if path.startswith(("points/", "skeleton/", "frames/"))]
+        self.normalise = SampleKernel({"n": system.normalisation}, GROUPS) if system.normalisation else None
+        positions = system.sample_positions or system.position_correction
+        velocities = system.sample_velocities or system.velocity_correction
+        self.correct_q = SampleKernel({"q": positions}, GROUPS) if positions else None
+        self.correct_v = SampleKernel({"v": velocities}, GROUPS) if velocities else None
+        self.parameters = np.zeros(max(1, len(problem.model.parameters)))
+        asked = problem.scene.outputs.reactions
+        self.reactions = ReactionSamples(problem, problem.scene.simulate.samples) if asked else None
+
+    def project(self, t: Array, x: Array) -> Array:
+        """Return the states put back on manifolds and constraints (positions by Newton steps, then rates)."""
+        s = self.system
+        if self.normalise is not None:
+            x = np.asfortranarray(x)
+            x[:, list(s.normalised)] = self.normalise.evaluate(len(t), s.own_groups(t, x, self.parameters))[
+                "n"
+            ]
+        if self.correct_q is None or self.correct_v is None:
+            return x
+        x = np.asfortranarray(x)
+        if isinstance(self.kernel, LeastNorm):
+            return self._least_norm(self.kernel, t, x)
+        places = list(s.q_places)
+        for _ in range(4):
+            q = self.correct_q.evaluate(len(t), s.own_groups(t, x, self.parameters))["q"]
+            moved = float(np.abs(q - x[:, places]).max(initial=0.0))
+            x[:, places] = q
+            if not moved > 1e-9:
+                break
+        found = self.correct_v.evaluate(len(t), s.own_groups(t, x, self.parameters))
+        x[:, list(s.v_places)] = found["v"]
+        return x
+
+    def _least_norm(self, kernel: LeastNorm, t: Array, x: Array) -> Array:
+        s = self.system
+        q_places, v_places = list(s.q_places), list(s.v_places)
+        for _ in range(4):
+            groups = self._groups(t, x)
+            dq, _ = kernel.correct(len(t), groups)
+            x[:, q_places] = kernel.moved(groups["q"], dq)
+            if not float(np.abs(dq).max(initial=0.0)) > 1e-9:
+                break
+        x[:, v_places] += kernel.correct(len(t), self._groups(t, x))[1]
+        return x
+
+    def _groups(self, t: Array, x: Array) -> dict[str, Array]:
+        return self.system.groups(t, x, self.parameters)
+
+    def observe(self, t: Array, x: Array, project: bool = True) -> dict[str, Array]:
+        """Return the datasets of a block of samples by path; ``x`` (T, nx) is projected first."""
+        problem = self.problem
+        x = self.project(t, x) if project else x
+        q, v, z = self.system.split(x)
+        found = self.kernel.evaluate(len(t), self._groups(t, x))
+        kinetic, potential = found["energy"].T
+        data: dict[str, Array] = {
+            "time": t,
+            "q": q,
+            "qd": v,
+            "qdd": found["qdd"],
+            "tau": found["tau"],
+            "energy/kinetic": kinetic,
+            "energy/potential": potential,
+            "energy/total": kinetic + potential,
+        }
+        if z.shape[1]:
+            data["energy/work"] = z[:, 0]
+        for path in FORCES:
+            if (name := path.replace("/", ".")) in found:
+                data[path] = found[name]
+        if problem.constraints.rows:
+            data["constraints/multipliers"] = found["lam"]
+            data["constraints/position_residual"] = found["eta"]
+            data["constraints/velocity_residual"] = found["eta_rate"]
+            if "psi" in found:
+                data.update(self._singular(found["psi"]))
+        for path in self.places:
+            name, block = place_dataset(path, found[path])
+            data[name] = block
+        if self.reactions is not None:
+            data.update(
+                self.reactions(t, data["q"], data["qd"], data["qdd"], data.get("constraints/multipliers"))
+            )
+        return data
+
+    def _singular(self, flat: Array) -> dict[str, Array]:
+        """Return the singular values of Psi and of its passive block along the samples."""
+        constraints = self.problem.constraints
+        loops = [i for i in range(len(constraints.rows)) if i not in constraints.prescribed]
+        if not loops:
+            return {}
+        psi = flat.reshape(len(flat), len(constraints.rows), self.problem.model.nv)[:, loops, :]
+        rank = self.problem.loop_rank  # the others are zero in every pose
+        data = {"singularity/psi": np.linalg.svd(psi, compute_uv=False)[:, :rank]}
+        if self.passive:
+            block = psi[:, :, list(self.passive)]
+            data["singularity/passive"] = np.linalg.svd(block, compute_uv=False)[:, :rank]
+            if block.shape[1] == block.shape[2]:
+                data["singularity/determinant"] = np.linalg.det(block)
+        return data
+
+    def singular_ratio(self, t: Array, x: Array) -> Array:
+        """Return the smallest singular value of the passive block over the largest of Psi (T,)."""
+        data = self._singular(self.kernel.evaluate(len(t), self._groups(t, self.project(t, x)))["psi"])
+        ratio: Array = data["singularity/passive"][:, -1] / data["singularity/psi"][:, 0]
+        return ratio
+
+    def describe(self) -> dict[str, Column]:
+        """Return units and names of the datasets whose columns belong to this scene."""
+        table = {
+            path: Column(long_name=MEANINGS[path], **columns.described())
+            for path, columns in joint_columns(self.problem.model).items()
+        }
+        elements = self.problem.elements.names
+        table["forces/potential"] = Column("J", "potential energy of forces", ("time", "force"), elements)
+        table["forces/power"] = Column("W", "power of forces", ("time", "force"), elements)
+        table.update(loop_columns(self.problem.constraints.rows, bool(self.problem.dependent)))
+        if self.reactions is not None:
+            for path, names in self.reactions.names.items():
+                meaning = self.reactions.meanings[path]
+                table[path] = Column("N, N m", meaning, ("time", "wrench"), names)
+        return table

@@ -1,0 +1,39 @@
+"""What is observed of long chains, whose accelerations come from loops over the bodies."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.formulations.dynamics import GROUPS, Dynamics
+from robodyn_cli.formulations.rolled import Rolled
+from robodyn_cli.kernels.rolled import RolledForwardDynamics
+from robodyn_cli.run.observation.evaluation import SampleFunction
+from robodyn_cli.run.observation.observe import observed
+
+Array = NDArray[np.float64]
+
+
+class RolledKernel:
+    """What is observed of a long chain: accelerations by loops over its bodies, the rest from expressions.
+
+    These grow with the length only, and are interpreted where that takes less time than compiling them.
+    """
+
+    def __init__(self, problem: Problem, dynamics: Dynamics, samples: int) -> None:
+        assert isinstance(dynamics, Rolled)
+        self.places = list(dynamics.places)
+        forces = [dynamics.forces[k] for k in self.places]
+        outputs = {**observed(problem, accelerations=False), "forces": forces}
+        self.function = SampleFunction(outputs, GROUPS, samples)
+        self.forward = RolledForwardDynamics(problem.model)
+
+    def evaluate(self, samples: int, groups: dict[str, Array]) -> dict[str, Array]:
+        # parameters are no samples, and simulations have none
+        columns = {name: np.reshape(x, (samples, -1)) for name, x in groups.items() if name != "p"}
+        found = self.function(**columns)
+        tau = np.zeros(columns["v"].shape, order="F")
+        tau[:, self.places] = found["forces"]
+        found["qdd"] = self.forward(columns["q"], columns["v"], tau)
+        return found

@@ -1,0 +1,138 @@
+"""Forces and moments in joints and loop closures along a motion, from what the run has computed already."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.algorithms.kinematics import Pose, poses
+from robodyn_cli.algorithms.reactions import Reactions, reactions
+from robodyn_cli.algorithms.rnea import Wrench
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
+from robodyn_cli.model.model import BASE, UNKNOWN_GROUP, Model
+from robodyn_cli.model.placement import axis_frame
+from robodyn_cli.results.result import Result
+from robodyn_cli.run.observation.evaluation import SampleFunction
+from robodyn_cli.scene import types as sc
+from robodyn_cli.scene.points import has_dh, point_link
+from robodyn_cli.spatial.algebra import Matrix, identity
+
+Array = NDArray[np.float64]
+NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
+GROUPS = ("t", "q", "v", "a", "lam")
+BASE_PATH = "base_wrench"
+
+
+def joint_axes(joint: sc.Joint) -> Matrix:
+    """Return the axes (columns, body coordinates) of the joint's own frame, that of ``com_frame: joint``."""
+    return identity() if has_dh(joint) else axis_frame(joint).T
+
+
+class ReactionSamples:
+    """Wrenches in joints and closures as functions of samples of t, q, v, v-dot and the multipliers.
+
+    A component that depends on data which the scene does not give (the moment across the plane of an arm of which
+    only zz is known) is left out; ``missing`` names them.
+    """
+
+    def __init__(self, problem: Problem, samples: int) -> None:
+        model, self.problem = problem.model, problem
+        self.rows = problem.constraints.names
+        lam = dict(zip(self.rows, problem.graph.symbols(self.rows, "lam")))
+        applied = problem.elements.wrenches
+        found = reactions(model, problem.q, problem.v, problem.a, lam, problem.gravity, problem.X, applied)
+        self.names: dict[str, tuple[str, ...]] = {}
+        self.meanings: dict[str, str] = {}
+        self.missing: dict[str, list[str]] = {}
+        outputs: dict[str, list[Scalar]] = {}
+        for path, (entries, meaning) in self._entries(model, found).items():
+            known = [k for k, e in enumerate(entries) if not _unknown(e)]
+            if len(known) < len(NAMES):
+                self.missing[path] = [NAMES[k] for k in range(len(NAMES)) if k not in known]
+            if known:
+                outputs[path] = [entries[k] for k in known]
+                self.names[path] = tuple(NAMES[k] for k in known)
+                self.meanings[path] = meaning
+        self.function = SampleFunction(outputs, GROUPS, samples)
+
+    def _entries(self, model: Model, found: Reactions) -> dict[str, tuple[list[Scalar], str]]:
+        """Return forces and moments of each joint and closure, and of the base, with what they are in words."""
+        problem = self.problem
+        in_world = problem.scene.outputs.reaction_axes == "world"
+        to_world = model.base.E.T
+        joints = {joint.name: joint for joint in problem.scene.robot.joints}
+        entries: dict[str, tuple[list[Scalar], str]] = {}
+        for k, body in enumerate(model.bodies):
+            axes = to_world @ problem.pose[k].R if in_world else joint_axes(joints[body.joint_name]).T
+            parent = "base" if body.parent == BASE else model.bodies[body.parent].name
+            frame = "world axes" if in_world else "axes of the joint's frame, turning with the link"
+            meaning = f"what {parent} exerts on {body.name}, about the joint's origin, {frame}"
+            entries[f"reactions/{body.joint_name}"] = (_turned(axes, found.joints[k]), meaning)
+        for loop, wrench in zip(model.loops, found.loops):
+            first = loop.first
+            link, other = (point_link(problem.scene.robot, text) for text in loop.element.between)
+            if in_world:
+                R = identity() if wrench.root == BASE else problem.pose[wrench.root].R
+                axes, frame = to_world @ R, "world axes"
+            else:
+                pose: dict[int, Pose] = poses(model, problem.X, wrench.root)
+                axes, frame = (pose[first.body].R @ first.R).T, f"axes of {link}'s frame"
+            meaning = f"what {other} exerts on {link}, about the first point of the closure, {frame}"
+            entries[f"loop_reactions/{loop.name}"] = (_turned(axes, wrench.on_first), meaning)
+        meaning = "what the ground exerts on the mechanism, about the base's origin, world axes"
+        entries[BASE_PATH] = (_turned(to_world, found.base), meaning)
+        return entries
+
+    def __call__(self, t: Array, q: Array, qd: Array, qdd: Array, lam: Array | None) -> dict[str, Array]:
+        """Return {path: (T, 6)}; the multipliers (T, m) are those of the problem's rows."""
+        if lam is None:
+            lam = np.zeros((len(t), len(self.rows)))
+        return self.function(t=np.reshape(t, (-1, 1)), q=q, v=qd, a=qdd, lam=lam)
+
+    def add(self, result: Result, data: Mapping[str, Array]) -> None:
+        """Add what was evaluated to a result."""
+        for path, array in data.items():
+            result.add(path, array, long_name=self.meanings[path], names=self.names[path])
+
+    def note(self) -> dict[str, Any]:
+        """Return what the summary says: the frame, and components that the scene's data do not determine."""
+        axes = self.problem.scene.outputs.reaction_axes
+        missing = {path.split("/")[-1]: names for path, names in self.missing.items()}
+        return {"axes": axes, **({"not_determined": missing} if missing else {})}
+
+
+def add_reactions(result: Result, problem: Problem, lam: Array | None) -> None:
+    """Add the reactions along a result's motion, and their largest values to its summary."""
+    samples = ReactionSamples(problem, len(result.time))
+    data = samples(result.time, result["q"], result["qd"], result["qdd"], lam)
+    samples.add(result, data)
+    result.summary["reactions"] = {**samples.note(), "largest": figures(data, samples.names)}
+
+
+def figures(data: Mapping[str, Array], names: Mapping[str, tuple[str, ...]]) -> dict[str, dict[str, float]]:
+    """Return the largest force and moment of each joint and closure [N, N m]."""
+    found: dict[str, dict[str, float]] = {}
+    for path, array in data.items():
+        force = [k for k, name in enumerate(names[path]) if name.startswith("f")]
+        moment = [k for k, name in enumerate(names[path]) if name.startswith("m")]
+        found[path.split("/")[-1]] = {
+            "peak_force": _largest(array[:, force]), "peak_moment": _largest(array[:, moment])
+        }  # fmt: skip
+    return found
+
+
+def _largest(vectors: Array) -> float:
+    return float(np.sqrt((vectors**2).sum(axis=1)).max(initial=0.0))
+
+
+def _turned(axes: Matrix, wrench: Wrench) -> list[Scalar]:
+    n, f = wrench
+    return [*(axes @ f), *(axes @ n)]
+
+
+def _unknown(entry: Scalar) -> bool:
+    return isinstance(entry, Expr) and any(s.value[1] == UNKNOWN_GROUP for s in free_symbols([entry]))

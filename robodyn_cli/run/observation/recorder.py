@@ -1,0 +1,136 @@
+"""What a simulation keeps of its samples, in memory or in a file, and the extremes that its summary reports."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.results.result import Result
+from robodyn_cli.results.writer import ResultWriter
+from robodyn_cli.run.observation.observe import Column, Observer
+from robodyn_cli.run.observation.reactions import ReactionSamples, figures
+
+Array = NDArray[Any]
+
+
+class Recorder:
+    """Collects blocks of observations into a Result; keeps the extremes that the summary reports.
+
+    With a ``writer`` everything goes to the file block by block, and only every ``every``-th sample stays in
+    memory, for plots and for the error estimate: a run of 10^7 samples never stands in memory whole.
+    """
+
+    def __init__(self, observer: Observer, writer: ResultWriter | None = None, every: int = 1) -> None:
+        self.observer = observer
+        self.writer = writer
+        self.every = every
+        self.seen = 0
+        self.blocks: dict[str, list[Array]] = {}
+        self.drift = 0.0
+        self.energy_scale = 0.0
+        self.position_residual = 0.0
+        self.velocity_residual = 0.0
+        self.loads: dict[str, dict[str, float]] = {}
+        self._start: float | None = None
+        self._last = -np.inf
+
+    @np.errstate(all="ignore")  # a run that blows up reports its last states, infinite ones too
+    def emit(self, t: Array, x: Array, project: bool = True, extra: bool = False) -> None:
+        """Observe and keep a block of states; ``extra`` marks one off the uniform grid, which is always kept."""
+        data = self.observer.observe(t, x, project)
+        balance = data["energy/total"] - data.get("energy/work", 0.0)
+        if self._start is None:
+            self._start = float(balance[0])
+        self.drift = max(self.drift, float(np.abs(balance - self._start).max()))
+        self.energy_scale = max(
+            self.energy_scale, float(np.ptp(data["energy/potential"])), float(data["energy/kinetic"].max())
+        )
+        if "constraints/position_residual" in data:
+            self.position_residual = max(
+                self.position_residual, float(np.abs(data["constraints/position_residual"]).max(initial=0.0))
+            )
+            self.velocity_residual = max(
+                self.velocity_residual, float(np.abs(data["constraints/velocity_residual"]).max(initial=0.0))
+            )
+        if self.observer.reactions is not None:
+            self._keep_largest_loads(data, self.observer.reactions)
+        if self.writer is not None:
+            for path, block in data.items():
+                self._stream(path, block)
+            first = 0 if extra else -self.seen % self.every
+            data = {path: block[first :: self.every].copy() for path, block in data.items()}
+        self.seen += len(t)
+        self._last = float(t[-1])
+        for path, block in data.items():
+            self.blocks.setdefault(path, []).append(block)
+
+    def _keep_largest_loads(self, data: dict[str, Array], known: ReactionSamples) -> None:
+        for name, load in figures({path: data[path] for path in known.names}, known.names).items():
+            held = self.loads.setdefault(name, load)
+            self.loads[name] = {key: max(value, held[key]) for key, value in load.items()}
+
+    def _stream(self, path: str, block: Array) -> None:
+        assert self.writer is not None
+        self.writer.append(path, block, **self.described(path))
+
+    def make_last_least_norm(self, time: float) -> None:
+        """Replace accelerations and multipliers of the last sample, where Psi has lost rank, by least-norm ones."""
+        problem = self.observer.problem
+        nv = problem.model.nv
+        q, qd = self.blocks["q"][-1][-1], self.blocks["qd"][-1][-1]
+        values = {"q": q.tolist(), "v": qd.tolist(), "t": [time], "p": self.observer.parameters.tolist()}
+        entries = [
+            *problem.mass_matrix.ravel(),
+            *(problem.applied - problem.bias),
+            *problem.constraints.gamma,
+        ]
+        numbers = np.array(evaluate(entries, values), dtype=float)
+        M, f, gamma = (
+            numbers[: nv * nv].reshape(nv, nv),
+            numbers[nv * nv : nv * nv + nv],
+            numbers[nv * nv + nv :],
+        )
+        psi = np.array(evaluate(list(problem.psi.ravel()), values), dtype=float).reshape(len(gamma), nv)
+        spread = np.linalg.solve(M, psi.T)
+        lam, *_ = np.linalg.lstsq(psi @ spread, -(gamma + spread.T @ f), rcond=1e-9)
+        self.blocks["constraints/multipliers"][-1][-1] = lam
+        self.blocks["qdd"][-1][-1] = np.linalg.solve(M, f) + spread @ lam
+        if self.observer.reactions is not None:
+            last = [self.blocks[path][-1][-1:] for path in ("q", "qd", "qdd", "constraints/multipliers")]
+            for path, load in self.observer.reactions(np.array([time]), *last).items():
+                self.blocks[path][-1][-1] = load[0]
+
+    @functools.cached_property
+    def columns(self) -> dict[str, Column]:
+        """Units and names of the datasets whose columns belong to the scene."""
+        return self.observer.describe()
+
+    def described(self, path: str) -> dict[str, Any]:
+        """Return what ``Result.add`` is to be told about a dataset beside its data."""
+        column = self.columns.get(path)
+        return {} if column is None else dataclasses.asdict(column)
+
+    @property
+    def samples(self) -> int:
+        """Number of samples recorded."""
+        return self.seen
+
+    @property
+    def last_time(self) -> float:
+        """Time of the last sample recorded, -infinity before the first."""
+        return self._last
+
+    def array(self, path: str) -> Array:
+        """Return what was collected under ``path``."""
+        return np.concatenate(self.blocks[path])
+
+    def fill(self, result: Result) -> None:
+        """Put everything into the result."""
+        for path, blocks in self.blocks.items():
+            data = blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
+            result.add(path, data, **self.described(path))
