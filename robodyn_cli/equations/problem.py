@@ -362,14 +362,19 @@ class Problem:
         return own + self.elements.potential
 
     @cached_property
-    def power(self) -> Scalar:
-        """Power of everything that the potential energy does not cover: actuators, damping, prescribed joints."""
+    def applied_power(self) -> Scalar:
+        """Power of actuators, damping and forces between bodies that the potential energy does not cover."""
         total: Scalar = 0.0
         for tau, v in zip(self.actuator_torques, self.v):
             total = total + tau * v
         for place, torque in self.dissipated:
             total = total + torque * self.v[place]
-        total = total + self.elements.power
+        return total + self.elements.power
+
+    @cached_property
+    def power(self) -> Scalar:
+        """Power of everything that the potential energy does not cover: ``applied_power`` and prescribed motion."""
+        total = self.applied_power
         for i in self.constraints.rheonomic:
             # Psi^T lambda does work at the rate -lambda eta_t on a row that depends on time
             total = total - self.forward.lam[i] * self.constraints.rows[i].eta_t
