@@ -1,7 +1,7 @@
 """Where a function of time changes too fast for steps to notice: jumps, kinks, and features much shorter than the run.
 
-Formulas say openly where they switch (``discontinuities``), but ``sqrt((t - 1)^2)`` or ``atan2(sin(t), cos(t))`` hide it,
-and no method sees a pulse that is shorter than the gaps between its stages. Both are found before the run, by
+Formulas say openly where they switch (``discontinuities``), but ``sqrt((t - 1)^2)`` or ``atan2(sin(t), cos(t))`` hide
+it, and no method sees a pulse that is shorter than the gaps between its stages. Both are found before the run, by
 bisection with interval bounds of the function and of its slope: an interval is left when the function is smooth there
 and nearly a straight line.
 """
@@ -81,7 +81,11 @@ def structure(function: Expr, t: Expr, duration: float) -> Structure:
         middle = 0.5 * (low + high)
         low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
         rough_before = np.concatenate([rough, rough])
-    found = [x for x in points[0].tolist() if _is_rough(function, slope, t, x, duration)] if points and resolved else []
+    found = (
+        [x for x in points[0].tolist() if _is_rough(function, slope, t, x, duration)]
+        if points and resolved
+        else []
+    )
     return Structure(tuple(found), _edges(np.concatenate(leaves, axis=1), duration), resolved)
 
 
@@ -90,7 +94,9 @@ def _nearly_straight(value: Bounds, rate: Bounds, length: Array, span: float) ->
     with np.errstate(all="ignore"):
         bend = (rate.high - rate.low) * length
         steepest = np.maximum(np.abs(rate.low), np.abs(rate.high)) * length
-        found: Flags = (bend <= STRAIGHT * span) & (value.high - value.low <= STRAIGHT * span + 4.0 * steepest)
+        found: Flags = (bend <= STRAIGHT * span) & (
+            value.high - value.low <= STRAIGHT * span + 4.0 * steepest
+        )
     return found
 
 
@@ -113,7 +119,9 @@ class _Span:
 
 
 def _switches_inside(function: Expr) -> bool:
-    return any(node.op in ("atan2", "sign", "where", "table", "min", "max", "abs") for node in reachable([function]))
+    return any(
+        node.op in ("atan2", "sign", "where", "table", "min", "max", "abs") for node in reachable([function])
+    )
 
 
 def _values(entries: list[Scalar], times: Array) -> list[Array]:
@@ -142,7 +150,9 @@ def _is_rough(function: Expr, slope: Scalar, t: Expr, time: float, duration: flo
     left, right = 2.0 * value[1] - value[0], 2.0 * value[2] - value[3]
     level, steep = np.abs(value).max() + step * np.abs(rate).max(), np.abs(rate).max()
     jump = abs(right - left) > APART * max(level, 1e-300) * 1e-3 + 4.0 * step * steep
-    kink = abs(rate[2] - rate[1]) > APART * max(steep, 1e-300) + 4.0 * max(abs(rate[1] - rate[0]), abs(rate[3] - rate[2]))
+    kink = abs(rate[2] - rate[1]) > APART * max(steep, 1e-300) + 4.0 * max(
+        abs(rate[1] - rate[0]), abs(rate[3] - rate[2])
+    )
     return bool(jump or kink)
 
 

@@ -88,7 +88,9 @@ def _extremes(products: list[Array]) -> tuple[Array, Array]:
 
 def _mul(a: Bounds, b: Bounds) -> Parts:
     # nothing times what is unbounded is nothing
-    products = [np.where((x == 0.0) | (y == 0.0), 0.0, x * y) for x in (a.low, a.high) for y in (b.low, b.high)]
+    products = [
+        np.where((x == 0.0) | (y == 0.0), 0.0, x * y) for x in (a.low, a.high) for y in (b.low, b.high)
+    ]
     return (*_extremes(products), False)
 
 

@@ -7,8 +7,8 @@ accelerations come from the equations of motion projected on the directions that
 
     N^T (M a + h - tau) = 0,   Psi a + gamma = 0,   Psi N = 0,
 
-which contain no multipliers. Coefficients that decay and constraints that hold between the nodes, on the pose too, prove
-that both sides belong to one smooth branch.
+which contain no multipliers. Coefficients that decay and constraints that hold between the nodes, on the pose too,
+prove that both sides belong to one smooth branch.
 """
 
 from __future__ import annotations
@@ -73,7 +73,9 @@ class Equations:
         self.shift = SampleKernel({"q": _moved(problem)}, GROUPS)
         self.p = np.zeros(max(1, len(problem.model.parameters)))
 
-    def _values(self, kernel: SampleKernel, t: Array, q: Array, v: Array, z: Array | None = None) -> dict[str, Array]:
+    def _values(
+        self, kernel: SampleKernel, t: Array, q: Array, v: Array, z: Array | None = None
+    ) -> dict[str, Array]:
         groups = {"t": t, "q": q, "v": v, "z": np.zeros((len(t), 1)) if z is None else z, "p": self.p}
         return kernel.evaluate(len(t), groups)
 
@@ -84,7 +86,8 @@ class Equations:
 
     def singular_values(self, t: Array, q: Array) -> Array:
         """Return the singular values of Psi (T, r), largest first, but for those that are zero in every pose."""
-        return np.linalg.svd(self.constraints(t, q)[1], compute_uv=False)[:, : self.rank]
+        found: Array = np.linalg.svd(self.constraints(t, q)[1], compute_uv=False)[:, : self.rank]
+        return found
 
     def moved(self, q: Array, dq: Array) -> Array:
         """Return positions (T, nq) after steps dq (T, nv) along the joints' manifolds."""
@@ -132,7 +135,9 @@ class Frames:
     def step(self, inverse: Array, residual: Array) -> Array:
         """Return the step (n, nv) that takes the rows by ``residual`` (n, m), nothing along E."""
         rank = self.combination.shape[1]
-        return np.einsum("nij,nj->ni", inverse[:, :, :rank], np.einsum("nij,nj->ni", self.combination, residual))
+        return np.einsum(
+            "nij,nj->ni", inverse[:, :, :rank], np.einsum("nij,nj->ni", self.combination, residual)
+        )
 
 
 class Collocation:
@@ -235,15 +240,21 @@ class Collocation:
             q, v = new_q, new_v
             if not np.isfinite(change) or change > 1e3 * size:
                 raise NotSmooth("the motion over the pose does not settle")
-            if change < 1e-9 * size and change > 0.3 * last or change < 4 * EPS * size:
+            if (change < 1e-9 * size and change > 0.3 * last) or change < 4 * EPS * size:
                 break
             last = change
         else:
             raise NotSmooth(f"the motion over the pose does not settle (change {change:.1g})")
         self.change = change
         v, qd, a, zd = self.rates(q, v, z, frames)
-        series = [legendre.legfit(2 * self.c - 1, x, self.n - 1) if x.shape[1] else x for x in (qd, a, zd)]
-        return Leap(s, h, *series)
+        return Leap(s, h, *(self._series(x) for x in (qd, a, zd)))
+
+    def _series(self, x: Array) -> Array:
+        """Return the Legendre coefficients (n, k) of what has the values x (n, k) at the nodes."""
+        if not x.shape[1]:
+            return x
+        found: Array = np.asarray(legendre.legfit(2 * self.c - 1, x, self.n - 1), dtype=float)
+        return found
 
 
 @record

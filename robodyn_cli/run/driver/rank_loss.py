@@ -74,12 +74,12 @@ class Approach:
         self.states: list[State] = [state]
         self.sigma: list[Array] = [self._sigma(state)]
         refusals, allowed, reason = 0, np.inf, ""
-        predicted = np.inf
+        predicted: float | None = np.inf
         first = self._first_step(state)
         for _ in range(STEPS):
             here = self.states[-1]
             before, predicted = predicted, self._predicted()
-            if predicted is None:
+            if predicted is None or before is None:
                 return None
             left = predicted - here.time
             if refusals and self.sigma[-1][-1] < LOST * self.sigma[-1][0]:
@@ -190,4 +190,4 @@ class Approach:
             if self.sigma[-1][-1] < LOST * self.sigma[-1][0]:
                 return Unresolved(predicted, reason)
             self._go_on(0.5 * (predicted - self.states[-1].time))
-        return Unresolved(predicted, reason)
+        return Unresolved(self.states[-1].time, reason)
