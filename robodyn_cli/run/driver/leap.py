@@ -86,8 +86,8 @@ class Equations:
 
     def singular_values(self, t: Array, q: Array) -> Array:
         """Return the singular values of Psi (T, r), largest first, but for those that are zero in every pose."""
-        found: Array = np.linalg.svd(self.constraints(t, q)[1], compute_uv=False)[:, : self.rank]
-        return found
+        found: Array = np.asarray(np.linalg.svd(self.constraints(t, q)[1], compute_uv=False), dtype=float)
+        return found[:, : self.rank]
 
     def moved(self, q: Array, dq: Array) -> Array:
         """Return positions (T, nq) after steps dq (T, nv) along the joints' manifolds."""
