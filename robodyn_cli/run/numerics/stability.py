@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import RobodynError
-from robodyn_cli.formulations.index1 import index1
+from robodyn_cli.formulations.build import build_system
 from robodyn_cli.integrators.methods.stability_region import limits
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.record import record
@@ -122,7 +122,7 @@ def at_start(setup: Setup) -> Spectrum | None:
 def eigenvalues(setup: Setup, times: Array, q: Array, v: Array) -> Spectrum | None:
     """Return the spectrum at states q (T, nq), v (T, nv), None where the equations cannot be linearised."""
     problem: Problem = setup.problem
-    system = index1(problem, "none", work=False)
+    system = build_system(problem, "none", work=False)
     states = np.stack([system.join(*x) for x in zip(q, v)])
     try:
         found = spectrum(problem, system, times, states, problem.scene.simulate.duration)

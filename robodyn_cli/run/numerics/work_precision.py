@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.errors import CapabilityError, NumericalError
-from robodyn_cli.formulations.index1 import index1
+from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
@@ -152,7 +152,7 @@ def formulations(scene: Scene, setup: Setup) -> tuple[dict[str, System], dict[st
     """
     problem = setup.problem
     if not problem.constraints.rows:
-        return {"tree": index1(problem, work=False)}, None
+        return {"tree": build_system(problem, work=False)}, None
     asked = scene.simulate.stabilisation
     gains: dict[str, Any] | None = None
     if isinstance(asked, Baumgarte):
@@ -162,12 +162,12 @@ def formulations(scene: Scene, setup: Setup) -> tuple[dict[str, System], dict[st
         with contextlib.suppress(NumericalError):
             gains = study(scene, setup).choose().as_dict()
             asked = Baumgarte(alpha=gains["alpha"], beta=gains["beta"])
-    separable = not problem.dependent and not problem.gates
+    separable = not problem.dependent and not problem.contact_joints
     return {
-        "projection": index1(problem, "projection", work=False),
-        **({"independent": index1(problem, "independent", work=False)} if separable else {}),
-        **({"baumgarte": index1(problem, asked, work=False)} if gains is not None else {}),
-        "none": index1(problem, "none", work=False),
+        "projection": build_system(problem, "projection", work=False),
+        **({"independent": build_system(problem, "independent", work=False)} if separable else {}),
+        **({"baumgarte": build_system(problem, asked, work=False)} if gains is not None else {}),
+        "none": build_system(problem, "none", work=False),
     }, gains
 
 

@@ -17,8 +17,8 @@ from robodyn_cli.equations.plan_variants import serial_chain, without_loops
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.equations.variant import Symbols
 from robodyn_cli.expr.graph import Scalar, count_operations
+from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.dynamics import Expanded
-from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.formulations.residual import Residual
 from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.formulations.system import GROUPS
@@ -68,7 +68,7 @@ class Forward:
             if self.problem.model.closures and scene.simulate.singular == "stop"
             else ()
         )
-        self.system = index1(self.problem, self.stabilisation, events)
+        self.system = build_system(self.problem, self.stabilisation, events)
         self.choice = Choice(scene.simulate.integrator, "data are missing that the choice needs")
         if not unknown_data(self.problem.model, self.outputs(self.problem))[0]:
             start = self.system.join(q, v)
@@ -84,7 +84,7 @@ class Forward:
         """Return the right-hand side that is integrated: accelerations and the work's rate."""
         wanted = problem.scene.simulate.stabilisation
         # projection is a program of its own; the accelerations are the same without it
-        system = index1(problem, "none" if wanted == PROJECTION else wanted, work=work, expanded=True)
+        system = build_system(problem, "none" if wanted == PROJECTION else wanted, work=work, expanded=True)
         return [*system.acceleration, *system.z_rate]
 
     @cached_property
@@ -212,7 +212,7 @@ class Forward:
                 operations=s.positions.operations + s.velocities.operations,
             )
         else:
-            projected = index1(self.problem, PROJECTION)
+            projected = build_system(self.problem, PROJECTION)
             both = [p for p in (projected.positions, projected.velocities) if p is not None]
             asked = "none" if self.stabilisation == "none" else "Baumgarte's terms"
             ledger.leave(
