@@ -137,7 +137,7 @@ class System:
         return {"t": t, "q": q, "v": v, "z": z, "p": p}
 
     def watched_by(self, owner_of: Callable[[EventFunction], Owner | None]) -> System:
-        """Return the system with the events of other owners: what ``owner_of`` gives; without those it gives none for."""
+        """Return the system with other owners of its events, without those that ``owner_of`` gives none for."""
         owners = [(e, owner_of(e)) for e in self.events]
         events = tuple(dataclasses.replace(e, owner=owner) for e, owner in owners if owner is not None)
         return dataclasses.replace(self, events=events)

@@ -167,7 +167,7 @@ def _inverse(scene: Scene) -> tuple[Model, list[Scalar]]:
 def _forward(scene: Scene, command: str) -> tuple[Model, list[Scalar]]:
     if command == "deploy" and not scene.loops and not scene.couplers:
         raise SceneError("deploy needs a mechanism with closed loops; this scene has none", key="loops")
-    problem = prepare(scene, modes=True).problem
+    problem = prepare(scene).problem
     if command == "deploy" and scene.deploy.criterion != "multipliers":
         passive_determinant(problem, passive_coordinates(problem) or [])
     dynamics = build_system(problem, "none", work=False).dynamics

@@ -227,6 +227,7 @@ def add_followed(result: Result, done: Deployment) -> None:
 def verdict(done: Deployment, overload: Overload | None) -> tuple[str, dict[str, Any]]:
     """Return the status and how the run ended, in words."""
     lock = done.lock
+    termination: dict[str, Any]
     if lock is None:
         status = "no_lock"
         termination = {"reason": "duration: no lock", "time": done.motion.scene.simulate.duration}

@@ -47,6 +47,8 @@ class ContactStates(Watcher):
     resolves.
     """
 
+    functions: tuple[ContactFunction, ...]
+
     def __init__(self, problem: Problem) -> None:
         if problem.dependent:
             raise CapabilityError(

@@ -33,9 +33,9 @@ class Choice:
 class Gains:
     """Baumgarte's gains as a study of them has chosen: alpha = beta = c / h.
 
-    step : h, the mean step of the projected run [s]. factor : c. drift : of the positions from the constraints [rad, m]. error : largest of any q.
-    integration_error : of the projected run (or what rounding leaves), the bar for the drift. over : length of the
-    trial runs [s]. met : whether the drift stays below the bar.
+    step : h, the mean step of the projected run [s]. factor : c. drift : of the positions from the constraints
+    [rad, m]. error : largest of any q. integration_error : of the projected run (or what rounding leaves), the bar for
+    the drift. over : length of the trial runs [s]. met : whether the drift stays below the bar.
     """
 
     alpha: float

@@ -64,7 +64,7 @@ def other_steps(options: Options, mean_step: float) -> tuple[Options, str]:
 
 @record
 class FirstRun:
-    """The run whose error is asked for: from ``start`` on ``grid`` to ``end`` [s], with which method and how many steps."""
+    """The run whose error is asked for: from ``start`` on ``grid`` to ``end`` [s], its method and steps."""
 
     method: str
     start: Array
