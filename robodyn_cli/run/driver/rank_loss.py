@@ -1,193 +1,117 @@
-"""Poses ahead of a motion in which the loops' constraints lose rank: where they are, and the leap over them.
+"""The stop where the loops' constraints lose rank: seen from afar, and found by looking ahead.
 
-The singular values of Psi fall towards such a pose, as the distance does, all those that vanish there at once. They are
-followed from one side and extrapolated to zero; where they are about to vanish, a leap (``leap.py``) proves that the
-motion goes on along one smooth branch, or is refused: the motion comes near such a pose only, or is not smooth there.
+Close to a loss of rank the multipliers are ill-conditioned, so it is never crept up to. What is watched is the
+closeness 1 / (tr A tr A^-1) of A = Psi Psi^T, which lies between the squared ratio of smallest to largest singular
+value and m times less; where it falls below NEAR^2 a look ahead tells whether the motion runs into a loss of rank.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import dataclasses
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.record import record
-from robodyn_cli.run.driver.leap import EPS, LOST, Collocation, Equations, Leap, NotSmooth, State
+from robodyn_cli.equations.dependence import closeness
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import NumericalError, SingularConfigurationError
+from robodyn_cli.formulations.events import GO_ON, Event, EventFunction, EventKind, Outcome
+from robodyn_cli.run.driver.driver import Driver
+from robodyn_cli.run.driver.motion import Motion, Watcher
+from robodyn_cli.run.driver.singularity import RANK, classify, culprit, refuse_dependent_rows, singular_ratio
 
 Array = NDArray[np.float64]
-NODES = 16
-REACH = 0.4  # joint angle [rad] that a leap covers on either side of the pose, at most
-STEPS = 80  # of the approach
-REFUSED = 4  # leaps, each shorter than the one before, after which the pose is not passed
-SHORTER = 1 / 3
-SETTLED = 0.05  # change of the predicted time of the pose, over the time to it, at which it is believed
-CLOSED = 20.0  # roundings of the positions that the constraints may be off between nodes
-OPENED = 2e-12  # and what conditioning may add to that, at most [rad, m]
-TAIL = 1e-9
-SMALL_ROW = 0.1  # part of the largest row of Psi below which a row is not scaled by its own size
+NEAR = 0.02  # ratio of singular values from which on a loss of rank is looked for ahead
+FIRST_STEP = 0.05  # of the time in which the ratio would vanish at the speed of the fastest joint
+ON_THE_WAY = 0.9  # of the way to the root of the secant that one trial step covers
+LOOKS = 60
+RECEDING = 3  # times that the root may recede instead of closing in
 
 
-@record
-class Pose:
-    """A pose in which ``lost`` constraint directions vanish at ``time``, and the leap over it."""
+class RankLoss(Watcher):
+    """Stops a run that comes to a loss of rank; coming near and leaving again passes."""
 
-    time: float
-    lost: int
-    leap: Leap
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        rows = problem.independent_rows
+        if len(rows):
+            value = closeness(rows) - NEAR * NEAR
+            self.functions = (EventFunction("near_rank_loss", value, -1, EventKind.RANK_LOSS, self),)
 
+    def follow(self, motion: Motion) -> None:
+        self.motion = motion
 
-@record
-class Unresolved:
-    """A pose at ``time`` [s] that no smooth branch leads over, as far as can be told, and why."""
-
-    time: float
-    reason: str
-
-
-class Approach:
-    """Follows a motion towards a possible loss of rank.
-
-    Parameters
-    ----------
-    advance : integrates on to a time and returns the state there.
-    turning : which velocity coordinates are angular rates.
-    nodes, reach : of a leap; a second run takes others.
-    """
-
-    def __init__(
-        self,
-        equations: Equations,
-        advance: Callable[[float], State],
-        turning: Array,
-        nodes: int = NODES,
-        reach: float = REACH,
-    ) -> None:
-        self.equations, self.advance, self.turning = equations, advance, turning
-        self.nodes, self.reach = nodes, reach
-
-    def pose_ahead(self, state: State, end: float) -> Pose | Unresolved | None:
-        """Return the pose that the motion from ``state`` runs into before ``end``, None where it passes by.
-
-        The approach itself may go beyond ``end`` by as much as a leap does.
-        """
-        self.states: list[State] = [state]
-        self.sigma: list[Array] = [self._sigma(state)]
-        refusals, allowed, reason = 0, np.inf, ""
-        predicted: float | None = np.inf
-        first = self._first_step(state)
-        for _ in range(STEPS):
-            here = self.states[-1]
-            before, predicted = predicted, self._predicted()
-            if predicted is None or before is None:
-                return None
-            left = predicted - here.time
-            if refusals and self.sigma[-1][-1] < LOST * self.sigma[-1][0]:
-                return Unresolved(predicted, reason)
-            reach = min(self._reach(here), allowed)
-            settled = abs(predicted - before) < SETTLED * left
-            if here.time > end or (2.0 * reach < left < np.inf and here.time + 0.25 * left > end):
-                return None
-            if len(self.states) > 3 and left <= reach and settled:
-                if here.time + left - 0.1 * left > end:
-                    return None
-                try:
-                    return self._leap(here, predicted)
-                except NotSmooth as refusal:
-                    reason, refusals = str(refusal), refusals + 1
-                    allowed = SHORTER * left
-                    if refusals == REFUSED:
-                        return self._refused(end, reason)
-            self._go_on(min(first if len(self.states) == 1 else 0.25 * left, 0.25 * self._reach(here)))
-        return None
-
-    def _first_step(self, state: State) -> float:
-        speed = float(np.abs(state.v).max(initial=0.0))
-        return 0.02 / speed if speed > 0.0 else 1e-3
-
-    def _reach(self, state: State) -> float:
-        """Return the time in which the joints turn by ``reach`` [s]; without turning joints there is no bound."""
-        speed = float(np.abs(state.v[self.turning]).max(initial=0.0))
-        return self.reach / speed if speed > 0.0 else np.inf
-
-    def _sigma(self, state: State) -> Array:
-        return self.equations.singular_values(np.array([state.time]), state.q[None])[0]
-
-    def _go_on(self, step: float) -> None:
-        self.states.append(self.advance(self.states[-1].time + step))
-        self.sigma.append(self._sigma(self.states[-1]))
-
-    def _predicted(self) -> float | None:
-        """Return when the smallest singular value comes to zero, by a polynomial through the last ones.
-
-        Returns infinity while there are too few of them, None where it grows.
-        """
-        t = np.array([s.time for s in self.states[-5:]])
-        y = np.array([sigma[-1] for sigma in self.sigma[-5:]])
-        if len(t) < 2:
-            return np.inf
-        if not y[-1] < y[-2]:
-            return None
-        secant = (t[-1] - t[-2]) * y[-1] / (y[-2] - y[-1])
-        fit = np.polynomial.Polynomial.fit(t, y, min(3, len(t) - 1))
-        roots = fit.roots()
-        real = roots[np.abs(roots.imag) < 1e-3 * (np.abs(roots.real - t[-1]) + 1e-300)].real
-        ahead = real[real > t[-1]]
-        return float(ahead.min()) if len(ahead) else float(t[-1] + secant)
-
-    def _leap(self, here: State, predicted: float) -> Pose | None:
-        """Return the pose and the leap centred on it.
+    def handle(self, event: Event) -> Outcome:
+        """Go on where the motion only comes near.
 
         Raises
         ------
-        NotSmooth : there is none.
+        SingularConfigurationError : Psi loses rank.
         """
-        centre = predicted
-        for _ in range(3):
-            leap = self._tried(here, 2.0 * (centre - here.time))
-            found = self._located(leap, centre)
-            if abs(found - centre) < 0.01 * leap.length:
-                break
-            centre = found
-        q = leap.at(np.array([found]))[0]
-        sigma = self.equations.singular_values(np.array([found]), q)[0]
-        lost = int((sigma < LOST * sigma[0]).sum())
-        if not lost:
-            raise NotSmooth("the constraints keep their rank")
-        return Pose(found, lost, leap)
+        ahead = self.ahead(event)
+        if ahead is None:
+            return GO_ON
+        time, state = ahead
+        q, _, _ = self.motion.system.split(state)
+        found = classify(self.problem, q, ())
+        named = culprit(self.problem, q, range(self.problem.model.nv), time)
+        raise SingularConfigurationError(
+            f"bifurcation at t = {time:.9g} s: the constraint Jacobian of loop {named.loop} loses rank and lets joint "
+            f"{named.joint} go, so the multipliers are not unique and the motion may branch; set simulate.singular: "
+            "pass to go on",
+            time=time, kind="bifurcation", singular_values=found.psi.tolist(), q=q.tolist(),
+            loop=named.loop, joint=named.joint,
+        )  # fmt: skip
 
-    def _tried(self, here: State, length: float) -> Leap:
-        leap = Collocation(self.equations, here, length, self.nodes).solve(self.states)
-        size = 1.0 + float(np.abs(here.q).max())
-        if not leap.tail <= TAIL * size:
-            raise NotSmooth(f"the motion is not smooth there ({leap.tail:.1g} rad or m in its last terms)")
-        t = here.time + length * np.linspace(0.0, 1.0, 2 * self.nodes + 1)
-        eta, psi = self.equations.constraints(t, leap.at(t)[0])
-        rows = np.linalg.norm(psi, axis=2).max(axis=0)
-        apart = float((np.abs(eta) / np.maximum(rows, SMALL_ROW * rows.max())).max())
-        smallest = float(self.equations.singular_values(leap.middle, leap.at(leap.middle)[0])[:, -1].min())
-        allowed = CLOSED * EPS * np.sqrt(len(here.q)) * size + min(3.0 * EPS / smallest, OPENED)
-        if not apart <= allowed:
-            raise NotSmooth(f"the loops would open by {apart:.1g} rad or m in between")
-        return leap
+    def ahead(self, event: Event) -> tuple[float, Array] | None:
+        """Return time and state of the loss of rank that the motion runs into from here on, None where it does not.
 
-    def _located(self, leap: Leap, centre: float) -> float:
-        """Return where the smallest singular value of a leap has its V."""
-        h = 0.05 * leap.length
-        for _ in range(7):
-            t = np.array([centre - h, centre + h])
-            low, high = self.equations.singular_values(t, leap.at(t)[0])[:, -1]
-            centre += h * float((low - high) / (low + high + 1e-300))
-            h /= 3.0
-        return float(centre)
+        Raises
+        ------
+        NumericalError : only the rows that were kept of redundant ones lose rank.
+        """
+        found = rank_loss_ahead(self.motion, event)
+        if found is not None:
+            refuse_dependent_rows(self.problem, self.motion.system.split(found[1])[0], found[0])
+        return found
 
-    def _refused(self, end: float, reason: str) -> Unresolved | None:
-        """Go on in ordinary steps: past a minimum of the singular value, or into the pose."""
-        for _ in range(STEPS):
-            predicted = self._predicted()
-            if predicted is None or self.states[-1].time > end:
-                return None
-            if self.sigma[-1][-1] < LOST * self.sigma[-1][0]:
-                return Unresolved(predicted, reason)
-            self._go_on(0.5 * (predicted - self.states[-1].time))
-        return Unresolved(self.states[-1].time, reason)
+
+def rank_loss_ahead(motion: Motion, event: Event) -> tuple[float, Array] | None:
+    """Tell whether the motion from an event on runs into a loss of rank, and where: time and state, else None.
+
+    It is approached by steps that cover nine tenths of the way to the root of the secant of the ratio of singular
+    values (which falls linearly towards it), and the small rest is extrapolated.
+    """
+    system, options = motion.system, motion.options
+    driver = Driver(system, motion.choice.method, options)
+
+    def ratio_at(state: Array) -> float:
+        return singular_ratio(motion.problem, system.split(state)[0])
+
+    speed = float(np.abs(system.split(event.state)[1]).max())
+    if speed == 0.0:
+        return None
+    low, state = event.time, event.state
+    ratio = ratio_at(state)
+    trial, rest, receding = low + FIRST_STEP * ratio / speed, np.inf, 0
+    for _ in range(LOOKS):
+        driver.start(low, state, dataclasses.replace(options, max_step=(trial - low) / 4))
+        try:
+            driver.advance(trial)
+        except NumericalError:
+            break
+        before, low, state = (low, ratio, state), trial, driver.state
+        ratio = ratio_at(state)
+        slope = (ratio - before[1]) / (low - before[0])
+        if not slope < 0.0:
+            return None
+        root = low - ratio / slope
+        # on the way to a mere minimum the root recedes instead of closing in
+        receding = receding + 1 if root - low > 0.5 * rest else 0
+        if receding > RECEDING:
+            return None
+        rest = root - low
+        if ratio < RANK:
+            return root, state + rest / (low - before[0]) * (state - before[2])
+        trial = low + ON_THE_WAY * rest
+    return None
