@@ -29,14 +29,11 @@ def follow_motion(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
     """Return the watchers of a simulation: loss of rank (a stop, or a pose to pass), and contact states."""
     found: list[Watcher] = []
     contact = bool(problem.contact_joints)
-    if problem.model.closures and problem.scene.simulate.singular == "stop":
-        from robodyn_cli.run.driver.rank_loss import RankLoss
+    stops = problem.scene.simulate.singular == "stop"
+    if problem.model.closures and (stops or not contact):
+        from robodyn_cli.run.driver.rank_loss import Passage, RankLoss
 
-        found.append(RankLoss(problem))
-    elif problem.model.closures and not contact:
-        from robodyn_cli.run.driver.passage import Passage
-
-        found.append(Passage(problem))
+        found.append(RankLoss(problem) if stops else Passage(problem))
     if contact:
         from robodyn_cli.run.driver.contact_states import ContactStates
 

@@ -22,10 +22,11 @@ from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.kinematics import slice_q, slice_v
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.formulations.system import GROUPS
+from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.integrators.methods.gauss_tables import gauss_table
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.record import record
+from robodyn_cli.run.driver.singularity import loop_rows
 
 Array = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)
@@ -58,6 +59,7 @@ class Equations:
         self.nv, self.m = nv, len(rows.rows)
         # those of loops and of prescribed joints together: both bind the motion
         self.rank = len(problem.working.rows)
+        self.loops, self.loop_rank = loop_rows(problem), problem.loop_rank
         geometry = {"eta": rows.eta, "psi": list(problem.psi.ravel())}
         rates: dict[str, list[Any]] = {
             "M": list(problem.mass_matrix.ravel()),
@@ -85,9 +87,10 @@ class Equations:
         return found["eta"], found["psi"].reshape(len(t), self.m, self.nv)
 
     def singular_values(self, t: Array, q: Array) -> Array:
-        """Return the singular values of Psi (T, r), largest first, but for those that are zero in every pose."""
-        found: Array = np.asarray(np.linalg.svd(self.constraints(t, q)[1], compute_uv=False), dtype=float)
-        return found[:, : self.rank]
+        """Return those of the loops' Psi (T, r), largest first, but for the ones that are zero in every pose."""
+        psi = self.constraints(t, q)[1][:, self.loops]
+        found: Array = np.asarray(np.linalg.svd(psi, compute_uv=False), dtype=float)
+        return found[:, : self.loop_rank]
 
     def moved(self, q: Array, dq: Array) -> Array:
         """Return positions (T, nq) after steps dq (T, nv) along the joints' manifolds."""

@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 NODES = 16
 REACH = 0.4  # joint angle [rad] that a leap covers on either side of the pose, at most
 STEPS = 80  # of the approach
+FAR = 3.0  # times the reach of a leap that a pose may be away; the next threshold comes closer
 REFUSED = 4  # leaps, each shorter than the one before, after which the pose is not passed
 SHORTER = 1 / 3
 SETTLED = 0.05  # change of the predicted time of the pose, over the time to it, at which it is believed
@@ -36,12 +37,18 @@ class Pose:
     lost: int
     leap: Leap
 
+    @property
+    def q(self) -> Array:
+        """Positions in the pose (nq,)."""
+        return self.leap.at(np.array([self.time]))[0][0]
+
 
 @record
 class Unresolved:
-    """A pose at ``time`` [s] that no smooth branch leads over, as far as can be told, and why."""
+    """A pose at ``time`` [s] that no smooth branch leads over, as far as can be told, and why. q : positions (nq,)."""
 
     time: float
+    q: Array
     reason: str
 
 
@@ -83,10 +90,10 @@ class Approach:
                 return None
             left = predicted - here.time
             if refusals and self.sigma[-1][-1] < LOST * self.sigma[-1][0]:
-                return Unresolved(predicted, reason)
+                return self._unresolved(predicted, reason)
             reach = min(self._reach(here), allowed)
             settled = abs(predicted - before) < SETTLED * left
-            if here.time > end or (2.0 * reach < left < np.inf and here.time + 0.25 * left > end):
+            if here.time > end or FAR * reach < left < np.inf:
                 return None
             if len(self.states) > 3 and left <= reach and settled:
                 if here.time + left - 0.1 * left > end:
@@ -100,6 +107,12 @@ class Approach:
                         return self._refused(end, reason)
             self._go_on(min(first if len(self.states) == 1 else 0.25 * left, 0.25 * self._reach(here)))
         return None
+
+    def _unresolved(self, time: float, reason: str) -> Unresolved:
+        """Return the pose at ``time`` by carrying on the last two states."""
+        before, last = self.states[-2:]
+        q = last.q + (time - last.time) / (last.time - before.time) * (last.q - before.q)
+        return Unresolved(time, q, reason)
 
     def _first_step(self, state: State) -> float:
         speed = float(np.abs(state.v).max(initial=0.0))
@@ -188,6 +201,6 @@ class Approach:
             if predicted is None or self.states[-1].time > end:
                 return None
             if self.sigma[-1][-1] < LOST * self.sigma[-1][0]:
-                return Unresolved(predicted, reason)
+                return self._unresolved(predicted, reason)
             self._go_on(0.5 * (predicted - self.states[-1].time))
-        return Unresolved(self.states[-1].time, reason)
+        return self._unresolved(self.states[-1].time, reason)
