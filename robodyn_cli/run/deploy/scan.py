@@ -40,10 +40,10 @@ class Bifurcation(RankLoss):
     found : the pose. clean_until : time of the last event [s]; what lies beyond was travelled by extrapolation.
     """
 
-    def begin(self, t: float, x: Array) -> Array:
+    def begin(self, t: float, x: Array, options: Options) -> Array:
         self.found: Pose | None = None
         self.clean_until = 0.0
-        return x
+        return super().begin(t, x, options)
 
     def handle(self, event: Event) -> Outcome:
         self.clean_until = event.time
@@ -62,9 +62,9 @@ class MultiplierGrowth(Watcher):
         self.system, self.deploy = motion.system, motion.scene.deploy
         lam = {"lam": list(self.problem.forward.lam)} if not self.problem.dependent else {}
         self.kernel = SampleKernel(lam, GROUPS) if lam else LeastNorm(self.problem)
-        self.begin(0.0, motion.start)
+        self.begin(0.0, motion.start, motion.options)
 
-    def begin(self, t: float, x: Array) -> Array:
+    def begin(self, t: float, x: Array, options: Options) -> Array:
         self.monitor = GrowthMonitor(levels_with(self.deploy.growth), self.deploy.limit)
         return x
 
@@ -104,7 +104,7 @@ class DeadPoint(Watcher):
     def follow(self, motion: Motion) -> None:
         self.system = motion.system
 
-    def begin(self, t: float, x: Array) -> Array:
+    def begin(self, t: float, x: Array, options: Options) -> Array:
         self.found = []
         return x
 

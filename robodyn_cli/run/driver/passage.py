@@ -21,6 +21,7 @@ from robodyn_cli.errors import SingularConfigurationError
 from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.formulations.events import GO_ON, Event, EventFunction, EventKind, Leap, Outcome
 from robodyn_cli.integrators.methods.gauss_tables import gauss_table
+from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.record import record
 from robodyn_cli.run.driver.motion import Motion, Watcher
@@ -69,7 +70,7 @@ class Passage(Watcher):
         self.system, self.observer = motion.system, motion.observer
         self.rates = SampleKernel({"a": self.system.acceleration, "z": self.system.z_rate}, GROUPS)
 
-    def begin(self, t: float, x: Array) -> Array:
+    def begin(self, t: float, x: Array, options: Options) -> Array:
         self.crossed = []
         return x
 

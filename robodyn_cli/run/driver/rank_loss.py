@@ -16,6 +16,7 @@ from robodyn_cli.equations.dependence import closeness
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import NumericalError, SingularConfigurationError
 from robodyn_cli.formulations.events import GO_ON, Event, EventFunction, EventKind, Outcome
+from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.motion import Motion, Watcher
 from robodyn_cli.run.driver.singularity import RANK, classify, culprit, refuse_dependent_rows, singular_ratio
@@ -40,6 +41,10 @@ class RankLoss(Watcher):
 
     def follow(self, motion: Motion) -> None:
         self.motion = motion
+
+    def begin(self, t: float, x: Array, options: Options) -> Array:
+        self.options = options
+        return x
 
     def handle(self, event: Event) -> Outcome:
         """Go on where the motion only comes near.
@@ -70,19 +75,19 @@ class RankLoss(Watcher):
         ------
         NumericalError : only the rows that were kept of redundant ones lose rank.
         """
-        found = rank_loss_ahead(self.motion, event)
+        found = rank_loss_ahead(self.motion, self.options, event)
         if found is not None:
             refuse_dependent_rows(self.problem, self.motion.system.split(found[1])[0], found[0])
         return found
 
 
-def rank_loss_ahead(motion: Motion, event: Event) -> tuple[float, Array] | None:
+def rank_loss_ahead(motion: Motion, options: Options, event: Event) -> tuple[float, Array] | None:
     """Tell whether the motion from an event on runs into a loss of rank, and where: time and state, else None.
 
     It is approached by steps that cover nine tenths of the way to the root of the secant of the ratio of singular
     values (which falls linearly towards it), and the small rest is extrapolated.
     """
-    system, options = motion.system, motion.options
+    system = motion.system
     driver = Driver(system, motion.choice.method, options)
 
     def ratio_at(state: Array) -> float:
