@@ -23,7 +23,6 @@ from robodyn_cli.run.deploy.growth import GRID, GrowthMonitor, levels_with, mult
 from robodyn_cli.run.driver.build import refuse_contact
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.motion import Motion, Watcher
-from robodyn_cli.run.driver.pose_ahead import Unresolved
 from robodyn_cli.run.driver.rank_loss import PosesAhead
 from robodyn_cli.run.driver.singularity import classify, driven_dead_point, loop_rows, passive_determinant
 from robodyn_cli.run.observation.least_norm import LeastNorm
@@ -44,16 +43,14 @@ class Bifurcation(PosesAhead):
     def begin(self, t: float, x: Array, options: Options) -> Array:
         self.found: Pose | None = None
         self.clean_until = 0.0
-        return x
+        return super().begin(t, x, options)
 
     def handle(self, event: Event) -> Outcome:
         found = self.ahead(event)
         if found is None:
             return GO_ON
-        smooth = not isinstance(found, Unresolved)
-        self.clean_until = found.leap.start.time if smooth else event.time
-        q, v, z = (x[0] for x in found.leap.at(np.array([found.time]))) if smooth else (found.q, event.state, None)
-        self.found = (found.time, self.motion.system.join(q, v, z))
+        self.clean_until = found.regular_until
+        self.found = (found.time, self.motion.system.join(found.state.q, found.state.v, found.state.z))
         return STOP
 
 
@@ -68,9 +65,9 @@ class MultiplierGrowth(Watcher):
         self.system, self.deploy = motion.system, motion.scene.deploy
         lam = {"lam": list(self.problem.forward.lam)} if not self.problem.dependent else {}
         self.kernel = SampleKernel(lam, GROUPS) if lam else LeastNorm(self.problem)
-        self.begin(0.0, motion.start)
+        self.begin(0.0, motion.start, motion.options)
 
-    def begin(self, t: float, x: Array) -> Array:
+    def begin(self, t: float, x: Array, options: Options) -> Array:
         self.monitor = GrowthMonitor(levels_with(self.deploy.growth), self.deploy.limit)
         return x
 
@@ -110,7 +107,7 @@ class DeadPoint(Watcher):
     def follow(self, motion: Motion) -> None:
         self.system = motion.system
 
-    def begin(self, t: float, x: Array) -> Array:
+    def begin(self, t: float, x: Array, options: Options) -> Array:
         self.found = []
         return x
 

@@ -20,6 +20,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError, SceneError
 from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.formulations.events import Event, Jump, Outcome
+from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.run.driver.contact_events import STOPS, ContactFunction, Transition, contact_functions
 from robodyn_cli.run.driver.impact import impact
@@ -61,7 +62,7 @@ class ContactStates(Watcher):
         self.functions = contact_functions(problem, self)
 
     def follow(self, motion: Motion) -> None:
-        self.system, self.options = motion.system, motion.options
+        self.system = motion.system
         self._rates = SampleKernel({"a": list(self.problem.forward.qdd), "lam": self.problem.holding}, GROUPS)
         matrices = {"M": list(self.problem.mass_matrix.ravel()), "psi": list(self.problem.psi.ravel())}
         self._matrices = SampleKernel({k: v for k, v in matrices.items() if v}, GROUPS)
@@ -105,7 +106,7 @@ class ContactStates(Watcher):
         return found["a"][0], found["lam"][0]
 
     # -- a run ----------------------------------------------------------------------------------------
-    def begin(self, t: float, x: Array) -> Array:
+    def begin(self, t: float, x: Array, options: Options) -> Array:
         """Find the contact states of the state x that a run starts from; returns x, changed by an impact.
 
         Raises
@@ -115,6 +116,7 @@ class ContactStates(Watcher):
         """
         x = x.copy()
         self._clear()
+        self.options = options
         self._check_freedom(t, x)
         self._settle_speeds(x)
         for k, joint in enumerate(self.joints):

@@ -106,7 +106,7 @@ class Driver:
         self.options = self.options if options is None else options
         self._done = Counters()
         for watcher in self.watchers:
-            state = watcher.begin(time, state)
+            state = watcher.begin(time, state, self.options)
         self._go_on_from(time, state)
 
     def _go_on_from(self, time: float, state: Array) -> None:

@@ -71,8 +71,8 @@ class Watcher:
     def follow(self, motion: Motion) -> None:
         """Take the motion, once it is built."""
 
-    def begin(self, t: float, x: Array) -> Array:
-        """Look at the state x (nx,) that a run starts from; return the one to start from instead."""
+    def begin(self, t: float, x: Array, options: Options) -> Array:
+        """Look at the state x (nx,) that a run with such options starts from; return the one to start from instead."""
         return x
 
     def arm(self, x: Array) -> Outcome:

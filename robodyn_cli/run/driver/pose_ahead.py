@@ -38,18 +38,30 @@ class Pose:
     leap: Leap
 
     @property
-    def q(self) -> Array:
-        """Positions in the pose (nq,)."""
-        return self.leap.at(np.array([self.time]))[0][0]
+    def state(self) -> State:
+        """The state in the pose."""
+        return State(self.time, *(x[0] for x in self.leap.at(np.array([self.time]))))
+
+    @property
+    def regular_until(self) -> float:
+        """Until when the motion can be integrated as usual [s]."""
+        return self.leap.start.time
 
 
 @record
 class Unresolved:
-    """A pose at ``time`` [s] that no smooth branch leads over, as far as can be told, and why. q : positions (nq,)."""
+    """A pose that no smooth branch leads over, as far as can be told: the state towards it carried on to it, and why.
 
-    time: float
-    q: Array
+    regular_until : until when the motion could be integrated as usual [s].
+    """
+
+    state: State
+    regular_until: float
     reason: str
+
+    @property
+    def time(self) -> float:
+        return self.state.time
 
 
 class Approach:
@@ -111,8 +123,11 @@ class Approach:
     def _unresolved(self, time: float, reason: str) -> Unresolved:
         """Return the pose at ``time`` by carrying on the last two states."""
         before, last = self.states[-2:]
-        q = last.q + (time - last.time) / (last.time - before.time) * (last.q - before.q)
-        return Unresolved(time, q, reason)
+        part = (time - last.time) / (last.time - before.time)
+        q, v, z = (
+            b + part * (b - a) for a, b in ((before.q, last.q), (before.v, last.v), (before.z, last.z))
+        )
+        return Unresolved(State(time, q, v, z), last.time, reason)
 
     def _first_step(self, state: State) -> float:
         speed = float(np.abs(state.v).max(initial=0.0))

@@ -2,8 +2,8 @@
 
 Watched is the closeness 1 / (tr A tr A^-1) of A = Psi Psi^T, which lies between the squared ratio of smallest to
 largest singular value and m^2 times less. How far away the motion still is when it falls below a threshold depends on
-the mechanism. So there is a ladder of thresholds, each a quarter of the way down from the one before; at each the motion
-is followed ahead (``pose_ahead.py``), and the next one is waited for where the pose is still far.
+the mechanism. So there is a ladder of thresholds, each met at a quarter of the distance of the one before. At each the
+motion is followed ahead (``pose_ahead.py``); where the pose is still far, the next one is waited for.
 """
 
 from __future__ import annotations
@@ -29,7 +29,9 @@ from robodyn_cli.run.driver.singularity import classify, culprit, refuse_depende
 Array = NDArray[np.float64]
 NEAR = 0.03  # ratio of singular values at the highest threshold
 RUNGS = 8
-LOWER = 1 / 16  # of the closeness, which falls with the square of the distance, from one threshold to the next
+LOWER = (
+    1 / 16
+)  # of the closeness, which falls with the square of the distance, from one threshold to the next
 # of a leap in the run, and in the second integration of the error estimate, which must not repeat its error
 NODES, REACH = 16, 0.4
 OTHER_NODES, OTHER_REACH = 20, 0.3
@@ -54,6 +56,10 @@ class PosesAhead(Watcher):
     def follow(self, motion: Motion) -> None:
         self.motion, self.end = motion, motion.scene.simulate.duration
         self._equations: Equations | None = None
+
+    def begin(self, t: float, x: Array, options: Options) -> Array:
+        self.options = options
+        return x
 
     @property
     def equations(self) -> Equations:
@@ -82,12 +88,12 @@ class PosesAhead(Watcher):
         except NumericalError:
             return None  # the run itself comes to the same place and says what is wrong
         if found is not None:
-            refuse_dependent_rows(self.problem, found.q, found.time)
+            refuse_dependent_rows(self.problem, found.state.q, found.time)
         return found
 
     def _scout(self, event: Event) -> Driver:
         """Return a driver of its own that stands at an event."""
-        scout = Driver(self.motion.system, self.motion.choice.method, self.motion.options)
+        scout = Driver(self.motion.system, self.motion.choice.method, self.options)
         scout.start(event.time, event.state)
         return scout
 
@@ -97,6 +103,10 @@ class PosesAhead(Watcher):
 
 class RankLoss(PosesAhead):
     """Stops a run that comes to a loss of rank; coming near and leaving again passes."""
+
+    def begin(self, t: float, x: Array, options: Options) -> Array:
+        self.options = options
+        return x
 
     def handle(self, event: Event) -> Outcome:
         """Go on where the motion only comes near.
@@ -108,20 +118,21 @@ class RankLoss(PosesAhead):
         found = self.ahead(event)
         if found is None:
             return GO_ON
-        kind = classify(self.problem, found.q, ())
-        named = culprit(self.problem, found.q, range(self.problem.model.nv), found.time)
+        q = found.state.q
+        kind = classify(self.problem, q, ())
+        named = culprit(self.problem, q, range(self.problem.model.nv), found.time)
         several = f" in {found.lost} directions" if isinstance(found, Pose) and found.lost > 1 else ""
         raise SingularConfigurationError(
-            f"bifurcation at t = {found.time:.9g} s: the constraint Jacobian of loop {named.loop} loses rank{several} and "
-            f"lets joint {named.joint} go, so the multipliers are not unique and the motion may branch; set "
+            f"bifurcation at t = {found.time:.9g} s: the constraint Jacobian of loop {named.loop} loses rank{several} "
+            f"and lets joint {named.joint} go, so the multipliers are not unique and the motion may branch; set "
             "simulate.singular: pass to go on",
-            time=found.time, kind="bifurcation", singular_values=kind.psi.tolist(), q=found.q.tolist(),
+            time=found.time, kind="bifurcation", singular_values=kind.psi.tolist(), q=q.tolist(),
             loop=named.loop, joint=named.joint,
         )  # fmt: skip
 
 
 class Passage(PosesAhead):
-    """Passes poses in which the loops lose rank, along the branch that the motion is on. ``crossed`` : their times [s]."""
+    """Passes poses in which the loops lose rank, along the motion's own branch. ``crossed`` : their times [s]."""
 
     kind = EventKind.PASSAGE
 
@@ -131,7 +142,7 @@ class Passage(PosesAhead):
 
     def begin(self, t: float, x: Array, options: Options) -> Array:
         self.crossed = []
-        return x
+        return super().begin(t, x, options)
 
     def facts(self, end: float) -> dict[str, Any]:
         return {"passed": [time for time in self.crossed if time <= end]}
