@@ -8,7 +8,7 @@ and nearly a straight line.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ MOST = 20_000  # intervals of one length that are looked at for one function
 MOST_POINTS = 1_000
 FINER = 8.0  # from one scale of features to the next
 BESIDE = 1e-7  # part of the duration at which a point is looked at from both sides
+FOUND_TO = 1e-9  # part of the duration to which a point that formulas hide is known
 APART = 1e-3  # by how much sides differ, over what the function does nearby, to count as a jump
 
 
@@ -86,7 +87,10 @@ def structure(function: Expr, t: Expr, duration: float) -> Structure:
         if points and resolved
         else []
     )
-    return Structure(tuple(found), _edges(np.concatenate(leaves, axis=1), duration), resolved)
+    edges = np.array(_edges(np.concatenate(leaves, axis=1), duration))
+    # a step must not end where a quotient of two zeros has no value
+    (there,) = _values([function], edges)
+    return Structure(tuple(found), tuple(edges[np.isfinite(there)].tolist()), resolved)
 
 
 def _nearly_straight(value: Bounds, rate: Bounds, length: Array, span: float) -> Flags:
@@ -116,6 +120,13 @@ class _Span:
             self.low, self.high = min(self.low, float(values.min())), max(self.high, float(values.max()))
         size = max(abs(self.low), abs(self.high))
         return max(self.high - self.low, 1e-9 * size, 1e-300) if np.isfinite(size) else 1.0
+
+
+def beside(found: Structure, known: Collection[float], duration: float) -> list[float]:
+    """Return the times at which a step has to end for a structure, without those that are ``known`` more exactly."""
+    near = FOUND_TO * duration
+    points = [x for x in found.points if not any(abs(x - other) < near for other in known)]
+    return [*points, *found.edges]
 
 
 def _switches_inside(function: Expr) -> bool:

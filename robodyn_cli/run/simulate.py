@@ -20,7 +20,7 @@ from robodyn_cli.run.driver.method import Change, StiffnessWatch
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.driver.redundancy import check_redundant
 from robodyn_cli.run.driver.second_run import ErrorEstimate, FirstRun, estimate_error
-from robodyn_cli.run.driver.start import start_warnings
+from robodyn_cli.run.driver.start import start_warnings, unresolved_formulas
 from robodyn_cli.run.driver.summary import MotionSummary, motion_facts
 from robodyn_cli.run.observation.recorder import Recorder
 from robodyn_cli.run.progress import Progress, no_progress
@@ -103,7 +103,8 @@ def _drive(
 def _facts_of_run(motion: Motion, driver: Driver) -> dict[str, Any]:
     """Return the fields of the summary that watchers and the supervisor have something to say to."""
     facts: dict[str, Any] = {}
-    if warnings := start_warnings(motion.problem, motion.assembled.q, motion.passive):
+    doubts = start_warnings(motion.problem, motion.assembled.q, motion.passive)
+    if warnings := [*doubts, *unresolved_formulas(motion.problem)]:
         facts["warnings"] = warnings
     for watcher in driver.watchers:
         facts |= watcher.facts(driver.time)

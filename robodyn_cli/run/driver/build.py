@@ -6,6 +6,7 @@ gains -> equations and start (``prepare``) -> watchers -> system -> method
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 
 from robodyn_cli.equations.problem import Problem
@@ -119,7 +120,8 @@ def build_motion(
 def options_for(scene: Scene) -> Options:
     """Return the tolerances and limits of a scene's integration."""
     s = scene.simulate
-    return Options(s.rtol, s.atol, s.step, max_steps=s.max_steps)
+    longest = math.inf if s.max_step is None else s.max_step
+    return Options(s.rtol, s.atol, s.step, longest, s.max_steps)
 
 
 def _choice(scene: Scene, setup: Setup, system: System, plan: bool) -> Choice:
