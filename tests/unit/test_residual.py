@@ -115,7 +115,7 @@ def test_gauss_takes_corrections_where_they_are_shorter() -> None:
 
 @pytest.mark.parametrize("name", ["four_bar_deploy", "stick_slip"])
 def test_constraints_and_modes_have_none(name: str) -> None:
-    problem = prepare(load_scene(CONFIGS / f"{name}.yaml", ["command=simulate"]), modes=True).problem
+    problem = prepare(load_scene(CONFIGS / f"{name}.yaml", ["command=simulate"])).problem
     assert build_system(problem).residual is None
 
 
@@ -124,7 +124,7 @@ def test_runs_end_where_those_of_forward_dynamics_end(method: str) -> None:
     """The same steps, rounds and samples, but for rounding; the work done is carried as well."""
     _, system, start = built()
     assert system.nz == 1
-    plain = dataclasses.replace(system, residual=None)
+    plain = dataclasses.replace(system, forms=None)
     ends, samples, counts = [], [], []
     for one in (system, plain):
         integrator = Integrator(one, method)

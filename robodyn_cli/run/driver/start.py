@@ -13,16 +13,6 @@ from robodyn_cli.run.driver.singularity import Array, psi_at
 NEAR = 1e-6
 
 
-def unresolved_formulas(problem: Problem) -> list[str]:
-    """Return warnings about formulas of time that change too often for all of it to be found."""
-    return [
-        f"{key}: this function of time changes so often, or on so short a scale, that not every change was found; "
-        "steps may miss some: set simulate.max_step below the shortest"
-        for key, found in problem.time_structures
-        if not found.resolved
-    ]
-
-
 def start_warnings(problem: Problem, q: Array, passive: Sequence[int]) -> list[str]:
     """Return warnings about the closed configuration ``q`` (nq,) at t = 0.
 

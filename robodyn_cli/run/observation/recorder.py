@@ -13,7 +13,6 @@ from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.writer import ResultWriter
 from robodyn_cli.run.observation.observe import Column, Observer
-from robodyn_cli.run.observation.reactions import ReactionSamples, figures
 
 Array = NDArray[Any]
 KEPT_IN_MEMORY = 100_000  # samples, when the whole goes to a file
@@ -65,7 +64,7 @@ class Recorder:
                 self.velocity_residual, float(np.abs(data["constraints/velocity_residual"]).max(initial=0.0))
             )
         if self.observer.reactions is not None:
-            self._keep_largest_loads(data, self.observer.reactions)
+            self._keep_largest_loads(self.observer.reactions.largest(data))
         if self.writer is not None:
             for path, block in data.items():
                 self._stream(path, block)
@@ -81,8 +80,8 @@ class Recorder:
         if time > self.last_time and np.all(np.isfinite(state)):
             self.emit(np.array([time]), state[None, :], extra=True)
 
-    def _keep_largest_loads(self, data: dict[str, Array], known: ReactionSamples) -> None:
-        for name, load in figures({path: data[path] for path in known.names}, known.names).items():
+    def _keep_largest_loads(self, loads: dict[str, dict[str, float]]) -> None:
+        for name, load in loads.items():
             held = self.loads.setdefault(name, load)
             self.loads[name] = {key: max(value, held[key]) for key, value in load.items()}
 
