@@ -9,15 +9,15 @@ from typing import Any
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.record import record
-from robodyn_cli.scene.emit import emit
-from robodyn_cli.scene.includes import Includer
+from robodyn_cli.scene.checks.scene import validate
 from robodyn_cli.scene.load import completed, formula_names
-from robodyn_cli.scene.nodes import Mapping, Node, Path, Source
-from robodyn_cli.scene.nodes import Scalar as ScalarNode
 from robodyn_cli.scene.read import BROKEN, Reader
+from robodyn_cli.scene.text.emit import emit
+from robodyn_cli.scene.text.includes import Includer
+from robodyn_cli.scene.text.nodes import Mapping, Node, Path, Source
+from robodyn_cli.scene.text.nodes import Scalar as ScalarNode
+from robodyn_cli.scene.text.yaml_nodes import compose, read_text
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.scene.validate import validate
-from robodyn_cli.scene.yaml_nodes import compose, read_text
 from robodyn_cli.schema.fields import Kind, ListOf, MapOf, Name, Section
 
 

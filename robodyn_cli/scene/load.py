@@ -7,15 +7,15 @@ import os
 from collections.abc import Sequence
 
 from robodyn_cli.joints.registry import joint_types
-from robodyn_cli.scene import overrides as options
-from robodyn_cli.scene.emit import emit
-from robodyn_cli.scene.includes import Includer
-from robodyn_cli.scene.nodes import Mapping, Node, Scalar, Source, describe_node, located
-from robodyn_cli.scene.nodes import Sequence as SequenceNode
+from robodyn_cli.scene.checks.scene import validate
 from robodyn_cli.scene.read import Names, Reader
+from robodyn_cli.scene.text import overrides as options
+from robodyn_cli.scene.text.emit import emit
+from robodyn_cli.scene.text.includes import Includer
+from robodyn_cli.scene.text.nodes import Mapping, Node, Scalar, Source, describe_node, located
+from robodyn_cli.scene.text.nodes import Sequence as SequenceNode
+from robodyn_cli.scene.text.yaml_nodes import compose
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.scene.validate import validate
-from robodyn_cli.scene.yaml_nodes import compose
 from robodyn_cli.schema.fields import Section
 
 NO_FILE = "<text>"

@@ -13,8 +13,9 @@ from robodyn_cli.errors import SceneError, did_you_mean
 from robodyn_cli.expr import formula as fm
 from robodyn_cli.expr.expectation import Expectation, parse_expectation
 from robodyn_cli.record import record
-from robodyn_cli.scene.includes import concrete
-from robodyn_cli.scene.nodes import (
+from robodyn_cli.scene.joint_values import joint_map
+from robodyn_cli.scene.text.includes import concrete
+from robodyn_cli.scene.text.nodes import (
     Mapping,
     Node,
     Path,
@@ -25,7 +26,6 @@ from robodyn_cli.scene.nodes import (
     located,
     shown,
 )
-from robodyn_cli.scene.read_joints import joint_map
 from robodyn_cli.schema.describe import describe
 from robodyn_cli.schema.fields import (
     Boolean,

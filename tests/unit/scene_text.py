@@ -8,7 +8,7 @@ import pytest
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.scene import load_scene_text
-from robodyn_cli.scene.nodes import Mapping, Node, Scalar, Sequence
+from robodyn_cli.scene.text.nodes import Mapping, Node, Scalar, Sequence
 
 FILE = "bad.yaml"
 MARK = "§"

@@ -10,9 +10,9 @@ import pytest
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.scene import load_scene, load_scene_text
-from robodyn_cli.scene.emit import emit
-from robodyn_cli.scene.nodes import Mapping, Sequence, Source
-from robodyn_cli.scene.yaml_nodes import MAX_BYTES, compose
+from robodyn_cli.scene.text.emit import emit
+from robodyn_cli.scene.text.nodes import Mapping, Sequence, Source
+from robodyn_cli.scene.text.yaml_nodes import MAX_BYTES, compose
 from tests.unit.scene_text import FILE, SCENE, check_place, complaint, plain
 
 SOURCE = Source("x.yaml", ".")

@@ -26,9 +26,9 @@ from robodyn_cli.run.inverse.inverse import torque_terms
 from robodyn_cli.run.inverse.motion import plan_motion, with_led_point
 from robodyn_cli.run.progress import no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
-from robodyn_cli.scene.check import Check
+from robodyn_cli.scene.checks.check import Check
 from robodyn_cli.scene.collect import examine
-from robodyn_cli.scene.nodes import Node, dotted, located
+from robodyn_cli.scene.text.nodes import Node, dotted, located
 from robodyn_cli.scene.types import Scene
 
 # exit codes from good to bad; what is not listed is worse than all of them

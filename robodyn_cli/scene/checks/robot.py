@@ -6,9 +6,9 @@ import dataclasses
 import math
 
 from robodyn_cli.joints.registry import joint_types
-from robodyn_cli.scene.check import Check
-from robodyn_cli.scene.nodes import Path
+from robodyn_cli.scene.checks.check import Check
 from robodyn_cli.scene.points import BASE, BUILT_IN, has_dh, joint_of, spot_problem
+from robodyn_cli.scene.text.nodes import Path
 from robodyn_cli.scene.types import Joint, Robot
 
 ROBOT: Path = ("robot",)

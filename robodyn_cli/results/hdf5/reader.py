@@ -1,7 +1,4 @@
-"""Result files: ``write`` and ``read`` a Result in one call, ``ResultWriter`` for runs too long for memory.
-
-The format is described in ``docs/hdf5.md``.
-"""
+"""Read a result file back into a Result."""
 
 from __future__ import annotations
 
@@ -13,25 +10,11 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.results.errors import ResultFileError
+from robodyn_cli.results.hdf5.writer import FILETYPE, FORMAT_VERSION, JSON_ATTRIBUTES
 from robodyn_cli.results.result import Result, Variable
-from robodyn_cli.results.writer import FILETYPE, FORMAT_VERSION, JSON_ATTRIBUTES, ResultWriter
-
-__all__ = ["FILETYPE", "FORMAT_VERSION", "ResultWriter", "read", "write"]
 
 _FIELDS = ("filetype", "format_version", "command", "title", "status", "scene", "scene_sha256", "summary")
 _TEXT_ATTRIBUTES = ("robodyn_version", "cpu", "integrator")
-
-
-def write(result: Result, path: str | Path) -> Path:
-    """Store ``result`` at ``path``, atomically, and return the path."""
-    with ResultWriter(
-        path, command=result.command, title=result.title, scene_text=result.scene_text
-    ) as writer:
-        for name, variable in result.variables.items():
-            writer.put_variable(name, variable)
-        return writer.finish(
-            status=result.status, summary=result.summary, events=result.events, attributes=result.attributes
-        )
 
 
 def read(path: str | Path, select: Callable[[str], bool] | None = None) -> Result:

@@ -16,7 +16,7 @@ from robodyn_cli.record import mutable_record
 from robodyn_cli.results import catalogue, provenance
 from robodyn_cli.results.atomic import discard, output_errors, temporary_path
 from robodyn_cli.results.interrupts import uninterrupted
-from robodyn_cli.results.result import Variable, make_variable
+from robodyn_cli.results.result import Result, Variable, make_variable
 from robodyn_cli.results.summary import dumps
 
 FILETYPE = "robodyn.result"
@@ -60,15 +60,15 @@ class ResultWriter:
     """
 
     def __init__(self, path: str | Path, *, command: str, title: str = "", scene_text: str = "") -> None:
-        from robodyn_cli.results import h5low
+        from robodyn_cli.results.hdf5 import low
 
-        self._h5 = h5low
+        self._h5 = low
         self.path = Path(path)
         self._head = {"command": command, "title": title, "scene": scene_text}
         self._columns: dict[str, _Column] = {}
         self._temporary: Path | None = temporary_path(self.path)
         with output_errors(self.path), uninterrupted():
-            self._file = h5low.OutputFile(self._temporary)
+            self._file = low.OutputFile(self._temporary)
 
     def __enter__(self) -> ResultWriter:
         return self
@@ -224,7 +224,7 @@ class ResultWriter:
             column.buffered = shortest - column.written
 
     def _write_columns(self) -> None:
-        from robodyn_cli.results.dimensions import Dimensions
+        from robodyn_cli.results.hdf5.dimensions import Dimensions
 
         groups = {path.split("/")[0] for path in self._columns} | {"events"}
         dimensions = Dimensions(self._file, groups)
@@ -294,6 +294,18 @@ class ResultWriter:
                 self._h5.set_number(root, name, value.item() if isinstance(value, np.generic) else value)
             else:
                 self._h5.set_text(root, name, value if isinstance(value, str) else dumps_any(value))
+
+
+def write(result: Result, path: str | Path) -> Path:
+    """Store ``result`` at ``path``, atomically, and return the path."""
+    with ResultWriter(
+        path, command=result.command, title=result.title, scene_text=result.scene_text
+    ) as writer:
+        for name, variable in result.variables.items():
+            writer.put_variable(name, variable)
+        return writer.finish(
+            status=result.status, summary=result.summary, events=result.events, attributes=result.attributes
+        )
 
 
 def dumps_any(value: Any) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.record import record
-from robodyn_cli.scene.scalars import Value
+from robodyn_cli.scene.text.scalars import Value
 
 Path = tuple[str | int, ...]
 

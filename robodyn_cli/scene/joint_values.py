@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.errors import SceneError, did_you_mean
 from robodyn_cli.joints.registry import joint_types
-from robodyn_cli.scene.nodes import (
+from robodyn_cli.scene.text.nodes import (
     Mapping,
     Node,
     Path,

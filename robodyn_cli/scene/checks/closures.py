@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from robodyn_cli.joints.registry import joint_types
-from robodyn_cli.scene.check import Check
-from robodyn_cli.scene.nodes import Path
+from robodyn_cli.scene.checks.check import Check
 from robodyn_cli.scene.points import BASE
+from robodyn_cli.scene.text.nodes import Path
 from robodyn_cli.scene.types import Scene
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 
-from robodyn_cli.scene.nodes import (
+from robodyn_cli.scene.text.nodes import (
     Mapping,
     Node,
     Path,
@@ -19,8 +19,8 @@ from robodyn_cli.scene.nodes import (
     sequence,
     shown,
 )
-from robodyn_cli.scene.scalars import resolve
-from robodyn_cli.scene.yaml_nodes import compose, read_text
+from robodyn_cli.scene.text.scalars import resolve
+from robodyn_cli.scene.text.yaml_nodes import compose, read_text
 from robodyn_cli.schema.fields import (
     CsvFile,
     Either,

@@ -8,7 +8,7 @@ from types import TracebackType
 from typing import NoReturn
 
 from robodyn_cli.errors import SceneError, did_you_mean
-from robodyn_cli.scene.nodes import Mapping, Node, Path, Scalar, Sequence, dotted, located
+from robodyn_cli.scene.text.nodes import Mapping, Node, Path, Scalar, Sequence, dotted, located
 
 
 class Check:

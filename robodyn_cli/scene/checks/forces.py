@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from robodyn_cli.scene.check import Check
-from robodyn_cli.scene.nodes import Path
+from robodyn_cli.scene.checks.check import Check
 from robodyn_cli.scene.points import BASE, point_link, point_problem
+from robodyn_cli.scene.text.nodes import Path
 from robodyn_cli.scene.types import Robot, Scene
 
 

@@ -13,7 +13,7 @@ import yaml
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.record import mutable_record
-from robodyn_cli.scene.nodes import (
+from robodyn_cli.scene.text.nodes import (
     Node,
     Path,
     Scalar,
@@ -24,7 +24,7 @@ from robodyn_cli.scene.nodes import (
     sequence,
     shown,
 )
-from robodyn_cli.scene.scalars import Value, resolve
+from robodyn_cli.scene.text.scalars import Value, resolve
 
 MAX_BYTES = 50_000_000
 MAX_DEPTH = 50
