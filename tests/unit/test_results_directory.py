@@ -11,9 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from robodyn_cli.errors import OutputError
+from robodyn_cli.errors import DirectoryInUseError, OutputError
 from robodyn_cli.report import draw_all, plot_files
-from robodyn_cli.results.errors import DirectoryInUseError
 from robodyn_cli.results.hdf5 import write
 from robodyn_cli.results.output_dir import OutputDirectory
 from tests.unit.synthetic_results import inverse_result

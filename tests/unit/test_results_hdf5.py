@@ -10,9 +10,8 @@ import h5py
 import numpy as np
 import pytest
 
-from robodyn_cli.errors import OutputError
+from robodyn_cli.errors import OutputError, ResultFileError
 from robodyn_cli.results import catalogue
-from robodyn_cli.results.errors import ResultFileError
 from robodyn_cli.results.hdf5 import ResultWriter, read, write
 from robodyn_cli.results.result import Result
 from tests.unit.synthetic_results import four_bar_result, inverse_result

@@ -11,11 +11,10 @@ import pytest
 from robodyn_cli.errors import SceneError
 from robodyn_cli.scene import load_scene, load_scene_text
 from robodyn_cli.scene.text.emit import emit
+from robodyn_cli.scene.text.faults import Faults
 from robodyn_cli.scene.text.nodes import Mapping, Sequence, Source
 from robodyn_cli.scene.text.yaml_nodes import MAX_BYTES, compose
-from tests.unit.scene_text import FILE, SCENE, check_place, complaint, plain
-
-SOURCE = Source("x.yaml", ".")
+from tests.unit.scene_text import FILE, SCENE, check_place, complaint, composed, plain, unmarked
 
 
 @pytest.mark.parametrize(
@@ -57,20 +56,20 @@ SOURCE = Source("x.yaml", ".")
     ],
 )
 def test_scalars(text: str, value: object) -> None:
-    node = plain(compose(f"a: {text}", SOURCE))
+    node = plain(composed(f"a: {text}"))
     assert isinstance(node, dict)
     assert node["a"] == value
     assert type(node["a"]) is type(value)
 
 
 def test_nan_is_recognised() -> None:
-    node = plain(compose("[.nan, .NaN]", SOURCE))
+    node = plain(composed("[.nan, .NaN]"))
     assert isinstance(node, list)
     assert all(isinstance(x, float) and math.isnan(x) for x in node)
 
 
 def test_nodes_know_their_places() -> None:
-    root = compose("a: 1\nb:\n  - x\n  - {c: é, d: 2}\n", SOURCE)
+    root = composed("a: 1\nb:\n  - x\n  - {c: é, d: 2}\n")
     assert isinstance(root, Mapping)
     b = root.get("b")
     assert isinstance(b, Sequence)
@@ -84,12 +83,12 @@ def test_nodes_know_their_places() -> None:
 
 
 def test_aliases_stand_for_what_they_name() -> None:
-    assert plain(compose("a: &x [1, 2]\nb: *x\nc: [*x, *x]", SOURCE)) == {
+    assert plain(composed("a: &x [1, 2]\nb: *x\nc: [*x, *x]")) == {
         "a": [1, 2],
         "b": [1, 2],
         "c": [[1, 2], [1, 2]],
     }
-    assert plain(compose("- &k word\n- {*k : 1}", SOURCE)) == ["word", {"word": 1}]
+    assert plain(composed("- &k word\n- {*k : 1}")) == ["word", {"word": 1}]
 
 
 @pytest.mark.parametrize(
@@ -120,13 +119,22 @@ def test_aliases_stand_for_what_they_name() -> None:
         ("a: {? §: 2}", "a", "plain word"),
         ("a: {§{b: 1}: 2}", "a", "plain word"),
         ("§<<: {a: 1}", "", "merge keys"),
-        ("§- 1\n- 2\n", "", "a scene is a map"),
-        ("§just text", "", "a scene is a map"),
-        ("§3", "", "a scene is a map"),
     ],
 )
 def test_refused(text: str, key: str, words: str) -> None:
-    check_place(text, key, words)
+    """The text is read on its own: what it lacks to be a scene does not count."""
+    plain_text, line, column = unmarked(text)
+    faults = Faults()
+    with faults:
+        compose(plain_text, Source(FILE, "."), faults)
+    error = faults.in_order()[0]
+    assert error.message.startswith(f"{FILE}:{line}:{column}: " + (f"{key}: " if key else ""))
+    assert words in error.message and error.details["key"] == key
+
+
+@pytest.mark.parametrize("text", ["§- 1\n- 2\n", "§just text", "§3"])
+def test_a_scene_is_a_map(text: str) -> None:
+    check_place(text, "", "a scene is a map")
 
 
 @pytest.mark.parametrize("text", ["", "\n\n", "# only a comment\n", "---\n", "---\n...\n", "null", "~"])
@@ -176,14 +184,14 @@ def test_deep_nesting_is_refused_at_once(text: str) -> None:
 def test_the_slow_parser_gives_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     import yaml
 
-    from robodyn_cli.scene import yaml_nodes
+    from robodyn_cli.scene.text import yaml_nodes
 
     text = SCENE + "title: 'é: \"x\"'\n"
-    fast = compose(text, SOURCE)
+    fast = composed(text)
     monkeypatch.setattr(yaml_nodes, "_LOADER", yaml.SafeLoader)
-    assert compose(text, SOURCE) == fast
+    assert composed(text) == fast
     assert "not allowed in YAML" in complaint("a: x\x01y").message
-    assert complaint("a: 1\na: 2").details["line"] == 2
+    assert complaint(SCENE + "schema: 1").details["line"] == SCENE.count("\n") + 1
 
 
 # -- files --------------------------------------------------------------------------------------------
@@ -256,9 +264,9 @@ def test_windows_line_ends() -> None:
     ],
 )
 def test_emitted_text_reads_back(text: str) -> None:
-    tree = compose(text, SOURCE)
+    tree = composed(text)
     written = emit(tree)
-    again = compose(written, SOURCE)
+    again = composed(written)
     assert plain(again) == plain(tree)
     assert emit(again) == written
 

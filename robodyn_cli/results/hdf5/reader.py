@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.results.errors import ResultFileError
+from robodyn_cli.errors import ResultFileError
 from robodyn_cli.results.hdf5.writer import FILETYPE, FORMAT_VERSION, JSON_ATTRIBUTES
 from robodyn_cli.results.result import Result, Variable
 

@@ -4,55 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from collections.abc import Sequence as SequenceOf
-from types import TracebackType
 from typing import NoReturn
 
-from robodyn_cli.errors import SceneError, did_you_mean
-from robodyn_cli.scene.text.nodes import Mapping, Node, Path, Scalar, Sequence, dotted, located
+from robodyn_cli.errors import did_you_mean
+from robodyn_cli.scene.text.faults import Faults
+from robodyn_cli.scene.text.nodes import Mapping, Node, Path, Scalar, dotted, find, located, nearest
 
 
-class Check:
-    """Finds the node of a path, to say where something is wrong.
+class Check(Faults):
+    """Says where in the tree something is wrong.
 
-    Checks that do not build on each other stand in ``with check:`` blocks: where errors are ``collected``, such a
-    block ends at its first error and what follows it goes on.
+    Checks that do not build on each other stand in ``with check:`` blocks of their own: such a block ends at its
+    first error, and what follows it goes on.
     """
 
-    def __init__(self, root: Node, collected: list[SceneError] | None = None) -> None:
+    def __init__(self, root: Node) -> None:
+        super().__init__()
         self.root = root
-        self.collected = collected
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> bool:
-        if self.collected is None or not isinstance(error, SceneError):
-            return False
-        self.collected.append(error)
-        return True
-
-    @property
-    def failures(self) -> int:
-        """Number of errors collected."""
-        return len(self.collected or ())
-
-    def find(self, path: Path) -> Node | None:
-        """Return the node at ``path``, if there is one."""
-        node: Node | None = self.root
-        for step in path:
-            if isinstance(node, Mapping):
-                node = node.get(str(step))
-            elif isinstance(node, Sequence) and isinstance(step, int) and step < len(node.items):
-                node = node.items[step]
-            else:
-                return None
-        return node
 
     def has(self, path: Path) -> bool:
         """Tell whether a key is given, and not as null."""
-        node = self.find(path)
+        node = find(self.root, path)
         return node is not None and not (isinstance(node, Scalar) and node.value is None)
 
     def fail(self, path: Path, message: str, at_key: bool = False) -> NoReturn:
@@ -60,15 +32,9 @@ class Check:
 
         With ``at_key`` the place is that of the key itself, for keys that must not be there.
         """
-        node: Node | None = None
-        if at_key and path:
-            above = self.find(path[:-1])
-            node = above.key(str(path[-1])) if isinstance(above, Mapping) else None
-        reach = path
-        node = node or self.find(reach)
-        while node is None:
-            reach = reach[:-1]
-            node = self.find(reach)
+        above = find(self.root, path[:-1]) if at_key and path else None
+        key = above.key(str(path[-1])) if isinstance(above, Mapping) else None
+        node = key or nearest(self.root, path)
         raise located(node, dotted(path), message)
 
     def known(self, name: str, options: Iterable[str], what: str, path: Path, at_key: bool = False) -> None:

@@ -45,8 +45,10 @@ def check_robot(robot: Robot, check: Check) -> Robot:
         with check:
             if link.name == BASE:
                 check.fail((*path, "name"), "'base' is the ground; choose another name")
-    with check:
-        robot = _connect(robot, check, joints, links)
+    names = {link.name for link in robot.links}
+    if len(names) == len(robot.links) and BASE not in names:
+        with check:
+            robot = _connect(robot, check, joints, links)
     for path, joint in zip(joints, robot.joints):
         with check:
             _check_placement(robot, joint, check, path)
@@ -68,7 +70,7 @@ def _connect(robot: Robot, check: Check, joints: list[Path], links: list[Path]) 
     names = [link.name for link in robot.links]
     moved: dict[str, str] = {}
     connected: list[Joint] = []
-    failures = check.failures
+    failures = len(check.found)
     for k, joint in enumerate(robot.joints):
         with check:
             link = joint.link
@@ -87,7 +89,7 @@ def _connect(robot: Robot, check: Check, joints: list[Path], links: list[Path]) 
             parent = joint.parent or (connected[-1].link if connected else BASE)
             check.known(str(parent), [BASE, *names], "link", (*joints[k], "parent"))
             connected.append(dataclasses.replace(joint, link=link, parent=parent))
-    if check.failures > failures:
+    if len(check.found) > failures:
         return robot
     for path, name in zip(links, names):
         with check:

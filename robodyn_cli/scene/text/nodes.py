@@ -113,6 +113,24 @@ def scalar(place: Node, value: Value) -> Scalar:
     return Scalar(place.source, place.line, place.column, "" if value is None else str(value), value)
 
 
+def find(root: Node, path: Path) -> Node | None:
+    """Return the node at ``path``, if there is one."""
+    node: Node | None = root
+    for step in path:
+        if isinstance(node, Mapping):
+            node = node.get(str(step))
+        elif isinstance(node, Sequence) and isinstance(step, int) and step < len(node.items):
+            node = node.items[step]
+        else:
+            return None
+    return node
+
+
+def nearest(root: Node, path: Path) -> Node:
+    """Return the node at ``path``, or the nearest one above it."""
+    return next((node for k in range(len(path), 0, -1) if (node := find(root, path[:k]))), root)
+
+
 def dotted(path: Path) -> str:
     """Return a path as in messages and in ``--set``: ``robot.joints.0.a``."""
     return ".".join(str(step) for step in path)

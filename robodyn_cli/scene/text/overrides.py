@@ -48,7 +48,7 @@ def apply(root: Node, kind: Kind, override: str, directory: str, includer: Inclu
         raise located(
             place, key.strip(), "has no value; write null to remove a key, '\"\"' for an empty text"
         )
-    value = compose(text.strip(), source, tuple(steps), empty=True)
+    value = compose(text.strip(), source, includer.faults, tuple(steps), empty=True)
     return _Setter(place, value, includer).set(root, kind, steps, ())
 
 

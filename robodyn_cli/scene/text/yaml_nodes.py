@@ -13,6 +13,7 @@ import yaml
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.record import mutable_record
+from robodyn_cli.scene.text.faults import Faults
 from robodyn_cli.scene.text.nodes import (
     Node,
     Path,
@@ -60,21 +61,21 @@ def read_text(path: str, place: Node | None, key: str, shown_as: str) -> str:
 def compose(
     text: str,
     source: Source,
+    faults: Faults,
     path: Path = (),
     empty: bool = False,
-    collected: list[SceneError] | None = None,
 ) -> Node:
     """Return the tree of the one document in ``text``.
 
     Parameters
     ----------
+    faults : takes the errors after which reading can go on: keys that stand twice, octal numbers.
     path : where the tree hangs in the scene, for messages.
     empty : whether null is a document too.
-    collected : takes the errors after which reading can go on; without it the first is raised.
 
     Raises
     ------
-    SceneError : broken syntax, duplicate keys, several documents or none, tags, too many aliases, depth.
+    SceneError : broken syntax, several documents or none, tags, too many aliases, depth.
     """
     start: Node = Scalar(source, 1, 1, "", None)
     key = dotted(path)
@@ -84,7 +85,7 @@ def compose(
         raise located(
             _at(source, text, error.start), key, "half a surrogate pair; allowed: Unicode text"
         ) from None
-    builder = _Builder(source, path, collected)
+    builder = _Builder(source, path, faults)
     try:
         for event in _events(text):
             builder.take(event)
@@ -134,19 +135,14 @@ class _Open:
 
 
 class _Builder:
-    def __init__(self, source: Source, base: Path, collected: list[SceneError] | None) -> None:
+    def __init__(self, source: Source, base: Path, faults: Faults) -> None:
         self.source = source
         self.base = base
-        self.collected = collected
+        self.faults = faults
         self.root: Node | None = None
         self.stack: list[_Open] = []
         self.anchors: dict[str, Node | None] = {}  # None: the anchored node is still open
         self.aliased = 0
-
-    def report(self, error: SceneError) -> None:
-        if self.collected is None:
-            raise error
-        self.collected.append(error)
 
     def take(self, event: Any) -> None:
         """Add one event to the tree."""
@@ -205,10 +201,10 @@ class _Builder:
             first = top.keys[node.text]
             at = dotted((*self.steps(), node.text))
             what = f"key {shown(node.text)} stands twice; first on line {first.line}"
-            self.report(located(place, at, what))
+            self.faults.report(located(place, at, what))
         if node.text == "<<":
             what = "merge keys (<<) do not exist in YAML 1.2; repeat the keys, or use `include`"
-            self.report(located(place, self.path(), what))
+            self.faults.report(located(place, self.path(), what))
         top.keys.setdefault(node.text, place)
 
     def steps(self) -> Path:
@@ -246,7 +242,7 @@ class _Builder:
             elif event.tag not in (None, "!"):
                 value = self.tagged(event.tag, kind, text, place)
         except ValueError as error:
-            self.report(located(place, self.path(), f"{error} (value {shown(text)})"))
+            self.faults.report(located(place, self.path(), f"{error} (value {shown(text)})"))
         return Scalar(self.source, place.line, place.column, text, value)
 
     def tagged(self, tag: str, kind: str, text: str, place: Scalar) -> Value:
