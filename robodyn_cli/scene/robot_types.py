@@ -47,6 +47,9 @@ class Inertia:
     yz: float | None = key(Number(), default=None, unit="kg m^2", doc="Element yz of the tensor.")
 
 
+DH = ("a", "alpha", "d", "theta")
+
+
 @record
 class Joint:
     """A joint and where it sits: by D-H parameters, or by ``origin`` and ``axis``."""
@@ -109,6 +112,11 @@ class Joint:
         default=(),
         doc="Joint forces: each registered kind (`friction`, `spring`, `damper`, `limits`, `gear`) is a key.",
     )
+
+    @property
+    def has_dh(self) -> bool:
+        """Whether D-H parameters place it."""
+        return any(getattr(self, name) is not None for name in DH)
 
 
 @record

@@ -126,7 +126,7 @@ def _check_initial(scene: Scene, check: Check) -> None:
     _check_joints(scene, _items(initial.hold, "initial", "hold"), check, at_key=False)
     check.unique(initial.hold, "joint", [path for _, path in _items(initial.hold, "initial", "hold")])
     for k, joint in enumerate(scene.robot.joints):
-        if joint.type != "prismatic":
+        if joint_types[joint.type].units != ("m",):
             continue
         for path in (
             ("robot", "joints", k, "offset"),
@@ -135,7 +135,9 @@ def _check_initial(scene: Scene, check: Check) -> None:
         ):
             with check:
                 if _in_degrees(find(check.root, path)):
-                    message = f"'deg' does not fit: joint {joint.name!r} is prismatic; allowed: a length in m"
+                    message = (
+                        f"'deg' does not fit: joint {joint.name!r} is {joint.type}; allowed: a length in m"
+                    )
                     check.fail(path, message)
 
 
