@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -16,8 +17,8 @@ class Difference:
     """How one dataset compares with the baseline.
 
     ``verdict`` is ``"equal"`` (within tolerance), ``"differs"``, ``"missing"`` (only in the baseline),
-    ``"extra"`` (only in the result), ``"shape"``, ``"units"`` or ``"names"``. The other fields describe the
-    worst sample: ``ratio`` is its error over what is allowed there.
+    ``"extra"`` (only in the result), ``"shape"``, ``"units"``, ``"names"``, or ``"entries"`` of a dataset that holds
+    no numbers. The other fields describe the worst sample: ``ratio`` is its error over what is allowed there.
     """
 
     path: str
@@ -64,9 +65,40 @@ def compare(
             found.append(Difference(path, *reason))
         else:
             found.append(_worst(result, path, actual, expected, rtol, atol, relative_to))
+    found += _others(result.others, baseline.others)
     found += _events(result, baseline, rtol, atol)
-    rank = {"missing": 0, "shape": 0, "units": 0, "names": 0, "differs": 1, "equal": 2, "extra": 3}
+    rank = {
+        "missing": 0,
+        "shape": 0,
+        "units": 0,
+        "names": 0,
+        "entries": 0,
+        "differs": 1,
+        "equal": 2,
+        "extra": 3,
+    }
     return Comparison(tuple(sorted(found, key=lambda item: (rank[item.verdict], -item.ratio, item.path))))
+
+
+def _others(
+    result: Mapping[str, tuple[str, ...]], baseline: Mapping[str, tuple[str, ...]]
+) -> list[Difference]:
+    """Return how the datasets compare that hold no numbers: entry by entry, equal or not."""
+    found = [Difference(path, "extra") for path in result if path not in baseline]
+    for path, expected in baseline.items():
+        actual = result.get(path)
+        if actual is None:
+            found.append(Difference(path, "missing"))
+        elif len(actual) != len(expected):
+            found.append(Difference(path, "shape", f"{len(actual)} entries instead of {len(expected)}"))
+        elif actual != expected:
+            k = next(k for k, (a, b) in enumerate(zip(actual, expected)) if a != b)
+            found.append(
+                Difference(path, "entries", f"{actual[k]!r} instead of {expected[k]!r} as number {k}")
+            )
+        else:
+            found.append(Difference(path, "equal"))
+    return found
 
 
 def _events(result: Result, baseline: Result, rtol: float, atol: float) -> list[Difference]:

@@ -66,8 +66,8 @@ class Result:
 
     ``variables`` maps the HDF5 path without its leading slash (``"q"``, ``"torque_terms/gravity"``,
     ``"points/tip"``) to a Variable; ``summary`` is what goes into ``summary.json``; ``attributes`` are the
-    root attributes of the HDF5 file. ``status`` is ``"ok"``, ``"locked"``, ``"no_lock"``,
-    ``"overload"`` or ``"failed"``.
+    root attributes of the HDF5 file; ``others`` are the entries of datasets that hold no numbers. ``status`` is
+    ``"ok"``, ``"locked"``, ``"no_lock"``, ``"overload"`` or ``"failed"``.
     """
 
     command: str
@@ -78,6 +78,7 @@ class Result:
     events: list[dict[str, Any]] = dataclasses.field(default_factory=list)
     summary: dict[str, Any] = dataclasses.field(default_factory=dict)
     attributes: dict[str, Any] = dataclasses.field(default_factory=dict)
+    others: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
 
     def __getitem__(self, path: str) -> Array:
         """Return the array stored under ``path`` (``result["q"]``)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import os
 from collections.abc import Callable, Sequence
@@ -15,7 +16,7 @@ from robodyn_cli.scene.checks.scene import check_scene
 from robodyn_cli.scene.read import Reader
 from robodyn_cli.scene.read_scalars import BROKEN, Names
 from robodyn_cli.scene.text.emit import emit
-from robodyn_cli.scene.text.faults import Faults
+from robodyn_cli.scene.text.faults import Faults, TooMany
 from robodyn_cli.scene.text.includes import Includer
 from robodyn_cli.scene.text.nodes import Mapping, Node, Scalar, Source, describe_node, located
 from robodyn_cli.scene.text.nodes import Sequence as SequenceNode
@@ -85,7 +86,7 @@ def _examine(open_root: Callable[[Includer], Node], path: str, overrides: Sequen
     includer = Includer(faults)
     scene: Scene | None = None
     root: Node | None = None
-    with faults:
+    with contextlib.suppress(TooMany), faults:
         root = _completed(open_root(includer), overrides, includer)
         scene = _checked(root, faults)
     if scene is None or root is None or faults.found:
@@ -118,12 +119,14 @@ def _completed(root: Node, overrides: Sequence[str], includer: Includer) -> Node
 def _checked(root: Node, faults: Faults) -> Scene | None:
     """Return the scene of a whole tree, read and checked; None where too little of it could be read."""
     reading = Faults()
-    scene = Reader(formula_names(root), reading, STAND_INS).value(Section(Scene), root, ())
+    scene = BROKEN
+    with contextlib.suppress(TooMany):
+        scene = Reader(formula_names(root), reading, STAND_INS).value(Section(Scene), root, ())
     faults.add_unrelated(reading.found)
     if scene is BROKEN:
         return None
     check = Check(root)
-    with check:
+    with contextlib.suppress(TooMany), check:
         scene = check_scene(scene, check)
     errors = check.found
     if any(key.startswith(("robot.points", "robot.frames")) for key in faults.keys):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import time
 from pathlib import Path
 
@@ -10,8 +11,9 @@ import pytest
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.scene import load_scene, load_scene_text
+from robodyn_cli.scene.load import examine
 from robodyn_cli.scene.text.emit import emit
-from robodyn_cli.scene.text.faults import Faults
+from robodyn_cli.scene.text.faults import MOST, Faults
 from robodyn_cli.scene.text.nodes import Mapping, Sequence, Source
 from robodyn_cli.scene.text.yaml_nodes import MAX_BYTES, compose
 from tests.unit.scene_text import FILE, SCENE, check_place, complaint, composed, plain, unmarked
@@ -222,11 +224,37 @@ def test_not_utf8(tmp_path: Path) -> None:
     assert "it is not UTF-8 text (byte 20, line 2)" in refuse(path)
 
 
+def test_pipes_and_devices_are_refused_at_once(tmp_path: Path) -> None:
+    """As the scene, as a file that it includes and as a table; reading them would wait for ever."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    for path in (pipe, Path("/dev/zero")):
+        assert "is a pipe or a device" in refuse(path)
+        head = "schema: 1\ngravity: [0, 0, 0]\n"
+        for text in (
+            f"{head}robot: {path}\n",
+            f"{head}robot: {{include: {path}}}\n",
+            f"{SCENE}trajectory: {{type: table, file: {path}}}\n",
+        ):
+            assert "is a pipe or a device" in complaint(text).message
+
+
+def test_many_faults_end_the_reading(tmp_path: Path) -> None:
+    """Of any number of faults the first thousand are listed, and finding them takes no longer than in proportion."""
+    many = ", ".join(["j1"] * 20_000)
+    path = tmp_path / "scene.yaml"
+    for text in (f"actuated: [{many}]", f"prescribed: {{{', '.join(f'x{k}: 1' for k in range(20_000))}}}"):
+        path.write_text(f"{SCENE}{text}\n")
+        errors = examine(path).errors
+        assert len(errors) == MOST
+        assert errors[0].details["line"] == SCENE.count("\n") + 1
+
+
 def test_huge_file(tmp_path: Path) -> None:
     path = tmp_path / "huge.yaml"
     with path.open("wb") as file:
         file.truncate(MAX_BYTES + 1)
-    assert "larger than 50 MB" in refuse(path)
+    assert "larger than 10 MB" in refuse(path)
 
 
 def test_byte_order_mark_is_dropped(tmp_path: Path) -> None:

@@ -47,7 +47,9 @@ class Check(Faults):
 
     def unique(self, names: SequenceOf[str], what: str, paths: SequenceOf[Path]) -> None:
         """Refuse a name that stands twice."""
+        seen: set[str] = set()
         for k, name in enumerate(names):
             with self:
-                if name in names[:k]:
+                if name in seen:
                     self.fail(paths[k], f"{what} {name!r} stands twice; names of {what}s must differ")
+                seen.add(name)

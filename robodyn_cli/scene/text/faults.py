@@ -7,6 +7,13 @@ from types import TracebackType
 
 from robodyn_cli.errors import SceneError
 
+# what comes after so many is not worth the time to find it
+MOST = 1000
+
+
+class TooMany(Exception):
+    """There are more faults than anybody reads; it ends the reading of the scene."""
+
 
 class Faults:
     """A list of errors, and a ``with`` block that ends at its first error and adds it to the list.
@@ -20,8 +27,15 @@ class Faults:
         self.lost: list[str] = []
 
     def report(self, error: SceneError) -> None:
-        """Add an error."""
+        """Add an error.
+
+        Raises
+        ------
+        TooMany : there are ``MOST`` errors now.
+        """
         self.found.append(error)
+        if len(self.found) >= MOST:
+            raise TooMany
 
     def __enter__(self) -> None:
         pass

@@ -6,6 +6,8 @@ recurses on the input, and no tag can construct anything.
 
 from __future__ import annotations
 
+import os
+import stat
 from collections.abc import Iterator
 from typing import Any
 
@@ -27,7 +29,8 @@ from robodyn_cli.scene.text.nodes import (
 )
 from robodyn_cli.scene.text.scalars import Value, resolve
 
-MAX_BYTES = 50_000_000
+# reading takes a second or two a megabyte
+MAX_BYTES = 10_000_000
 MAX_DEPTH = 50
 MAX_ALIASED_NODES = 100_000
 
@@ -40,10 +43,13 @@ def read_text(path: str, place: Node | None, key: str, shown_as: str) -> str:
     at: Node = place or Scalar(Source(shown_as, ".", positions=False), 1, 1, "", None)
     what = f"cannot read {shown_as!r}" if place else "cannot be read"
     try:
+        mode = os.stat(path).st_mode
+        if stat.S_ISDIR(mode):
+            raise located(at, key, f"{what}: it is a directory; allowed: a file")
+        if not stat.S_ISREG(mode):
+            raise located(at, key, f"{what}: it is a pipe or a device, which may never end; allowed: a file")
         with open(path, "rb") as file:
             data = file.read(MAX_BYTES + 1)
-    except IsADirectoryError:
-        raise located(at, key, f"{what}: it is a directory; allowed: a YAML file") from None
     except FileNotFoundError:
         raise located(at, key, f"{what}: there is no such file") from None
     except (OSError, ValueError) as error:
