@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterable
 from collections.abc import Mapping as MappingOf
 from functools import partial
@@ -30,6 +31,7 @@ from robodyn_cli.schema.describe import describe
 from robodyn_cli.schema.fields import (
     Choice,
     Criteria,
+    Direction,
     Either,
     Inline,
     JointMap,
@@ -46,6 +48,8 @@ from robodyn_cli.schema.fields import (
 T = TypeVar("T")
 
 _MAX_LISTED = 20
+# squares of longer or shorter directions leave the range of numbers
+_LONGEST = 1e100
 
 
 def _entries(node: Sequence) -> str:
@@ -102,6 +106,7 @@ class Reader(ScalarReader):
         self.stand_ins = stand_ins
         self.handlers |= {
             Vector: self.vector,
+            Direction: self.direction,
             ListOf: self.list_of,
             MapOf: self.map_of,
             JointMap: partial(joint_map, self),
@@ -122,6 +127,16 @@ class Reader(ScalarReader):
         return tuple(
             self.plain_number(entry, item, (*path, k), unit, kind.angle) for k, item in enumerate(node.items)
         )
+
+    def direction(self, kind: Direction, node: Node, path: Path, unit: str) -> tuple[float, ...]:
+        found = self.vector(kind, node, path, unit)
+        length = math.hypot(*found)
+        if length == 0.0:
+            raise located(node, dotted(path), "must not be zero (value [0, 0, 0])")
+        if not 1.0 / _LONGEST < length < _LONGEST:
+            message = f"has length {length:.3g}; allowed: a direction, such as [0, 0, 1]"
+            raise located(node, dotted(path), message)
+        return found
 
     def list_of(self, kind: ListOf, node: Node, path: Path, unit: str) -> Any:
         if not isinstance(node, Sequence):

@@ -73,6 +73,11 @@ class Vector(Kind):
 
 
 @record
+class Direction(Vector):
+    """A list of three numbers of which only the direction counts, so that they are not all zero."""
+
+
+@record
 class Formula(Kind):
     """A number or a formula over ``variables`` (of ``t``, ``q``, ``qd``) and the scene's parameters."""
 

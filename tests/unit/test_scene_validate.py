@@ -88,6 +88,13 @@ BAD = {
     ),
     "axis beside D-H": ("a: 1.0", "a: 1.0, §axis: [0, 0, 1]", "robot.joints.0.axis", "D-H parameter 'a'"),
     "zero axis": ("a: 1.0, alpha: 0, d: 0", "axis: §[0, 0, 0]", "robot.joints.0.axis", "must not be zero"),
+    "axis too short": (
+        "a: 1.0, alpha: 0, d: 0",
+        "axis: §[0, 0, 1e-300]",
+        "robot.joints.0.axis",
+        "has length 1e-300",
+    ),
+    "axis too long": ("a: 1.0, alpha: 0, d: 0", "axis: §[1e300, 0, 1]", "robot.joints.0.axis", "a direction"),
     "no placement": (
         "{name: j1, type: revolute, a: 1.0, alpha: 0, d: 0}",
         "§{name: j1, type: revolute}",

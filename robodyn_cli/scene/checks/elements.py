@@ -21,11 +21,6 @@ def check_loops(scene: Scene, check: Check) -> None:
             first, second = (point_link(scene.robot, reference) for reference in loop.between)
             if first == second:
                 check.fail((*path, "between"), f"both points are on {first!r}; a loop joins two links")
-        for name in ("axis", "axis2"):
-            axis = getattr(loop, name, None)
-            with check:
-                if axis is not None and not any(axis):
-                    check.fail((*path, name), "must not be zero (value [0, 0, 0])")
 
 
 def check_couplers(scene: Scene, check: Check) -> None:

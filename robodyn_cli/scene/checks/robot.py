@@ -136,9 +136,6 @@ def _check_placement(robot: Robot, joint: Joint, check: Check, path: Path) -> No
     elif "axis" in kind.needs and joint.axis is None:
         dh = "D-H parameters (a, alpha, d, theta) or " if kind.by_dh else ""
         check.fail(path, f"joint {joint.name!r} needs {dh}an 'axis'")
-    for name in ("axis", "axis2"):
-        if getattr(joint, name) is not None and not any(getattr(joint, name)):
-            check.fail((*path, name), "must not be zero (value [0, 0, 0])")
     if joint.axis2 is not None:
         _check_second_axis(joint.axis or (0.0, 0.0, 1.0), joint.axis2, check, path)
 
