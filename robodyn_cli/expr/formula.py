@@ -241,7 +241,7 @@ class _Parser:
     def unexpected(self, token: _Token, wanted: str = "") -> NoReturn:
         shown = token.text if token.kind == "end" else repr(token.text)
         if not wanted and token.text in _COMPARISONS:
-            wanted = "comparisons stand only in the first argument of if(a < b, x, y)"
+            wanted = "a comparison is allowed only as the first argument of if(a < b, x, y)"
         elif not wanted and token.kind in ("number", "name"):
             wanted = "an operator such as '*' is missing before it"
         self.fail(token, f"unexpected {shown}" + (f"; {wanted}" if wanted else ""))
@@ -301,7 +301,7 @@ class _Parser:
             return node
         self.next()
         if self.token.text == "deg":
-            self.unexpected(self.token, "'deg' stands once")
+            self.unexpected(self.token, "'deg' is allowed once")
         self.degrees = self.degrees or self.calls == 0
         degree = Num(_DEGREE)
         return self.fold(self.chain(node, "*", degree), token, node, degree)
@@ -322,12 +322,12 @@ class _Parser:
             if token.text in CONSTANTS:
                 return Num(CONSTANTS[token.text])
             if token.text == "deg":
-                self.unexpected(token, "'deg' stands after a number, as in 45 deg")
+                self.unexpected(token, "'deg' goes after a number, as in 45 deg")
             group, dot, name = token.text.partition(".")
             if dot and (group not in GROUPS or name.count(".") > (group != "p")):
                 self.fail(
                     token,
-                    f"unknown name {token.text!r}; a dot stands only in q.JOINT, qd.JOINT, q.JOINT.COORDINATE and "
+                    f"unknown name {token.text!r}; a dot is allowed only in q.JOINT, qd.JOINT, q.JOINT.COORDINATE and "
                     "p.PARAMETER",
                 )
             self.names.setdefault(token.text, token.column)

@@ -60,11 +60,10 @@ def joint_values(
     SceneError : the value does not fit the joint's coordinates.
     """
     joint = joint_types.get(reader.names.types.get(name, ""))
-    names = () if joint is None else joint.names if kind.coordinates == "q" else joint.v_names
-    if joint is None or not names:
+    items = {} if joint is None else _items(kind, joint)
+    if joint is None or not items:
         return {name: reader.value(kind.item, node, path, unit)}
-    units = joint.units if kind.coordinates == "q" else joint.v_units
-    items = {x: _item(kind.item, u) for x, u in zip(names, units)}
+    names = tuple(items)
     if isinstance(node, Sequence):
         if len(node.items) != len(names):
             raise located(
@@ -75,7 +74,7 @@ def joint_values(
             for k, (x, item) in enumerate(zip(names, node.items))
         }
     elif isinstance(node, Mapping):
-        found = _from_map(reader, kind, joint, items, node, path, unit)
+        found = _from_map(reader, kind, joint, node, path, unit)
     else:
         raise located(
             node, dotted(path), f"{_wanted(joint, kind, name, names)} (value {describe_node(node)})"
@@ -85,6 +84,13 @@ def joint_values(
     if joint.quasi and kind.coordinates == "q":
         found = _attitude(kind, joint, found, node, path)
     return {f"{name}.{x}": value for x, value in found.items()}
+
+
+def _items(kind: JointMap, joint: Joint) -> dict[str, Kind]:
+    """Return the kind of each coordinate of a joint; nothing for one that goes by the joint's own name."""
+    if kind.coordinates == "q":
+        return {name: _item(kind.item, unit) for name, unit in zip(joint.names, joint.units)}
+    return {name: _item(kind.item, unit) for name, unit in zip(joint.v_names, joint.v_units)}
 
 
 def _item(item: Kind, unit: str) -> Kind:
@@ -107,15 +113,10 @@ def _forms(joint: Joint, kind: JointMap) -> str:
 
 
 def _from_map(
-    reader: ScalarReader,
-    kind: JointMap,
-    joint: Joint,
-    items: dict[str, Kind],
-    node: Mapping,
-    path: Path,
-    unit: str,
+    reader: ScalarReader, kind: JointMap, joint: Joint, node: Mapping, path: Path, unit: str
 ) -> dict[str, Any]:
     """Return what a map gives: coordinates by name, and lists for ``xyz`` and the forms of an attitude."""
+    items = _items(kind, joint)
     groups: dict[str, int] = {}
     if joint.quasi and kind.coordinates == "q":
         groups = dict(ATTITUDES)

@@ -89,7 +89,7 @@ class ScalarReader:
         tree = self.parse(node, path, describe(kind, unit))
         if tree.constant is None:
             name = sorted(tree.names)[0]
-            raise self.wrong(kind, node, path, unit, f"is not a number: {name!r} stands in it")
+            raise self.wrong(kind, node, path, unit, f"is not a number: {name!r} is part of it")
         if tree.degrees and not angle:
             raise self.wrong(kind, node, path, unit, "'deg' does not fit: this is not an angle")
         return tree.constant

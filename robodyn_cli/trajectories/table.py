@@ -73,7 +73,7 @@ class TableTrajectory:
     def _column_problems(self, scene: SceneNames) -> Problems:
         for k, name in enumerate(self.columns):
             if name in self.columns[:k]:
-                yield ("columns", k), f"column {name!r} stands twice"
+                yield ("columns", k), f"column {name!r} appears twice"
             elif k and name not in scene.joints:
                 yield ("columns", k), f"unknown joint {name!r}; allowed: {', '.join(scene.joints)}"
         if set(self.joints) <= set(scene.joints):

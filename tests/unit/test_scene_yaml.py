@@ -96,9 +96,9 @@ def test_aliases_stand_for_what_they_name() -> None:
 @pytest.mark.parametrize(
     ("text", "key", "words"),
     [
-        ("a: 1\nb: 2\n§a: 3\n", "a", "stands twice; first on line 1"),
-        ("a:\n  b: 1\n  §'b': 2\n", "a.b", "stands twice; first on line 2"),
-        ("a: {b: 1, §b: 2}\n", "a.b", "stands twice"),
+        ("a: 1\nb: 2\n§a: 3\n", "a", "appears twice; first on line 1"),
+        ("a:\n  b: 1\n  §'b': 2\n", "a.b", "appears twice; first on line 2"),
+        ("a: {b: 1, §b: 2}\n", "a.b", "appears twice"),
         ("a: &x\n  b: [1, §*x]\n", "a.b.1", "its own anchor"),
         ("&a [§*a]", "0", "its own anchor"),
         ("a: [1, §*x]", "a.1", "no anchor &x"),

@@ -8,7 +8,7 @@ import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,8 +16,11 @@ from robodyn_cli.record import mutable_record
 from robodyn_cli.results import catalogue, provenance
 from robodyn_cli.results.atomic import discard, output_errors, temporary_path
 from robodyn_cli.results.hdf5.sink import uninterrupted
-from robodyn_cli.results.result import Result, Variable, make_variable
+from robodyn_cli.results.result import Meta, Result, Variable, make_variable
 from robodyn_cli.results.summary import dumps
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 FILETYPE = "robodyn.result"
 FORMAT_VERSION = 1
@@ -87,34 +90,15 @@ class ResultWriter:
         """Number of times stored so far."""
         return self._columns["time"].rows if "time" in self._columns else 0
 
-    def append(
-        self,
-        path: str,
-        block: Any,
-        *,
-        units: str | None = None,
-        long_name: str | None = None,
-        dims: tuple[str, ...] | None = None,
-        names: tuple[str, ...] | list[str] = (),
-        column_units: tuple[str, ...] = (),
-    ) -> None:
+    def append(self, path: str, block: Any, **meta: Unpack[Meta]) -> None:
         """Add rows to ``path``; ``block`` has the shape of the dataset with its first dimension free.
 
-        Units, names and so on are read at the first call; what is missing comes from the catalogue.
+        ``meta`` (units, names and so on, as for ``make_variable``) is read at the first call.
         """
         path = path.strip("/")
         column = self._columns.get(path)
         if column is None:
-            meta = make_variable(
-                path,
-                block,
-                units=units,
-                long_name=long_name,
-                dims=dims,
-                names=names,
-                column_units=column_units,
-            )
-            column = self._declare(path, meta)
+            column = self._declare(path, make_variable(path, block, **meta))
         rows = np.asarray(block, dtype=float)
         if rows.ndim == 0 or rows.shape[1:] != column.meta.data.shape[1:]:
             raise ValueError(f"{path}: a block of shape {rows.shape} after {column.meta.data.shape}")
@@ -127,7 +111,7 @@ class ResultWriter:
         if column.buffered * column.row_bytes >= BLOCK_BYTES:
             self._flush(path, column)
 
-    def put(self, path: str, data: Any, **meta: Any) -> None:
+    def put(self, path: str, data: Any, **meta: Unpack[Meta]) -> None:
         """Store a whole array; ``meta`` as for ``append``. The array must not change before ``finish``."""
         path = path.strip("/")
         self.put_variable(path, make_variable(path, data, **meta))
@@ -185,7 +169,7 @@ class ResultWriter:
     def _declare(self, path: str, meta: Variable) -> _Column:
         if self._temporary is None:
             raise RuntimeError(f"{self.path}: already finished")
-        # The first rows stand for shape only; keeping the caller's array here would keep its memory.
+        # Only the shape of the first rows counts; keeping the caller's array here would keep its memory.
         shape = np.empty((0, *meta.data.shape[1:])) if meta.data.ndim else meta.data
         column = _Column(dataclasses.replace(meta, data=shape), [])
         self._columns[path] = column

@@ -14,7 +14,7 @@ from robodyn_cli.scene.text.nodes import Mapping, Node, Path, Scalar, dotted, fi
 class Check(Faults):
     """Says where in the tree something is wrong.
 
-    Checks that do not build on each other stand in ``with check:`` blocks of their own: such a block ends at its
+    Checks that do not build on each other have ``with check:`` blocks of their own; such a block ends at its
     first error, and what follows it goes on.
     """
 
@@ -46,10 +46,10 @@ class Check(Faults):
             self.fail(path, f"unknown {what} {name!r}{hint}; allowed: {allowed}", at_key)
 
     def unique(self, names: SequenceOf[str], what: str, paths: SequenceOf[Path]) -> None:
-        """Refuse a name that stands twice."""
+        """Refuse a name that appears twice."""
         seen: set[str] = set()
         for k, name in enumerate(names):
             with self:
                 if name in seen:
-                    self.fail(paths[k], f"{what} {name!r} stands twice; names of {what}s must differ")
+                    self.fail(paths[k], f"{what} {name!r} appears twice; names of {what}s must differ")
                 seen.add(name)

@@ -24,7 +24,7 @@ def check_loops(scene: Scene, check: Check) -> None:
 
 
 def check_couplers(scene: Scene, check: Check) -> None:
-    """Joints exist and have one coordinate; coefficients are not zero; names stand once, among loops too."""
+    """Joints exist and have one coordinate; coefficients are not zero; names appear once, among loops too."""
     paths: list[Path] = [("couplers", k) for k in range(len(scene.couplers))]
     names = [coupler.name for coupler in scene.couplers]
     check.unique(names, "coupler", [(*path, "name") for path in paths])

@@ -76,7 +76,7 @@ def _check_joints(scene: Scene, names: Iterable[tuple[str, Path]], check: Check,
 
 
 def _keys(names: Iterable[str], *path: str) -> list[tuple[str, Path]]:
-    """Return the joints of columns, and where they stand."""
+    """Return the joints of columns, and their places in the tree."""
     joints = dict.fromkeys(name.partition(".")[0] for name in names)
     return [(name, (*path, name)) for name in joints]
 

@@ -75,7 +75,7 @@ def compose(
 
     Parameters
     ----------
-    faults : takes the errors after which reading can go on: keys that stand twice, octal numbers.
+    faults : takes the errors after which reading can go on: keys that appear twice, octal numbers.
     path : where the tree hangs in the scene, for messages.
     empty : whether null is a document too.
 
@@ -206,7 +206,7 @@ class _Builder:
         if node.text in top.keys:
             first = top.keys[node.text]
             at = dotted((*self.steps(), node.text))
-            what = f"key {shown(node.text)} stands twice; first on line {first.line}"
+            what = f"key {shown(node.text)} appears twice; first on line {first.line}"
             self.faults.report(located(place, at, what))
         if node.text == "<<":
             what = "merge keys (<<) do not exist in YAML 1.2; repeat the keys, or use `include`"
@@ -232,7 +232,9 @@ class _Builder:
             raise located(place, self.path(), f"alias *{name} has no anchor &{name} before it")
         node = self.anchors[name]
         if node is None:
-            raise located(place, self.path(), f"alias *{name} stands inside its own anchor, which never ends")
+            raise located(
+                place, self.path(), f"alias *{name} is used inside its own anchor, which never ends"
+            )
         self.aliased += node.size
         if self.aliased > MAX_ALIASED_NODES:
             raise located(place, self.path(), f"aliases expand to more than {MAX_ALIASED_NODES} values")
