@@ -26,6 +26,8 @@ def survive(action: Callable[[], object], seconds: float) -> None:
     process = os.fork()
     if process == 0:
         try:
+            # whatever it says as it dies is no message for the user
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
             action()
         finally:
             os._exit(0)
