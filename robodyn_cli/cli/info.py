@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
 from robodyn_cli.cli.console import Console, guarded
@@ -57,12 +57,9 @@ def describe(found: Mapping[str, Any]) -> str:
     """Return the report for the terminal."""
     from robodyn_cli.run.mechanism.info import tree
 
-    joints = found["state"]["q"]
     lines = [str(found["title"]), *("  " + line for line in tree(found["joints"], found["links"]))]
-    lines.append("  state              " + ", ".join(f"{name} {q:.6g}" for name, q in joints.items()))
-    lines.append(
-        "  rates              " + ", ".join(f"{name} {v:.6g}" for name, v in found["state"]["qd"].items())
-    )
+    lines.append(f"  state              {state(found['state']['q'], units(found['joints'], 'q'))}")
+    lines.append(f"  rates              {state(found['state']['qd'], units(found['joints'], 'v'))}")
     lines += ["  frames in the world (origin [m]; x, y and z axes)"]
     for name, frame in found["frames"].items():
         axes = "  ".join(vector(frame["rotation"][:, k]) for k in range(3))
@@ -85,6 +82,22 @@ def describe(found: Mapping[str, Any]) -> str:
         )
         lines.append(f"    singular values  {values(found['constraints']['singular_values'])}")
     return "\n".join(lines)
+
+
+def state(values: Mapping[str, float], units: Sequence[str]) -> str:
+    """Return values with their units: who has given an angle in degrees sees it."""
+    texts = (f"{name} {x:.6g} {unit}".removesuffix(" 1") for (name, x), unit in zip(values.items(), units))
+    return ", ".join(texts)
+
+
+def units(joints: Sequence[Mapping[str, Any]], of: str) -> list[str]:
+    """Return the units of the columns of q or v."""
+    from robodyn_cli.joints.registry import joint_types
+
+    kinds = [joint_types[joint["type"]] for joint in joints]
+    if of == "q":
+        return [unit for kind in kinds for unit in kind.units]
+    return [f"{unit}/s" for kind in kinds for unit in kind.v_units]
 
 
 def cell(x: float) -> str:

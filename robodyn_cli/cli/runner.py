@@ -41,8 +41,8 @@ def run_scene(
     import importlib
 
     from robodyn_cli.results.hdf5 import write
+    from robodyn_cli.results.hdf5.writer import ResultWriter
     from robodyn_cli.results.output_dir import OutputDirectory
-    from robodyn_cli.results.writer import ResultWriter
     from robodyn_cli.run.commands import execute, streams
     from robodyn_cli.run.stopwatch import Stopwatch
     from robodyn_cli.scene.commands import SCENE_COMMANDS

@@ -6,8 +6,8 @@ import importlib
 from collections.abc import Callable
 from typing import Any
 
+from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.writer import ResultWriter
 from robodyn_cli.run.progress import Progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.commands import SCENE_COMMANDS

@@ -23,7 +23,6 @@ from robodyn_cli.cli.console import INTERNAL, INTERRUPTED
 from robodyn_cli.cli.runner import EXIT
 from robodyn_cli.expr.formula_tree import CONSTANTS, FUNCTIONS
 from robodyn_cli.report.registry import PLOTS
-from robodyn_cli.results.errors import DirectoryInUseError
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.numerics.work_precision import work_precision
 from robodyn_cli.scene.starters import STARTERS
@@ -158,7 +157,6 @@ def test_every_command_and_option_has_help() -> None:
 def test_exit_codes() -> None:
     classes = [c for _, c in inspect.getmembers(errors, inspect.isclass) if c.__module__ == errors.__name__]
     raised = {c.__name__: c.exit_code for c in classes if c is not errors.RobodynError}
-    raised[DirectoryInUseError.__name__] = DirectoryInUseError.exit_code
     codes = {*raised.values(), *EXIT.values(), INTERNAL, INTERRUPTED}
     rows = re.findall(r"^\| (\d+) \|(.*)\|(.*)\|$", text("docs/cli.md"), re.MULTILINE)
     assert {int(code) for code, _, _ in rows} == codes

@@ -8,9 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from robodyn_cli.errors import RobodynError, SceneError
+from robodyn_cli.errors import ResultFileError, RobodynError, SceneError
 from robodyn_cli.record import mutable_record
-from robodyn_cli.results.errors import ResultFileError
 from robodyn_cli.results.output_dir import RESULT_NAME, SUMMARY_NAME
 from robodyn_cli.results.provenance import sha256
 from robodyn_cli.results.summary import read_summary

@@ -26,9 +26,8 @@ from robodyn_cli.run.inverse.inverse import torque_terms
 from robodyn_cli.run.inverse.motion import plan_motion, with_led_point
 from robodyn_cli.run.progress import no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
-from robodyn_cli.scene.check import Check
-from robodyn_cli.scene.collect import examine
-from robodyn_cli.scene.nodes import Node, dotted, located
+from robodyn_cli.scene.load import examine
+from robodyn_cli.scene.text.nodes import Node, dotted, located, nearest
 from robodyn_cli.scene.types import Scene
 
 # exit codes from good to bad; what is not listed is worse than all of them
@@ -95,10 +94,7 @@ def _physical(scene: Scene, root: Node) -> list[SceneError]:
 
 def _at(root: Node, path: tuple[str | int, ...], message: str) -> SceneError:
     """Return an error at the node of a path, or at the nearest one above it."""
-    check, reach = Check(root), path
-    while (node := check.find(reach)) is None:
-        reach = reach[:-1]
-    return located(node, dotted(path), message)
+    return located(nearest(root, path), dotted(path), message)
 
 
 def _trial(scene: Scene, root: Node) -> list[RobodynError]:

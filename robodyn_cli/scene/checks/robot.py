@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterable
 
+from robodyn_cli.joints.base import Joint as JointKind
 from robodyn_cli.joints.registry import joint_types
-from robodyn_cli.scene.check import Check
-from robodyn_cli.scene.nodes import Path
-from robodyn_cli.scene.points import BASE, BUILT_IN, has_dh, joint_of, spot_problem
-from robodyn_cli.scene.types import Joint, Robot
+from robodyn_cli.scene.checks.check import Check
+from robodyn_cli.scene.points import BASE, BUILT_IN, joint_of, spot_problem
+from robodyn_cli.scene.robot_types import DH, Joint, Robot
+from robodyn_cli.scene.text.nodes import Path
+from robodyn_cli.schema.describe import describe
 
 ROBOT: Path = ("robot",)
-_DH = ("a", "alpha", "d", "theta")
-# the D-H parameter that is the joint's own coordinate
-_VARIABLE = {"revolute": "theta", "prismatic": "d"}
-_ONE_AXIS = ("revolute", "prismatic", "helical", "cylindrical")
-_TWO_AXES = ("universal", "planar")
-_NO_AXIS = ("spherical", "floating")
+_DRIVE = ("gear_ratio", "rotor_inertia")
+# keys that some kinds of joint have beside an axis
+_OF_SOME = ("pitch", "axis2")
+Axis = tuple[float, ...]
 
 
 def moving(robot: Robot) -> tuple[str, ...]:
@@ -45,8 +46,10 @@ def check_robot(robot: Robot, check: Check) -> Robot:
         with check:
             if link.name == BASE:
                 check.fail((*path, "name"), "'base' is the ground; choose another name")
-    with check:
-        robot = _connect(robot, check, joints, links)
+    names = {link.name for link in robot.links}
+    if len(names) == len(robot.links) and BASE not in names:
+        with check:
+            robot = _connect(robot, check, joints, links)
     for path, joint in zip(joints, robot.joints):
         with check:
             _check_placement(robot, joint, check, path)
@@ -54,7 +57,7 @@ def check_robot(robot: Robot, check: Check) -> Robot:
             _check_drive(joint, check, path)
     for path, link in zip(links, robot.links):
         owner = joint_of(robot, link.name)
-        ambiguous = robot.convention == "standard" and owner is not None and has_dh(owner)
+        ambiguous = robot.convention == "standard" and owner is not None and owner.has_dh
         if ambiguous and link.com is not None and link.com_frame is None:
             message = "key 'com_frame' is missing: with standard D-H the link frame is not at the joint"
             with check:
@@ -68,31 +71,40 @@ def _connect(robot: Robot, check: Check, joints: list[Path], links: list[Path]) 
     names = [link.name for link in robot.links]
     moved: dict[str, str] = {}
     connected: list[Joint] = []
-    failures = check.failures
+    failures = len(check.found)
     for k, joint in enumerate(robot.joints):
         with check:
-            link = joint.link
-            if link is None and k >= len(names):
-                check.fail(
-                    joints[k], f"joint {joint.name!r} moves no link: there are only {len(names)} links"
-                )
-            if link is None:
-                link = names[k]
-            elif link == BASE:
-                check.fail((*joints[k], "link"), "a joint cannot move 'base'")
-            check.known(link, names, "link", (*joints[k], "link"))
+            link = _moved_link(joint, k, names, check, joints[k])
             if link in moved:
                 check.fail((*joints[k], "link"), f"link {link!r} is moved by joint {moved[link]!r} already")
             moved[link] = joint.name
             parent = joint.parent or (connected[-1].link if connected else BASE)
             check.known(str(parent), [BASE, *names], "link", (*joints[k], "parent"))
             connected.append(dataclasses.replace(joint, link=link, parent=parent))
-    if check.failures > failures:
+    if len(check.found) > failures:
         return robot
     for path, name in zip(links, names):
         with check:
             if name not in moved:
                 check.fail(path, f"no joint moves link {name!r}; each link needs one joint")
+    _check_tree(connected, check, joints)
+    return dataclasses.replace(robot, joints=tuple(connected))
+
+
+def _moved_link(joint: Joint, k: int, names: list[str], check: Check, path: Path) -> str:
+    """Return the link that the k-th joint moves: by default the one at the same place in the list."""
+    if joint.link is None:
+        if k >= len(names):
+            check.fail(path, f"joint {joint.name!r} moves no link: there are only {len(names)} links")
+        return names[k]
+    if joint.link == BASE:
+        check.fail((*path, "link"), "a joint cannot move 'base'")
+    check.known(joint.link, names, "link", (*path, "link"))
+    return joint.link
+
+
+def _check_tree(connected: list[Joint], check: Check, joints: list[Path]) -> None:
+    """Refuse links that hang on each other and not on the base."""
     owner = {str(joint.link): joint for joint in connected}
     grounded = {BASE}
     for k, joint in enumerate(connected):
@@ -105,67 +117,65 @@ def _connect(robot: Robot, check: Check, joints: list[Path], links: list[Path]) 
             chain.append(link)
             link = str(owner[link].parent)
         grounded.update(chain)
-    return dataclasses.replace(robot, joints=tuple(connected))
 
 
 def _check_placement(robot: Robot, joint: Joint, check: Check, path: Path) -> None:
-    _check_kind(joint, check, path)
-    variable = _VARIABLE.get(joint.type)
-    if variable is not None and getattr(joint, variable) is not None:
-        check.fail(
-            (*path, variable),
-            f"{variable!r} of a {joint.type} joint is its coordinate; give a constant part as 'offset'",
-            at_key=True,
-        )
-    if has_dh(joint):
+    kind = joint_types[joint.type]
+    _check_keys(joint, kind, check, path)
+    variable = kind.dh_variable
+    if variable and getattr(joint, variable) is not None:
+        message = f"{variable!r} of a {joint.type} joint is its coordinate; give a constant part as 'offset'"
+        check.fail((*path, variable), message, at_key=True)
+    if joint.has_dh:
         if robot.convention is None:
-            check.fail(
-                (*ROBOT, "convention"),
-                f"is missing, and joint {joint.name!r} has D-H parameters; allowed: standard, modified",
-            )
+            message = f"is missing, and joint {joint.name!r} has D-H parameters; allowed: standard, modified"
+            check.fail((*ROBOT, "convention"), message)
         if joint.axis is not None:
-            given = next(name for name in _DH if getattr(joint, name) is not None)
-            check.fail(
-                (*path, "axis"), f"does not go with the D-H parameter {given!r}; give one or the other", True
-            )
-    elif joint.type in _ONE_AXIS and joint.axis is None:
-        dh = "D-H parameters (a, alpha, d, theta) or " if joint.type in _VARIABLE else ""
+            message = f"does not go with the D-H parameter {_dh_given(joint)!r}; give one or the other"
+            check.fail((*path, "axis"), message, at_key=True)
+    elif "axis" in kind.needs and joint.axis is None:
+        dh = "D-H parameters (a, alpha, d, theta) or " if kind.by_dh else ""
         check.fail(path, f"joint {joint.name!r} needs {dh}an 'axis'")
-    for name in ("axis", "axis2"):
-        if getattr(joint, name) is not None and not any(getattr(joint, name)):
-            check.fail((*path, name), "must not be zero (value [0, 0, 0])")
-    _check_second_axis(joint, check, path)
+    if joint.axis2 is not None:
+        _check_second_axis(joint.axis or (0.0, 0.0, 1.0), joint.axis2, check, path)
 
 
-def _check_kind(joint: Joint, check: Check, path: Path) -> None:
+def _dh_given(joint: Joint) -> str:
+    return next(name for name in DH if getattr(joint, name) is not None)
+
+
+def _check_keys(joint: Joint, kind: JointKind, check: Check, path: Path) -> None:
     """Check the keys that only some kinds of joint take."""
-    dh = next((name for name in _DH if getattr(joint, name) is not None), None)
-    if dh is not None and joint.type not in (*_VARIABLE, "fixed"):
+    if joint.has_dh and not kind.by_dh:
+        described = _listed(name for name in joint_types if joint_types[name].by_dh)
         message = (
-            f"D-H parameters describe revolute, prismatic and fixed joints; place a {joint.type} joint by"
+            f"D-H parameters describe {described} joints; place a {joint.type} joint by 'origin' and 'axis'"
         )
-        check.fail((*path, dh), f"{message} 'origin' and 'axis'", at_key=True)
-    if joint.type in _NO_AXIS and joint.axis is not None:
+        check.fail((*path, _dh_given(joint)), message, at_key=True)
+    taken = (*kind.needs, *kind.takes)
+    if joint.axis is not None and "axis" not in taken and kind.nv > 0:
         message = f"a {joint.type} joint has no axis; turn its frame by origin.rpy"
         check.fail((*path, "axis"), message, at_key=True)
-    if joint.type == "helical" and joint.pitch is None:
-        check.fail(
-            path, f"joint {joint.name!r} is helical: key 'pitch' is missing; allowed: a number [m/rad]"
-        )
-    if joint.type != "helical" and joint.pitch is not None:
-        check.fail((*path, "pitch"), "is for helical joints only", at_key=True)
+    for name in _OF_SOME:
+        if name in kind.needs and getattr(joint, name) is None:
+            field = next(f for f in dataclasses.fields(Joint) if f.name == name)
+            allowed = describe(field.metadata["kind"], field.metadata["unit"])
+            message = f"joint {joint.name!r} is {joint.type}: key {name!r} is missing; allowed: {allowed}"
+            check.fail(path, message)
+        if name not in taken and getattr(joint, name) is not None:
+            kinds = _listed(x for x in joint_types if name in (*joint_types[x].needs, *joint_types[x].takes))
+            check.fail((*path, name), f"is for {kinds} joints only", at_key=True)
 
 
-def _check_second_axis(joint: Joint, check: Check, path: Path) -> None:
-    if joint.axis2 is not None:
-        if joint.type not in _TWO_AXES:
-            check.fail((*path, "axis2"), f"is for {' and '.join(_TWO_AXES)} joints only", at_key=True)
-        axis = joint.axis or (0.0, 0.0, 1.0)
-        cosine = sum(a * b for a, b in zip(axis, joint.axis2)) / (
-            math.hypot(*axis) * math.hypot(*joint.axis2)
-        )
-        if abs(cosine) > 1e-9:
-            check.fail((*path, "axis2"), f"must be at right angles to the axis (cosine {cosine:.3g})")
+def _listed(names: Iterable[str]) -> str:
+    *most, last = names
+    return f"{', '.join(most)} and {last}" if most else last
+
+
+def _check_second_axis(axis: Axis, axis2: Axis, check: Check, path: Path) -> None:
+    cosine = sum(a * b for a, b in zip(axis, axis2)) / (math.hypot(*axis) * math.hypot(*axis2))
+    if abs(cosine) > 1e-9:
+        check.fail((*path, "axis2"), f"must be at right angles to the axis (cosine {cosine:.3g})")
 
 
 def _check_drive(joint: Joint, check: Check, path: Path) -> None:
@@ -175,22 +185,20 @@ def _check_drive(joint: Joint, check: Check, path: Path) -> None:
         for where, message in getattr(force, "problems", tuple)():
             with check:
                 check.fail((*path, name, *where), message)
-    if joint_types[joint.type].nv == 0:
-        forces = [name for name, _ in joint.forces]
-        for name in ("axis", "offset", "gear_ratio", "rotor_inertia", *forces):
-            with check:
-                if check.has((*path, name)):
-                    message = f"joint {joint.name!r} is {joint.type}: it takes no {name!r}"
-                    check.fail((*path, name), message, at_key=True)
-    elif joint.type not in _VARIABLE:
-        several = joint_types[joint.type].nv > 1
-        # which of several coordinates a spring or a gear belongs to is not said by the joint alone
-        drive = ("gear_ratio", "rotor_inertia", *(name for name, _ in joint.forces)) if several else ()
-        for name in ("offset", *drive):
-            with check:
-                if check.has((*path, name)):
-                    message = f"joint {joint.name!r} is {joint.type}: it takes no {name!r}"
-                    check.fail((*path, name), message, at_key=True)
+    for name in _not_taken(joint, joint_types[joint.type]):
+        with check:
+            if check.has((*path, name)):
+                message = f"joint {joint.name!r} is {joint.type}: it takes no {name!r}"
+                check.fail((*path, name), message, at_key=True)
+
+
+def _not_taken(joint: Joint, kind: JointKind) -> tuple[str, ...]:
+    """Return the keys that make no sense for a kind of joint."""
+    axis = ("axis",) if kind.nv == 0 else ()
+    offset = () if kind.dh_variable else ("offset",)
+    # which of several coordinates a spring or a gear belongs to is not said by the joint alone
+    drive = () if kind.nv == 1 else (*_DRIVE, *(name for name, _ in joint.forces))
+    return (*axis, *offset, *drive)
 
 
 def _check_points(robot: Robot, check: Check) -> None:

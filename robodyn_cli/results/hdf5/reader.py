@@ -1,59 +1,62 @@
-"""Result files: ``write`` and ``read`` a Result in one call, ``ResultWriter`` for runs too long for memory.
-
-The format is described in ``docs/hdf5.md``.
-"""
+"""Read a result file back into a Result."""
 
 from __future__ import annotations
 
 import json
+import stat
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from robodyn_cli.results.errors import ResultFileError
+from robodyn_cli.errors import ResultFileError
+from robodyn_cli.results.hdf5.trial import survive
+from robodyn_cli.results.hdf5.writer import FILETYPE, FORMAT_VERSION, JSON_ATTRIBUTES
 from robodyn_cli.results.result import Result, Variable
-from robodyn_cli.results.writer import FILETYPE, FORMAT_VERSION, JSON_ATTRIBUTES, ResultWriter
 
-__all__ = ["FILETYPE", "FORMAT_VERSION", "ResultWriter", "read", "write"]
+# the time that a file gets to be read, beyond which it is taken for one that never ends
+SECONDS = 10.0
+BYTES_PER_SECOND = 5e6
 
 _FIELDS = ("filetype", "format_version", "command", "title", "status", "scene", "scene_sha256", "summary")
 _TEXT_ATTRIBUTES = ("robodyn_version", "cpu", "integrator")
 
 
-def write(result: Result, path: str | Path) -> Path:
-    """Store ``result`` at ``path``, atomically, and return the path."""
-    with ResultWriter(
-        path, command=result.command, title=result.title, scene_text=result.scene_text
-    ) as writer:
-        for name, variable in result.variables.items():
-            writer.put_variable(name, variable)
-        return writer.finish(
-            status=result.status, summary=result.summary, events=result.events, attributes=result.attributes
-        )
-
-
 def read(path: str | Path, select: Callable[[str], bool] | None = None) -> Result:
     """Return the result stored at ``path``; ``select`` chooses paths where not all are wanted.
 
-    Raises ResultFileError if the file is not a result of robodyn, is damaged, or is of a newer format.
+    Raises
+    ------
+    ResultFileError : the file is not a result of robodyn, is damaged, or is of a newer format.
     """
+    path = Path(path)
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError) as error:
+        reason = "no such file" if isinstance(error, FileNotFoundError) else str(error)
+        raise ResultFileError(f"{path}: {reason}", path=str(path)) from None
+    if stat.S_ISDIR(mode):
+        raise ResultFileError(f"{path} is a directory; name the result.h5 in it", path=str(path))
+    if not stat.S_ISREG(mode):
+        raise ResultFileError(f"{path} is a pipe or a device; name a file", path=str(path))
+    try:
+        survive(partial(_read, path, select), SECONDS + path.stat().st_size / BYTES_PER_SECOND)
+        return _read(path, select)
+    except ResultFileError:
+        raise
+    except Exception as error:  # a damaged file can lead anywhere
+        message = f"{path} cannot be read as a result of robodyn: {error}"
+        raise ResultFileError(message, path=str(path)) from error
+
+
+def _read(path: Path, select: Callable[[str], bool] | None) -> Result:
     import h5py
 
-    path = Path(path)
-    if not path.exists():
-        raise ResultFileError(f"{path}: no such file", path=str(path))
-    if path.is_dir():
-        raise ResultFileError(f"{path} is a directory; name the result.h5 in it", path=str(path))
-    try:
-        with h5py.File(path, "r", locking="best-effort") as file:
-            _check(file, path)
-            return _result(file, select)
-    except (OSError, KeyError, ValueError, RuntimeError) as error:
-        raise ResultFileError(
-            f"{path} cannot be read as a result of robodyn: {error}", path=str(path)
-        ) from error
+    with h5py.File(path, "r", locking="best-effort") as file:
+        _check(file, path)
+        return _result(file, select)
 
 
 def _check(file: Any, path: Path) -> None:
@@ -105,7 +108,12 @@ def _collect(group: Any, prefix: str, result: Result, select: Callable[[str], bo
         if isinstance(item, h5py.Group):
             if path != "events":
                 _collect(item, path + "/", result, select)
-        elif item.dtype.kind in "fiu" and not _is_bare(item) and (select is None or select(path)):
+        elif _is_bare(item) or not (select is None or select(path)):
+            continue
+        elif item.dtype.kind not in "fiu":
+            if not item.is_scale:
+                result.others[path] = _entries(item)
+        else:
             attributes = dict(item.attrs)
             result.variables[path] = Variable(
                 np.asarray(item[()], dtype=float),
@@ -115,6 +123,12 @@ def _collect(group: Any, prefix: str, result: Result, select: Callable[[str], bo
                 tuple(str(label) for label in attributes.get("names", ())),
                 tuple(str(unit) for unit in attributes.get("column_units", ())),
             )
+
+
+def _entries(dataset: Any) -> tuple[str, ...]:
+    """Return the entries of a dataset that holds no numbers, as text."""
+    data = dataset.asstr()[()] if dataset.dtype.kind in "OS" else dataset[()]
+    return tuple(str(entry) for entry in np.ravel(data))
 
 
 def _members(group: Any) -> list[str]:
@@ -140,10 +154,10 @@ def _dims(dataset: Any, path: str) -> tuple[str, ...]:
     """Return the names of the dimensions from their scales; one that is a scale itself is its own."""
     if dataset.is_scale:
         return (path,)
-    return tuple(
-        dimension[0].name.rsplit("/", 1)[-1] if len(dimension) else f"dim_{axis}"
-        for axis, dimension in enumerate(dataset.dims)
-    )
+    names = [dimension[0].name if len(dimension) else f"dim_{k}" for k, dimension in enumerate(dataset.dims)]
+    if None in names:
+        raise ValueError(f"a dimension of {path} has no name")
+    return tuple(name.rsplit("/", 1)[-1] for name in names)
 
 
 def _events(file: Any) -> list[dict[str, Any]]:

@@ -11,7 +11,7 @@ from collections.abc import Container
 from typing import Any
 
 from robodyn_cli.record import mutable_record
-from robodyn_cli.results import h5low
+from robodyn_cli.results.hdf5 import low
 
 
 @mutable_record
@@ -26,7 +26,7 @@ class Scale:
 class Dimensions:
     """The dimensions of a file being written; ``taken`` are the names its datasets and groups use."""
 
-    def __init__(self, file: h5low.OutputFile, taken: Container[str]) -> None:
+    def __init__(self, file: low.OutputFile, taken: Container[str]) -> None:
         self._file = file
         self._taken = taken
         self._scales: dict[str, list[Scale]] = {}
@@ -34,7 +34,7 @@ class Dimensions:
 
     def add_coordinate(self, name: str, length: int, dataset: Any) -> None:
         """Declare that ``dataset`` is the scale of dimension ``name``."""
-        h5low.make_scale(dataset, name)
+        low.make_scale(dataset, name)
         self._scales.setdefault(name, []).insert(0, Scale(length, (), dataset))
         self._names.add(name)
 
@@ -50,7 +50,7 @@ class Dimensions:
         else:
             scale = self._create(dim, length, labels)
             scales.append(scale)
-        h5low.attach(dataset, scale.dataset, axis)
+        low.attach(dataset, scale.dataset, axis)
 
     def _create(self, dim: str, length: int, labels: tuple[str, ...]) -> Scale:
         name, number = dim, 1
@@ -61,8 +61,8 @@ class Dimensions:
         # Labels that repeat cannot serve as an index.
         if labels and len(set(labels)) == len(labels):
             dataset = self._file.text(name, labels)
-            h5low.make_scale(dataset, name)
-            h5low.set_text(dataset, "units", "1")
-            h5low.set_text(dataset, "long_name", f"labels of dimension {dim}")
+            low.make_scale(dataset, name)
+            low.set_text(dataset, "units", "1")
+            low.set_text(dataset, "long_name", f"labels of dimension {dim}")
             return Scale(length, labels, dataset)
         return Scale(length, (), self._file.bare_dimension(name, length))

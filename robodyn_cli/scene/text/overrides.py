@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from robodyn_cli.errors import SceneError, did_you_mean
-from robodyn_cli.scene.includes import Includer, child_kind, concrete
-from robodyn_cli.scene.nodes import (
+from robodyn_cli.scene.text.includes import Includer, child_kind, concrete
+from robodyn_cli.scene.text.nodes import (
     Mapping,
     Node,
     Path,
@@ -18,7 +18,7 @@ from robodyn_cli.scene.nodes import (
     sequence,
     shown,
 )
-from robodyn_cli.scene.yaml_nodes import compose
+from robodyn_cli.scene.text.yaml_nodes import compose
 from robodyn_cli.schema.fields import Kind, ListOf, Section
 
 HELP = "allowed: key.path=value, list items by index or by name, as in robot.joints.theta1.a=0.5"
@@ -48,7 +48,7 @@ def apply(root: Node, kind: Kind, override: str, directory: str, includer: Inclu
         raise located(
             place, key.strip(), "has no value; write null to remove a key, '\"\"' for an empty text"
         )
-    value = compose(text.strip(), source, tuple(steps), empty=True)
+    value = compose(text.strip(), source, includer.faults, tuple(steps), empty=True)
     return _Setter(place, value, includer).set(root, kind, steps, ())
 
 

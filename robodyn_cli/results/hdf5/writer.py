@@ -8,16 +8,19 @@ import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from robodyn_cli.record import mutable_record
 from robodyn_cli.results import catalogue, provenance
 from robodyn_cli.results.atomic import discard, output_errors, temporary_path
-from robodyn_cli.results.interrupts import uninterrupted
-from robodyn_cli.results.result import Variable, make_variable
+from robodyn_cli.results.hdf5.sink import uninterrupted
+from robodyn_cli.results.result import Meta, Result, Variable, make_variable
 from robodyn_cli.results.summary import dumps
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 FILETYPE = "robodyn.result"
 FORMAT_VERSION = 1
@@ -60,15 +63,15 @@ class ResultWriter:
     """
 
     def __init__(self, path: str | Path, *, command: str, title: str = "", scene_text: str = "") -> None:
-        from robodyn_cli.results import h5low
+        from robodyn_cli.results.hdf5 import low
 
-        self._h5 = h5low
+        self._h5 = low
         self.path = Path(path)
         self._head = {"command": command, "title": title, "scene": scene_text}
         self._columns: dict[str, _Column] = {}
         self._temporary: Path | None = temporary_path(self.path)
         with output_errors(self.path), uninterrupted():
-            self._file = h5low.OutputFile(self._temporary)
+            self._file = low.OutputFile(self._temporary)
 
     def __enter__(self) -> ResultWriter:
         return self
@@ -87,34 +90,15 @@ class ResultWriter:
         """Number of times stored so far."""
         return self._columns["time"].rows if "time" in self._columns else 0
 
-    def append(
-        self,
-        path: str,
-        block: Any,
-        *,
-        units: str | None = None,
-        long_name: str | None = None,
-        dims: tuple[str, ...] | None = None,
-        names: tuple[str, ...] | list[str] = (),
-        column_units: tuple[str, ...] = (),
-    ) -> None:
+    def append(self, path: str, block: Any, **meta: Unpack[Meta]) -> None:
         """Add rows to ``path``; ``block`` has the shape of the dataset with its first dimension free.
 
-        Units, names and so on are read at the first call; what is missing comes from the catalogue.
+        ``meta`` (units, names and so on, as for ``make_variable``) is read at the first call.
         """
         path = path.strip("/")
         column = self._columns.get(path)
         if column is None:
-            meta = make_variable(
-                path,
-                block,
-                units=units,
-                long_name=long_name,
-                dims=dims,
-                names=names,
-                column_units=column_units,
-            )
-            column = self._declare(path, meta)
+            column = self._declare(path, make_variable(path, block, **meta))
         rows = np.asarray(block, dtype=float)
         if rows.ndim == 0 or rows.shape[1:] != column.meta.data.shape[1:]:
             raise ValueError(f"{path}: a block of shape {rows.shape} after {column.meta.data.shape}")
@@ -127,7 +111,7 @@ class ResultWriter:
         if column.buffered * column.row_bytes >= BLOCK_BYTES:
             self._flush(path, column)
 
-    def put(self, path: str, data: Any, **meta: Any) -> None:
+    def put(self, path: str, data: Any, **meta: Unpack[Meta]) -> None:
         """Store a whole array; ``meta`` as for ``append``. The array must not change before ``finish``."""
         path = path.strip("/")
         self.put_variable(path, make_variable(path, data, **meta))
@@ -185,7 +169,7 @@ class ResultWriter:
     def _declare(self, path: str, meta: Variable) -> _Column:
         if self._temporary is None:
             raise RuntimeError(f"{self.path}: already finished")
-        # The first rows stand for shape only; keeping the caller's array here would keep its memory.
+        # Only the shape of the first rows counts; keeping the caller's array here would keep its memory.
         shape = np.empty((0, *meta.data.shape[1:])) if meta.data.ndim else meta.data
         column = _Column(dataclasses.replace(meta, data=shape), [])
         self._columns[path] = column
@@ -224,7 +208,7 @@ class ResultWriter:
             column.buffered = shortest - column.written
 
     def _write_columns(self) -> None:
-        from robodyn_cli.results.dimensions import Dimensions
+        from robodyn_cli.results.hdf5.dimensions import Dimensions
 
         groups = {path.split("/")[0] for path in self._columns} | {"events"}
         dimensions = Dimensions(self._file, groups)
@@ -294,6 +278,18 @@ class ResultWriter:
                 self._h5.set_number(root, name, value.item() if isinstance(value, np.generic) else value)
             else:
                 self._h5.set_text(root, name, value if isinstance(value, str) else dumps_any(value))
+
+
+def write(result: Result, path: str | Path) -> Path:
+    """Store ``result`` at ``path``, atomically, and return the path."""
+    with ResultWriter(
+        path, command=result.command, title=result.title, scene_text=result.scene_text
+    ) as writer:
+        for name, variable in result.variables.items():
+            writer.put_variable(name, variable)
+        return writer.finish(
+            status=result.status, summary=result.summary, events=result.events, attributes=result.attributes
+        )
 
 
 def dumps_any(value: Any) -> str:

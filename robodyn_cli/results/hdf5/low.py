@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 from h5py import h5a, h5d, h5ds, h5f, h5fd, h5g, h5p, h5s, h5t
 
-from robodyn_cli.results.sink import Sink
+from robodyn_cli.results.hdf5.sink import Sink
 
 FLOAT = h5t.py_create(np.dtype("<f8"))
 INTEGER = h5t.py_create(np.dtype("<i8"))

@@ -9,13 +9,12 @@ from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.formula import parse
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.record import record
-from robodyn_cli.scene.check import Check
-from robodyn_cli.scene.check_closures import check_couplers, check_moving_points
-from robodyn_cli.scene.check_forces import check_forces
-from robodyn_cli.scene.check_robot import check_robot, columns, moving
+from robodyn_cli.scene.checks.check import Check
+from robodyn_cli.scene.checks.elements import check_couplers, check_forces, check_loops, check_moving_points
+from robodyn_cli.scene.checks.robot import check_robot, columns, moving
 from robodyn_cli.scene.methods import FIXED_STEP
-from robodyn_cli.scene.nodes import Node, Path, Scalar
-from robodyn_cli.scene.points import BASE, point_link, point_problem
+from robodyn_cli.scene.points import BASE, point_problem
+from robodyn_cli.scene.text.nodes import Node, Path, Scalar, find
 from robodyn_cli.scene.types import Robot, Scene, Torque
 
 
@@ -38,9 +37,8 @@ class _SceneNames:
         return point_problem(self.robot, reference)
 
 
-def validate(scene: Scene, root: Node, collected: list[SceneError] | None = None) -> Scene:
-    """Return the scene with the robot's connections filled in; raise the first error, or collect all."""
-    check = Check(root, collected)
+def check_scene(scene: Scene, check: Check) -> Scene:
+    """Return the scene with the robot's connections filled in; all that is wrong is in ``check.found``."""
     robot = check_robot(scene.robot, check)
     scene = dataclasses.replace(scene, robot=robot)
     joints = {joint.name for joint in robot.joints}
@@ -49,7 +47,7 @@ def validate(scene: Scene, root: Node, collected: list[SceneError] | None = None
             if name in joints:
                 message = f"{name!r} is a joint already; choose another name"
                 check.fail(("parameters", name), message, at_key=True)
-    _check_loops(scene, check)
+    check_loops(scene, check)
     check_couplers(scene, check)
     check_moving_points(scene, check)
     check_forces(scene, check)
@@ -78,32 +76,13 @@ def _check_joints(scene: Scene, names: Iterable[tuple[str, Path]], check: Check,
 
 
 def _keys(names: Iterable[str], *path: str) -> list[tuple[str, Path]]:
-    """Return the joints of columns, and where they stand."""
+    """Return the joints of columns, and their places in the tree."""
     joints = dict.fromkeys(name.partition(".")[0] for name in names)
     return [(name, (*path, name)) for name in joints]
 
 
 def _items(names: Iterable[str], *path: str) -> list[tuple[str, Path]]:
     return [(name, (*path, k)) for k, name in enumerate(names)]
-
-
-def _check_loops(scene: Scene, check: Check) -> None:
-    paths: list[Path] = [("loops", k) for k in range(len(scene.loops))]
-    check.unique([loop.name for loop in scene.loops], "loop", [(*path, "name") for path in paths])
-    for path, loop in zip(paths, scene.loops):
-        with check:
-            for k, reference in enumerate(loop.between):
-                problem = point_problem(scene.robot, reference)
-                if problem is not None:
-                    check.fail((*path, "between", k), problem)
-            first, second = (point_link(scene.robot, reference) for reference in loop.between)
-            if first == second:
-                check.fail((*path, "between"), f"both points are on {first!r}; a loop joins two links")
-        for name in ("axis", "axis2"):
-            axis = getattr(loop, name, None)
-            with check:
-                if axis is not None and not any(axis):
-                    check.fail((*path, name), "must not be zero (value [0, 0, 0])")
 
 
 def _check_drives(scene: Scene, check: Check) -> None:
@@ -147,7 +126,7 @@ def _check_initial(scene: Scene, check: Check) -> None:
     _check_joints(scene, _items(initial.hold, "initial", "hold"), check, at_key=False)
     check.unique(initial.hold, "joint", [path for _, path in _items(initial.hold, "initial", "hold")])
     for k, joint in enumerate(scene.robot.joints):
-        if joint.type != "prismatic":
+        if joint_types[joint.type].units != ("m",):
             continue
         for path in (
             ("robot", "joints", k, "offset"),
@@ -155,8 +134,10 @@ def _check_initial(scene: Scene, check: Check) -> None:
             ("initial", "qd", joint.name),
         ):
             with check:
-                if _in_degrees(check.find(path)):
-                    message = f"'deg' does not fit: joint {joint.name!r} is prismatic; allowed: a length in m"
+                if _in_degrees(find(check.root, path)):
+                    message = (
+                        f"'deg' does not fit: joint {joint.name!r} is {joint.type}; allowed: a length in m"
+                    )
                     check.fail(path, message)
 
 

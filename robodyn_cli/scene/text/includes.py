@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import os
+from collections.abc import Iterator
 
-from robodyn_cli.scene.nodes import (
+from robodyn_cli.errors import SceneError
+from robodyn_cli.scene.text.faults import Faults
+from robodyn_cli.scene.text.nodes import (
     Mapping,
     Node,
     Path,
@@ -19,8 +23,8 @@ from robodyn_cli.scene.nodes import (
     sequence,
     shown,
 )
-from robodyn_cli.scene.scalars import resolve
-from robodyn_cli.scene.yaml_nodes import compose, read_text
+from robodyn_cli.scene.text.scalars import resolve
+from robodyn_cli.scene.text.yaml_nodes import compose, read_text
 from robodyn_cli.schema.fields import (
     CsvFile,
     Either,
@@ -79,9 +83,10 @@ def child_kind(kind: Kind | None, step: str) -> Kind | None:
 
 
 class Includer:
-    """Loads files on demand and remembers which."""
+    """Brings in files and remembers which; a value whose file cannot be brought in stays as it is."""
 
-    def __init__(self) -> None:
+    def __init__(self, faults: Faults) -> None:
+        self.faults = faults
         self.sources: list[str] = []
 
     def open_root(self, path: str) -> Node:
@@ -89,7 +94,7 @@ class Includer:
         text = read_text(path, None, "", path)
         self.sources.append(path)
         source = Source(path, os.path.dirname(path) or ".", os.path.realpath(path))
-        return compose(text, source)
+        return compose(text, source, self.faults)
 
     def whole(self, kind: Kind, node: Node, path: Path = ()) -> Node:
         """Return the tree with every file that ``kind`` allows brought in."""
@@ -112,20 +117,41 @@ class Includer:
         if isinstance(inner, Section):
             for field in dataclasses.fields(inner.cls):
                 if isinstance(field.metadata.get("kind"), CsvFile):
-                    result = self.csv(field.metadata["kind"], field.name, result, path)
+                    with self.collecting((*path, field.name)):
+                        result = self.csv(field.metadata["kind"], field.name, result, path)
         return result
 
     def here(self, kind: Kind, node: Node, path: Path) -> Node:
-        """Return the node, or what the file that it names contains."""
+        """Return the node, or what the file that it names contains; the node itself if that is at fault."""
+        with self.collecting(path):
+            return self.found(kind, node, path)
+        return node
+
+    @contextlib.contextmanager
+    def collecting(self, path: Path) -> Iterator[None]:
+        """Report an error of the block; that the value at ``path`` is missing follows from it."""
+        try:
+            yield
+        except SceneError as error:
+            self.faults.report(error)
+            self.faults.lost.append(dotted(path))
+
+    def found(self, kind: Kind, node: Node, path: Path) -> Node:
+        """Return the node, or what the file that it names contains.
+
+        Raises
+        ------
+        SceneError : the file cannot be read, is no YAML, includes itself or does not fit.
+        """
         if not isinstance(kind, OrFile):
             return node
         if isinstance(node, Scalar) and isinstance(node.value, str):
-            return self.here(kind, self.include(node, path), path)
+            return self.found(kind, self.include(node, path), path)
         if isinstance(node, Mapping) and node.get(INCLUDE) is not None:
             name = node.get(INCLUDE)
             if not isinstance(name, Scalar) or not isinstance(name.value, str):
                 raise located(name or node, dotted((*path, INCLUDE)), "must be the path of a YAML file")
-            base = self.here(kind, self.include(name, path), path)
+            base = self.found(kind, self.include(name, path), path)
             if not isinstance(base, Mapping):
                 raise located(base, dotted(path), "an included file must contain a map")
             for key, value in node.entries:
@@ -144,7 +170,7 @@ class Includer:
             raise located(node, dotted(path), f"includes are nested more than {MAX_CHAIN} deep")
         text = read_text(self.opened(node), node, dotted(path), name)
         self.sources.append(name)
-        return compose(text, Source(name, os.path.dirname(name) or ".", real, node.source), path)
+        return compose(text, Source(name, os.path.dirname(name) or ".", real, node.source), self.faults, path)
 
     def locate(self, node: Scalar) -> tuple[str, str]:
         """Return the path to show and the resolved path of the file that a scalar names."""

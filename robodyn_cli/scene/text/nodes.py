@@ -7,7 +7,7 @@ from typing import Any
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.record import record
-from robodyn_cli.scene.scalars import Value
+from robodyn_cli.scene.text.scalars import Value
 
 Path = tuple[str | int, ...]
 
@@ -111,6 +111,24 @@ def mapping(place: Node, entries: list[tuple[Scalar, Node]]) -> Mapping:
 def scalar(place: Node, value: Value) -> Scalar:
     """Return a scalar at the place of another node."""
     return Scalar(place.source, place.line, place.column, "" if value is None else str(value), value)
+
+
+def find(root: Node, path: Path) -> Node | None:
+    """Return the node at ``path``, if there is one."""
+    node: Node | None = root
+    for step in path:
+        if isinstance(node, Mapping):
+            node = node.get(str(step))
+        elif isinstance(node, Sequence) and isinstance(step, int) and step < len(node.items):
+            node = node.items[step]
+        else:
+            return None
+    return node
+
+
+def nearest(root: Node, path: Path) -> Node:
+    """Return the node at ``path``, or the nearest one above it."""
+    return next((node for k in range(len(path), 0, -1) if (node := find(root, path[:k]))), root)
 
 
 def dotted(path: Path) -> str:

@@ -6,6 +6,8 @@ recurses on the input, and no tag can construct anything.
 
 from __future__ import annotations
 
+import os
+import stat
 from collections.abc import Iterator
 from typing import Any
 
@@ -13,7 +15,8 @@ import yaml
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.record import mutable_record
-from robodyn_cli.scene.nodes import (
+from robodyn_cli.scene.text.faults import Faults
+from robodyn_cli.scene.text.nodes import (
     Node,
     Path,
     Scalar,
@@ -24,9 +27,10 @@ from robodyn_cli.scene.nodes import (
     sequence,
     shown,
 )
-from robodyn_cli.scene.scalars import Value, resolve
+from robodyn_cli.scene.text.scalars import Value, resolve
 
-MAX_BYTES = 50_000_000
+# reading takes a second or two a megabyte
+MAX_BYTES = 10_000_000
 MAX_DEPTH = 50
 MAX_ALIASED_NODES = 100_000
 
@@ -39,10 +43,13 @@ def read_text(path: str, place: Node | None, key: str, shown_as: str) -> str:
     at: Node = place or Scalar(Source(shown_as, ".", positions=False), 1, 1, "", None)
     what = f"cannot read {shown_as!r}" if place else "cannot be read"
     try:
+        mode = os.stat(path).st_mode
+        if stat.S_ISDIR(mode):
+            raise located(at, key, f"{what}: it is a directory; allowed: a file")
+        if not stat.S_ISREG(mode):
+            raise located(at, key, f"{what}: it is a pipe or a device, which may never end; allowed: a file")
         with open(path, "rb") as file:
             data = file.read(MAX_BYTES + 1)
-    except IsADirectoryError:
-        raise located(at, key, f"{what}: it is a directory; allowed: a YAML file") from None
     except FileNotFoundError:
         raise located(at, key, f"{what}: there is no such file") from None
     except (OSError, ValueError) as error:
@@ -60,21 +67,21 @@ def read_text(path: str, place: Node | None, key: str, shown_as: str) -> str:
 def compose(
     text: str,
     source: Source,
+    faults: Faults,
     path: Path = (),
     empty: bool = False,
-    collected: list[SceneError] | None = None,
 ) -> Node:
     """Return the tree of the one document in ``text``.
 
     Parameters
     ----------
+    faults : takes the errors after which reading can go on: keys that appear twice, octal numbers.
     path : where the tree hangs in the scene, for messages.
     empty : whether null is a document too.
-    collected : takes the errors after which reading can go on; without it the first is raised.
 
     Raises
     ------
-    SceneError : broken syntax, duplicate keys, several documents or none, tags, too many aliases, depth.
+    SceneError : broken syntax, several documents or none, tags, too many aliases, depth.
     """
     start: Node = Scalar(source, 1, 1, "", None)
     key = dotted(path)
@@ -84,7 +91,7 @@ def compose(
         raise located(
             _at(source, text, error.start), key, "half a surrogate pair; allowed: Unicode text"
         ) from None
-    builder = _Builder(source, path, collected)
+    builder = _Builder(source, path, faults)
     try:
         for event in _events(text):
             builder.take(event)
@@ -134,19 +141,14 @@ class _Open:
 
 
 class _Builder:
-    def __init__(self, source: Source, base: Path, collected: list[SceneError] | None) -> None:
+    def __init__(self, source: Source, base: Path, faults: Faults) -> None:
         self.source = source
         self.base = base
-        self.collected = collected
+        self.faults = faults
         self.root: Node | None = None
         self.stack: list[_Open] = []
         self.anchors: dict[str, Node | None] = {}  # None: the anchored node is still open
         self.aliased = 0
-
-    def report(self, error: SceneError) -> None:
-        if self.collected is None:
-            raise error
-        self.collected.append(error)
 
     def take(self, event: Any) -> None:
         """Add one event to the tree."""
@@ -204,11 +206,11 @@ class _Builder:
         if node.text in top.keys:
             first = top.keys[node.text]
             at = dotted((*self.steps(), node.text))
-            what = f"key {shown(node.text)} stands twice; first on line {first.line}"
-            self.report(located(place, at, what))
+            what = f"key {shown(node.text)} appears twice; first on line {first.line}"
+            self.faults.report(located(place, at, what))
         if node.text == "<<":
             what = "merge keys (<<) do not exist in YAML 1.2; repeat the keys, or use `include`"
-            self.report(located(place, self.path(), what))
+            self.faults.report(located(place, self.path(), what))
         top.keys.setdefault(node.text, place)
 
     def steps(self) -> Path:
@@ -230,7 +232,9 @@ class _Builder:
             raise located(place, self.path(), f"alias *{name} has no anchor &{name} before it")
         node = self.anchors[name]
         if node is None:
-            raise located(place, self.path(), f"alias *{name} stands inside its own anchor, which never ends")
+            raise located(
+                place, self.path(), f"alias *{name} is used inside its own anchor, which never ends"
+            )
         self.aliased += node.size
         if self.aliased > MAX_ALIASED_NODES:
             raise located(place, self.path(), f"aliases expand to more than {MAX_ALIASED_NODES} values")
@@ -246,7 +250,7 @@ class _Builder:
             elif event.tag not in (None, "!"):
                 value = self.tagged(event.tag, kind, text, place)
         except ValueError as error:
-            self.report(located(place, self.path(), f"{error} (value {shown(text)})"))
+            self.faults.report(located(place, self.path(), f"{error} (value {shown(text)})"))
         return Scalar(self.source, place.line, place.column, text, value)
 
     def tagged(self, tag: str, kind: str, text: str, place: Scalar) -> Value:

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from robodyn_cli.errors import SceneError, did_you_mean
+from robodyn_cli.errors import did_you_mean
+from robodyn_cli.joints.base import Joint
 from robodyn_cli.joints.registry import joint_types
-from robodyn_cli.scene.nodes import (
+from robodyn_cli.scene.read_scalars import BROKEN, ScalarReader
+from robodyn_cli.scene.text.nodes import (
     Mapping,
     Node,
     Path,
@@ -26,17 +28,13 @@ from robodyn_cli.scene.nodes import (
 from robodyn_cli.schema.describe import describe
 from robodyn_cli.schema.fields import JointMap, Kind, Number
 
-if TYPE_CHECKING:
-    from robodyn_cli.joints.base import Joint
-    from robodyn_cli.scene.read import Reader
-
 ATTITUDES = {"quaternion": 4, "rpy": 3, "rotation_vector": 3}
 QUATERNION = ("qw", "qx", "qy", "qz")
 POSITION = ("x", "y", "z")
 LENGTH = 1e-3  # by how much a quaternion may be longer or shorter than 1: three digits
 
 
-def joint_map(reader: Reader, kind: JointMap, node: Node, path: Path, unit: str) -> dict[str, Any]:
+def joint_map(reader: ScalarReader, kind: JointMap, node: Node, path: Path, unit: str) -> dict[str, Any]:
     """Return values by column of q or v."""
     if isinstance(node, Scalar) and node.value is None:
         return {}
@@ -45,18 +43,15 @@ def joint_map(reader: Reader, kind: JointMap, node: Node, path: Path, unit: str)
     result: dict[str, Any] = {}
     for key, item in node.entries:
         here = (*path, key.text)
-        try:
+        with reader.faults:
             reader.check_name(kind.of, key, here)
             found = joint_values(reader, kind, key.text, item, here, unit)
-        except SceneError as error:
-            reader.report(error)
-            continue
-        result.update({name: value for name, value in found.items() if value is not _broken()})
+            result.update({name: value for name, value in found.items() if value is not BROKEN})
     return result
 
 
 def joint_values(
-    reader: Reader, kind: JointMap, name: str, node: Node, path: Path, unit: str
+    reader: ScalarReader, kind: JointMap, name: str, node: Node, path: Path, unit: str
 ) -> dict[str, Any]:
     """Return what is given for the joint called ``name``, by column.
 
@@ -65,11 +60,10 @@ def joint_values(
     SceneError : the value does not fit the joint's coordinates.
     """
     joint = joint_types.get(reader.names.types.get(name, ""))
-    names = () if joint is None else joint.names if kind.coordinates == "q" else joint.v_names
-    if joint is None or not names:
+    items = {} if joint is None else _items(kind, joint)
+    if joint is None or not items:
         return {name: reader.value(kind.item, node, path, unit)}
-    units = joint.units if kind.coordinates == "q" else joint.v_units
-    items = {x: _item(kind.item, u) for x, u in zip(names, units)}
+    names = tuple(items)
     if isinstance(node, Sequence):
         if len(node.items) != len(names):
             raise located(
@@ -80,22 +74,23 @@ def joint_values(
             for k, (x, item) in enumerate(zip(names, node.items))
         }
     elif isinstance(node, Mapping):
-        found = _from_map(reader, kind, joint, items, node, path, unit)
+        found = _from_map(reader, kind, joint, node, path, unit)
     else:
         raise located(
             node, dotted(path), f"{_wanted(joint, kind, name, names)} (value {describe_node(node)})"
         )
-    if any(value is _broken() for value in found.values()):
+    if any(value is BROKEN for value in found.values()):
         return {}
     if joint.quasi and kind.coordinates == "q":
         found = _attitude(kind, joint, found, node, path)
     return {f"{name}.{x}": value for x, value in found.items()}
 
 
-def _broken() -> Any:
-    from robodyn_cli.scene.read import BROKEN
-
-    return BROKEN
+def _items(kind: JointMap, joint: Joint) -> dict[str, Kind]:
+    """Return the kind of each coordinate of a joint; nothing for one that goes by the joint's own name."""
+    if kind.coordinates == "q":
+        return {name: _item(kind.item, unit) for name, unit in zip(joint.names, joint.units)}
+    return {name: _item(kind.item, unit) for name, unit in zip(joint.v_names, joint.v_units)}
 
 
 def _item(item: Kind, unit: str) -> Kind:
@@ -118,9 +113,10 @@ def _forms(joint: Joint, kind: JointMap) -> str:
 
 
 def _from_map(
-    reader: Reader, kind: JointMap, joint: Joint, items: dict[str, Kind], node: Mapping, path: Path, unit: str
+    reader: ScalarReader, kind: JointMap, joint: Joint, node: Mapping, path: Path, unit: str
 ) -> dict[str, Any]:
     """Return what a map gives: coordinates by name, and lists for ``xyz`` and the forms of an attitude."""
+    items = _items(kind, joint)
     groups: dict[str, int] = {}
     if joint.quasi and kind.coordinates == "q":
         groups = dict(ATTITUDES)
@@ -144,7 +140,9 @@ def _from_map(
     return found
 
 
-def _group(reader: Reader, kind: JointMap, key: Scalar, node: Node, size: int, path: Path) -> dict[str, Any]:
+def _group(
+    reader: ScalarReader, kind: JointMap, key: Scalar, node: Node, size: int, path: Path
+) -> dict[str, Any]:
     """Return a list of so many entries: positions by coordinate, an attitude under its own name."""
     item = _item(kind.item, "rad" if key.text in ("rpy", "rotation_vector") else "m")
     if not isinstance(node, Sequence) or len(node.items) != size:
@@ -153,8 +151,8 @@ def _group(reader: Reader, kind: JointMap, key: Scalar, node: Node, size: int, p
             f"{describe(item)}"
         )  # fmt: skip
     values = tuple(reader.value(item, x, (*path, k), "") for k, x in enumerate(node.items))
-    if any(value is _broken() for value in values):
-        return {key.text: _broken()}
+    if any(value is BROKEN for value in values):
+        return {key.text: BROKEN}
     return dict(zip(POSITION, values)) if key.text == "xyz" else {key.text: values}
 
 
