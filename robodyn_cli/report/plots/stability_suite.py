@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robodyn_cli.report.plots_stability import STATUS
+from robodyn_cli.report.analysis import STATUS
 from robodyn_cli.report.style import GREY
 from robodyn_cli.results.result import Result
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-NAME = "stability_suite.png"
 LIGHT = {
     "stable": "#CDEBE0",
     "inaccurate": "#F8E0AE",
@@ -22,9 +20,9 @@ LIGHT = {
 }
 
 
-def plot_files() -> tuple[str, ...]:
-    """Return the names of the drawings that may be made."""
-    return (NAME,)
+def applies(result: Result) -> bool:
+    """Tell whether the suite was run, not a scene."""
+    return "cases" in result.summary
 
 
 def cell(trial: dict[str, Any]) -> str:
@@ -114,12 +112,3 @@ def draw(result: Result) -> Figure:
     handles = [Patch(facecolor=LIGHT[s], label=s.replace("_", " ")) for s in STATUS]
     figure.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.02, 0.0), ncols=5)
     return figure
-
-
-def draw_all(result: Result, directory: str | Path) -> list[Path]:
-    """Draw into ``directory`` and return the file."""
-    from robodyn_cli.report.canvas import save_png
-    from robodyn_cli.report.style import styled
-
-    with styled():
-        return [save_png(draw(result), Path(directory) / NAME)]
