@@ -117,7 +117,7 @@ def _internal(error: Exception, console: Console) -> int:
 
 
 def _print(text: str, stream: TextIO | None) -> None:
-    """Print to a standard stream; a reader that went away (``robodyn ... | head``) is no error of ours."""
+    """Print to a standard stream; a reader that has closed its end (``robodyn ... | head``) is no error."""
     if stream is None:  # a program without a terminal
         return
     try:

@@ -57,7 +57,7 @@ def file(path: Any) -> Any:
         try:
             mode = os.stat(one).st_mode if one is not None else stat.S_IFREG
         except (OSError, ValueError):
-            continue  # whoever opens it says what is wrong
+            continue  # reported where the file is opened
         if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
             raise typer.BadParameter(f"{str(one)!r} is a pipe or a device; allowed: a file")
     return path

@@ -41,7 +41,7 @@ def _run(command: str, scene: str, out: str, overrides: list[str], no_plots: boo
 
 
 def _end_with_the_batch() -> None:
-    """End at once when the batch has ended, whichever way: nobody would see the result."""
+    """End at once when the batch has ended: nothing reads the result any more."""
     while os.read(0, 1):
         pass
     os._exit(INTERRUPTED)

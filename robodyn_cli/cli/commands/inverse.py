@@ -38,7 +38,7 @@ FIGURES = (
 
 
 def _columns(joints: list[Mapping[str, Any]]) -> list[list[str]]:
-    """Return the columns of figures; a unit that is not the same for all joints stands beside each figure."""
+    """Return the columns of figures; units that differ between joints are printed beside each figure."""
     columns = []
     for heading, key, quantity, digits in FIGURES:
         units = [{**joint.get("units", {}), "time": "s"}.get(quantity, "") for joint in joints]

@@ -89,7 +89,18 @@ def small(x: Any) -> str:
 
 def describe(summary: Mapping[str, Any]) -> str:
     """Return the report for the terminal."""
-    lines = [str(summary["title"])]
+    wrong = [
+        f"  {m['method']}: {m['message']}"
+        for m in summary["methods"]
+        if m["message"] and m["status"] != "stable"
+    ]
+    lines = [*_reference_lines(summary), table(_method_rows(summary)), *wrong, *_gain_lines(summary)]
+    return "\n".join([str(summary["title"]), *lines])
+
+
+def _reference_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Return what is said of the reference and of the linearised motion."""
+    lines = []
     ref, found = summary["reference"], summary["spectrum"]
     if ref is None:
         lines.append("  reference          none: no two methods get through at tight tolerance")
@@ -110,6 +121,11 @@ def describe(summary: Mapping[str, Any]) -> str:
             f"{x['method']} {small(x['largest_step'])} s" for x in summary["step_limits"] if x["largest_step"]
         )
         lines.append(f"  largest steps      {limits or 'no limit'}")
+    return lines
+
+
+def _method_rows(summary: Mapping[str, Any]) -> list[list[str]]:
+    """Return the table of the methods."""
     growth = {g["method"]: g for g in summary["energy_growth"]["methods"]}
     rows = [
         [
@@ -139,12 +155,12 @@ def describe(summary: Mapping[str, Any]) -> str:
                 "-" if exponent is None else f"t^{exponent:.1f}",
             ]
         )
-    lines.append(table(rows))
-    lines += [
-        f"  {m['method']}: {m['message']}"
-        for m in summary["methods"]
-        if m["message"] and m["status"] != "stable"
-    ]
+    return rows
+
+
+def _gain_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Return what is said of Baumgarte's gains."""
+    lines = []
     for name, words in (("own", "as the scene asks"), ("fixed", "fixed step")):
         found = (summary.get("baumgarte") or {}).get(name)
         if found and "chosen" in found:
@@ -154,7 +170,7 @@ def describe(summary: Mapping[str, Any]) -> str:
                 f"{c['factor']:.3g}/h with h = {c['step']:.3g} s; drift {c['drift']:.1e}, error {c['error']:.1e}, "
                 f"of the projected run {c['integration_error']:.1e}"
             )
-    return "\n".join(lines)
+    return lines
 
 
 def _energy(found: Mapping[str, Any] | None, period: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.report.analysis import STATUS
@@ -9,6 +10,7 @@ from robodyn_cli.report.style import GREY
 from robodyn_cli.results.result import Result
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 LIGHT = {
@@ -25,8 +27,8 @@ def applies(result: Result) -> bool:
     return "cases" in result.summary
 
 
-def cell(trial: dict[str, Any]) -> str:
-    """Return what stands in a cell: the error, or what kept the method from one."""
+def words(trial: Mapping[str, Any]) -> str:
+    """Return what a cell says: the error, or what kept the method from one."""
     if trial["relative"] == 0.0:
         return "0"
     if trial["relative"] is not None:
@@ -46,7 +48,7 @@ def cell(trial: dict[str, Any]) -> str:
 def draw(result: Result) -> Figure:
     """Return the figure."""
     from matplotlib.figure import Figure
-    from matplotlib.patches import Patch, Rectangle
+    from matplotlib.patches import Patch
 
     cases, methods = result.summary["cases"], result.summary["methods"]
     left, high = 2.05, 0.27
@@ -75,24 +77,8 @@ def draw(result: Result) -> Figure:
     ax.set_ylim(len(cases), 0)
     for row, case in enumerate(cases):
         for column, name in enumerate(methods):
-            trial = case["methods"].get(name)
-            if trial is None:
-                continue
-            status = trial["status"]
-            ax.add_patch(
-                Rectangle((column, row), 1, 1, facecolor=LIGHT[status], edgecolor="white", linewidth=1.5)
-            )
-            dark = "black" if status != "unsupported" else GREY
-            mark = "" if status != "inaccurate" else " !"
-            ax.text(
-                column + 0.5,
-                row + 0.52,
-                cell(trial) + mark,
-                ha="center",
-                va="center",
-                fontsize=8 if wide > 0.7 else 7,
-                color=dark,
-            )
+            if name in case["methods"]:
+                _cell(ax, row, column, case["methods"][name], 8 if wide > 0.7 else 7)
     ax.set_xticks(
         [k + 0.5 for k in range(len(methods))],
         methods,
@@ -112,3 +98,16 @@ def draw(result: Result) -> Figure:
     handles = [Patch(facecolor=LIGHT[s], label=s.replace("_", " ")) for s in STATUS]
     figure.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.02, 0.0), ncols=5)
     return figure
+
+
+def _cell(ax: Axes, row: int, column: int, trial: Mapping[str, Any], size: int) -> None:
+    """Draw what a method made of a case."""
+    from matplotlib.patches import Rectangle
+
+    status = trial["status"]
+    ax.add_patch(Rectangle((column, row), 1, 1, facecolor=LIGHT[status], edgecolor="white", linewidth=1.5))
+    dark = "black" if status != "unsupported" else GREY
+    mark = "" if status != "inaccurate" else " !"
+    ax.text(
+        column + 0.5, row + 0.52, words(trial) + mark, ha="center", va="center", fontsize=size, color=dark
+    )

@@ -55,7 +55,7 @@ class Clock:
             self.process.kill()
 
     def stop(self) -> None:
-        """Let the worker be: it has ended."""
+        """Stop: the worker has ended."""
         self._stopped.set()
 
 
@@ -181,7 +181,7 @@ class Batch:
         elif code not in exit_codes.ALL:
             said = f"the process of this scene ended with code {code}: {said}"
             code = INTERNAL
-        # a worker that was done as its time ran out is done
+        # a worker that ended by itself as its time ran out counts as it ended
         return code, said, clock.fired and code in (INTERNAL, INTERRUPTED)
 
     def _start(self, entry: Entry) -> subprocess.Popen[bytes]:
@@ -189,7 +189,7 @@ class Batch:
         assert entry.directory is not None
         environment = dict(os.environ)
         single_thread(environment)
-        # a session of its own: an interrupt from the terminal is passed on by us alone
+        # a session of its own: an interrupt from the terminal reaches a worker through `interrupt` alone
         own: dict[str, Any] = {"start_new_session": True}
         if sys.platform == "win32":
             own = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
@@ -203,7 +203,7 @@ class Batch:
         )
 
     def _stop(self) -> None:
-        """End the workers: ask, wait, and do not ask again."""
+        """End the workers: interrupt them, wait, and kill what is left."""
         with self._lock:
             self._stopping = True
             running = list(self._running)
