@@ -107,7 +107,9 @@ def test_bounds_hold_what_they_enclose(formula: Any, low: float, width: float) -
 @pytest.mark.parametrize("sigma", [3e-4, 3e-3, 1e-2])
 def test_a_short_pulse_gives_its_impulse(method: str, sigma: float) -> None:
     torque = f"exp(-((t-5.13)/{sigma})^2/2)/({sigma}*sqrt(2*pi))"
-    result = simulate(load_scene_text(SLIDER.format(torque=torque), overrides=[f"simulate.integrator={method}"]))
+    result = simulate(
+        load_scene_text(SLIDER.format(torque=torque), overrides=[f"simulate.integrator={method}"])
+    )
     tolerance = 1e-4 if method == "bdf" else 1e-7
     close(result["qd"][-1, 0], 1.0, tolerance)
     close(result["q"][-1, 0], 4.87, tolerance)
@@ -118,7 +120,9 @@ def test_a_short_pulse_gives_its_impulse(method: str, sigma: float) -> None:
 @pytest.mark.parametrize("method", ["gauss", "dop853", "radau13"])
 def test_a_jump_behind_a_root_is_met(method: str) -> None:
     result = simulate(
-        load_scene_text(SLIDER.format(torque="(t-3.3)/sqrt((t-3.3)^2)"), overrides=[f"simulate.integrator={method}"])
+        load_scene_text(
+            SLIDER.format(torque="(t-3.3)/sqrt((t-3.3)^2)"), overrides=[f"simulate.integrator={method}"]
+        )
     )
     close(result["q"][-1, 0], -5.11, 1e-8)
 

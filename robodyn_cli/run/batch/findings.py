@@ -30,17 +30,10 @@ from robodyn_cli.scene.load import examine
 from robodyn_cli.scene.text.nodes import Node, dotted, located, nearest
 from robodyn_cli.scene.types import Scene
 
-# exit codes from good to bad; what is not listed is worse than all of them
-BADNESS = (0, 1, 3, 2, 4, 5, 74, 70)
-# commands that take no longer than trying them out would
+# commands so short that they are simply run
 AT_ONCE = ("assemble", "kinematics", "statics")
-# samples at which a trajectory is tried out
+# at most so many samples of a trajectory are tried
 TRIED = 501
-
-
-def worst(codes: Sequence[int]) -> int:
-    """Return the worst of several exit codes: 1 over 0, 3 over 1, 2 over 3, then 4, 5, 74, 70."""
-    return max(codes, key=lambda code: BADNESS.index(code) if code in BADNESS else len(BADNESS), default=0)
 
 
 @record

@@ -155,8 +155,9 @@ class Observer:
         self.correct_v = SampleKernel({"v": velocities}, GROUPS) if velocities else None
         self.residuals = None
         if self.correct_q is not None:
-            found = residuals(problem)
-            self.residuals = SampleKernel({"q": found["position"], "v": found["velocity"]}, GROUPS)
+            rows = problem.constraints
+            residuals = {"q": rows.eta, "v": rows.velocity_residual(problem.v)}
+            self.residuals = SampleKernel(residuals, GROUPS)
         self.parameters = np.zeros(max(1, len(problem.model.parameters)))
         asked = reactions or problem.scene.outputs.reactions
         self.reactions = _reactions(problem) if asked else None

@@ -6,73 +6,80 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from robodyn_cli.cli.console import Console, guarded
-from robodyn_cli.cli.describe import table
-from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet
-from robodyn_cli.cli.parameters import argument, option
-from robodyn_cli.cli.runner import finish, run_scene
+import typer
+
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.interrupts import tidy_up_first
+from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, file
+from robodyn_cli.cli.runner import SceneRun, publish, run_scene, show
+from robodyn_cli.cli.words import table
 from robodyn_cli.errors import SceneError
+from robodyn_cli.exit_codes import FAILED
 
 
 def command(
     scene: Annotated[
         Path | None,
-        argument(metavar="SCENE.yaml", help="Scene to report on; none with --suite."),
+        typer.Argument(
+            metavar="SCENE.yaml",
+            callback=file,
+            show_default=False,
+            help="Scene to report on; none with --suite.",
+        ),
     ] = None,
     suite: Annotated[
-        bool, option("--suite", help="Run the suite of stiff and extreme cases instead of a scene.")
+        bool, typer.Option("--suite", help="Run the suite of stiff and extreme cases instead of a scene.")
     ] = False,
     quick: Annotated[
         bool,
-        option("--quick", help="Smaller budgets: one method a family, seconds instead of minutes."),
+        typer.Option("--quick", help="Smaller budgets: one method a family, seconds instead of minutes."),
     ] = False,
     cases: Annotated[
-        str | None, option("--cases", metavar="A,B", help="Cases of the suite to run. [default: all]")
+        str | None, typer.Option("--cases", metavar="A,B", help="Cases of the suite to run. [default: all]")
     ] = None,
     out: OutDir = None,
     overrides: Overrides = None,
     no_plots: NoPlots = False,
     as_json: AsJson = False,
     quiet: Quiet = False,
-) -> None:
-    """Stiffness, step limits, and what each method does."""
+) -> int:
+    """Report on a scene, or run the suite; return the exit code."""
     console = Console(as_json, quiet)
-
-    def action() -> int:
-        if suite == (scene is not None):
-            raise SceneError("stability: give either a scene or --suite")
-        if scene is not None:
-            if cases is not None:
-                raise SceneError("--cases: only with --suite")
-            return run_scene(
-                "stability", scene, out, overrides, no_plots, False, console, describe, quick=quick
-            )
-        if overrides:
-            raise SceneError("--set: not with --suite, whose cases are what they are")
-        return run_suite(cases.split(",") if cases else None, quick, out, no_plots, console)
-
-    guarded(console, action)
+    if suite == (scene is not None):
+        raise SceneError("stability: give either a scene or --suite")
+    if scene is not None:
+        if cases is not None:
+            raise SceneError("--cases: only with --suite")
+        job = SceneRun("stability", scene, out, overrides or (), no_plots, options={"quick": quick})
+        return run_scene(job, console, describe)
+    if overrides:
+        raise SceneError("--set: not with --suite, whose cases have their own settings")
+    return run_suite(cases.split(",") if cases else None, quick, out, no_plots, console)
 
 
 def run_suite(
     cases: Sequence[str] | None, quick: bool, out: Path | None, no_plots: bool, console: Console
 ) -> int:
-    """Run the suite; 1 if a case misses its expectation."""
-    from robodyn_cli.report.plots_suite import draw_all, plot_files
+    """Run the suite; return 1 where a case misses its expectation."""
+    from robodyn_cli.report.registry import plot_files
     from robodyn_cli.results.atomic import write_bytes
     from robodyn_cli.results.hdf5 import write
     from robodyn_cli.results.output_dir import OutputDirectory
     from robodyn_cli.run.numerics.stability_suite import suite
 
+    tidy_up_first()
     with OutputDirectory(out or Path("outputs") / "stability-suite", plot_files()) as directory:
-        result = suite(quick, cases, console.progress, lambda line: console.note(line))
-        console.clear()
+        try:
+            result = suite(quick, cases, console.progress, console.note)
+        finally:
+            console.clear()
         result.summary = {"status": result.status, "command": "stability", **result.summary}
         write(result, directory.result_path)
         for case in result.summary["cases"]:
             write_bytes(directory.path / f"{case['name']}.yaml", case.pop("scene").encode())
-        finish(result, directory, None if no_plots else draw_all, console, describe_suite)
-    return 0 if result.summary["missed"] == 0 else 1
+        publish(result, directory, no_plots)
+        show(result, directory, console, describe_suite)
+    return 0 if result.summary["missed"] == 0 else FAILED
 
 
 def small(x: Any) -> str:
@@ -82,7 +89,18 @@ def small(x: Any) -> str:
 
 def describe(summary: Mapping[str, Any]) -> str:
     """Return the report for the terminal."""
-    lines = [str(summary["title"])]
+    wrong = [
+        f"  {m['method']}: {m['message']}"
+        for m in summary["methods"]
+        if m["message"] and m["status"] != "stable"
+    ]
+    lines = [*_reference_lines(summary), table(_method_rows(summary)), *wrong, *_gain_lines(summary)]
+    return "\n".join([str(summary["title"]), *lines])
+
+
+def _reference_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Return what is said of the reference and of the linearised motion."""
+    lines = []
     ref, found = summary["reference"], summary["spectrum"]
     if ref is None:
         lines.append("  reference          none: no two methods get through at tight tolerance")
@@ -103,6 +121,11 @@ def describe(summary: Mapping[str, Any]) -> str:
             f"{x['method']} {small(x['largest_step'])} s" for x in summary["step_limits"] if x["largest_step"]
         )
         lines.append(f"  largest steps      {limits or 'no limit'}")
+    return lines
+
+
+def _method_rows(summary: Mapping[str, Any]) -> list[list[str]]:
+    """Return the table of the methods."""
     growth = {g["method"]: g for g in summary["energy_growth"]["methods"]}
     rows = [
         [
@@ -132,12 +155,12 @@ def describe(summary: Mapping[str, Any]) -> str:
                 "-" if exponent is None else f"t^{exponent:.1f}",
             ]
         )
-    lines.append(table(rows))
-    lines += [
-        f"  {m['method']}: {m['message']}"
-        for m in summary["methods"]
-        if m["message"] and m["status"] != "stable"
-    ]
+    return rows
+
+
+def _gain_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Return what is said of Baumgarte's gains."""
+    lines = []
     for name, words in (("own", "as the scene asks"), ("fixed", "fixed step")):
         found = (summary.get("baumgarte") or {}).get(name)
         if found and "chosen" in found:
@@ -147,7 +170,7 @@ def describe(summary: Mapping[str, Any]) -> str:
                 f"{c['factor']:.3g}/h with h = {c['step']:.3g} s; drift {c['drift']:.1e}, error {c['error']:.1e}, "
                 f"of the projected run {c['integration_error']:.1e}"
             )
-    return "\n".join(lines)
+    return lines
 
 
 def _energy(found: Mapping[str, Any] | None, period: float) -> str:

@@ -7,17 +7,24 @@ import io
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from robodyn_cli.cli.console import Console, guarded
-from robodyn_cli.cli.describe import table
-from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, SceneFile
-from robodyn_cli.cli.parameters import option
-from robodyn_cli.cli.runner import default_directory, finish
-from robodyn_cli.errors import SceneError
+import typer
+
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.interrupts import tidy_up_first
+from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, SceneFile, number
+from robodyn_cli.cli.runner import default_directory, publish, show
+from robodyn_cli.cli.words import table
 
 COLUMNS = (
     "method", "formulation", "tolerance", "step", "error", "run_time_s", "compile_time_s", "evaluations", "steps",
     "status",
 )  # fmt: skip
+
+
+def tolerances_of(text: str) -> list[float]:
+    """Return the tolerances given on the command line."""
+    read = number("numbers from 1e-15 to 0.1, for example 1e-6,1e-9", lambda x: 1e-15 <= x <= 0.1)
+    return [read(word) for word in text.split(",")]
 
 
 def command(
@@ -26,61 +33,55 @@ def command(
     overrides: Overrides = None,
     methods: Annotated[
         str | None,
-        option("--methods", metavar="A,B", help="Methods to compare. [default: all that can]"),
+        typer.Option("--methods", metavar="A,B", help="Methods to compare. [default: all that can]"),
     ] = None,
     tolerances: Annotated[
-        str | None,
-        option("--tolerances", metavar="T,T", help="Tolerances to run. [default: 1e-2 to 1e-13]"),
+        Any,  # a list of numbers
+        typer.Option(
+            "--tolerances",
+            metavar="T,T",
+            parser=tolerances_of,
+            help="Tolerances to run. [default: 1e-2 to 1e-13]",
+        ),
     ] = None,
-    repeats: Annotated[int, option("--repeats", min=1, max=1000, help="Runs that a median is taken of.")] = 7,
+    repeats: Annotated[
+        int,
+        typer.Option(
+            "--repeats",
+            metavar="N",
+            parser=number("a whole number from 1 to 1000", lambda n: 1 <= n <= 1000, int),
+            help="Runs that a median is taken of.",
+        ),
+    ] = 7,
     no_plots: NoPlots = False,
     as_json: AsJson = False,
     quiet: Quiet = False,
-) -> None:
-    """Error against run time, for every method."""
+) -> int:
+    """Compare the methods, write every run, print the best; return the exit code."""
+    from robodyn_cli.report.registry import plot_files
+    from robodyn_cli.results.atomic import write_bytes
+    from robodyn_cli.results.hdf5 import write
+    from robodyn_cli.results.output_dir import OutputDirectory
+    from robodyn_cli.run.numerics.work_precision import work_precision
+    from robodyn_cli.scene.load import load_scene
+
     console = Console(as_json, quiet)
-
-    def action() -> int:
-        from robodyn_cli.report.plots_work_precision import draw_all, plot_files
-        from robodyn_cli.results.atomic import write_bytes
-        from robodyn_cli.results.hdf5 import write
-        from robodyn_cli.results.output_dir import OutputDirectory
-        from robodyn_cli.run.numerics.work_precision import work_precision
-        from robodyn_cli.scene.load import load_scene
-
-        loaded = load_scene(scene, list(overrides or ()))
-        names = methods.split(",") if methods else None
-        with OutputDirectory(out or default_directory(scene, "work-precision"), plot_files()) as directory:
-            result = work_precision(loaded, names, numbers(tolerances), repeats, console.progress)
+    loaded = load_scene(scene, list(overrides or ()))
+    names = methods.split(",") if methods else None
+    tidy_up_first()
+    with OutputDirectory(out or default_directory(scene, "work-precision"), plot_files()) as directory:
+        try:
+            result = work_precision(loaded, names, tolerances, repeats, console.progress)
+        finally:
             console.clear()
-            result.summary = {
-                "status": "ok",
-                "command": "work-precision",
-                "title": result.title,
-                **result.summary,
-            }
-            write(result, directory.result_path)
-            write_bytes(directory.path / "runs.csv", as_csv(result.summary["runs"]).encode())
-            directory.record(["runs.csv"])
-            finish(result, directory, None if no_plots else draw_all, console, describe)
-        return 0
-
-    guarded(console, action)
-
-
-def numbers(text: str | None) -> list[float] | None:
-    """Return the tolerances given on the command line."""
-    if text is None:
-        return None
-    try:
-        found = [float(x) for x in text.split(",")]
-    except ValueError:
-        raise SceneError(
-            f"--tolerances {text!r}: not a list of numbers; allowed: for example 1e-6,1e-9"
-        ) from None
-    if not all(1e-15 <= x <= 0.1 for x in found):
-        raise SceneError(f"--tolerances {text!r}: out of range; allowed: 1e-15 to 0.1")
-    return found
+        head = {"status": "ok", "command": "work-precision", "title": result.title}
+        result.summary = {**head, **result.summary}
+        write(result, directory.result_path)
+        write_bytes(directory.path / "runs.csv", as_csv(result.summary["runs"]).encode())
+        directory.record(["runs.csv"])
+        publish(result, directory, no_plots)
+        show(result, directory, console, describe)
+    return 0
 
 
 def as_csv(runs: list[Mapping[str, Any]]) -> str:

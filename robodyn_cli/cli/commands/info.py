@@ -5,52 +5,48 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
-from robodyn_cli.cli.console import Console, guarded
-from robodyn_cli.cli.options import NoPlots, OutDir, Overrides, Quiet, ReportAsJson, SceneFile
-from robodyn_cli.cli.parameters import option
+import typer
+
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.interrupts import tidy_up_first
+from robodyn_cli.cli.options import NoPlots, OutDir, Overrides, Quiet, ReportAsJson, SceneFile, utf8
+from robodyn_cli.cli.runner import default_directory, publish
 
 
 def command(
     scene: SceneFile,
     at: Annotated[
         list[str] | None,
-        option("--at", metavar="q=[...], qd=[...]", help="State, joints in their order or q.NAME=... each."),
+        typer.Option(
+            "--at",
+            metavar="q=[...], qd=[...]",
+            parser=utf8,
+            help="State, joints in their order or q.NAME=... each.",
+        ),
     ] = None,
     out: OutDir = None,
     overrides: Overrides = None,
     no_plots: NoPlots = False,
     as_json: ReportAsJson = False,
     quiet: Quiet = False,
-) -> None:
-    """Tree, frames, M, C, G and Jacobians at a state."""
+) -> int:
+    """Print what the scene is at a state, and draw it; return the exit code."""
+    from robodyn_cli.results.output_dir import OutputDirectory
+    from robodyn_cli.results.summary import jsonable
+    from robodyn_cli.run.mechanism.info import info
+
     console = Console(as_json, quiet)
-
-    def action() -> int:
-        import json
-
-        from robodyn_cli.cli.runner import default_directory
-        from robodyn_cli.results.output_dir import OutputDirectory
-        from robodyn_cli.results.summary import jsonable
-        from robodyn_cli.run.mechanism.info import info
-
-        found, result = info(scene, overrides or (), at or ())
-        report = {"status": "ok", "command": "info", **found}
-        if not no_plots:
-            from robodyn_cli.report.plot_state import FILE, save
-
-            with OutputDirectory(out or default_directory(scene, "info"), (FILE,)) as directory:
-                frames = {
-                    name: (frame["position"], frame["rotation"]) for name, frame in found["frames"].items()
-                }
-                directory.record([save(result, frames, directory.path)])
-                directory.write_summary(report)
-        console.data(json.dumps(jsonable(report), ensure_ascii=False, indent=2))
-        console.say(describe(found))
-        if not no_plots:
-            console.say(f"results: {directory.path}  ({', '.join(directory.outputs)})")
-        return 0
-
-    guarded(console, action)
+    found, result = info(scene, overrides or (), at or ())
+    result.summary = {"status": "ok", "command": "info", **found}
+    if not no_plots:
+        tidy_up_first()
+        with OutputDirectory(out or default_directory(scene, "info")) as directory:
+            publish(result, directory, no_plots)
+    console.data(jsonable(result.summary))
+    console.say(describe(found))
+    if not no_plots:
+        console.say(f"results: {directory.path}  ({', '.join(directory.outputs)})")
+    return 0
 
 
 def describe(found: Mapping[str, Any]) -> str:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from robodyn_cli.report.plots_stability import STATUS
+from robodyn_cli.report.analysis import STATUS
 from robodyn_cli.report.style import GREY
 from robodyn_cli.results.result import Result
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-NAME = "stability_suite.png"
 LIGHT = {
     "stable": "#CDEBE0",
     "inaccurate": "#F8E0AE",
@@ -22,13 +22,13 @@ LIGHT = {
 }
 
 
-def plot_files() -> tuple[str, ...]:
-    """Return the names of the drawings that may be made."""
-    return (NAME,)
+def applies(result: Result) -> bool:
+    """Tell whether the suite was run, not a scene."""
+    return "cases" in result.summary
 
 
-def cell(trial: dict[str, Any]) -> str:
-    """Return what stands in a cell: the error, or what kept the method from one."""
+def words(trial: Mapping[str, Any]) -> str:
+    """Return what a cell says: the error, or what kept the method from one."""
     if trial["relative"] == 0.0:
         return "0"
     if trial["relative"] is not None:
@@ -48,7 +48,7 @@ def cell(trial: dict[str, Any]) -> str:
 def draw(result: Result) -> Figure:
     """Return the figure."""
     from matplotlib.figure import Figure
-    from matplotlib.patches import Patch, Rectangle
+    from matplotlib.patches import Patch
 
     cases, methods = result.summary["cases"], result.summary["methods"]
     left, high = 2.05, 0.27
@@ -77,24 +77,8 @@ def draw(result: Result) -> Figure:
     ax.set_ylim(len(cases), 0)
     for row, case in enumerate(cases):
         for column, name in enumerate(methods):
-            trial = case["methods"].get(name)
-            if trial is None:
-                continue
-            status = trial["status"]
-            ax.add_patch(
-                Rectangle((column, row), 1, 1, facecolor=LIGHT[status], edgecolor="white", linewidth=1.5)
-            )
-            dark = "black" if status != "unsupported" else GREY
-            mark = "" if status != "inaccurate" else " !"
-            ax.text(
-                column + 0.5,
-                row + 0.52,
-                cell(trial) + mark,
-                ha="center",
-                va="center",
-                fontsize=8 if wide > 0.7 else 7,
-                color=dark,
-            )
+            if name in case["methods"]:
+                _cell(ax, row, column, case["methods"][name], 8 if wide > 0.7 else 7)
     ax.set_xticks(
         [k + 0.5 for k in range(len(methods))],
         methods,
@@ -116,10 +100,14 @@ def draw(result: Result) -> Figure:
     return figure
 
 
-def draw_all(result: Result, directory: str | Path) -> list[Path]:
-    """Draw into ``directory`` and return the file."""
-    from robodyn_cli.report.canvas import save_png
-    from robodyn_cli.report.style import styled
+def _cell(ax: Axes, row: int, column: int, trial: Mapping[str, Any], size: int) -> None:
+    """Draw what a method made of a case."""
+    from matplotlib.patches import Rectangle
 
-    with styled():
-        return [save_png(draw(result), Path(directory) / NAME)]
+    status = trial["status"]
+    ax.add_patch(Rectangle((column, row), 1, 1, facecolor=LIGHT[status], edgecolor="white", linewidth=1.5))
+    dark = "black" if status != "unsupported" else GREY
+    mark = "" if status != "inaccurate" else " !"
+    ax.text(
+        column + 0.5, row + 0.52, words(trial) + mark, ha="center", va="center", fontsize=size, color=dark
+    )

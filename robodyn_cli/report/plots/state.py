@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,13 +12,17 @@ from robodyn_cli.results.result import Array, Result
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FILE = "state.png"
 # Okabe and Ito's vermilion, green and blue
 AXIS_COLOURS = ("#D55E00", "#009E73", "#0072B2")
 
 
-def draw(result: Result, frames: dict[str, tuple[Array, Array]]) -> Figure:
-    """Return the figure; ``frames`` are origins (3,) and axes (3, 3; columns) in world coordinates."""
+def applies(result: Result) -> bool:
+    """Tell whether the frames of the links are known."""
+    return "frames" in result.summary
+
+
+def draw(result: Result) -> Figure:
+    """Return the figure; the frames are origins (3,) and axes (3, 3; columns) in world coordinates."""
     from matplotlib.lines import Line2D
 
     from robodyn_cli.report import style
@@ -45,6 +48,9 @@ def draw(result: Result, frames: dict[str, tuple[Array, Array]]) -> Figure:
             markerfacecolor="white",
             markersize=6,
         )
+    frames: dict[str, tuple[Array, Array]] = {
+        name: (frame["position"], frame["rotation"]) for name, frame in result.summary["frames"].items()
+    }
     for p, R in frames.values():
         for k in range(3):
             tip = p + length * R[:, k]
@@ -81,12 +87,3 @@ def _together(places: dict[str, Array], near: float) -> list[tuple[Array, str]]:
         else:
             same.append(name)
     return [(place, ", ".join(names)) for place, names in found]
-
-
-def save(result: Result, frames: dict[str, tuple[Array, Array]], directory: str | Path) -> Path:
-    """Draw into ``directory`` and return the file."""
-    from robodyn_cli.report.canvas import save_png
-    from robodyn_cli.report.style import styled
-
-    with styled():
-        return save_png(draw(result, frames), Path(directory) / FILE)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.results.result import Result
@@ -15,12 +14,11 @@ DASHES = ("-", "--", ":", "-.")
 # more curves than these cannot be told apart; all of them are in runs.csv
 MOST = 12
 KNOWN = ("gauss", "dop853", "dopri5", "rk4", "rodas5p", "radau")
-NAME = "work_precision.png"
 
 
-def plot_files() -> tuple[str, ...]:
-    """Return the names of the drawings that may be made."""
-    return (NAME,)
+def applies(result: Result) -> bool:
+    """Tell whether methods were compared."""
+    return "runs" in result.summary
 
 
 def _curves(runs: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
@@ -101,12 +99,3 @@ def draw(result: Result) -> Figure:
         fontsize=9, color="#555555",
     )  # fmt: skip
     return figure
-
-
-def draw_all(result: Result, directory: str | Path) -> list[Path]:
-    """Draw into ``directory`` and return the file."""
-    from robodyn_cli.report.canvas import save_png
-    from robodyn_cli.report.style import styled
-
-    with styled():
-        return [save_png(draw(result), Path(directory) / NAME)]
