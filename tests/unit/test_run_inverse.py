@@ -14,10 +14,11 @@ from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.model.build import build_model
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.inverse.dynamics import ForwardDynamics, InverseDynamics
-from robodyn_cli.run.inverse.inverse import inverse, torque_terms
+from robodyn_cli.run.inverse.inverse import inverse
+from robodyn_cli.run.inverse.program import torque_terms
 from robodyn_cli.run.observation.evaluation import SampleFunction
 from robodyn_cli.run.observation.places import place_outputs, quaternions
-from robodyn_cli.run.observation.quadrature import integrate, integrate_positive, mean_square
+from robodyn_cli.run.observation.quadrature import integrate, integrate_positive, root_mean_square
 from robodyn_cli.scene import load_scene, load_scene_text
 from robodyn_cli.spatial.algebra import rotation_rpy
 from tests.numeric import assert_close, real
@@ -280,6 +281,6 @@ def test_quadrature_of_a_wave() -> None:
     edges = [0.0, *roots[roots < 10], 10.0]
     parts = [(np.cos(2 * a + 0.3) - np.cos(2 * b + 0.3)) / 2 for a, b in itertools.pairwise(edges)]
     assert abs(integrate_positive(y, 0.01)[0] - sum(x for x in parts if x > 0)) < 1e-12
-    assert abs(mean_square(y, 0.01)[0] - (0.5 - (np.sin(40.6) - np.sin(0.6)) / 80)) < 1e-12
+    assert abs(root_mean_square(y, 0.01)[0] ** 2 - (0.5 - (np.sin(40.6) - np.sin(0.6)) / 80)) < 1e-12
     zero = np.zeros((9, 1))
     assert integrate_positive(zero, 0.1)[0] == integrate_positive(zero - 1.0, 0.1)[0] == 0.0

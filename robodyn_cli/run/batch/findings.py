@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from robodyn_cli.equations.plan_facts import listed_data, unknown_data
 from robodyn_cli.errors import GeometryError, RobodynError, SceneError
 from robodyn_cli.expr.graph import Scalar
@@ -19,11 +17,7 @@ from robodyn_cli.record import record
 from robodyn_cli.run.commands import execute
 from robodyn_cli.run.driver.prepare import passive_coordinates, prepare
 from robodyn_cli.run.driver.singularity import passive_determinant
-from robodyn_cli.run.inverse.closed import needed_data
-from robodyn_cli.run.inverse.dynamics import open_problem
-from robodyn_cli.run.inverse.inverse import _check_actuated as check_actuated
-from robodyn_cli.run.inverse.inverse import torque_terms
-from robodyn_cli.run.inverse.motion import plan_motion, with_led_point
+from robodyn_cli.run.inverse.build import build_inverse
 from robodyn_cli.run.progress import no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.check import Check
@@ -155,13 +149,9 @@ def _missing(scene: Scene, root: Node, command: str, names: Sequence[str]) -> li
 
 
 def _inverse(scene: Scene) -> tuple[Model, list[Scalar]]:
-    if scene.loops or scene.couplers:
-        return needed_data(scene, min(TRIED, scene.inverse.samples))
-    problem = open_problem(with_led_point(scene), "inverse dynamics")
-    check_actuated(problem)
-    duration = scene.trajectory.duration if scene.trajectory is not None else 0.0
-    plan_motion(problem, np.linspace(0.0, duration, min(TRIED, scene.inverse.samples)))
-    return problem.model, [x for term in torque_terms(problem).values() for x in term]
+    program = build_inverse(scene)
+    program.plan(min(TRIED, scene.inverse.samples))
+    return program.problem.model, [x for term in program.terms.values() for x in term]
 
 
 def _forward(scene: Scene, command: str) -> tuple[Model, list[Scalar]]:

@@ -14,45 +14,21 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import free_symbols
 from robodyn_cli.kernels.crossover import prefer_rolled
 from robodyn_cli.model.model import Model
+from robodyn_cli.run.inverse.build import open_problem
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Vector, zeros
 
 Array = NDArray[np.float64]
 
 
-def open_problem(source: sc.Scene | Model | Problem, what: str) -> Problem:
-    """Return the equations of a scene or a model.
+def _timeless(problem: Problem) -> list[Vector]:
+    """Return the torques of all but the actuators by term, friction with the exact sign.
 
     Raises
     ------
-    CapabilityError : it has loops or prescribed joints.
+    CapabilityError : some depend on time, and functions of samples have none.
     """
-    if isinstance(source, Model):
-        # the model brings everything but drives, and what is driven is not asked here
-        nothing = sc.Scene(schema=1, robot=sc.Robot(joints=(), links=()), gravity=(0.0, 0.0, 0.0))
-        source = Problem(nothing, model=source)
-    problem = source if isinstance(source, Problem) else Problem(source)
-    if problem.model.closures:
-        raise CapabilityError(
-            f"{what} of closed loops (here {problem.model.closures[0]!r}) is not implemented yet: the "
-            "actuated joints share the load in more than one way; allowed: robots without loops"
-        )
-    if problem.scene.prescribed:
-        name = next(iter(problem.scene.prescribed))
-        raise CapabilityError(
-            f"{what} takes all motion from its input, so 'prescribed' ({name!r}) has no place there"
-        )
-    return problem
-
-
-def joint_force_terms(problem: Problem) -> dict[str, Vector]:
-    """Return the torques of everything but the actuators on the joints, by term, friction with the exact sign."""
-    return problem.passive_forces(smooth=False)
-
-
-def _timeless(problem: Problem) -> list[Vector]:
-    """Return the terms of ``joint_force_terms`` for functions of samples that have no times."""
-    terms = list(joint_force_terms(problem).values())
+    terms = list(problem.passive_forces(smooth=False).values())
     if any(symbol is problem.t for symbol in free_symbols([x for term in terms for x in term])):
         names = ", ".join(force.name for force in problem.model.forces if force.element.term == "external")
         raise CapabilityError(

@@ -15,10 +15,10 @@ from robodyn_cli.model.model import BASE
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.driver.prepare import held_columns
 from robodyn_cli.run.driver.singularity import loop_rows
-from robodyn_cli.run.inverse.motion import plan_motion, with_led_point, with_points
-from robodyn_cli.run.mechanism.guided_motion import GuidedMotion, guided_motion
+from robodyn_cli.run.mechanism.guided_motion import guided_motion
 from robodyn_cli.run.mechanism.loop_conditions import Lead, lead_of, refuse_quasi
 from robodyn_cli.run.mechanism.mobility import mobility
+from robodyn_cli.run.mechanism.motion import Planned, plan_motion, with_led_point, with_points
 from robodyn_cli.run.observation.evaluation import SampleFunction
 from robodyn_cli.run.observation.observe import loop_columns
 from robodyn_cli.run.observation.places import add_places, place_outputs
@@ -86,7 +86,7 @@ def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwat
     return result
 
 
-def _motion(problem: Problem) -> tuple[GuidedMotion, tuple[str, ...]]:
+def _motion(problem: Problem) -> tuple[Planned, tuple[str, ...]]:
     """Return the motion and the columns of v that lead it."""
     scene, model = problem.scene, problem.model
     samples = scene.kinematics.samples
@@ -98,8 +98,7 @@ def _motion(problem: Problem) -> tuple[GuidedMotion, tuple[str, ...]]:
         )
     if sweep is None and scene.trajectory is not None and not problem.model.closures and not scene.prescribed:
         times = np.linspace(0.0, scene.trajectory.duration, samples)
-        planned = plan_motion(problem, times)
-        return GuidedMotion(times, planned.motion, {}, planned.counters), model.v_names
+        return plan_motion(problem, times), model.v_names
     if sweep is None:
         lead = lead_of(problem)
         duration = scene.trajectory.duration if scene.trajectory is not None else scene.simulate.duration
@@ -175,7 +174,7 @@ def transmission_angle(result: Result, points: tuple[str, ...]) -> Array:
     return angle
 
 
-def _summarise(result: Result, names: tuple[str, ...], guided: GuidedMotion) -> None:
+def _summarise(result: Result, names: tuple[str, ...], guided: Planned) -> None:
     summary: dict[str, Any] = result.summary
     times = guided.times
     summary["status"] = "ok"

@@ -19,15 +19,15 @@ from robodyn_cli.kernels.program import unknown_data
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.driver.prepare import held_columns, initial_positions
 from robodyn_cli.run.driver.singularity import loop_rows
-from robodyn_cli.run.inverse.closed import lost_rank, refuse_gears
-from robodyn_cli.run.inverse.inverse import torque_terms
+from robodyn_cli.run.inverse.program import torque_terms
+from robodyn_cli.run.inverse.sharing import lost_rank, refuse_gears
 from robodyn_cli.run.mechanism.loop_conditions import Lead, LoopConditions, velocity_places
 from robodyn_cli.run.mechanism.mobility import mobility
 from robodyn_cli.run.mechanism.prescribed import check_prescribed
 from robodyn_cli.run.observation.evaluation import without_idle_unknowns
 from robodyn_cli.run.observation.observe import loop_columns
 from robodyn_cli.run.observation.places import add_places, place_outputs
-from robodyn_cli.run.observation.reactions import add_reactions
+from robodyn_cli.run.observation.reactions import loads_along
 from robodyn_cli.run.observation.units import joint_columns
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
@@ -35,6 +35,7 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import assemble
 from robodyn_cli.solve.equilibrium import Balance, balance
 from robodyn_cli.solve.load_sharing import LostRank, Shared, TooFewActuators, share
+from robodyn_cli.trajectories.motion import JointMotion
 
 Array = NDArray[np.float64]
 
@@ -267,4 +268,6 @@ def _fill(result: Result, problem: Problem, state: _State) -> None:
     if scene.outputs.reactions:
         lam = np.zeros((1, len(problem.constraints.rows)))
         lam[0, loops] = state.lam
-        add_reactions(result, problem, lam)
+        loads = loads_along(problem, np.zeros(1), JointMotion(state.q[None], still, still), lam)
+        loads.add_to(result)
+        summary["reactions"] = loads.summary()

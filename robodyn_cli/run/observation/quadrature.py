@@ -34,9 +34,9 @@ def integrate_positive(y: Array, h: float) -> Array:
     return np.asarray(pieces.sum(axis=0))
 
 
-def mean_square(y: Array, h: float) -> Array:
-    """Return the time averages (n,) of y^2 for y (T, n)."""
-    return integrate(y * y, h) / (h * (len(y) - 1))
+def root_mean_square(y: Array, h: float) -> Array:
+    """Return the roots (n,) of the time averages of y^2 for y (T, n), samples a time h apart."""
+    return np.sqrt(np.maximum(0.0, integrate(y * y, h) / (h * (len(y) - 1))))
 
 
 def _stencil(samples: int, k: int) -> tuple[int, int]:
