@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,18 +17,28 @@ from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.expr.rebuild import Evaluator, evaluate
 from robodyn_cli.formulations.index1 import start_modes
 from robodyn_cli.kernels.program import unknown_data
+from robodyn_cli.model.model import UNKNOWN_GROUP
+from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
+from robodyn_cli.results.summary import ABSENT, as_keys
 from robodyn_cli.run.driver.prepare import held_columns, initial_positions
 from robodyn_cli.run.driver.singularity import loop_rows
 from robodyn_cli.run.inverse.program import torque_terms
 from robodyn_cli.run.inverse.sharing import lost_rank, refuse_gears
-from robodyn_cli.run.mechanism.loop_conditions import Lead, LoopConditions, velocity_places
+from robodyn_cli.run.mechanism.loop_conditions import Lead, LoopConditions, nothing_led, velocity_places
 from robodyn_cli.run.mechanism.mobility import mobility
 from robodyn_cli.run.mechanism.prescribed import check_prescribed
+from robodyn_cli.run.mechanism.report import add_rows, add_sample
+from robodyn_cli.run.mechanism.summary import (
+    Balanced,
+    ForceResidual,
+    Held,
+    Residual,
+    StaticsSummary,
+    Termination,
+)
 from robodyn_cli.run.observation.evaluation import without_idle_unknowns
-from robodyn_cli.run.observation.observe import loop_columns
-from robodyn_cli.run.observation.places import add_places, place_outputs
-from robodyn_cli.run.observation.reactions import loads_along
+from robodyn_cli.run.observation.reactions import Loads, loads_along
 from robodyn_cli.run.observation.units import joint_columns
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
@@ -40,6 +51,22 @@ from robodyn_cli.trajectories.motion import JointMotion
 Array = NDArray[np.float64]
 
 
+@record
+class AtRest:
+    """A configuration at rest with the torques (nv,) and the multipliers (m,) of the loops that hold it.
+
+    terms : the torques (nv,) by term, where actuators hold it.
+    """
+
+    problem: Problem
+    q: Array
+    tau: Array
+    lam: Array
+    facts: Balanced | Held
+    terms: Mapping[str, Array]
+
+
+@np.errstate(all="ignore")  # what is not finite is refused by name
 def statics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch | None = None) -> Result:
     """Find the balanced configuration of a scene, or the torques that hold the given one.
 
@@ -54,30 +81,41 @@ def statics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch 
 
     Raises
     ------
-    NumericalError : no balance is found. CapabilityError : too few actuators to hold the mechanism.
-    GeometryError, SingularConfigurationError : from closing the loops; a dead point of the actuators.
+    NumericalError : no balance is found, or a force is not finite. CapabilityError : too few actuators to hold the
+    mechanism. GeometryError, SingularConfigurationError : from closing the loops; a dead point of the actuators.
     """
     watch = watch or Stopwatch()
-    find = scene.statics.find
     with watch.stage("equations"):
         problem = Problem(scene)
-        given = initial_positions(scene, problem)
-        held = tuple(dict.fromkeys((*held_columns(scene, problem), *scene.prescribed)))
-        check_prescribed(problem)
     with watch.stage("assemble"):
-        q = assemble(problem, given, {}, held).q
+        q = closed_configuration(problem)
     with watch.stage("solve"):
-        state = _balanced(problem, q) if find == "balance" else _held(problem, q)
-    _within_stops(problem, state.q)
-    result = Result("statics", scene.title or "statics", "ok", scene.text)
-    _fill(result, problem, state)
+        state = balanced(problem, q) if scene.statics.find == "balance" else held(problem, q)
+        refuse_beyond_stops(problem, state.q)
+    with watch.stage("evaluate"):
+        loads = loads_at_rest(state) if scene.outputs.reactions else None
     progress(0.0, 0.0)
-    result.summary["wall_time_s"] = watch.report()
+    result = report(state, loads)
+    result.summary = as_keys(summarise(state, loads, watch))
     return result
 
 
-def _within_stops(problem: Problem, q: Array) -> None:
-    """Refuse a configuration beyond a rigid stop: what the stop bears is not among the forces that balance."""
+def closed_configuration(problem: Problem) -> Array:
+    """Return the initial configuration q (nq,) with the loops closed, held joints where they are."""
+    scene = problem.scene
+    given = initial_positions(scene, problem)
+    held = tuple(dict.fromkeys((*held_columns(scene, problem), *scene.prescribed)))
+    check_prescribed(problem)
+    return assemble(problem, given, {}, held).q
+
+
+def refuse_beyond_stops(problem: Problem, q: Array) -> None:
+    """Refuse a configuration beyond a rigid stop: what the stop bears is not among the forces that balance.
+
+    Raises
+    ------
+    CapabilityError
+    """
     for gate in gates(problem.model):
         for push, at in gate.stops:
             if push * (q[gate.q] - at) < -1e-9 * max(1.0, abs(at)):
@@ -85,15 +123,6 @@ def _within_stops(problem: Problem, q: Array) -> None:
                     f"joint {gate.joint!r} would be at {q[gate.q]:.6g}, beyond its rigid stop at {at:.6g}, which "
                     "`statics` does not follow; allowed: stops with 'stiffness', or the joint in 'initial.hold'"
                 )
-
-
-class _State:
-    """A configuration at rest with the torques (nv,) and the multipliers (m,) of the loops that hold it."""
-
-    def __init__(
-        self, q: Array, tau: Array, lam: Array, terms: dict[str, Array], facts: dict[str, Any]
-    ) -> None:
-        self.q, self.tau, self.lam, self.terms, self.facts = q, tau, lam, terms, facts
 
 
 class _RestForces:
@@ -117,9 +146,7 @@ class _RestForces:
                 moved = body.joint.velocity_map(slice_q(body, problem.q), slice_v(body, unit))
                 rates[body.q : body.q + body.joint.nq] = list(moved)
             entries += directional(held, problem.q, rates)
-        missing = [s.value[0] for s in free_symbols(load) if s.value[1] == "unknown"]
-        if missing:
-            raise unknown_data(missing)
+        refuse_unknown(load)
         self._load, self._stiffness = Evaluator(load), Evaluator(without_idle_unknowns(entries, load))
 
     def _values(self, q: Array) -> dict[str, Any]:
@@ -152,60 +179,80 @@ def _stay(problem: Problem, q: Array) -> Lead:
     return Lead(asked, joints=tuple(held))
 
 
-def _balanced(problem: Problem, q: Array) -> _State:
+def balanced(problem: Problem, q: Array) -> AtRest:
+    """Return the balance that is reached downhill from a closed configuration q (nq,).
+
+    Raises
+    ------
+    NumericalError : none is found.
+    """
     conditions = LoopConditions(problem, _stay(problem, q), np.zeros(1))
-    forces = _RestForces(problem, conditions)
-    found = balance(conditions, forces, q)
+    found = balance(conditions, _RestForces(problem, conditions), q)
     if not found.converged:
         raise NumericalError(
             f"no balance found in {found.iterations} steps: a force of {found.residual:.3g} N m or N is left; start "
             "nearer to one (initial.q), or hold joints that nothing balances (initial.hold)",
             residual=found.residual, q=found.q.tolist(),
         )  # fmt: skip
-    model = problem.model
     loops = loop_rows(problem)
-    values = {"q": found.q.tolist(), "v": [0.0] * model.nv, "t": [0.0], "p": []}
-    tau = np.array(evaluate(list(problem.actuator_torques), values), dtype=float)
+    tau = np.array(evaluate(list(problem.actuator_torques), at_rest(problem, found.q)), dtype=float)
     _, J = conditions.at(found.q, 0.0)
     holding = [i for i in range(len(conditions.names)) if i not in loops]
     tau += J[holding].T @ found.lam[holding]
-    return _State(found.q, tau, found.lam[loops], {}, _facts(found))
+    return AtRest(problem, found.q, tau, found.lam[loops], _described(found), {})
 
 
-def _facts(found: Balance) -> dict[str, Any]:
+def _described(found: Balance) -> Balanced:
     real = bool(np.all(np.abs(found.stiffness.imag) <= 1e-9 * np.abs(found.stiffness).max(initial=1.0)))
-    return {
-        "stability": found.stability,
-        "stiffness": found.stiffness.real.tolist() if real else [[x.real, x.imag] for x in found.stiffness],
-        "residual": found.residual,
-        "iterations": found.iterations,
-    }
+    stiffness = found.stiffness.real.tolist() if real else [[x.real, x.imag] for x in found.stiffness]
+    return Balanced(found.stability, stiffness, found.residual, found.iterations)
 
 
-def _held(problem: Problem, q: Array) -> _State:
-    scene, model = problem.scene, problem.model
+def at_rest(problem: Problem, q: Array) -> dict[str, Any]:
+    """Return the values of all symbols at q (nq,), t = 0, at rest."""
+    still = [0.0] * problem.model.nv
+    return {"q": q.tolist(), "v": still, "a": still, "t": [0.0], "p": []}
+
+
+def held(problem: Problem, q: Array) -> AtRest:
+    """Return the torques of actuators that hold a closed configuration q (nq,).
+
+    Raises
+    ------
+    CapabilityError : too few actuators. SingularConfigurationError : they cannot hold it there.
+    """
+    model = problem.model
     if model.closures:
         refuse_gears(problem)
-    names = scene.actuated
-    if names is None:
-        driven = tuple(dict.fromkeys((*scene.torques, *scene.prescribed, *scene.initial.hold)))
-        names = driven if model.closures and driven else model.joint_names
-    conditions = LoopConditions(problem, Lead(lambda times: (np.zeros((len(times), 0)),) * 3), np.zeros(1))
-    _, J = conditions.at(q, 0.0)
-    psi = J[loop_rows(problem)]
-    values = {"q": q.tolist(), "v": [0.0] * model.nv, "a": [0.0] * model.nv, "t": [0.0], "p": []}
-    terms = {
-        name: term for name, term in torque_terms(problem).items() if name not in ("inertia", "coriolis")
-    }
-    entries = [x for term in terms.values() for x in term]
-    missing = [s.value[0] for s in free_symbols(entries) if s.value[1] == "unknown"]
-    if missing:
-        raise unknown_data(missing)
+    terms = {name: x for name, x in torque_terms(problem).items() if name not in ("inertia", "coriolis")}
+    refuse_unknown([x for term in terms.values() for x in term])
+    values = at_rest(problem, q)
     needed = {name: np.array([evaluate(term, values)], dtype=float) for name, term in terms.items()}
     needed = needed or {"gravity": np.zeros((1, model.nv))}
-    columns = velocity_places(model, names)
+    conditions = LoopConditions(problem, nothing_led(), np.zeros(1))
+    _, J = conditions.at(q, 0.0)
+    names = _holding(problem)
+    shared = _shared(problem, J[loop_rows(problem)], names, needed, q)
+    facts = Held(list(names), *shared.uniqueness, shared.residual)
+    split = {name: term[0] for name, term in shared.terms.items()}
+    return AtRest(problem, q, shared.tau[0], shared.multipliers[0], facts, split)
+
+
+def _holding(problem: Problem) -> tuple[str, ...]:
+    """Return the joints with an actuator: those in ``actuated``, else those that something drives or holds, or all."""
+    scene, model = problem.scene, problem.model
+    if scene.actuated is not None:
+        return scene.actuated
+    driven = tuple(dict.fromkeys((*scene.torques, *scene.prescribed, *scene.initial.hold)))
+    return driven if model.closures and driven else model.joint_names
+
+
+def _shared(
+    problem: Problem, psi: Array, names: tuple[str, ...], needed: Mapping[str, Array], q: Array
+) -> Shared:
+    columns = velocity_places(problem.model, names)
     try:
-        shared: Shared = share(psi[None], columns, needed)
+        return share(psi[None], columns, needed)
     except TooFewActuators as few:
         if len(columns) >= few.freedom:
             raise SingularConfigurationError(
@@ -219,55 +266,66 @@ def _held(problem: Problem, q: Array) -> _State:
         ) from None
     except LostRank as lost:
         raise lost_rank(problem, lost, np.zeros(1), q[None]) from None
-    facts = {
-        "actuated": list(names),
-        "torques": "unique"
-        if shared.unique_torques
-        else "least norm: more actuators than degrees of freedom",
-        "multipliers": "unique" if shared.unique_multipliers else "least norm: redundant rows",
-        "residual": shared.residual,
-    }
-    split = {name: term[0] for name, term in shared.terms.items()}
-    return _State(q, shared.tau[0], shared.multipliers[0], split, facts)
 
 
-def _fill(result: Result, problem: Problem, state: _State) -> None:
-    model, scene = problem.model, problem.scene
-    columns = joint_columns(model)
-    still = np.zeros((1, model.nv))
-    result.add("time", np.zeros(1))
-    for path, data in (("q", state.q[None]), ("qd", still), ("qdd", still), ("tau", state.tau[None])):
-        result.add(path, data, **columns[path].described())
+def refuse_unknown(entries: Sequence[Scalar]) -> None:
+    """Refuse expressions that depend on data which the scene does not give.
+
+    Raises
+    ------
+    SceneError
+    """
+    missing = [s.value[0] for s in free_symbols(entries) if s.value[1] == UNKNOWN_GROUP]
+    if missing:
+        raise unknown_data(missing)
+
+
+def loads_at_rest(state: AtRest) -> Loads:
+    """Return forces and moments in joints and closures."""
+    problem, still = state.problem, np.zeros((1, state.problem.model.nv))
+    lam = np.zeros((1, len(problem.constraints.rows)))
+    lam[0, loop_rows(problem)] = state.lam
+    return loads_along(problem, np.zeros(1), JointMotion(state.q[None], still, still), lam)
+
+
+def report(state: AtRest, loads: Loads | None) -> Result:
+    """Return the datasets of a run."""
+    problem = state.problem
+    scene, model = problem.scene, problem.model
+    result = Result("statics", scene.title or "statics", "ok", scene.text)
+    still, columns = np.zeros(model.nv), joint_columns(model)["tau"].described()
+    add_sample(result, problem, state.q, still, still)
+    result.add("tau", state.tau[None], **columns)
     for name, term in state.terms.items():
-        result.add(f"torque_terms/{name}", term[None], **columns["tau"].described())
-    values = {"q": state.q.tolist(), "v": [0.0] * model.nv, "t": [0.0], "p": []}
-    places = place_outputs(problem)
-    add_places(result, {path: np.array([evaluate(e, values)], dtype=float) for path, e in places.items()})
-    loops = loop_rows(problem)
-    rows = [problem.constraints.rows[i] for i in loops]
-    summary = result.summary
+        result.add(f"torque_terms/{name}", term[None], **columns)
+    rows = [problem.constraints.rows[i] for i in loop_rows(problem)]
     if rows:
-        described = loop_columns(rows)["constraints/multipliers"]
-        result.add("constraints/multipliers", state.lam[None], units=described.units, names=described.names)
-        psi = np.array([evaluate([x for row in rows for x in row.psi], values)], dtype=float)
-        summary["mobility"] = mobility(problem, psi.reshape(1, len(rows), model.nv))
-        summary["multipliers"] = dict(zip([row.name for row in rows], state.lam.tolist()))
-        eta = np.array(evaluate([row.eta for row in rows], values), dtype=float)
-        summary["constraint_residual"] = {"position": float(np.abs(eta).max())}
-    summary["status"] = "ok"
-    summary["termination"] = {
-        "reason": "balanced" if scene.statics.find == "balance" else "held",
-        "time": 0.0,
-    }
-    summary["samples"] = 1
-    summary["find"] = scene.statics.find
-    summary["configuration"] = dict(zip(model.q_names, state.q.tolist()))
-    summary["torques_of_joints"] = dict(zip(model.v_names, state.tau.tolist()))
-    summary["equilibrium"] = state.facts
-    summary["error_estimate"] = {"force_residual": state.facts["residual"]}
-    if scene.outputs.reactions:
-        lam = np.zeros((1, len(problem.constraints.rows)))
-        lam[0, loops] = state.lam
-        loads = loads_along(problem, np.zeros(1), JointMotion(state.q[None], still, still), lam)
+        add_rows(result, rows, {"constraints/multipliers": state.lam[None]})
+    if loads is not None:
         loads.add_to(result)
-        summary["reactions"] = loads.summary()
+    return result
+
+
+def summarise(state: AtRest, loads: Loads | None, watch: Stopwatch) -> StaticsSummary:
+    """Return the summary of a run."""
+    problem = state.problem
+    model, find = problem.model, problem.scene.statics.find
+    rows = [problem.constraints.rows[i] for i in loop_rows(problem)]
+    values = at_rest(problem, state.q)
+    psi = np.array([evaluate([x for row in rows for x in row.psi], values)], dtype=float)
+    eta = np.array(evaluate([row.eta for row in rows], values), dtype=float)
+    return StaticsSummary(
+        status="ok",
+        termination=Termination("balanced" if find == "balance" else "held", 0.0),
+        mobility=mobility(problem, psi.reshape(1, len(rows), model.nv)) if rows else ABSENT,
+        multipliers=dict(zip([row.name for row in rows], state.lam.tolist())) if rows else ABSENT,
+        constraint_residual=Residual(float(np.abs(eta).max())) if rows else ABSENT,
+        samples=1,
+        find=find,
+        configuration=dict(zip(model.q_names, state.q.tolist())),
+        torques_of_joints=dict(zip(model.v_names, state.tau.tolist())),
+        equilibrium=state.facts,
+        error_estimate=ForceResidual(state.facts.residual),
+        reactions=ABSENT if loads is None else loads.summary(),
+        wall_time_s=watch.report(),
+    )
