@@ -2,68 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.algorithms.kinematics import slice_q, slice_v
 from robodyn_cli.equations.modes import gates
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import CapabilityError, NumericalError, SingularConfigurationError
-from robodyn_cli.expr.calculus import directional
-from robodyn_cli.expr.graph import Scalar, free_symbols
-from robodyn_cli.expr.rebuild import Evaluator, evaluate
-from robodyn_cli.formulations.index1 import start_modes
-from robodyn_cli.kernels.program import unknown_data
-from robodyn_cli.model.model import UNKNOWN_GROUP
-from robodyn_cli.record import record
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, as_keys
 from robodyn_cli.run.driver.prepare import held_columns, initial_positions
 from robodyn_cli.run.driver.singularity import loop_rows
-from robodyn_cli.run.inverse.program import torque_terms
-from robodyn_cli.run.inverse.sharing import lost_rank, refuse_gears
-from robodyn_cli.run.mechanism.loop_conditions import Lead, LoopConditions, nothing_led, velocity_places
+from robodyn_cli.run.mechanism.at_rest import AtRest, at_rest
+from robodyn_cli.run.mechanism.balance import balanced
+from robodyn_cli.run.mechanism.holding import held
 from robodyn_cli.run.mechanism.mobility import mobility
 from robodyn_cli.run.mechanism.prescribed import check_prescribed
 from robodyn_cli.run.mechanism.report import add_rows, add_sample
 from robodyn_cli.run.mechanism.summary import (
-    Balanced,
     ForceResidual,
-    Held,
     Residual,
     StaticsSummary,
     Termination,
 )
-from robodyn_cli.run.observation.evaluation import without_idle_unknowns
 from robodyn_cli.run.observation.reactions import Loads, loads_along
 from robodyn_cli.run.observation.units import joint_columns
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import assemble
-from robodyn_cli.solve.equilibrium import Balance, balance
-from robodyn_cli.solve.load_sharing import LostRank, Shared, TooFewActuators, share
 from robodyn_cli.trajectories.motion import JointMotion
 
 Array = NDArray[np.float64]
-
-
-@record
-class AtRest:
-    """A configuration at rest with the torques (nv,) and the multipliers (m,) of the loops that hold it.
-
-    terms : the torques (nv,) by term, where actuators hold it.
-    """
-
-    problem: Problem
-    q: Array
-    tau: Array
-    lam: Array
-    facts: Balanced | Held
-    terms: Mapping[str, Array]
 
 
 @np.errstate(all="ignore")  # what is not finite is refused by name
@@ -123,161 +93,6 @@ def refuse_beyond_stops(problem: Problem, q: Array) -> None:
                     f"joint {gate.joint!r} would be at {q[gate.q]:.6g}, beyond its rigid stop at {at:.6g}, which "
                     "`statics` does not follow; allowed: stops with 'stiffness', or the joint in 'initial.hold'"
                 )
-
-
-class _RestForces:
-    """Generalised forces at rest (see ``solve.equilibrium.Forces``): r = G - tau_passive - tau_a at v = 0, t = 0."""
-
-    def __init__(self, problem: Problem, conditions: LoopConditions) -> None:
-        model = self.model = problem.model
-        self.modes = start_modes(problem)  # nothing sticks, and no stop is met
-        load = list(problem.bias - problem.applied)
-        lam = problem.graph.symbols(list(conditions.names), "lam")
-        rows = problem.constraints.rows
-        held: list[Scalar] = list(load)
-        for row, multiplier in zip(rows, lam):  # led rows have a constant Psi
-            for k, x in enumerate(row.psi):
-                held[k] = held[k] - x * multiplier
-        entries: list[Scalar] = []
-        for j in range(model.nv):
-            unit: list[Any] = [1.0 if k == j else 0.0 for k in range(model.nv)]
-            rates: list[Any] = [0.0] * model.nq
-            for body in model.bodies:
-                moved = body.joint.velocity_map(slice_q(body, problem.q), slice_v(body, unit))
-                rates[body.q : body.q + body.joint.nq] = list(moved)
-            entries += directional(held, problem.q, rates)
-        refuse_unknown(load)
-        self._load, self._stiffness = Evaluator(load), Evaluator(without_idle_unknowns(entries, load))
-
-    def _values(self, q: Array) -> dict[str, Any]:
-        return {"q": q.tolist(), "v": [0.0] * self.model.nv, "t": [0.0], "p": self.modes}
-
-    def load(self, q: Array) -> Array:
-        return np.array(self._load(self._values(q)), dtype=float)
-
-    def stiffness(self, q: Array, lam: Array) -> Array:
-        found = self._stiffness({**self._values(q), "lam": lam.tolist()})
-        return np.array(found, dtype=float).reshape(self.model.nv, self.model.nv).T
-
-
-def _stay(problem: Problem, q: Array) -> Lead:
-    """Return a lead that keeps the held joints where they are."""
-    model = problem.model
-    held = [x for x in held_columns(problem.scene, problem) if x not in problem.scene.prescribed]
-    quasi = [name for name in problem.scene.initial.hold if model.body_of(name).joint.quasi]
-    if quasi:
-        raise CapabilityError(
-            f"joint {quasi[0]!r} cannot be held in a balance, since its velocities are no rates of positions; use "
-            "joints of one axis in its place, or a loop closure of type fixed"
-        )
-    places = [model.q_names.index(name) for name in held]
-
-    def asked(times: Array) -> tuple[Array, Array, Array]:
-        still = np.tile(q[places], (len(times), 1))
-        return still, 0.0 * still, 0.0 * still
-
-    return Lead(asked, joints=tuple(held))
-
-
-def balanced(problem: Problem, q: Array) -> AtRest:
-    """Return the balance that is reached downhill from a closed configuration q (nq,).
-
-    Raises
-    ------
-    NumericalError : none is found.
-    """
-    conditions = LoopConditions(problem, _stay(problem, q), np.zeros(1))
-    found = balance(conditions, _RestForces(problem, conditions), q)
-    if not found.converged:
-        raise NumericalError(
-            f"no balance found in {found.iterations} steps: a force of {found.residual:.3g} N m or N is left; start "
-            "nearer to one (initial.q), or hold joints that nothing balances (initial.hold)",
-            residual=found.residual, q=found.q.tolist(),
-        )  # fmt: skip
-    loops = loop_rows(problem)
-    tau = np.array(evaluate(list(problem.actuator_torques), at_rest(problem, found.q)), dtype=float)
-    _, J = conditions.at(found.q, 0.0)
-    holding = [i for i in range(len(conditions.names)) if i not in loops]
-    tau += J[holding].T @ found.lam[holding]
-    return AtRest(problem, found.q, tau, found.lam[loops], _described(found), {})
-
-
-def _described(found: Balance) -> Balanced:
-    real = bool(np.all(np.abs(found.stiffness.imag) <= 1e-9 * np.abs(found.stiffness).max(initial=1.0)))
-    stiffness = found.stiffness.real.tolist() if real else [[x.real, x.imag] for x in found.stiffness]
-    return Balanced(found.stability, stiffness, found.residual, found.iterations)
-
-
-def at_rest(problem: Problem, q: Array) -> dict[str, Any]:
-    """Return the values of all symbols at q (nq,), t = 0, at rest."""
-    still = [0.0] * problem.model.nv
-    return {"q": q.tolist(), "v": still, "a": still, "t": [0.0], "p": []}
-
-
-def held(problem: Problem, q: Array) -> AtRest:
-    """Return the torques of actuators that hold a closed configuration q (nq,).
-
-    Raises
-    ------
-    CapabilityError : too few actuators. SingularConfigurationError : they cannot hold it there.
-    """
-    model = problem.model
-    if model.closures:
-        refuse_gears(problem)
-    terms = {name: x for name, x in torque_terms(problem).items() if name not in ("inertia", "coriolis")}
-    refuse_unknown([x for term in terms.values() for x in term])
-    values = at_rest(problem, q)
-    needed = {name: np.array([evaluate(term, values)], dtype=float) for name, term in terms.items()}
-    needed = needed or {"gravity": np.zeros((1, model.nv))}
-    conditions = LoopConditions(problem, nothing_led(), np.zeros(1))
-    _, J = conditions.at(q, 0.0)
-    names = _holding(problem)
-    shared = _shared(problem, J[loop_rows(problem)], names, needed, q)
-    facts = Held(list(names), *shared.uniqueness, shared.residual)
-    split = {name: term[0] for name, term in shared.terms.items()}
-    return AtRest(problem, q, shared.tau[0], shared.multipliers[0], facts, split)
-
-
-def _holding(problem: Problem) -> tuple[str, ...]:
-    """Return the joints with an actuator: those in ``actuated``, else those that something drives or holds, or all."""
-    scene, model = problem.scene, problem.model
-    if scene.actuated is not None:
-        return scene.actuated
-    driven = tuple(dict.fromkeys((*scene.torques, *scene.prescribed, *scene.initial.hold)))
-    return driven if model.closures and driven else model.joint_names
-
-
-def _shared(
-    problem: Problem, psi: Array, names: tuple[str, ...], needed: Mapping[str, Array], q: Array
-) -> Shared:
-    columns = velocity_places(problem.model, names)
-    try:
-        return share(psi[None], columns, needed)
-    except TooFewActuators as few:
-        if len(columns) >= few.freedom:
-            raise SingularConfigurationError(
-                f"dead point of the actuators: {', '.join(names)} cannot hold the mechanism in this configuration, "
-                f"which leaves {few.freedom - few.commanded} of its {few.freedom} degrees of freedom to itself",
-                kind="dead_point", q=q.tolist(),
-            ) from None  # fmt: skip
-        raise CapabilityError(
-            f"the mechanism has {few.freedom} degrees of freedom, and its actuated joints ({', '.join(names)}) hold "
-            f"{few.commanded} of them; name more in 'actuated', or find the balance (statics.find: balance)"
-        ) from None
-    except LostRank as lost:
-        raise lost_rank(problem, lost, np.zeros(1), q[None]) from None
-
-
-def refuse_unknown(entries: Sequence[Scalar]) -> None:
-    """Refuse expressions that depend on data which the scene does not give.
-
-    Raises
-    ------
-    SceneError
-    """
-    missing = [s.value[0] for s in free_symbols(entries) if s.value[1] == UNKNOWN_GROUP]
-    if missing:
-        raise unknown_data(missing)
 
 
 def loads_at_rest(state: AtRest) -> Loads:
