@@ -6,6 +6,8 @@ import importlib
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.writer import ResultWriter
 from robodyn_cli.run.progress import Progress
@@ -37,4 +39,5 @@ def execute(
     function: Callable[..., Result] = getattr(importlib.import_module(entry.module), entry.function)
     if writer is not None:
         options["writer"] = writer
-    return function(scene, progress=progress, watch=watch, **options)
+    with np.errstate(all="ignore"):  # results are looked at; a user gets no warning of numpy's
+        return function(scene, progress=progress, watch=watch, **options)

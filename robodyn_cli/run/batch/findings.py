@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from robodyn_cli.equations.plan_facts import listed_data, unknown_data
 from robodyn_cli.errors import GeometryError, RobodynError, SceneError
 from robodyn_cli.expr.graph import Scalar
@@ -24,6 +26,7 @@ from robodyn_cli.scene.check import Check
 from robodyn_cli.scene.collect import examine
 from robodyn_cli.scene.nodes import Node, dotted, located
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.trajectories.motion import JointMotion
 
 # exit codes from good to bad; what is not listed is worse than all of them
 BADNESS = (0, 1, 3, 2, 4, 5, 74, 70)
@@ -57,6 +60,7 @@ class Finding:
         }
 
 
+@np.errstate(all="ignore")  # what is found is said in words
 def findings(path: Path, strict: bool = False) -> list[Finding]:
     """Return all that is wrong with a scene file, errors first; warnings are errors with ``strict``."""
     examined = examine(path)
@@ -150,8 +154,12 @@ def _missing(scene: Scene, root: Node, command: str, names: Sequence[str]) -> li
 
 def _inverse(scene: Scene) -> tuple[Model, list[Scalar]]:
     program = build_inverse(scene)
-    program.plan(min(TRIED, scene.inverse.samples))
-    return program.problem.model, [x for term in program.terms.values() for x in term]
+    planned = program.plan(min(TRIED, scene.inverse.samples))
+    model, outputs = program.problem.model, [x for term in program.terms.values() for x in term]
+    if not unknown_data(model, outputs)[0]:
+        first = JointMotion(*(x[:1] for x in (planned.motion.q, planned.motion.qd, planned.motion.qdd)))
+        program.compile(1).along(planned.times[:1], first)
+    return model, outputs
 
 
 def _forward(scene: Scene, command: str) -> tuple[Model, list[Scalar]]:

@@ -43,11 +43,9 @@ class OpenChain(InverseProgram):
         return plan_motion(self.problem, self.times(samples))
 
     def evaluate(self, planned: Planned, function: SampleFunction) -> Sampled:
-        motion = planned.motion
-        arrays = function(t=planned.times[:, None], q=motion.q, v=motion.qd, a=motion.qdd)
+        arrays = function.along(planned.times, planned.motion)
         counters = {"operations": function.operations, "compiled": function.compiled, **planned.counters}
-        terms = {name: arrays[name] for name in self.terms}
-        return Sampled(planned.times, motion, terms, arrays, counters)
+        return Sampled(planned.times, planned.motion, self.loads(arrays), arrays, counters)
 
     def forward(self, sampled: Sampled) -> tuple[Array, Array] | None:
         problem = self.problem

@@ -93,7 +93,7 @@ def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) 
     """
     power = np.column_stack([sampled.power, sampled.arrays["dissipation"]])
     work = integrate(power, sampled.step)
-    total = sampled.arrays["kinetic"][:, 0] + sampled.arrays["potential"][:, 0]
+    total = sampled.arrays["energy/kinetic"][:, 0] + sampled.arrays["energy/potential"][:, 0]
     balance = float(work.sum() - (total[-1] - total[0]))
     turned = max(float(np.ptp(total)), float(integrate(np.abs(power), sampled.step).max()), 1e-300)
     loops = sampled.loops

@@ -78,11 +78,10 @@ class ClosedLoops(InverseProgram):
 
     def evaluate(self, planned: Planned, function: SampleFunction) -> Sampled:
         motion, times = planned.motion, planned.times
-        arrays = function(t=times[:, None], q=motion.q, v=motion.qd, a=motion.qdd)
+        arrays = function.along(times, motion)
         psi = arrays["psi"].reshape(len(times), len(self.rows), self.problem.model.nv)
-        needed = {name: arrays[name] for name in self.terms}
         driven = velocity_places(self.problem.model, self.actuated)
-        shared = share_load(self.problem, psi, driven, needed, times, motion.q)
+        shared = share_load(self.problem, psi, driven, self.loads(arrays), times, motion.q)
         # closures to a ground that moves do work at the rate -lambda eta_t
         work = (shared.multipliers * arrays["eta_t"]).sum(axis=1)[:, None]
         arrays["dissipation"] = arrays["dissipation"] - work

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, as_keys
+from robodyn_cli.results.summary import ABSENT, Residual, Termination, as_keys
 from robodyn_cli.run.inverse.build import build_inverse
 from robodyn_cli.run.inverse.checks import beyond_limits, error_estimate, joint_figures, path_error
 from robodyn_cli.run.inverse.program import InverseProgram, Loops, Sampled
@@ -19,7 +19,7 @@ from robodyn_cli.run.inverse.summary import (
     Mechanism,
 )
 from robodyn_cli.run.mechanism.motion import Planned
-from robodyn_cli.run.mechanism.summary import Residual, Termination
+from robodyn_cli.run.observation.finite import refuse_result
 from robodyn_cli.run.observation.places import FORCES, add_places
 from robodyn_cli.run.observation.units import add_motion, joint_columns
 from robodyn_cli.run.progress import Progress, no_progress
@@ -79,6 +79,7 @@ def inverse(
     progress(program.duration, program.duration)
     result = report(program, planned, sampled, loads)
     result.summary = as_keys(summarise(program, planned, sampled, errors, loads, watch))
+    refuse_result(result)
     return result
 
 
@@ -99,7 +100,7 @@ def report(program: InverseProgram, planned: Planned, sampled: Sampled, loads: L
     result.add("tau", sampled.tau, **columns["tau"].described())
     for name, term in sampled.terms.items():
         result.add(f"torque_terms/{name}", term, **columns["tau"].described())
-    kinetic, potential = arrays["kinetic"][:, 0], arrays["potential"][:, 0]
+    kinetic, potential = arrays["energy/kinetic"][:, 0], arrays["energy/potential"][:, 0]
     result.add("energy/kinetic", kinetic)
     result.add("energy/potential", potential)
     result.add("energy/total", kinetic + potential)

@@ -75,7 +75,7 @@ class Sampled:
         total = self.tau
         for name in self.terms:
             if name not in RIGID:
-                total = total - self.arrays[name]
+                total = total - self.arrays[f"torque_terms/{name}"]
         return total
 
     @property
@@ -102,8 +102,13 @@ class InverseProgram(ABC):
 
     @property
     def outputs(self) -> Outputs:
-        """All that is evaluated at samples, by name."""
-        return {**self.terms, **self.beside, **self.places}
+        """All that is evaluated at samples, by result path where it is a dataset."""
+        terms = {f"torque_terms/{name}": term for name, term in self.terms.items()}
+        return {**terms, **self.beside, **self.places}
+
+    def loads(self, arrays: Mapping[str, Array]) -> dict[str, Array]:
+        """Return the terms (T, nv) by name, out of what was evaluated."""
+        return {name: arrays[f"torque_terms/{name}"] for name in self.terms}
 
     def compile(self, samples: int) -> SampleFunction:
         """Return ``outputs`` as a function of t, q, v and v-dot at so many samples.
@@ -168,8 +173,8 @@ def energies(problem: Problem, terms: Outputs) -> Outputs:
         lost = lost + torque * problem.v[place]
     lost = lost + problem.elements.power
     found = {
-        "kinetic": [problem.kinetic],
-        "potential": [problem.potential],
+        "energy/kinetic": [problem.kinetic],
+        "energy/potential": [problem.potential],
         "dissipation": [lost],
         "bias": list(problem.bias),
     }

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from robodyn_cli.record import record
-from robodyn_cli.results.summary import ABSENT, Absent
-from robodyn_cli.run.mechanism.summary import Residual, Termination
+from robodyn_cli.results.summary import ABSENT, Absent, Residual, Termination
 
 # what the figures of the summary mean, for readers of the file alone
 DEFINITIONS = {

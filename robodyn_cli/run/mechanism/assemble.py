@@ -9,7 +9,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, as_keys
+from robodyn_cli.results.summary import ABSENT, Residual, Termination, as_keys
 from robodyn_cli.run.driver.prepare import held_columns, initial_positions
 from robodyn_cli.run.driver.singularity import loop_rows
 from robodyn_cli.run.mechanism.branches import Branches, find_branches
@@ -17,7 +17,8 @@ from robodyn_cli.run.mechanism.loop_conditions import LoopConditions, nothing_le
 from robodyn_cli.run.mechanism.mobility import mobility
 from robodyn_cli.run.mechanism.prescribed import check_prescribed
 from robodyn_cli.run.mechanism.report import add_sample
-from robodyn_cli.run.mechanism.summary import AssembleSummary, Residual, Termination
+from robodyn_cli.run.mechanism.summary import AssembleSummary
+from robodyn_cli.run.observation.finite import refuse_result
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
@@ -81,6 +82,7 @@ def assemble(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch
     if branches is not None:
         branches.add_to(result)
     result.summary = as_keys(summarise(closed, held, branches, watch))
+    refuse_result(result)
     return result
 
 

@@ -14,7 +14,7 @@ from robodyn_cli.errors import RobodynError, SceneError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.model.model import BASE
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Absent, as_keys
+from robodyn_cli.results.summary import ABSENT, Absent, Termination, as_keys
 from robodyn_cli.run.driver.prepare import held_columns
 from robodyn_cli.run.driver.singularity import loop_rows
 from robodyn_cli.run.mechanism.guided_motion import guided_motion
@@ -28,10 +28,10 @@ from robodyn_cli.run.mechanism.summary import (
     KinematicsSummary,
     PointPath,
     SingularRatio,
-    Termination,
     TransmissionAngle,
 )
 from robodyn_cli.run.observation.evaluation import SampleFunction
+from robodyn_cli.run.observation.finite import refuse_result
 from robodyn_cli.run.observation.places import add_places, place_outputs
 from robodyn_cli.run.observation.units import add_motion
 from robodyn_cli.run.progress import Progress, no_progress
@@ -62,15 +62,16 @@ def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwat
         problem = Problem(with_points(with_led_point(scene), scene.kinematics.transmission or ()))
     with watch.stage("solve"):
         planned, led = plan(problem)
-    times, motion = planned.times, planned.motion
+    times = planned.times
     with watch.stage("equations"):
         function = SampleFunction(outputs(problem), GROUPS, len(times))
     with watch.stage("evaluate"):
-        arrays = function(t=times[:, None], q=motion.q, v=motion.qd, a=motion.qdd)
+        arrays = function.along(times, planned.motion)
     progress(float(times[-1]), float(times[-1]))
     mobile = mobility(problem, psi_of(problem, arrays)) if loop_rows(problem) else None
     result = report(problem, planned, led, arrays)
     result.summary = as_keys(summarise(planned, result, mobile, watch))
+    refuse_result(result)
     if planned.stopped is not None:
         raise failed(planned.stopped, result)
     return result

@@ -10,7 +10,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, as_keys
+from robodyn_cli.results.summary import ABSENT, Residual, Termination, as_keys
 from robodyn_cli.run.driver.prepare import held_columns, initial_positions
 from robodyn_cli.run.driver.singularity import loop_rows
 from robodyn_cli.run.mechanism.at_rest import AtRest, at_rest
@@ -19,12 +19,8 @@ from robodyn_cli.run.mechanism.holding import held
 from robodyn_cli.run.mechanism.mobility import mobility
 from robodyn_cli.run.mechanism.prescribed import check_prescribed
 from robodyn_cli.run.mechanism.report import add_rows, add_sample
-from robodyn_cli.run.mechanism.summary import (
-    ForceResidual,
-    Residual,
-    StaticsSummary,
-    Termination,
-)
+from robodyn_cli.run.mechanism.summary import ForceResidual, StaticsSummary
+from robodyn_cli.run.observation.finite import refuse_result
 from robodyn_cli.run.observation.reactions import Loads, loads_along
 from robodyn_cli.run.observation.units import joint_columns
 from robodyn_cli.run.progress import Progress, no_progress
@@ -67,6 +63,7 @@ def statics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch 
     progress(0.0, 0.0)
     result = report(state, loads)
     result.summary = as_keys(summarise(state, loads, watch))
+    refuse_result(result)
     return result
 
 

@@ -5,27 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.record import record
-from robodyn_cli.results.summary import ABSENT, Absent
+from robodyn_cli.results.summary import Absent, Residual, Termination
 
 if TYPE_CHECKING:
     from robodyn_cli.run.mechanism.mobility import Mobility
-
-
-@record
-class Termination:
-    """Why a run ended, and when [s]."""
-
-    reason: str
-    time: float
-
-
-@record
-class Residual:
-    """Largest residuals of the loops, at position level and below where they are known."""
-
-    position: float
-    velocity: float | Absent = ABSENT
-    acceleration: float | Absent = ABSENT
 
 
 @record
