@@ -8,7 +8,7 @@ from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.record import mutable_record
 from robodyn_cli.run.driver.mass_matrix import refuse_singular
 from robodyn_cli.run.driver.redundancy import dependent_rows
-from robodyn_cli.run.mechanism.prescribed import check_prescribed, prescribed_starts
+from robodyn_cli.run.mechanism.prescribed import check_formulas, check_prescribed, prescribed_starts
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import Assembled, assemble
@@ -49,6 +49,7 @@ def prepare(scene: Scene, watch: Stopwatch | None = None, modes: bool = False) -
         check_prescribed(problem)
         hold = [*held, *(n for n in scene.prescribed or {} if n not in held)]
         assembled = assemble(problem, given, dict(scene.initial.qd or {}), hold)
+        check_formulas(problem, assembled.q, assembled.v)
         refuse_singular(problem.model, assembled.q)
     if assembled.redundant:
         with watch.stage("equations"):

@@ -22,6 +22,7 @@ from robodyn_cli.run.mechanism.summary import (
     Balanced,
 )
 from robodyn_cli.run.observation.evaluation import without_idle_unknowns
+from robodyn_cli.run.observation.finite import cause
 from robodyn_cli.solve.equilibrium import Balance, balance
 
 Array = NDArray[np.float64]
@@ -49,6 +50,7 @@ class _RestForces:
                 rates[body.q : body.q + body.joint.nq] = list(moved)
             entries += directional(held, problem.q, rates)
         refuse_unknown(load)
+        self._slopes = entries
         self._load, self._stiffness = Evaluator(load), Evaluator(without_idle_unknowns(entries, load))
 
     def _values(self, q: Array) -> dict[str, Any]:
@@ -58,8 +60,16 @@ class _RestForces:
         return np.array(self._load(self._values(q)), dtype=float)
 
     def stiffness(self, q: Array, lam: Array) -> Array:
-        found = self._stiffness({**self._values(q), "lam": lam.tolist()})
-        return np.array(found, dtype=float).reshape(self.model.nv, self.model.nv).T
+        values = {**self._values(q), "lam": lam.tolist()}
+        found = np.array(self._stiffness(values), dtype=float)
+        if not np.isfinite(found).all():
+            place = ", ".join(f"{name} = {x:.6g}" for name, x in zip(self.model.q_names, q))
+            raise NumericalError(
+                f"the forces have no finite slope at {place}, so no balance can be sought from there: "
+                f"{cause(self._slopes, values)}",
+                q=q.tolist(),
+            )
+        return found.reshape(self.model.nv, self.model.nv).T
 
 
 def _stay(problem: Problem, q: Array) -> Lead:

@@ -17,7 +17,7 @@ from robodyn_cli.run.mechanism.at_rest import AtRest, at_rest
 from robodyn_cli.run.mechanism.balance import balanced
 from robodyn_cli.run.mechanism.holding import held
 from robodyn_cli.run.mechanism.mobility import mobility
-from robodyn_cli.run.mechanism.prescribed import check_prescribed
+from robodyn_cli.run.mechanism.prescribed import check_formulas, check_prescribed
 from robodyn_cli.run.mechanism.report import add_rows, add_sample
 from robodyn_cli.run.mechanism.summary import ForceResidual, StaticsSummary
 from robodyn_cli.run.observation.finite import refuse_result
@@ -73,7 +73,9 @@ def closed_configuration(problem: Problem) -> Array:
     given = initial_positions(scene, problem)
     held = tuple(dict.fromkeys((*held_columns(scene, problem), *scene.prescribed)))
     check_prescribed(problem)
-    return assemble(problem, given, {}, held).q
+    q = assemble(problem, given, {}, held).q
+    check_formulas(problem, q, np.zeros(problem.model.nv))
+    return q
 
 
 def refuse_beyond_stops(problem: Problem, q: Array) -> None:
