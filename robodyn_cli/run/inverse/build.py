@@ -82,9 +82,9 @@ def open_problem(source: sc.Scene | Model | Problem, what: str) -> Problem:
     problem = source if isinstance(source, Problem) else Problem(source)
     if problem.model.closures:
         raise CapabilityError(
-            f"{what} as a function of samples is defined for open chains only: closed loops (here "
-            f"{problem.model.closures[0]!r}) restrict q, qd and qdd to each other and share the load with the "
-            "actuators; for a mechanism use the command `inverse` or `simulate`"
+            f"{what} as a function of independent samples exists for open chains only: closed loops (here "
+            f"{problem.model.closures[0]!r}) tie the joints to each other and share the load; for a mechanism use "
+            "`inverse` or `simulate`"
         )
     if problem.scene.prescribed:
         name = next(iter(problem.scene.prescribed))
