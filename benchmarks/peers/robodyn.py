@@ -17,25 +17,25 @@ TOLERANCES = {
 
 def chain_system(case: Chain) -> tuple[Any, np.ndarray]:
     """Return the system and its state at t = 0."""
-    from robodyn_cli.formulations.index1 import index1
+    from robodyn_cli.formulations.build import build_system
     from robodyn_cli.run.driver.prepare import prepare
     from robodyn_cli.scene.load import load_scene_text
 
     setup = prepare(load_scene_text(case.scene_text()))
-    return index1(setup.problem, work=False), np.concatenate([setup.assembled.q, setup.assembled.v])
+    return build_system(setup.problem, work=False), np.concatenate([setup.assembled.q, setup.assembled.v])
 
 
 def four_bar_system() -> tuple[Any, np.ndarray]:
     """Return the system, with the dead point as its event, and the closed state at t = 0."""
     from robodyn_cli import load_scene
-    from robodyn_cli.formulations.index1 import index1
+    from robodyn_cli.formulations.build import build_system
     from robodyn_cli.formulations.system import EventFunction
     from robodyn_cli.run.driver.prepare import passive_coordinates, prepare
     from robodyn_cli.run.driver.singularity import passive_determinant
 
     setup = prepare(load_scene(CONFIGS / "four_bar_deploy.yaml"))
     determinant = passive_determinant(setup.problem, passive_coordinates(setup.problem) or [])
-    system = index1(setup.problem, events=(EventFunction("dead_point", determinant),), work=False)
+    system = build_system(setup.problem, events=(EventFunction("dead_point", determinant),), work=False)
     return system, np.concatenate([setup.assembled.q, setup.assembled.v])
 
 

@@ -69,11 +69,13 @@ def run_scene(
         try:
             result = execute(command, scene, console.progress, watch, writer, **options)
         except RobodynError as error:
-            if getattr(error, "result", None) is None:
+            from robodyn_cli.results.result import Result
+
+            if not isinstance(error.result, Result):
                 directory.write_summary(_failed(command, scene.title, error))
                 raise
             failure = error
-            result = error.result  # type: ignore[attr-defined]
+            result = error.result
         console.clear()
         for text in result.summary.get("warnings", ()):
             console.note(f"robodyn: warning: {text}")

@@ -8,7 +8,7 @@ from typing import Any
 
 from robodyn_cli.algorithms.external import PathKinematics, path_torques, turn_about
 from robodyn_cli.algorithms.rnea import Wrench
-from robodyn_cli.equations.kinks import switches
+from robodyn_cli.equations.discontinuities import switches
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.forces.element import Effect, End, Setting
 from robodyn_cli.model.model import BASE, FixedFrame, Force, Model
@@ -126,12 +126,12 @@ class Elements:
 
     @property
     def breakpoints(self) -> set[float]:
-        """Times at which tabulated forces have kinks."""
+        """Times at which the slope of tabulated forces jumps."""
         return {t for force in self.model.forces for t in getattr(force.element, "breakpoints", ())}
 
     @cached_property
     def switches(self) -> list[tuple[str, Expr]]:
-        """What formulas of the elements switch on, with the key of the element (see ``kinks``)."""
+        """What formulas of the elements switch on, with the key of the element (see ``discontinuities``)."""
         found = []
         for force, effect in zip(self.model.forces, self.effects):
             if force.element.term == "external":

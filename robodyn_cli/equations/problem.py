@@ -22,6 +22,7 @@ from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.equations.constraints import Constraints as Constraints
 from robodyn_cli.equations.constraints import coordinate_row
+from robodyn_cli.equations.contact_joints import ContactJoint, contact_joints
 from robodyn_cli.equations.dependence import (
     Combination,
     Dependence,
@@ -29,11 +30,10 @@ from robodyn_cli.equations.dependence import (
     multipliers_of_rows,
     working_rows,
 )
+from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
 from robodyn_cli.equations.elements import Elements
 from robodyn_cli.equations.gears import geared, losses_of_drive, losses_of_load
 from robodyn_cli.equations.joint_forces import JointForces
-from robodyn_cli.equations.kinks import is_of_time, switches, switching_times
-from robodyn_cli.equations.modes import Gate, gates
 from robodyn_cli.expr.functions import interpolate
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations
 from robodyn_cli.loops.base import Row
@@ -43,6 +43,7 @@ from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, vector, zeros
 
 GROUPS = ("t", "q", "v", "a", "p")
+DENSE_LIMIT = 12  # velocities up to which the factored mass matrix is tried: it grows with their cube
 
 
 class Problem:
@@ -141,7 +142,7 @@ class Problem:
 
     @cached_property
     def switches(self) -> list[tuple[str, Expr]]:
-        """What the scene's formulas switch on, with the key of the formula (see ``kinks``)."""
+        """What the scene's formulas switch on, with the key of the formula (see ``discontinuities``)."""
         outputs: list[tuple[str, list[Scalar]]] = []
         for name, torque in (self.scene.torques or {}).items():
             if not isinstance(torque, sc.Torque):
@@ -154,7 +155,7 @@ class Problem:
 
     @cached_property
     def breakpoints(self) -> tuple[float, ...]:
-        """Times within the simulation at which tabulated torques have kinks and formulas of time switch."""
+        """Times within the simulation at which the slope of tabulated torques jumps and formulas of time switch."""
         duration = self.scene.simulate.duration
         times = {
             float(row[0])
@@ -174,9 +175,9 @@ class Problem:
         return [(key, switch) for key, switch in self.switches if not is_of_time(switch, self.t)]
 
     @cached_property
-    def gates(self) -> tuple[Gate, ...]:
+    def contact_joints(self) -> tuple[ContactJoint, ...]:
         """Joints that a simulation holds and lets go by events."""
-        return gates(self.model)
+        return contact_joints(self.model)
 
     @cached_property
     def elements(self) -> Elements:
@@ -211,7 +212,7 @@ class Problem:
 
     @cached_property
     def _joint_forces(self) -> JointForces:
-        return JointForces(self.model, self.q, self.v, self.gates)
+        return JointForces(self.model, self.q, self.v, self.contact_joints)
 
     def joint_forces(self, smooth: bool) -> dict[str, Vector]:
         """Return the torques of springs, dampers (``passive``), ``friction`` and ``stops`` in the joints.
@@ -314,7 +315,7 @@ class Problem:
 
     @cached_property
     def holding(self) -> list[Scalar]:
-        """Multipliers of the joints with modes: what holds them, zero where nothing does."""
+        """Multipliers of the joints with a contact state: what holds them, zero where nothing does."""
         return self._solved[1]
 
     @cached_property
@@ -324,20 +325,20 @@ class Problem:
     def solution(self, gamma: Sequence[Scalar]) -> tuple[Multipliers, list[Scalar]]:
         """Return accelerations and multipliers for ``gamma`` of the working rows, and multipliers of held joints."""
         f = self.applied - self.bias
-        held = self.gates
+        held = self.contact_joints
         if not self.constraints.rows and not held:
             return Multipliers(self.free_accelerations(f), zeros(0)), []
         factor = LdlFactor.of(self.mass_matrix, self.elimination_order)
         units = zeros(len(held), self.model.nv)
-        for k, gate in enumerate(held):
-            units[k, gate.v] = 1.0
+        for k, joint in enumerate(held):
+            units[k, joint.v] = 1.0
         psi = np.concatenate([self.working.psi(self.model.nv), units])
         found = solve_with_multipliers(
-            factor, f, psi, [*gamma, *(0.0 for _ in held)], [gate.hold for gate in held]
+            factor, f, psi, [*gamma, *(0.0 for _ in held)], [joint.hold for joint in held]
         )
-        for gate in held:
+        for joint in held:
             # rounding must not set a held joint in motion
-            found.qdd[gate.v] = found.qdd[gate.v] * (1.0 - gate.hold)
+            found.qdd[joint.v] = found.qdd[joint.v] * (1.0 - joint.hold)
         rows = len(gamma)
         lam = multipliers_of_rows(self.constraints, self.combinations, found.lam[:rows])
         return Multipliers(found.qdd, lam), list(found.lam[rows:])
@@ -345,7 +346,7 @@ class Problem:
     def free_accelerations(self, f: Values) -> Vector:
         """Return M^-1 f for the open tree: articulated bodies, or factored mass matrix where that is shorter."""
         articulated = ArticulatedFactor(self.model, self.q, self.X).solve(f)
-        if self.model.nv > 12:  # the dense factorisation grows with the cube
+        if self.model.nv > DENSE_LIMIT:
             return articulated
         dense = LdlFactor.of(self.mass_matrix, self.elimination_order).solve(f)
         return min((dense, articulated), key=count_operations)

@@ -12,8 +12,8 @@ from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.dynamics import Expanded
-from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.formulations.system import EventFunction, System
 from robodyn_cli.integrators.runtime.integrator import Event, Grid, Integrator, Options
 from robodyn_cli.kernels.compiler import REPORT
@@ -83,14 +83,16 @@ def test_constants_may_stay_parameters() -> None:
 
 def test_parameters_reach_the_stepping_loop() -> None:
     path = CONFIGS / "double_pendulum.yaml"
-    system = index1(Problem(load_scene(path), ["gravity.1"]), work=False)
+    system = build_system(Problem(load_scene(path), ["gravity.1"]), work=False)
     start = [-1.2, 0.4, 0.0, 0.0]
     ends = []
     for gravity in (-9.81, -1.62):
         integrator = Integrator(system, parameters=[gravity])
         integrator.reset(0.0, start, Options(1e-12, 1e-13))
         integrator.advance(2.0)
-        folded = Integrator(index1(Problem(load_scene(path, [f"gravity=[0, {gravity}, 0]"])), work=False))
+        folded = Integrator(
+            build_system(Problem(load_scene(path, [f"gravity=[0, {gravity}, 0]"])), work=False)
+        )
         folded.reset(0.0, start, Options(1e-12, 1e-13))
         folded.advance(2.0)
         assert np.abs(integrator.state - folded.state).max() < 1e-9
@@ -135,7 +137,7 @@ def test_formulations_agree_on_the_constraints(stabilisation: str | Baumgarte) -
     """Where the loops are closed, every formulation gives the acceleration of equation (36)."""
     problem = Problem(load_scene(CONFIGS / "four_bar_deploy.yaml"))
     closed = assemble(problem, {"theta1": 1.1, "phi1": 1.4}, {"theta1": -0.8}, ["theta1"])
-    system = index1(problem, stabilisation, work=False)
+    system = build_system(problem, stabilisation, work=False)
     values = {"t": [0.0], "q": closed.q.tolist(), "v": closed.v.tolist(), "p": []}
     expected = np.array(evaluate(list(problem.forward.qdd), values), dtype=float)
     found = np.array(evaluate(list(system.acceleration), values), dtype=float)
@@ -144,6 +146,6 @@ def test_formulations_agree_on_the_constraints(stabilisation: str | Baumgarte) -
 
 
 def test_the_work_is_a_state_only_where_something_works() -> None:
-    free = index1(Problem(load_scene(CONFIGS / "double_pendulum.yaml")))
-    driven = index1(Problem(load_scene(CONFIGS / "four_bar_deploy.yaml")))
+    free = build_system(Problem(load_scene(CONFIGS / "double_pendulum.yaml")))
+    driven = build_system(Problem(load_scene(CONFIGS / "four_bar_deploy.yaml")))
     assert (free.nz, driven.nz) == (0, 1)

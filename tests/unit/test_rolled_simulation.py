@@ -11,8 +11,8 @@ import pytest
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError
+from robodyn_cli.formulations.build import build_system, is_rolled
 from robodyn_cli.formulations.dynamics import Expanded
-from robodyn_cli.formulations.index1 import index1, is_rolled
 from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.formulations.system import EventFunction, System
 from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
@@ -80,7 +80,7 @@ def systems(source: Scene, monkeypatch: pytest.MonkeyPatch) -> tuple[System, Sys
     """The system of a scene in both shapes, and its start."""
     monkeypatch.setattr(crossover, "CROSSOVER", 2)
     setup = prepare(source)
-    loops, graph = index1(setup.problem), index1(setup.problem, expanded=True)
+    loops, graph = build_system(setup.problem), build_system(setup.problem, expanded=True)
     assert isinstance(loops.dynamics, Rolled) and isinstance(graph.dynamics, Expanded)
     return loops, graph, np.concatenate([setup.assembled.q, setup.assembled.v, np.zeros(loops.nz)])
 
@@ -156,7 +156,7 @@ def test_events_are_found_in_either_shape(monkeypatch: pytest.MonkeyPatch) -> No
     for method in ("gauss", "dop853"):
         found: list[list[tuple[float, np.ndarray]]] = []
         for expanded in (False, True):
-            system = index1(setup.problem, events=watched, expanded=expanded)
+            system = build_system(setup.problem, events=watched, expanded=expanded)
             integrator = Integrator(system, method)
             integrator.reset(0.0, start, METHODS[method])
             seen: list[tuple[float, np.ndarray]] = []
@@ -209,7 +209,7 @@ def test_code_serves_chains_of_any_length(monkeypatch: pytest.MonkeyPatch) -> No
 
 def made(source: Scene) -> tuple[System, np.ndarray]:
     setup = prepare(source)
-    system = index1(setup.problem)
+    system = build_system(setup.problem)
     assert isinstance(system.dynamics, Rolled)
     return system, np.concatenate([setup.assembled.q, setup.assembled.v, np.zeros(system.nz)])
 

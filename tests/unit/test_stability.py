@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from robodyn_cli.run.driver.gains import study
 
 from robodyn_cli import load_scene, load_scene_text, simulate
 from robodyn_cli.errors import CapabilityError, NumericalError
 from robodyn_cli.integrators.methods.stability_region import amplification, limits, radius
 from robodyn_cli.integrators.methods.tableaus import DOP853, DOPRI5, RK4
 from robodyn_cli.integrators.registry import methods as registry
-from robodyn_cli.run.driver.gains import study
 from robodyn_cli.run.driver.prepare import prepare
 from robodyn_cli.run.numerics import energy_growth
 from robodyn_cli.run.numerics.energy_growth import growth, growths, period
@@ -92,7 +92,7 @@ def test_spectrum_of_a_four_bar_has_no_modes_across_its_constraints() -> None:
 
 
 def test_spectrum_of_a_long_chain_agrees_with_the_exact_jacobian() -> None:
-    from robodyn_cli.formulations.index1 import index1
+    from robodyn_cli.formulations.build import build_system
     from robodyn_cli.run.numerics.spectrum import jacobians
     from robodyn_cli.run.numerics.stability_scenes import chain
 
@@ -100,9 +100,11 @@ def test_spectrum_of_a_long_chain_agrees_with_the_exact_jacobian() -> None:
     scene = load_scene_text(chain("chain", 1.0, [0.1] * n, [0.1] * n, {"q1": -1.0, "q7": 0.3}))
     setup = prepare(scene)
     x = np.concatenate([setup.assembled.q, setup.assembled.v + 0.1])[None, :]
-    rolled = index1(setup.problem, work=False)
+    rolled = build_system(setup.problem, work=False)
     found = jacobians(setup.problem, rolled, np.zeros(1), x)[0]
-    exact = jacobians(setup.problem, index1(setup.problem, work=False, expanded=True), np.zeros(1), x)[0]
+    exact = jacobians(setup.problem, build_system(setup.problem, work=False, expanded=True), np.zeros(1), x)[
+        0
+    ]
     assert type(rolled.dynamics).__name__ == "Rolled"
     assert np.abs(found - exact).max() < 1e-6 * np.abs(exact).max()
 

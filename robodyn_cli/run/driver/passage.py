@@ -9,7 +9,7 @@ put onto the constraints before they are evaluated, so that every one lies on th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import copy
 from typing import Any
 
 import numpy as np
@@ -18,16 +18,16 @@ from numpy.typing import NDArray
 from robodyn_cli.equations.dependence import closeness
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SingularConfigurationError
-from robodyn_cli.formulations.system import GROUPS, EventFunction, System
+from robodyn_cli.formulations.dynamics import GROUPS
+from robodyn_cli.formulations.events import GO_ON, Event, EventFunction, EventKind, Leap, Outcome
 from robodyn_cli.integrators.methods.gauss_tables import gauss_table
-from robodyn_cli.integrators.runtime.integrator import Counters, Event, Grid, Integrator
+from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.record import record
+from robodyn_cli.run.driver.motion import Motion, Watcher
 from robodyn_cli.run.driver.singularity import singular_ratio
-from robodyn_cli.run.observation.observe import Observer
 
 Array = NDArray[np.float64]
-NEAR_PASSAGE = "near_passage"
 NEAR = 0.03  # ratio of singular values from which on a pose to pass is looked for ahead
 LOST = 0.03  # part of the ratio at the start of the step that may be left in its middle
 STAGES = 8
@@ -35,14 +35,6 @@ ITERATIONS = 80
 SETTLED = 1e-12  # change of the stages, over their size, at which the iteration ends
 SMOOTH = 1e-5  # part of the rates that the last of the step's polynomials may have
 BALANCE = 1e-6  # of the kinetic energy, by which its balance may change
-
-
-def passage_event(problem: Problem) -> tuple[EventFunction, ...]:
-    """Return the event of coming near a loss of rank that is to be passed."""
-    rows = problem.independent_rows
-    if not len(rows):
-        return ()
-    return (EventFunction(NEAR_PASSAGE, closeness(rows) - NEAR * NEAR, direction=-1, terminal=False),)
 
 
 @record
@@ -63,54 +55,43 @@ class Crossing:
         )
 
 
-class Passage:
-    """Integration that steps over poses in which the loops lose rank. ``crossed`` : their times [s]."""
+class Passage(Watcher):
+    """Steps over poses in which the loops lose rank. ``crossed`` : their times [s]."""
 
-    def __init__(self, problem: Problem, system: System, observer: Observer) -> None:
-        self.problem, self.system, self.observer = problem, system, observer
-        self.rates = SampleKernel({"a": system.acceleration, "z": system.z_rate}, GROUPS)
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
         self.crossed: list[float] = []
+        rows = problem.independent_rows
+        if len(rows):
+            value = closeness(rows) - NEAR * NEAR
+            self.functions = (EventFunction("near_passage", value, -1, EventKind.PASSAGE, self),)
 
-    def run(
-        self,
-        integrator: Integrator,
-        end: float,
-        grid: Grid,
-        emit: Callable[[Array, Array], None],
-        on_event: Callable[[Event], bool] | None = None,
-        done: Callable[[Counters], None] = lambda counters: None,
-    ) -> None:
-        """Integrate as ``Integrator.run`` does; ``done`` is told the counters of each stretch between poses.
+    def follow(self, motion: Motion) -> None:
+        self.system, self.observer = motion.system, motion.observer
+        self.rates = SampleKernel({"a": self.system.acceleration, "z": self.system.z_rate}, GROUPS)
+
+    def begin(self, t: float, x: Array, options: Options) -> Array:
+        self.crossed = []
+        return x
+
+    def facts(self, end: float) -> dict[str, Any]:
+        return {"passed": [time for time in self.crossed if time <= end]}
+
+    def again(self) -> Passage:
+        return copy.copy(self)
+
+    def handle(self, event: Event) -> Outcome:
+        """Step over the pose ahead, where there is one.
 
         Raises
         ------
         SingularConfigurationError : a pose that cannot be stepped over.
         """
-        crossing: Crossing | None = None
-
-        def handle(event: Event) -> bool:
-            nonlocal crossing
-            if event.name != NEAR_PASSAGE:
-                return on_event(event) if on_event else not integrator.system.events[event.index].terminal
-            crossing = self.cross(event.time, event.state)
-            return crossing is None
-
-        while True:
-            crossing = None
-            integrator.run(end, grid, emit, handle)
-            if crossing is None:
-                return
-            behind = min(crossing.start + crossing.length, end)
-            if crossing.start + 0.5 * crossing.length <= end:
-                self.crossed.append(crossing.start + 0.5 * crossing.length)
-            first, last = grid.first_at(crossing.start), min(grid.first_at(behind), grid.count)
-            first += grid.begins_by(first, crossing.start)
-            if last > first:
-                times = grid.times(first, last)
-                emit(times, crossing.states(times))
-            done(integrator.counters)
-            state = crossing.end if behind < end else crossing.states(np.array([end]))[0]
-            integrator.reset(behind, state, integrator.options)
+        crossing = self.cross(event.time, event.state)
+        if crossing is None:
+            return GO_ON
+        self.crossed.append(crossing.start + 0.5 * crossing.length)
+        return Leap(crossing.start + crossing.length, crossing.end, crossing.states)
 
     def _rates(self, t: Array, x: Array) -> Array:
         """Return x-dot (T, nx) at states (T, nx)."""
@@ -120,12 +101,12 @@ class Passage:
         return np.concatenate([x[:, s.nq : s.nq + s.nv], found["a"], found["z"]], axis=1)
 
     def _parameters(self, t: Array, x: Array) -> Array:
-        chart = self.system.chart
-        if chart is None:
+        partition = self.system.partition
+        if partition is None:
             return self.observer.parameters
         middle = len(t) // 2
-        chosen = chart.choose(float(t[middle]), self.system.split(x[middle])[0], None)
-        return np.concatenate([np.zeros(chart.first), chosen])
+        chosen = partition.choose(float(t[middle]), self.system.split(x[middle])[0], None)
+        return np.concatenate([np.zeros(partition.first), chosen])
 
     def _half(self, t: float, x: Array) -> float | None:
         """Return the time to the loss of rank ahead [s], None where the motion only comes near one."""

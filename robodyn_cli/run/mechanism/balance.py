@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.kinematics import slice_q, slice_v
+from robodyn_cli.equations.contact_joints import moving_freely
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError
 from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.expr.rebuild import Evaluator, evaluate
-from robodyn_cli.formulations.index1 import start_modes
 from robodyn_cli.run.driver.prepare import held_columns
 from robodyn_cli.run.driver.singularity import loop_rows
 from robodyn_cli.run.mechanism.at_rest import AtRest, at_rest, refuse_unknown
@@ -33,7 +33,7 @@ class _RestForces:
 
     def __init__(self, problem: Problem, conditions: LoopConditions) -> None:
         model = self.model = problem.model
-        self.modes = start_modes(problem)  # nothing sticks, and no stop is met
+        self.parameters = moving_freely(problem.contact_joints)  # nothing sticks, and no stop is met
         load = list(problem.bias - problem.applied)
         lam = problem.graph.symbols(list(conditions.names), "lam")
         rows = problem.constraints.rows
@@ -54,7 +54,7 @@ class _RestForces:
         self._load, self._stiffness = Evaluator(load), Evaluator(without_idle_unknowns(entries, load))
 
     def _values(self, q: Array) -> dict[str, Any]:
-        return {"q": q.tolist(), "v": [0.0] * self.model.nv, "t": [0.0], "p": self.modes}
+        return {"q": q.tolist(), "v": [0.0] * self.model.nv, "t": [0.0], "p": self.parameters}
 
     def load(self, q: Array) -> Array:
         return np.array(self._load(self._values(q)), dtype=float)

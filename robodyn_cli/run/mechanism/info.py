@@ -95,7 +95,7 @@ def info(path: Path, overrides: Sequence[str] = (), at: Sequence[str] = ()) -> t
     SceneError : the scene or the state cannot be read. Others as in ``prepare``.
     """
     scene = scene_at(path, overrides, at)
-    setup = prepare(scene, modes=True)
+    setup = prepare(scene)
     numbers = Numbers(setup)
     return as_keys(numbers.report()), numbers.drawing()
 

@@ -265,5 +265,5 @@ def _transmission(result: Result) -> TransmissionAngle | Absent:
 def failed(error: RobodynError, result: Result) -> RobodynError:
     """Return the error of a motion that ends early, with what was reached."""
     result.status = "failed"
-    error.result = result  # type: ignore[attr-defined]
+    error.result = result
     return error

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.equations.modes import gates
+from robodyn_cli.equations.contact_joints import contact_joints
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.rebuild import evaluate
@@ -85,11 +85,11 @@ def refuse_beyond_stops(problem: Problem, q: Array) -> None:
     ------
     CapabilityError
     """
-    for gate in gates(problem.model):
-        for push, at in gate.stops:
-            if push * (q[gate.q] - at) < -1e-9 * max(1.0, abs(at)):
+    for joint in contact_joints(problem.model):
+        for push, at in joint.stops:
+            if push * (q[joint.q] - at) < -1e-9 * max(1.0, abs(at)):
                 raise CapabilityError(
-                    f"joint {gate.joint!r} would be at {q[gate.q]:.6g}, beyond its rigid stop at {at:.6g}, which "
+                    f"joint {joint.name!r} would be at {q[joint.q]:.6g}, beyond its rigid stop at {at:.6g}, which "
                     "`statics` does not follow; allowed: stops with 'stiffness', or the joint in 'initial.hold'"
                 )
 

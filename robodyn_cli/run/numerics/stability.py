@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import RobodynError
-from robodyn_cli.formulations.index1 import index1
+from robodyn_cli.formulations.build import build_system
 from robodyn_cli.integrators.methods.stability_region import limits
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.driver.gains import study
+from robodyn_cli.results.summary import as_keys
+from robodyn_cli.run.driver.baumgarte import GainStudy
+from robodyn_cli.run.driver.build import projected_motion
 from robodyn_cli.run.driver.prepare import Setup, prepare
 from robodyn_cli.run.numerics.energy_growth import PERIODS, Growth, Period, growths, period
 from robodyn_cli.run.numerics.spectrum import Spectrum, spectrum
@@ -68,7 +70,7 @@ def stability(
     """
     effort = QUICK if quick else FULL
     watch = watch or Stopwatch()
-    setup = prepare(scene, watch, modes=True)
+    setup = prepare(scene, watch)
     stages = 4
     with watch.stage("reference"):
         first = at_start(setup)
@@ -105,7 +107,7 @@ def stability(
     }
     if setup.problem.constraints.rows and scene.loops and not setup.problem.dependent:
         with watch.stage("baumgarte"):
-            result.summary["baumgarte"] = gains(result, scene, setup, effort)
+            result.summary["baumgarte"] = gains(result, scene, effort)
     progress(stages, stages)
     add_spectrum(result, found)
     add_trials(result, trials)
@@ -122,7 +124,7 @@ def at_start(setup: Setup) -> Spectrum | None:
 def eigenvalues(setup: Setup, times: Array, q: Array, v: Array) -> Spectrum | None:
     """Return the spectrum at states q (T, nq), v (T, nv), None where the equations cannot be linearised."""
     problem: Problem = setup.problem
-    system = index1(problem, "none", work=False)
+    system = build_system(problem, "none", work=False)
     states = np.stack([system.join(*x) for x in zip(q, v)])
     try:
         found = spectrum(problem, system, times, states, problem.scene.simulate.duration)
@@ -255,7 +257,7 @@ def add_energy(result: Result, energies: list[Growth], long: Period) -> None:
         )
 
 
-def gains(result: Result, scene: Scene, setup: Setup, effort: Effort) -> dict[str, Any]:
+def gains(result: Result, scene: Scene, effort: Effort) -> dict[str, Any]:
     """Run over the plane of Baumgarte's gains, for the method of the scene and for fixed steps; store both."""
     report: dict[str, Any] = {}
     fixed = dataclasses.replace(
@@ -268,7 +270,7 @@ def gains(result: Result, scene: Scene, setup: Setup, effort: Effort) -> dict[st
         if name == "fixed" and asked in registry and not registry[asked].adaptive:
             continue
         try:
-            found = study(one, setup)
+            found = GainStudy(projected_motion(one))
             chosen = found.choose()
             drift, error, steps, done = found.plane(factors, effort.gain_seconds)
         except RobodynError as failure:
@@ -276,7 +278,7 @@ def gains(result: Result, scene: Scene, setup: Setup, effort: Effort) -> dict[st
             continue
         report[name] = {
             "method": found.method,
-            "chosen": chosen.as_dict(),
+            "chosen": as_keys(chosen),
             "reference_step": found.step,
             "over": found.over,
             "runs": done,

@@ -131,7 +131,7 @@ def run_case(case: Case, quick: bool) -> Verdict:
         found, stiff = _spectrum(scene)
         ref = reference(scene, reference_budget, stiff)
         if ref is not None:
-            found = along(prepare(scene, modes=True), ref) or found
+            found = along(prepare(scene), ref) or found
     trials = attempts(scene, ref, trial_budget, methods_of(quick))
     complaints = judge(case, trials, ref)
     return Verdict(case, text, ref, found, trials, complaints, watch.report()["total"])
@@ -144,7 +144,7 @@ def methods_of(quick: bool) -> list[str]:
 
 def _spectrum(scene: Scene) -> tuple[Spectrum | None, bool]:
     try:
-        setup = prepare(scene, modes=True)
+        setup = prepare(scene)
     except RobodynError:
         return None, False
     found = at_start(setup)

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from robodyn_cli.algorithms.kinematics import slice_q
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.formulations.index1 import residuals
-from robodyn_cli.formulations.system import GROUPS
+from robodyn_cli.formulations.dynamics import GROUPS
+from robodyn_cli.formulations.projection import residuals
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.spatial.algebra import vector
 

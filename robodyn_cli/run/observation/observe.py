@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Expr, Scalar
-from robodyn_cli.formulations.index1 import residuals
-from robodyn_cli.formulations.system import GROUPS, System
+from robodyn_cli.formulations.dynamics import GROUPS
+from robodyn_cli.formulations.projection import residuals
+from robodyn_cli.formulations.system import System
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.loops.base import Row
 from robodyn_cli.record import record
@@ -87,12 +88,21 @@ def loop_columns(rows: Sequence[Row], dependent: bool = False) -> dict[str, Colu
 
 
 class Observer:
-    """Evaluates accelerations, torques, multipliers, residuals, energies and places at sampled states."""
+    """Evaluates accelerations, torques, multipliers, residuals, energies and places at sampled states.
 
-    def __init__(self, problem: Problem, system: System, singular: Sequence[int] | None = None) -> None:
+    Parameters
+    ----------
+    passive : velocity coordinates that nothing drives. reactions : observe these in any case, not only if asked for.
+
+    ``parameters`` are the p at which the next samples are evaluated.
+    """
+
+    def __init__(
+        self, problem: Problem, system: System, passive: Sequence[int] = (), reactions: bool = False
+    ) -> None:
         self.problem = problem
         self.system = system
-        self.passive = singular
+        self.passive = tuple(passive)
         self.kernel: RolledKernel | SampleKernel | LeastNorm
         if system.dynamics.any_size:
             from robodyn_cli.run.observation.observe_rolled import RolledKernel
@@ -103,13 +113,14 @@ class Observer:
             outputs = {name: list(entries) for name, entries in observed(problem).items()}
             self.kernel = LeastNorm(problem, outputs) if problem.dependent else SampleKernel(outputs, GROUPS)
         self.places = [path for path in outputs if path.startswith(("points/", "skeleton/", "frames/"))]
-        self.normalise = SampleKernel({"n": system.normalisation}, GROUPS) if system.normalisation else None
-        positions = system.sample_positions or system.position_correction
-        velocities = system.sample_velocities or system.velocity_correction
+        c = system.corrections
+        self.normalise = SampleKernel({"n": c.normalisation}, GROUPS) if c.normalisation else None
+        positions = c.sample_position or c.position
+        velocities = c.sample_velocity or c.velocity
         self.correct_q = SampleKernel({"q": positions}, GROUPS) if positions else None
         self.correct_v = SampleKernel({"v": velocities}, GROUPS) if velocities else None
         self.parameters = np.zeros(max(1, len(problem.model.parameters)))
-        asked = problem.scene.outputs.reactions
+        asked = reactions or problem.scene.outputs.reactions
         self.reactions = ReactionSamples(problem, problem.scene.simulate.samples) if asked else None
 
     def project(self, t: Array, x: Array) -> Array:
@@ -117,9 +128,9 @@ class Observer:
         s = self.system
         if self.normalise is not None:
             x = np.asfortranarray(x)
-            x[:, list(s.normalised)] = self.normalise.evaluate(len(t), s.own_groups(t, x, self.parameters))[
-                "n"
-            ]
+            x[:, list(s.corrections.normalised)] = self.normalise.evaluate(
+                len(t), s.own_groups(t, x, self.parameters)
+            )["n"]
         if self.correct_q is None or self.correct_v is None:
             return x
         x = np.asfortranarray(x)

@@ -16,6 +16,7 @@ from robodyn_cli.run.observation.observe import Column, Observer
 from robodyn_cli.run.observation.reactions import ReactionSamples, figures
 
 Array = NDArray[Any]
+KEPT_IN_MEMORY = 100_000  # samples, when the whole goes to a file
 
 
 class Recorder:
@@ -38,6 +39,12 @@ class Recorder:
         self.loads: dict[str, dict[str, float]] = {}
         self._start: float | None = None
         self._last = -np.inf
+
+    @staticmethod
+    def of(observer: Observer, writer: ResultWriter | None) -> Recorder:
+        """Return the recorder of a whole run; beside a file, memory holds no more than every n-th sample."""
+        samples = observer.problem.scene.simulate.samples
+        return Recorder(observer, writer, 1 if writer is None else -(-samples // KEPT_IN_MEMORY))
 
     @np.errstate(all="ignore")  # a run that blows up reports its last states, infinite ones too
     def emit(self, t: Array, x: Array, project: bool = True, extra: bool = False) -> None:
@@ -68,6 +75,11 @@ class Recorder:
         self._last = float(t[-1])
         for path, block in data.items():
             self.blocks.setdefault(path, []).append(block)
+
+    def keep_last_state(self, time: float, state: Array) -> None:
+        """Record the last state (nx,) that a run came to, if it lies beyond the last sample."""
+        if time > self.last_time and np.all(np.isfinite(state)):
+            self.emit(np.array([time]), state[None, :], extra=True)
 
     def _keep_largest_loads(self, data: dict[str, Array], known: ReactionSamples) -> None:
         for name, load in figures({path: data[path] for path in known.names}, known.names).items():
