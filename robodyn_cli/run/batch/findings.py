@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -121,7 +122,7 @@ def _trial(scene: Scene, root: Node) -> list[RobodynError]:
     except RobodynError as error:
         if "missing" in error.details:
             return _missing(scene, root, command or "", error.details["missing"])
-        if error.details.get("line") is not None:
+        if error.details.get("line") is not None or _says_where(error, scene):
             return [error]
         key, sentence = str(error.details.get("key", "")), error.message.removeprefix(f"{scene.path}: ")
         if not key and isinstance(error, GeometryError):
@@ -134,6 +135,14 @@ def _trial(scene: Scene, root: Node) -> list[RobodynError]:
         placed.exit_code = error.exit_code
         return [placed]
     return _missing(scene, root, command, unknown_data(model, outputs)[0])
+
+
+def _says_where(error: RobodynError, scene: Scene) -> bool:
+    """Tell whether a message begins with file, line and column; they become details then."""
+    found = re.match(re.escape(str(scene.path)) + r":(\d+):(\d+):", error.message)
+    if found is not None:
+        error.details |= {"file": scene.path, "line": int(found[1]), "column": int(found[2])}
+    return found is not None
 
 
 def _steps(key: str) -> list[str | int]:

@@ -15,6 +15,8 @@ from robodyn_cli.results.result import Result
 
 Array = NDArray[np.float64]
 SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
+# what the symbol groups of a motion are called in results
+MOTION = {"t": ("time", "time"), "q": ("q", "position"), "v": ("qd", "rate"), "a": ("qdd", "acceleration")}
 
 
 def first_fault(arrays: Mapping[str, Array]) -> tuple[str, tuple[int, ...]] | None:
@@ -39,8 +41,8 @@ def refuse_sampled(
     found = first_fault(inputs)
     if found is not None:
         name, (sample, *_) = found
-        what = {"q": "position", "v": "rate", "a": "acceleration", "t": "time"}.get(name, name)
-        raise _error(name, float(inputs["t"][sample, 0]), f"the motion has no finite {what} there")
+        path, what = MOTION[name]
+        raise _error(path, float(inputs["t"][sample, 0]), f"the motion has no finite {what} there")
     found = first_fault(arrays)
     if found is not None:
         name, (sample, *_) = found
