@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from robodyn_cli.cli.describe import number, table
+from robodyn_cli.cli.describe import multiplier_lines, number, table
 
 
 def describe_kinematics(summary: Mapping[str, Any]) -> str:
@@ -122,6 +122,7 @@ def describe_statics(summary: Mapping[str, Any]) -> str:
     multipliers = summary.get("multipliers")
     if multipliers:
         lines.append("  multipliers        " + ", ".join(f"{k} {number(x)}" for k, x in multipliers.items()))
+    lines += multiplier_lines(summary)
     lines.append(f"  residual           {facts['residual']:.1e} N m or N")
     lines += mobility_lines(summary)
     return "\n".join(lines)

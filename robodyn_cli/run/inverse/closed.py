@@ -107,11 +107,13 @@ class ClosedLoops(InverseProgram):
     def add_loops(self, result: Result, sampled: Sampled) -> None:
         assert sampled.loops is not None
         psi, arrays = sampled.loops.psi, sampled.arrays
-        add_rows(result, self.rows, {
+        velocity = np.einsum("tmv,tv->tm", psi, sampled.motion.qd) + arrays["eta_t"]
+        found = {
             "constraints/multipliers": sampled.loops.shared.multipliers,
             "constraints/position_residual": arrays["eta"],
-            "constraints/velocity_residual": np.einsum("tmv,tv->tm", psi, sampled.motion.qd) + arrays["eta_t"],
-        })  # fmt: skip
+            "constraints/velocity_residual": velocity,
+        }
+        add_rows(result, self.rows, found, not sampled.loops.shared.unique_multipliers)
         result.add("singularity/psi", np.linalg.svd(psi, compute_uv=False))
 
 

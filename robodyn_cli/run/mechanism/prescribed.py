@@ -102,7 +102,7 @@ def check_prescribed(problem: Problem) -> None:
                 raise NumericalError(
                     f"{where} has no finite {what} at t = 0", time=0.0, joint=name, status="not_finite"
                 )
-        for time in _kinks(problem, row):
+        for time in _discontinuities(problem, row):
             step = BESIDE * problem.scene.simulate.duration
             slack = JUMP + 10.0 * step * max(abs(_at(row.gamma, t)) for t in (time - step, time + step))
             for what, entry in (("position", row.eta), ("rate", row.eta_t)):
@@ -115,7 +115,7 @@ def check_prescribed(problem: Problem) -> None:
                     )  # fmt: skip
 
 
-def _kinks(problem: Problem, row: Row) -> list[float]:
+def _discontinuities(problem: Problem, row: Row) -> list[float]:
     found = [s for s in switches([row.eta, row.eta_t, row.gamma]) if is_of_time(s, problem.t)]
     duration = problem.scene.simulate.duration
     return sorted({time for s in found for time in switching_times(s, problem.t, duration)})

@@ -27,9 +27,11 @@ def add_sample(result: Result, problem: Problem, q: Array, v: Array, a: Array) -
     add_places(result, {path: np.array([evaluate(e, values)], dtype=float) for path, e in places.items()})
 
 
-def add_rows(result: Result, rows: Sequence[Row], arrays: Mapping[str, Array]) -> None:
-    """Add what was evaluated of the loops' rows (T, m), by path, to a result."""
-    columns = loop_columns(rows)
+def add_rows(
+    result: Result, rows: Sequence[Row], arrays: Mapping[str, Array], dependent: bool = False
+) -> None:
+    """Add what was evaluated of the loops' rows (T, m), by path, to a result; ``dependent``: on each other."""
+    columns = loop_columns(rows, dependent)
     for path, data in arrays.items():
         column = columns[path]
         result.add(path, data, units=column.units, long_name=column.long_name, names=column.names)

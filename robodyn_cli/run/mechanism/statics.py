@@ -16,7 +16,7 @@ from robodyn_cli.run.driver.singularity import loop_rows
 from robodyn_cli.run.mechanism.at_rest import AtRest, at_rest
 from robodyn_cli.run.mechanism.balance import balanced
 from robodyn_cli.run.mechanism.holding import held
-from robodyn_cli.run.mechanism.mobility import mobility
+from robodyn_cli.run.mechanism.mobility import Mobility, mobility
 from robodyn_cli.run.mechanism.prescribed import check_formulas, check_prescribed
 from robodyn_cli.run.mechanism.report import add_rows, add_sample
 from robodyn_cli.run.mechanism.summary import ForceResidual, StaticsSummary
@@ -102,6 +102,14 @@ def loads_at_rest(state: AtRest) -> Loads:
     return loads_along(problem, np.zeros(1), JointMotion(state.q[None], still, still), lam)
 
 
+def mobility_at(state: AtRest) -> Mobility:
+    """Return the degrees of freedom of the configuration."""
+    problem = state.problem
+    rows = [problem.constraints.rows[i] for i in loop_rows(problem)]
+    psi = np.array([evaluate([x for row in rows for x in row.psi], at_rest(problem, state.q))], dtype=float)
+    return mobility(problem, psi.reshape(1, len(rows), problem.model.nv))
+
+
 def report(state: AtRest, loads: Loads | None) -> Result:
     """Return the datasets of a run."""
     problem = state.problem
@@ -114,7 +122,8 @@ def report(state: AtRest, loads: Loads | None) -> Result:
         result.add(f"torque_terms/{name}", term[None], **columns)
     rows = [problem.constraints.rows[i] for i in loop_rows(problem)]
     if rows:
-        add_rows(result, rows, {"constraints/multipliers": state.lam[None]})
+        dependent = mobility_at(state).redundant_rows > 0
+        add_rows(result, rows, {"constraints/multipliers": state.lam[None]}, dependent)
     if loads is not None:
         loads.add_to(result)
     return result
@@ -125,13 +134,11 @@ def summarise(state: AtRest, loads: Loads | None, watch: Stopwatch) -> StaticsSu
     problem = state.problem
     model, find = problem.model, problem.scene.statics.find
     rows = [problem.constraints.rows[i] for i in loop_rows(problem)]
-    values = at_rest(problem, state.q)
-    psi = np.array([evaluate([x for row in rows for x in row.psi], values)], dtype=float)
-    eta = np.array(evaluate([row.eta for row in rows], values), dtype=float)
+    eta = np.array(evaluate([row.eta for row in rows], at_rest(problem, state.q)), dtype=float)
     return StaticsSummary(
         status="ok",
         termination=Termination("balanced" if find == "balance" else "held", 0.0),
-        mobility=mobility(problem, psi.reshape(1, len(rows), model.nv)) if rows else ABSENT,
+        mobility=mobility_at(state) if rows else ABSENT,
         multipliers=dict(zip([row.name for row in rows], state.lam.tolist())) if rows else ABSENT,
         constraint_residual=Residual(float(np.abs(eta).max())) if rows else ABSENT,
         samples=1,
