@@ -15,8 +15,9 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.build import build_system
+from robodyn_cli.formulations.events import EventFunction, Stopping
 from robodyn_cli.formulations.projection import residuals
-from robodyn_cli.formulations.system import EventFunction, System
+from robodyn_cli.formulations.system import Corrections, System
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
 from robodyn_cli.scene.load import load_scene, load_scene_text
@@ -109,7 +110,9 @@ def rods(stop: bool = False) -> System:
     problem = Problem(load_scene_text(RODS))
     body = build_system(problem)
     return (
-        dataclasses.replace(body, events=(EventFunction("stop", problem.t - 5.5, 0, True),)) if stop else body
+        dataclasses.replace(body, events=(EventFunction("stop", problem.t - 5.5, owner=Stopping()),))
+        if stop
+        else body
     )
 
 
@@ -218,7 +221,7 @@ def test_a_loop_stays_closed_and_all_methods_agree(method: str) -> None:
 # -- what a System promises -----------------------------------------------------------------------------------
 def test_equal_systems_share_code_and_different_ones_do_not() -> None:
     def make(**changes: Any) -> System:
-        more = {"events": lambda t, q, v, z, p: [EventFunction("e", q[0], changes.get("direction", 0), True)]}
+        more = {"events": lambda t, q, v, z, p: [EventFunction("e", q[0], changes.get("direction", 0))]}
         return system(1, lambda t, q, v, z, p: [-changes.get("stiffness", 2.0) * q[0]], **more)
 
     digest = make().digest
@@ -226,11 +229,14 @@ def test_equal_systems_share_code_and_different_ones_do_not() -> None:
     assert make(direction=1).digest != digest
     assert make(stiffness=3.0).digest != digest
     assert dataclasses.replace(make(), events=()).digest != digest
-    # times of kinks and what an event is called are no business of the code
+    # times of discontinuities and what an event is called are no business of the code
     assert dataclasses.replace(make(), breakpoints=(1.0,)).digest == digest
-    renamed = tuple(dataclasses.replace(e, name="other", terminal=False) for e in make().events)
+    renamed = tuple(dataclasses.replace(e, name="other", owner=Stopping()) for e in make().events)
     assert dataclasses.replace(make(), events=renamed).digest == digest
-    assert dataclasses.replace(make(), velocity_correction=(Graph().symbol("v", "v"),)).digest != digest
+    assert (
+        dataclasses.replace(make(), corrections=Corrections(velocity=(Graph().symbol("v", "v"),))).digest
+        != digest
+    )
 
 
 @each_method
@@ -241,7 +247,9 @@ def test_systems_that_differ_only_in_python_get_their_own_treatment(method: str)
     plain = system(1, lambda t, q, v, z, p: [-q[0]])
     ends = []
     for terminal in (True, False):
-        body = dataclasses.replace(plain, events=(EventFunction("zero", q, -1, terminal),))
+        body = dataclasses.replace(
+            plain, events=(EventFunction("zero", q, -1, owner=Stopping() if terminal else None),)
+        )
         integrator = Integrator(body, method)
         integrator.reset(0.0, (0.0, 1.0), options(method, 1e-8))
         integrator.run(4.0, Grid(0.0, 9.0, 1), lambda t, x: None)

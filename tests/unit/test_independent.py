@@ -29,8 +29,8 @@ def test_dependent_coordinates_are_a_first_guess_and_nothing_else() -> None:
     setup = prepare(load_scene_text("schema: 1\n" + SIX_BAR))
     problem, q, v = setup.problem, setup.assembled.q, setup.assembled.v + 0.0
     system = build_system(problem, "independent")
-    assert system.chart is not None
-    p = system.chart.choose(0.0, q, None)
+    assert system.partition is not None
+    p = system.partition.choose(0.0, q, None)
     w = p[:-1]
     assert sorted(set(w)) == [0.0, 1.0] and w.sum() == len(problem.constraints.rows)
 

@@ -203,5 +203,5 @@ def test_combinations_are_renewed_whoever_drives(kind: str) -> None:
     else:
         integrator.run(2.0, Grid.over(2.0, 3), lambda t, x: None, watch=False)
     q = system.split(integrator.state)[0]
-    assert abs(q[0]) > 4 * np.pi and integrator.parameters.renewals > 4
+    assert abs(q[0]) > 4 * np.pi and integrator.parameters.repartitions > 4
     assert np.abs(evaluate(setup.problem.constraints.eta, {"q": q.tolist()})).max() < 1e-13

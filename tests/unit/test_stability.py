@@ -9,13 +9,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from robodyn_cli.run.driver.gains import study
 
 from robodyn_cli import load_scene, load_scene_text, simulate
 from robodyn_cli.errors import CapabilityError, NumericalError
 from robodyn_cli.integrators.methods.stability_region import amplification, limits, radius
 from robodyn_cli.integrators.methods.tableaus import DOP853, DOPRI5, RK4
 from robodyn_cli.integrators.registry import methods as registry
+from robodyn_cli.results.result import Result
+from robodyn_cli.run.driver.baumgarte import GainStudy
+from robodyn_cli.run.driver.build import projected_motion
 from robodyn_cli.run.driver.prepare import prepare
 from robodyn_cli.run.numerics import energy_growth
 from robodyn_cli.run.numerics.energy_growth import growth, growths, period
@@ -152,7 +154,7 @@ def test_a_run_that_is_cut_off_keeps_its_samples() -> None:
 
 def test_automatic_gains_are_the_smallest_that_keep_the_drift_below_the_error() -> None:
     scene = load_scene(CONFIGS / "four_bar_deploy.yaml", ["simulate.rtol=1e-6", "simulate.atol=1e-8"])
-    found = study(scene, prepare(scene))
+    found = GainStudy(projected_motion(scene))
     chosen = found.choose()
     assert chosen.met and chosen.drift <= chosen.integration_error
     assert chosen.alpha == chosen.beta == pytest.approx(chosen.factor / chosen.step)
@@ -167,7 +169,7 @@ def test_fixed_steps_limit_the_gains_as_the_stability_region_says() -> None:
         CONFIGS / "four_bar_deploy.yaml",
         ["simulate.integrator=rk4", "simulate.step=0.02", "simulate.duration=10"],
     )
-    found = study(scene, prepare(scene))
+    found = GainStudy(projected_motion(scene))
     # the drift's modes are -alpha +- sqrt(alpha^2 - beta^2): with beta small the fast one is -2 alpha
     limit = 2.785 / (2.0 * 0.02)
     assert (
@@ -194,7 +196,8 @@ def test_a_breakdown_names_time_joint_and_quantity(integrator: str) -> None:
     details = caught.value.details
     assert details["time"] > 0.0 and details["joint"] in ("theta1", "theta2") and details["quantity"]
     assert details["joint"] in caught.value.message
-    kept = caught.value.result  # type: ignore[attr-defined]
+    kept = caught.value.result
+    assert isinstance(kept, Result)
     assert kept.status == "failed" and np.all(np.isfinite(kept["q"]))
 
 
@@ -243,5 +246,5 @@ def test_gains_are_not_chosen_where_rows_depend_on_each_other() -> None:
     with pytest.raises(CapabilityError, match="depend on each other"):
         simulate(scene)
     plain = load_scene(CONFIGS / "benchmarks" / "bennett.yaml")
-    systems, gains = formulations(plain, prepare(plain))
+    systems, gains = formulations(projected_motion(plain), plain.simulate.stabilisation)
     assert list(systems) == ["projection", "none"] and gains is None
