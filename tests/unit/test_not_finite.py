@@ -152,3 +152,17 @@ def test_a_balance_is_not_sought_where_a_force_has_no_slope() -> None:
     text = PLAIN + "forces: [{name: f, type: force, at: m.com, force: [0, sqrt(a), 0]}]\n"
     with pytest.raises(NumericalError, match="no finite slope at a = 0, b = 0.* / 0 has no value"):
         statics(load_scene_text(text))
+
+
+@pytest.mark.parametrize("at", [0.2, 0.5])
+def test_a_sample_of_a_simulation_without_a_value_ends_it_by_name(at: float) -> None:
+    """A torque with a removable singularity on a sample: the integration passes it, the dataset would have NaN."""
+    text = PLAIN.replace("duration: 0.1, samples: 11", "duration: 1, samples: 11")
+    torque = f"torques: {{a: 'sin(t-{at})/(t-{at})'}}\n"
+    with pytest.raises(
+        NumericalError, match=rf"^qdd of 'a' is not finite at t = {at} s: .*torques.a: formula"
+    ) as found:
+        simulate(load_scene_text(text + torque))
+    assert found.value.exit_code == 3 and found.value.details["dataset"] == "qdd"
+    assert isinstance(found.value.result, Result) and found.value.result.status == "failed"
+    assert is_finite(simulate(load_scene_text(text + torque, overrides=["simulate.samples=10"])))

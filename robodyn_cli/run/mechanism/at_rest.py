@@ -13,10 +13,7 @@ from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.kernels.program import unknown_data
 from robodyn_cli.model.model import UNKNOWN_GROUP
 from robodyn_cli.record import record
-from robodyn_cli.run.mechanism.summary import (
-    Balanced,
-    Held,
-)
+from robodyn_cli.run.mechanism.summary import Balanced, Held
 
 Array = NDArray[np.float64]
 

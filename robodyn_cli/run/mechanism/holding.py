@@ -15,9 +15,7 @@ from robodyn_cli.run.inverse.program import torque_terms
 from robodyn_cli.run.inverse.sharing import lost_rank, refuse_gears
 from robodyn_cli.run.mechanism.at_rest import AtRest, at_rest, refuse_unknown
 from robodyn_cli.run.mechanism.loop_conditions import LoopConditions, nothing_led, velocity_places
-from robodyn_cli.run.mechanism.summary import (
-    Held,
-)
+from robodyn_cli.run.mechanism.summary import Held
 from robodyn_cli.solve.load_sharing import LostRank, Shared, TooFewActuators, share
 
 Array = NDArray[np.float64]

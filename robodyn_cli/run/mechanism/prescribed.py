@@ -52,8 +52,15 @@ def check_formulas(problem: Problem, q: Array, v: Array) -> None:
     ------
     SceneError : names the formula and what it depends on.
     """
+    found = formula_without_value(problem, 0.0, q, v)
+    if found is not None:
+        raise SceneError(f"{found}, at the start (t = 0)", file=problem.scene.path)
+
+
+def formula_without_value(problem: Problem, t: float, q: Array, v: Array) -> str | None:
+    """Return in words the first formula without a finite value at t [s], q (nq,) and v (nv,), None if all have one."""
     scene, model = problem.scene, problem.model
-    env = {"t": 0.0, **{f"p.{name}": x for name, x in scene.parameters.items()}}
+    env = {"t": t, **{f"p.{name}": x for name, x in scene.parameters.items()}}
     env |= {f"q.{name}": x for name, x in zip(model.q_names, q.tolist())}
     env |= {f"qd.{name}": x for name, x in zip(model.v_names, v.tolist())}
     for formula in _formulas([scene.torques, scene.prescribed, [f.element for f in model.forces]]):
@@ -61,12 +68,10 @@ def check_formulas(problem: Problem, q: Array, v: Array) -> None:
             try:
                 value = float(formula.evaluate(env))
             except NumericalError as error:
-                raise SceneError(f"{error.message}, at the start (t = 0)", file=scene.path) from None
+                return error.message
             if not np.isfinite(value):
-                raise SceneError(
-                    f"{formula.where}: formula {formula.text!r} is {value} at the start (t = 0)",
-                    file=scene.path,
-                )
+                return f"{formula.where}: formula {formula.text!r} is {value}"
+    return None
 
 
 def _formulas(value: Any) -> Iterator[Formula]:

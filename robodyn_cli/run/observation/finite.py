@@ -14,6 +14,8 @@ from robodyn_cli.expr.rebuild import apply
 from robodyn_cli.results.result import Result
 
 Array = NDArray[np.float64]
+CONSTANT = "a number of the scene, or a product of some, exceeds what a double holds (1.8e308)"
+TOO_LARGE = "it exceeds what a double holds (1.8e308), or is 0 / 0"
 SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 # what the symbol groups of a motion are called in results
 MOTION = {"t": ("time", "time"), "q": ("q", "position"), "v": ("qd", "rate"), "a": ("qdd", "acceleration")}
@@ -42,12 +44,12 @@ def refuse_sampled(
     if found is not None:
         name, (sample, *_) = found
         path, what = MOTION[name]
-        raise _error(path, float(inputs["t"][sample, 0]), f"the motion has no finite {what} there")
+        raise not_finite(path, float(inputs["t"][sample, 0]), f"the motion has no finite {what} there")
     found = first_fault(arrays)
     if found is not None:
         name, (sample, *_) = found
         values = {group: array[sample] for group, array in inputs.items()}
-        raise _error(name, float(inputs["t"][sample, 0]), cause(outputs[name], values))
+        raise not_finite(name, float(inputs["t"][sample, 0]), cause(outputs[name], values))
 
 
 def cause(entries: Sequence[Scalar], values: Mapping[str, Sequence[float]]) -> str:
@@ -68,13 +70,13 @@ def cause(entries: Sequence[Scalar], values: Mapping[str, Sequence[float]]) -> s
             value[node.index] = np.atleast_1d(node.value if node.op == "const" else apply(node, given))
         if not np.isfinite(value[node.index][0]) and all(np.isfinite(x[0]) for x in given):
             return _operation(node, [float(x[0]) for x in given])
-    return "a number of the scene, or a product of some, exceeds what a double holds (1.8e308)"
+    return CONSTANT
 
 
 def _operation(node: Expr, given: Sequence[float]) -> str:
     numbers = [f"{x:.6g}" for x in given]
     if node.op == "const":
-        return "a number of the scene, or a product of some, exceeds what a double holds (1.8e308)"
+        return CONSTANT
     sign = SIGNS.get(node.op)
     text = f"{node.op}({', '.join(numbers)})" if sign is None else f" {sign} ".join(numbers)
     undefined = (node.op == "div" and given[1] == 0.0) or node.op in ("sqrt", "log", "asin", "acos", "pow")
@@ -94,11 +96,11 @@ def refuse_result(result: Result) -> None:
         item = result.variables[path]
         time = float(result.time[at[0]]) if item.dims[0] == "time" else float(result.time[0])
         column = f" of {item.names[at[-1]]!r}" if item.names else ""
-        raise _error(path, time, "it exceeds what a double holds (1.8e308), or is 0 / 0", column)
+        raise not_finite(path, time, TOO_LARGE, column)
     key = _not_finite(result.summary)
     if key is not None:
         raise NumericalError(
-            f"{key} in the summary is not finite: it exceeds what a double holds (1.8e308), or is 0 / 0",
+            f"{key} in the summary is not finite: {TOO_LARGE}",
             key=key, status="not_finite",
         )  # fmt: skip
 
@@ -117,6 +119,7 @@ def _not_finite(value: Any, key: str = "") -> str | None:
     return next((x for x in found if x is not None), None)
 
 
-def _error(path: str, time: float, why: str, column: str = "") -> NumericalError:
+def not_finite(path: str, time: float, why: str, column: str = "") -> NumericalError:
+    """Return the error that names a dataset, the time [s] and why a number of it is not finite."""
     message = f"{path}{column} is not finite at t = {time:.9g} s: {why}"
     return NumericalError(message, dataset=path, time=time, status="not_finite")
