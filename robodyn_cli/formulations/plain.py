@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.formulations.dynamics import Expanded
-from robodyn_cli.formulations.forms import OtherForms
-from robodyn_cli.formulations.formulated import Formulated
+from robodyn_cli.formulations.formulated import Formulated, OtherForms
 
 
 def plain(problem: Problem, z_rate: Sequence[Scalar], asked: object = None) -> Formulated:

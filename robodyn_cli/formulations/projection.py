@@ -34,9 +34,3 @@ def projection(problem: Problem) -> tuple[list[Scalar], list[Scalar]]:
     q = problem.moved(dq)
     v: list[Scalar] = [x - d for x, d in zip(problem.v, dv)]
     return q, v
-
-
-def residuals(problem: Problem) -> dict[str, list[Scalar]]:
-    """Return eta and Psi v + eta_t of all rows, for reports."""
-    constraints = problem.constraints
-    return {"position": constraints.eta, "velocity": constraints.velocity_residual(problem.v)}

@@ -22,7 +22,6 @@ from robodyn_cli.kernels.program import Program, make_program
 from robodyn_cli.record import record
 
 if TYPE_CHECKING:
-    from robodyn_cli.formulations.forms import OtherForms
     from robodyn_cli.formulations.index3 import Index3
     from robodyn_cli.formulations.residual import Residual
 
@@ -64,6 +63,18 @@ class Corrections:
 NO_CORRECTIONS = Corrections()
 
 
+class Forms(Protocol):
+    """The same motion in forms that some methods step instead of the rates."""
+
+    @property
+    def index3(self) -> Index3 | None:
+        """Positions and multipliers as unknowns."""
+
+    @property
+    def residual(self) -> Residual | None:
+        """Accelerations as corrections of a guess, None where the equations cannot be written so."""
+
+
 @record
 class System:
     """State x = (q, v, z): q-dot = v, v-dot and z-dot by ``dynamics``, over symbols t, q, v, z, p.
@@ -88,7 +99,7 @@ class System:
     parameters: tuple[float, ...] = ()
     partition: Partition | None = None
     layout: Layout | None = None
-    forms: OtherForms | None = None
+    forms: Forms | None = None
 
     @property
     def size(self) -> int:

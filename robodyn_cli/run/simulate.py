@@ -15,13 +15,10 @@ from robodyn_cli.results.summary import ABSENT, Absent, as_keys
 from robodyn_cli.results.writer import ResultWriter
 from robodyn_cli.run.driver.build import build_motion
 from robodyn_cli.run.driver.driver import Driver
-from robodyn_cli.run.driver.failure import explained
 from robodyn_cli.run.driver.method import Change, StiffnessWatch
 from robodyn_cli.run.driver.motion import Motion
-from robodyn_cli.run.driver.redundancy import check_redundant
 from robodyn_cli.run.driver.second_run import ErrorEstimate, FirstRun, estimate_error
-from robodyn_cli.run.driver.start import start_warnings
-from robodyn_cli.run.driver.summary import MotionSummary, motion_facts
+from robodyn_cli.run.driver.summary import MotionSummary, motion_facts, redundant_rows
 from robodyn_cli.run.observation.recorder import Recorder
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
@@ -68,9 +65,9 @@ def simulate(
     with watch.stage("method"):
         driver = Driver.of(motion, StiffnessWatch.for_choice(motion.choice))
     failure = _drive(motion, driver, recorder, progress, watch)
-    redundant = check_redundant(motion.problem, motion.assembled, recorder)
-    facts = motion_facts(motion, driver, recorder, redundant.residual) | _facts_of_run(motion, driver)
-    failure = redundant.violated or failure or recorder.not_finite
+    redundant = redundant_rows(motion, recorder)
+    facts = motion_facts(motion, driver, recorder, redundant) | _facts_of_run(motion, driver)
+    failure = (redundant and redundant.violated) or failure or recorder.not_finite
     if failure is None and motion.scene.simulate.error_estimate:
         with watch.stage("error_estimate"):
             facts["error_estimate"] = _estimate(motion, driver, recorder, progress)
@@ -95,6 +92,8 @@ def _drive(
         try:
             driver.run(s.duration, Grid.over(s.duration, s.samples), emit)
         except RobodynError as error:
+            from robodyn_cli.run.driver.failure import explained
+
             recorder.keep_last_state(driver.time, driver.state)
             return explained(error, motion, driver)
     return None
@@ -103,8 +102,11 @@ def _drive(
 def _facts_of_run(motion: Motion, driver: Driver) -> dict[str, Any]:
     """Return the fields of the summary that watchers and the supervisor have something to say to."""
     facts: dict[str, Any] = {}
-    if warnings := start_warnings(motion.problem, motion.assembled.q, motion.passive):
-        facts["warnings"] = warnings
+    if motion.passive:
+        from robodyn_cli.run.driver.start import start_warnings
+
+        if warnings := start_warnings(motion.problem, motion.assembled.q, motion.passive):
+            facts["warnings"] = warnings
     for watcher in driver.watchers:
         facts |= watcher.facts(driver.time)
     if isinstance(driver.supervisor, StiffnessWatch) and driver.supervisor.changes:

@@ -124,7 +124,7 @@ def test_runs_end_where_those_of_forward_dynamics_end(method: str) -> None:
     """The same steps, rounds and samples, but for rounding; the work done is carried as well."""
     _, system, start = built()
     assert system.nz == 1
-    plain = dataclasses.replace(system, residual=None)
+    plain = dataclasses.replace(system, forms=None)
     ends, samples, counts = [], [], []
     for one in (system, plain):
         integrator = Integrator(one, method)

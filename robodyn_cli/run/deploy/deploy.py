@@ -30,10 +30,9 @@ from robodyn_cli.run.deploy.summary import DeploySummary, Overload
 from robodyn_cli.run.driver.build import build_motion
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.motion import Motion
-from robodyn_cli.run.driver.redundancy import check_redundant
 from robodyn_cli.run.driver.second_run import ErrorEstimate, FirstRun, estimate_error
 from robodyn_cli.run.driver.singularity import refuse_singular_start
-from robodyn_cli.run.driver.summary import motion_facts
+from robodyn_cli.run.driver.summary import motion_facts, redundant_rows
 from robodyn_cli.run.observation.recorder import Recorder
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
@@ -87,10 +86,10 @@ def deploy(
         recorder = Recorder.of(motion.observer, writer)
     with watch.stage("integrate"):
         driver = record_motion(motion, found, end, recorder, progress)
-    redundant = check_redundant(motion.problem, motion.assembled, recorder)
-    facts = motion_facts(motion, driver, recorder, redundant.residual)
+    redundant = redundant_rows(motion, recorder)
+    facts = motion_facts(motion, driver, recorder, redundant)
     done = Deployment(motion, found, end, recorder)
-    if redundant.violated is not None:
+    if redundant is not None and redundant.violated is not None:
         return report(done, facts, redundant.violated, watch)
     facts["criteria"] = criteria(motion, found)
     failure = failure_of_motion(motion, found, end)

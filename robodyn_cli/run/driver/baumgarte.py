@@ -16,7 +16,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError
 from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.dynamics import GROUPS
-from robodyn_cli.formulations.projection import projection, residuals
+from robodyn_cli.formulations.projection import projection
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.options import Options
@@ -69,7 +69,7 @@ class GainStudy:
         alpha, beta = problem.graph.symbols(["alpha", "beta"], "p")
         self.system = build_system(problem, Baumgarte(alpha=alpha, beta=beta), work=False)  # type: ignore[arg-type]
         q, _ = projection(problem)
-        self._observe = SampleKernel({"q": q, "eta": residuals(problem)["position"]}, GROUPS)
+        self._observe = SampleKernel({"q": q, "eta": problem.constraints.eta}, GROUPS)
         self.over = projected.scene.simulate.duration
         states, steps, reached = self._run(projected.system, (), self.options, LONGEST)
         if reached < self.over:

@@ -11,7 +11,6 @@ from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.record import record
 from robodyn_cli.run.driver.mass_matrix import refuse_singular
-from robodyn_cli.run.mechanism.prescribed import check_formulas, check_prescribed, prescribed_starts
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import RANK_TOLERANCE, Assembled, assemble
@@ -46,10 +45,16 @@ def prepare(scene: Scene, watch: Stopwatch | None = None, neutral: bool = False)
         given = initial_positions(scene, problem)
         held = held_columns(scene, problem)
     with watch.stage("assemble"):
-        check_prescribed(problem)
+        if problem.constraints.rheonomic:
+            from robodyn_cli.run.mechanism.prescribed import check_prescribed
+
+            check_prescribed(problem)
         hold = [*held, *(n for n in scene.prescribed or {} if n not in held)]
         assembled = assemble(problem, given, dict(scene.initial.qd or {}), hold)
-        check_formulas(problem, assembled.q, assembled.v)
+        if scene.torques or scene.prescribed or problem.model.forces:
+            from robodyn_cli.run.mechanism.formulas import check_formulas
+
+            check_formulas(problem, assembled.q, assembled.v)
         refuse_singular(problem.model, assembled.q)
     if assembled.redundant:
         with watch.stage("equations"):
@@ -84,7 +89,11 @@ def initial_positions(scene: Scene, problem: Problem) -> dict[str, float]:
     ------
     SceneError : a position is missing.
     """
-    given = {**(scene.initial.q or {}), **prescribed_starts(scene)}
+    given = dict(scene.initial.q or {})
+    if scene.prescribed:
+        from robodyn_cli.run.mechanism.prescribed import prescribed_starts
+
+        given |= prescribed_starts(scene)
     loops = bool(problem.model.closures)
     for name in held_columns(scene, problem) if loops else problem.model.q_names:
         if name not in given:

@@ -1,4 +1,4 @@
-"""Constraints that say things twice: what is reported of them, and whether they do so all along the motion."""
+"""Rows that were left out because they say things twice: whether they do so all along the motion."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.record import record
-from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.observation.recorder import Recorder
 from robodyn_cli.solve.assembly import Assembled, mechanism_size
 
@@ -16,47 +15,15 @@ OPEN = 1e-6  # rad, or part of the size of the mechanism, from which on a constr
 
 
 @record
-class DependentRows:
-    """Rows of which only ``rank`` are independent, and the loops that they belong to."""
-
-    loops: list[str]
-    rows: list[str]
-    rank: int
-
-
-@record
-class Multipliers:
-    """Whether the multipliers are unique, else which were chosen and why."""
-
-    unique: bool
-    choice: str | Absent = ABSENT
-    dependent: list[DependentRows] | Absent = ABSENT
-    renewals: int | Absent = ABSENT
-
-
-def describe_dependence(problem: Problem, repartitions: int) -> Multipliers:
-    """Return what the summary says about the multipliers: unique, or of least norm and why."""
-    if not problem.dependent:
-        return Multipliers(True)
-    groups = [
-        DependentRows(sorted({n.rsplit(".", 1)[0] for n in g.rows}), list(g.rows), g.rank)
-        for g in problem.dependent
-    ]
-    return Multipliers(False, "least norm", groups, repartitions)
-
-
-@record
 class Redundant:
-    """Largest residual of the rows that were left out (None: there are none), and the error where they are violated."""
+    """Largest residual of the rows that were left out, and the error where they are violated."""
 
-    residual: float | None = None
+    residual: float
     violated: GeometryError | None = None
 
 
 def check_redundant(problem: Problem, assembled: Assembled, recorder: Recorder) -> Redundant:
     """Look at the residuals of the rows that were left out, along the samples."""
-    if not assembled.redundant or not recorder.samples:
-        return Redundant()
     whole = Problem(problem.scene, model=problem.model)
     # combined rows are solved together, so each may be the one that opens
     named = problem.constraints.names if problem.dependent else assembled.redundant

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from robodyn_cli.equations.problem import Problem
 from robodyn_cli.integrators.runtime.options import Counters, Options
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.motion import Gains, Motion
-from robodyn_cli.run.driver.redundancy import Multipliers, describe_dependence
 from robodyn_cli.run.driver.second_run import ErrorEstimate
 from robodyn_cli.run.observation.recorder import Recorder
+
+if TYPE_CHECKING:
+    from robodyn_cli.run.driver.redundancy import Redundant
 
 
 @record
@@ -31,6 +34,25 @@ class Assembly:
     velocity_residual: float
     redundant_rows: list[str]
     vanishing_rows: list[str]
+
+
+@record
+class DependentRows:
+    """Rows of which only ``rank`` are independent, and the loops that they belong to."""
+
+    loops: list[str]
+    rows: list[str]
+    rank: int
+
+
+@record
+class Multipliers:
+    """Whether the multipliers are unique, else which were chosen and why."""
+
+    unique: bool
+    choice: str | Absent = ABSENT
+    dependent: list[DependentRows] | Absent = ABSENT
+    renewals: int | Absent = ABSENT
 
 
 @record
@@ -58,11 +80,11 @@ class MotionSummary:
 
 
 def motion_facts(
-    motion: Motion, driver: Driver, recorder: Recorder, redundant: float | None = None
+    motion: Motion, driver: Driver, recorder: Recorder, redundant: Redundant | None
 ) -> dict[str, Any]:
     """Return the fields of ``MotionSummary`` that the samples and counters say, all but status and termination.
 
-    redundant : largest residual of the rows that were left out, where there are such.
+    redundant : what the rows that were left out say, where there are such.
     """
     problem = motion.problem
     facts: dict[str, Any] = {
@@ -77,7 +99,9 @@ def motion_facts(
     }
     if problem.constraints.rows:
         facts["constraint_residual"] = Residual(
-            recorder.position_residual, recorder.velocity_residual, ABSENT if redundant is None else redundant
+            recorder.position_residual,
+            recorder.velocity_residual,
+            ABSENT if redundant is None else redundant.residual,
         )
         facts["assembly"] = Assembly(
             motion.assembled.position_residual,
@@ -100,3 +124,23 @@ def tolerances(options: Options) -> dict[str, float]:
     if options.step is not None:
         return {"step": options.step}
     return {"rtol": options.rtol, "atol": options.atol}
+
+
+def describe_dependence(problem: Problem, repartitions: int) -> Multipliers:
+    """Return what the summary says about the multipliers: unique, or of least norm and why."""
+    if not problem.dependent:
+        return Multipliers(True)
+    groups = [
+        DependentRows(sorted({n.rsplit(".", 1)[0] for n in g.rows}), list(g.rows), g.rank)
+        for g in problem.dependent
+    ]
+    return Multipliers(False, "least norm", groups, repartitions)
+
+
+def redundant_rows(motion: Motion, recorder: Recorder) -> Redundant | None:
+    """Return what the rows that were left out say along the samples, None where there are no such rows."""
+    if not motion.assembled.redundant or not recorder.samples:
+        return None
+    from robodyn_cli.run.driver.redundancy import check_redundant
+
+    return check_redundant(motion.problem, motion.assembled, recorder)

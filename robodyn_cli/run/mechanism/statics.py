@@ -15,9 +15,10 @@ from robodyn_cli.run.driver.prepare import held_columns, initial_positions
 from robodyn_cli.run.driver.singularity import loop_rows
 from robodyn_cli.run.mechanism.at_rest import AtRest, at_rest
 from robodyn_cli.run.mechanism.balance import balanced
+from robodyn_cli.run.mechanism.formulas import check_formulas
 from robodyn_cli.run.mechanism.holding import held
 from robodyn_cli.run.mechanism.mobility import Mobility, mobility
-from robodyn_cli.run.mechanism.prescribed import check_formulas, check_prescribed
+from robodyn_cli.run.mechanism.prescribed import check_prescribed
 from robodyn_cli.run.mechanism.report import add_rows, add_sample
 from robodyn_cli.run.mechanism.summary import ForceResidual, StaticsSummary
 from robodyn_cli.run.observation.finite import refuse_result

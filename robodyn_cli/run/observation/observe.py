@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,15 +11,17 @@ from numpy.typing import NDArray
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.formulations.dynamics import GROUPS
-from robodyn_cli.formulations.projection import residuals
 from robodyn_cli.formulations.system import System
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.loops.base import Row
 from robodyn_cli.record import record
-from robodyn_cli.run.observation.least_norm import LeastNorm, equations_of
 from robodyn_cli.run.observation.places import FORCES, place_dataset, place_outputs
-from robodyn_cli.run.observation.reactions import ReactionSamples
 from robodyn_cli.run.observation.units import joint_columns
+
+if TYPE_CHECKING:
+    from robodyn_cli.run.observation.least_norm import LeastNorm
+    from robodyn_cli.run.observation.observe_rolled import RolledKernel
+    from robodyn_cli.run.observation.reactions import ReactionSamples
 
 Array = NDArray[Any]
 XYZ = ("x", "y", "z")
@@ -52,12 +54,13 @@ def observed(problem: Problem, accelerations: bool = True) -> dict[str, Sequence
     if accelerations and not problem.dependent:
         outputs["qdd"] = list(problem.forward.qdd)
     if problem.dependent:
+        from robodyn_cli.run.observation.least_norm import equations_of
+
         return {**outputs, **equations_of(problem), **place_outputs(problem)}
     if problem.constraints.rows:
-        found = residuals(problem)
         outputs["lam"] = list(problem.forward.lam)
-        outputs["eta"] = found["position"]
-        outputs["eta_rate"] = found["velocity"]
+        outputs["eta"] = problem.constraints.eta
+        outputs["eta_rate"] = problem.constraints.velocity_residual(problem.v)
         if len(problem.constraints.rows) <= MOST_ROWS:
             outputs["psi"] = list(problem.psi.ravel())
     return {**outputs, **place_outputs(problem)}
@@ -87,6 +90,28 @@ def loop_columns(rows: Sequence[Row], dependent: bool = False) -> dict[str, Colu
     }
 
 
+def _kernel(
+    problem: Problem, system: System, outputs: Mapping[str, Sequence[Scalar]]
+) -> SampleKernel | RolledKernel:
+    if not system.dynamics.any_size:
+        return SampleKernel({name: list(entries) for name, entries in outputs.items()}, GROUPS)
+    from robodyn_cli.run.observation.observe_rolled import RolledKernel
+
+    return RolledKernel(problem, system.dynamics, outputs)
+
+
+def _least_norm(problem: Problem, outputs: Mapping[str, Sequence[Scalar]]) -> LeastNorm:
+    from robodyn_cli.run.observation.least_norm import LeastNorm
+
+    return LeastNorm(problem, {name: list(entries) for name, entries in outputs.items()})
+
+
+def _reactions(problem: Problem) -> ReactionSamples:
+    from robodyn_cli.run.observation.reactions import ReactionSamples
+
+    return ReactionSamples(problem, problem.scene.simulate.samples)
+
+
 class Observer:
     """Evaluates accelerations, torques, multipliers, residuals, energies and places at sampled states.
 
@@ -103,15 +128,9 @@ class Observer:
         self.problem = problem
         self.system = system
         self.passive = tuple(passive)
-        self.kernel: RolledKernel | SampleKernel | LeastNorm
-        if system.dynamics.any_size:
-            from robodyn_cli.run.observation.observe_rolled import RolledKernel
-
-            self.kernel = RolledKernel(problem, system.dynamics, problem.scene.simulate.samples)
-            outputs = self.kernel.function.outputs
-        else:
-            outputs = {name: list(entries) for name, entries in observed(problem).items()}
-            self.kernel = LeastNorm(problem, outputs) if problem.dependent else SampleKernel(outputs, GROUPS)
+        outputs = observed(problem, accelerations=not system.dynamics.any_size)
+        self.least_norm = _least_norm(problem, outputs) if problem.dependent else None
+        self.kernel = self.least_norm or _kernel(problem, system, outputs)
         self.places = [path for path in outputs if path.startswith(("points/", "skeleton/", "frames/"))]
         c = system.corrections
         self.normalise = SampleKernel({"n": c.normalisation}, GROUPS) if c.normalisation else None
@@ -121,7 +140,7 @@ class Observer:
         self.correct_v = SampleKernel({"v": velocities}, GROUPS) if velocities else None
         self.parameters = np.zeros(max(1, len(problem.model.parameters)))
         asked = reactions or problem.scene.outputs.reactions
-        self.reactions = ReactionSamples(problem, problem.scene.simulate.samples) if asked else None
+        self.reactions = _reactions(problem) if asked else None
 
     def project(self, t: Array, x: Array) -> Array:
         """Return the states put back on manifolds and constraints (positions by Newton steps, then rates)."""
@@ -134,8 +153,8 @@ class Observer:
         if self.correct_q is None or self.correct_v is None:
             return x
         x = np.asfortranarray(x)
-        if isinstance(self.kernel, LeastNorm):
-            return self._least_norm(self.kernel, t, x)
+        if self.least_norm is not None:
+            return self._project_least_norm(self.least_norm, t, x)
         places = list(s.q_places)
         for _ in range(4):
             q = self.correct_q.evaluate(len(t), s.own_groups(t, x, self.parameters))["q"]
@@ -147,7 +166,7 @@ class Observer:
         x[:, list(s.v_places)] = found["v"]
         return x
 
-    def _least_norm(self, kernel: LeastNorm, t: Array, x: Array) -> Array:
+    def _project_least_norm(self, kernel: LeastNorm, t: Array, x: Array) -> Array:
         s = self.system
         q_places, v_places = list(s.q_places), list(s.v_places)
         for _ in range(4):

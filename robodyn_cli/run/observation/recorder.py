@@ -13,10 +13,7 @@ from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.writer import ResultWriter
-from robodyn_cli.run.mechanism.prescribed import formula_without_value
-from robodyn_cli.run.observation.finite import TOO_LARGE, first_fault, not_finite
 from robodyn_cli.run.observation.observe import Column, Observer
-from robodyn_cli.run.observation.reactions import ReactionSamples, figures
 
 Array = NDArray[Any]
 KEPT_IN_MEMORY = 100_000  # samples, when the whole goes to a file
@@ -71,7 +68,7 @@ class Recorder:
                 self.velocity_residual, float(np.abs(data["constraints/velocity_residual"]).max(initial=0.0))
             )
         if self.observer.reactions is not None:
-            self._keep_largest_loads(data, self.observer.reactions)
+            self._keep_largest_loads(self.observer.reactions.largest(data))
         if self.writer is not None:
             for path, block in data.items():
                 self._stream(path, block)
@@ -89,6 +86,11 @@ class Recorder:
 
     def _not_finite(self, t: Array, data: dict[str, Array]) -> NumericalError | None:
         """Return the error of the first number of a block that is not finite, with its formula where there is one."""
+        if np.isfinite(sum(float(block.sum()) for block in data.values())):
+            return None
+        from robodyn_cli.run.mechanism.formulas import formula_without_value
+        from robodyn_cli.run.observation.finite import TOO_LARGE, first_fault, not_finite
+
         found = first_fault(data)
         if found is None:
             return None
@@ -100,8 +102,8 @@ class Recorder:
         name = f" of {column.names[rest[-1]]!r}" if column is not None and column.names and rest else ""
         return not_finite(path, float(t[sample]), formula or TOO_LARGE, name)
 
-    def _keep_largest_loads(self, data: dict[str, Array], known: ReactionSamples) -> None:
-        for name, load in figures({path: data[path] for path in known.names}, known.names).items():
+    def _keep_largest_loads(self, loads: dict[str, dict[str, float]]) -> None:
+        for name, load in loads.items():
             held = self.loads.setdefault(name, load)
             self.loads[name] = {key: max(value, held[key]) for key, value in load.items()}
 
