@@ -188,8 +188,8 @@ def _is_rough(function: Expr, slope: Scalar, t: Expr, time: float, duration: flo
 def _edges(leaves: Array, bent: Flags, points: Sequence[float], duration: float) -> tuple[float, ...]:
     """Return the ends of the stretches of short intervals (3, n), for each scale: a step then begins where one begins.
 
-    Intervals that are short only because one of the ``points`` that are not smooth lies beside them do not count, nor do
-    stretches in which the function does not bend.
+    Intervals that are short only because one of the ``points`` that are not smooth lies beside them do not count, nor
+    do stretches in which the function does not bend.
     """
     low, high, beside = leaves
     near = np.zeros(len(low), dtype=bool)
