@@ -36,12 +36,16 @@ class EventKind(enum.Enum):
 # -- what becomes of the run ------------------------------------------------------------------------------
 @record
 class Outcome:
-    """The run goes on as it was."""
+    """The run goes on as it was. ends : whether the integrator stops here, and the driver decides what follows."""
+
+    ends = False
 
 
 @record
 class Stop(Outcome):
     """The run ends at the event."""
+
+    ends = True
 
 
 @record
@@ -69,6 +73,8 @@ class Leap(Outcome):
 
     states : the states (T, nx) at times (T,) up to ``time`` [s]. state : x (nx,) there.
     """
+
+    ends = True
 
     time: float
     state: Array
