@@ -28,7 +28,7 @@ class EventKind(enum.Enum):
     RANK_LOSS = "the loops come near a loss of rank"
     PASSAGE = "the loops come near a loss of rank that is to be passed"
     DEAD_POINT = "the input comes to a dead point"
-    DISCONTINUITY = "the right-hand side jumps or has a kink"
+    DISCONTINUITY = "the right-hand side or its slope jumps"
     REPARTITION = "parameters that fit a part of the motion are chosen anew"
     CONTACT = "a joint sticks, slips, meets its stop or leaves it"
 
@@ -115,7 +115,7 @@ class EventFunction:
 
     @property
     def is_discontinuity(self) -> bool:
-        """Whether the right-hand side jumps or has a kink where the function is zero."""
+        """Whether the right-hand side or its slope jumps where the function is zero."""
         return self.kind is EventKind.DISCONTINUITY
 
 

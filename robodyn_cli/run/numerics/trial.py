@@ -20,7 +20,7 @@ from robodyn_cli.scene.types import Scene
 Array = NDArray[Any]
 SAMPLES = 257  # instants at which solutions are compared
 INACCURATE = 1e-3  # an error above this part of the range of its quantity is a wrong answer
-VOUCHED = 1e-5  # agreement of the references, relative to the range, beyond which nothing is judged
+AGREED = 1e-5  # agreement of the references, relative to the range, beyond which nothing is judged
 TIGHT = {"gauss": 3e-14, "dop853": 3e-14, "rodas5p": 1e-12}  # tolerance of a reference; others below
 TIGHT_OTHERS = 1e-11
 LOOSER = 100.0  # times the tolerance of a second run by the same method, where no other gets through
@@ -164,7 +164,7 @@ def reference(scene: Scene, budget: Budget, stiff: bool = False) -> Reference | 
         count = min(count, len(a.times) - 1, len(b.times) - 1)  # the last sample is where each one stopped
     x, y = a.states[:count], b.states[:count]
     ends_early = a.error.message if a.error is not None else ""
-    found = agreed(a.times[:count], x, y, ranges(x, a.positions), VOUCHED, (first, second))
+    found = agreed(a.times[:count], x, y, ranges(x, a.positions), AGREED, (first, second))
     return None if found is None else dataclasses.replace(found, ends_early=ends_early)
 
 
@@ -270,7 +270,7 @@ def _status(error: RobodynError) -> str:
 def judge(trial: Trial, done: Solution, ref: Reference | None) -> Trial:
     """Fill in error and status of a run that got through, as far as the reference goes."""
     if ref is None:
-        trial.message = trial.message or "no reference, so nothing vouches for this result"
+        trial.message = trial.message or "no reference to compare this result with"
         return trial
     states = done.states[: len(ref.times)]
     if len(states) < len(ref.times) - 2:
