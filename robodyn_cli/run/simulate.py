@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.record import record
+from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, Absent, as_keys
-from robodyn_cli.results.writer import ResultWriter
 from robodyn_cli.run.driver.build import build_motion
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.method import Change, StiffnessWatch

@@ -8,9 +8,9 @@ from typing import Any
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.record import record
+from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import as_keys
-from robodyn_cli.results.writer import ResultWriter
 from robodyn_cli.run.deploy.lock import (
     Latch,
     Lock,
