@@ -34,6 +34,7 @@ from robodyn_cli.equations.discontinuities import is_of_time, switches, switchin
 from robodyn_cli.equations.elements import Elements
 from robodyn_cli.equations.gears import geared, losses_of_drive, losses_of_load
 from robodyn_cli.equations.joint_forces import JointForces
+from robodyn_cli.equations.time_structure import Structure, beside, functions_of_time, structure
 from robodyn_cli.expr.functions import interpolate
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations
 from robodyn_cli.loops.base import Row
@@ -141,21 +142,36 @@ class Problem:
         return tau
 
     @cached_property
-    def switches(self) -> list[tuple[str, Expr]]:
-        """What the scene's formulas switch on, with the key of the formula (see ``discontinuities``)."""
-        outputs: list[tuple[str, list[Scalar]]] = []
+    def formulas(self) -> list[tuple[str, list[Scalar]]]:
+        """What the scene's formulas come to in the equations, with the key of each."""
+        found: list[tuple[str, list[Scalar]]] = []
         for name, torque in (self.scene.torques or {}).items():
             if not isinstance(torque, sc.Torque):
-                outputs.append((f"torques.{name}", [self.actuator_torques[self.model.v_names.index(name)]]))
+                found.append((f"torques.{name}", [self.actuator_torques[self.model.v_names.index(name)]]))
         for row in (self.constraints.rows[i] for i in self.constraints.rheonomic):
-            outputs.append((row.name, [row.eta, row.eta_t, row.gamma]))
-        outputs += [("gear", [torque]) for torque in self.gear_losses(smooth=True).values()]
-        found = [(key, switch) for key, entries in outputs for switch in switches(entries)]
-        return [*found, *self.elements.switches, *self._joint_forces.switches()]
+            found.append((row.name, [row.eta, row.eta_t, row.gamma]))
+        return [*found, *self.elements.formulas]
+
+    @cached_property
+    def switches(self) -> list[tuple[str, Expr]]:
+        """What the equations switch on, with the key of what switches (see ``discontinuities``)."""
+        gears = [("gear", [torque]) for torque in self.gear_losses(smooth=True).values()]
+        found = [(key, switch) for key, entries in [*self.formulas, *gears] for switch in switches(entries)]
+        return [*found, *self._joint_forces.switches()]
+
+    @cached_property
+    def time_structures(self) -> list[tuple[str, Structure]]:
+        """Where the scene's formulas of time are not smooth or have short features, with the key of each."""
+        duration = self.scene.simulate.duration
+        return [
+            (key, structure(function, self.t, duration))
+            for key, entries in self.formulas
+            for function in functions_of_time(entries, self.t)
+        ]
 
     @cached_property
     def breakpoints(self) -> tuple[float, ...]:
-        """Times within the simulation at which the slope of tabulated torques jumps and formulas of time switch."""
+        """Times at which a step has to end: tables and formulas of time switch there, or change their time scale."""
         duration = self.scene.simulate.duration
         times = {
             float(row[0])
@@ -167,7 +183,9 @@ class Problem:
         for _, switch in self.switches:
             if is_of_time(switch, self.t):
                 times.update(switching_times(switch, self.t, duration))
-        return tuple(sorted(times))
+        return tuple(
+            sorted(times.union(*(beside(found, times, duration) for _, found in self.time_structures)))
+        )
 
     @property
     def state_switches(self) -> list[tuple[str, Expr]]:
@@ -363,14 +381,19 @@ class Problem:
         return own + self.elements.potential
 
     @cached_property
-    def power(self) -> Scalar:
-        """Power of everything that the potential energy does not cover: actuators, damping, prescribed joints."""
+    def applied_power(self) -> Scalar:
+        """Power of actuators, damping and forces between bodies that the potential energy does not cover."""
         total: Scalar = 0.0
         for tau, v in zip(self.actuator_torques, self.v):
             total = total + tau * v
         for place, torque in self.dissipated:
             total = total + torque * self.v[place]
-        total = total + self.elements.power
+        return total + self.elements.power
+
+    @cached_property
+    def power(self) -> Scalar:
+        """Power of everything that the potential energy does not cover: ``applied_power`` and prescribed motion."""
+        total = self.applied_power
         for i in self.constraints.rheonomic:
             # Psi^T lambda does work at the rate -lambda eta_t on a row that depends on time
             total = total - self.forward.lam[i] * self.constraints.rows[i].eta_t

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.record import record
@@ -102,16 +103,28 @@ def _drive(
 def _facts_of_run(motion: Motion, driver: Driver) -> dict[str, Any]:
     """Return the fields of the summary that watchers and the supervisor have something to say to."""
     facts: dict[str, Any] = {}
+    warnings = _unresolved_formulas(motion.problem)
     if motion.passive:
         from robodyn_cli.run.driver.start import start_warnings
 
-        if warnings := start_warnings(motion.problem, motion.assembled.q, motion.passive):
-            facts["warnings"] = warnings
+        warnings += start_warnings(motion.problem, motion.assembled.q, motion.passive)
+    if warnings:
+        facts["warnings"] = warnings
     for watcher in driver.watchers:
         facts |= watcher.facts(driver.time)
     if isinstance(driver.supervisor, StiffnessWatch) and driver.supervisor.changes:
         facts["switches"] = driver.supervisor.changes
     return facts
+
+
+def _unresolved_formulas(problem: Problem) -> list[str]:
+    """Return warnings about formulas of time that change too often for all of it to be found."""
+    return [
+        f"{key}: this function of time changes so often, or on so short a scale, that not every change was found; "
+        "steps may miss some: set simulate.max_step below the shortest"
+        for key, found in problem.time_structures
+        if not found.resolved
+    ]
 
 
 def _estimate(motion: Motion, driver: Driver, recorder: Recorder, progress: Progress) -> ErrorEstimate:

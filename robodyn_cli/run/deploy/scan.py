@@ -23,7 +23,7 @@ from robodyn_cli.run.deploy.growth import GRID, GrowthMonitor, levels_with, mult
 from robodyn_cli.run.driver.build import refuse_contact
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.motion import Motion, Watcher
-from robodyn_cli.run.driver.rank_loss import RankLoss
+from robodyn_cli.run.driver.rank_loss import PosesAhead
 from robodyn_cli.run.driver.singularity import classify, driven_dead_point, loop_rows, passive_determinant
 from robodyn_cli.run.observation.least_norm import LeastNorm
 from robodyn_cli.run.progress import Progress, no_progress
@@ -34,10 +34,10 @@ BLOCK = 4096  # samples whose multipliers are judged at a time
 
 
 # -- what watches a deployment ------------------------------------------------------------------------------
-class Bifurcation(RankLoss):
+class Bifurcation(PosesAhead):
     """Ends the scan where the motion runs into a loss of rank.
 
-    found : the pose. clean_until : time of the last event [s]; what lies beyond was travelled by extrapolation.
+    found : the pose. clean_until : time [s] up to which the motion can be integrated as usual.
     """
 
     def begin(self, t: float, x: Array, options: Options) -> Array:
@@ -46,9 +46,12 @@ class Bifurcation(RankLoss):
         return super().begin(t, x, options)
 
     def handle(self, event: Event) -> Outcome:
-        self.clean_until = event.time
-        self.found = self.ahead(event)
-        return GO_ON if self.found is None else STOP
+        found = self.ahead(event)
+        if found is None:
+            return GO_ON
+        self.clean_until = found.regular_until
+        self.found = (found.time, self.motion.system.join(found.state.q, found.state.v, found.state.z))
+        return STOP
 
 
 class MultiplierGrowth(Watcher):

@@ -6,6 +6,7 @@ gains -> equations and start (``prepare``) -> watchers -> system -> method
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 
 from robodyn_cli.equations.problem import Problem
@@ -29,14 +30,11 @@ def follow_motion(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
     """Return the watchers of a simulation: loss of rank (a stop, or a pose to pass), and contact states."""
     found: list[Watcher] = []
     contact = bool(problem.contact_joints)
-    if problem.model.closures and problem.scene.simulate.singular == "stop":
-        from robodyn_cli.run.driver.rank_loss import RankLoss
+    stops = problem.scene.simulate.singular == "stop"
+    if problem.model.closures and (stops or not contact):
+        from robodyn_cli.run.driver.rank_loss import Passage, RankLoss
 
-        found.append(RankLoss(problem))
-    elif problem.model.closures and not contact:
-        from robodyn_cli.run.driver.passage import Passage
-
-        found.append(Passage(problem))
+        found.append(RankLoss(problem) if stops else Passage(problem))
     if contact:
         from robodyn_cli.run.driver.contact_states import ContactStates
 
@@ -122,7 +120,8 @@ def build_motion(
 def options_for(scene: Scene) -> Options:
     """Return the tolerances and limits of a scene's integration."""
     s = scene.simulate
-    return Options(s.rtol, s.atol, s.step, max_steps=s.max_steps)
+    longest = math.inf if s.max_step is None else s.max_step
+    return Options(s.rtol, s.atol, s.step, longest, s.max_steps)
 
 
 def _choice(scene: Scene, setup: Setup, system: System, plan: bool) -> Choice:

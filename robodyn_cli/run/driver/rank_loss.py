@@ -1,13 +1,15 @@
-"""The stop where the loops' constraints lose rank: seen from afar, and found by looking ahead.
+"""Loss of rank of the loops' constraints: seen from afar, found by looking ahead, and a stop or a pose to pass.
 
-Close to a loss of rank the multipliers are ill-conditioned, so it is never crept up to. What is watched is the
-closeness 1 / (tr A tr A^-1) of A = Psi Psi^T, which lies between the squared ratio of smallest to largest singular
-value and m times less; where it falls below NEAR^2 a look ahead tells whether the motion runs into a loss of rank.
+Watched is the closeness 1 / (tr A tr A^-1) of A = Psi Psi^T, which lies between the squared ratio of smallest to
+largest singular value and m^2 times less. How far away the motion still is when it falls below a threshold depends on
+the mechanism. So there is a ladder of thresholds, each met at a quarter of the distance of the one before. At each the
+motion is followed ahead (``pose_ahead.py``); where the pose is still far, the next one is waited for.
 """
 
 from __future__ import annotations
 
-import dataclasses
+import copy
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,32 +17,92 @@ from numpy.typing import NDArray
 from robodyn_cli.equations.dependence import closeness
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import NumericalError, SingularConfigurationError
-from robodyn_cli.formulations.events import GO_ON, Event, EventFunction, EventKind, Outcome
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.formulations.events import GO_ON, Event, EventFunction, EventKind, Leap, Outcome
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.run.driver.driver import Driver
+from robodyn_cli.run.driver.leap import Equations, State
 from robodyn_cli.run.driver.motion import Motion, Watcher
-from robodyn_cli.run.driver.singularity import RANK, classify, culprit, refuse_dependent_rows, singular_ratio
+from robodyn_cli.run.driver.pose_ahead import Approach, Pose, Unresolved
+from robodyn_cli.run.driver.singularity import classify, culprit, refuse_dependent_rows
 
 Array = NDArray[np.float64]
-NEAR = 0.02  # ratio of singular values from which on a loss of rank is looked for ahead
-FIRST_STEP = 0.05  # of the time in which the ratio would vanish at the speed of the fastest joint
-ON_THE_WAY = 0.9  # of the way to the root of the secant that one trial step covers
-LOOKS = 60
-RECEDING = 3  # times that the root may recede instead of closing in
+NEAR = 0.03  # ratio of singular values at the highest threshold
+RUNGS = 8
+LOWER = (
+    1 / 16
+)  # of the closeness, which falls with the square of the distance, from one threshold to the next
+# of a leap in the run, and in the second integration of the error estimate, which must not repeat its error
+NODES, REACH = 16, 0.4
+OTHER_NODES, OTHER_REACH = 20, 0.3
 
 
-class RankLoss(Watcher):
-    """Stops a run that comes to a loss of rank; coming near and leaving again passes."""
+class PosesAhead(Watcher):
+    """Looks ahead for poses in which the loops lose rank; what becomes of them is for those who derive from it."""
+
+    kind = EventKind.RANK_LOSS
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
+        self.nodes, self.reach = NODES, REACH
         rows = problem.independent_rows
         if len(rows):
-            value = closeness(rows) - NEAR * NEAR
-            self.functions = (EventFunction("near_rank_loss", value, -1, EventKind.RANK_LOSS, self),)
+            near = closeness(rows)
+            self.functions = tuple(self._rung(near, NEAR * NEAR * LOWER**k, k) for k in range(RUNGS))
+
+    def _rung(self, near: Scalar, threshold: float, k: int) -> EventFunction:
+        return EventFunction(f"near_rank_loss.{k + 1}", near - threshold, -1, self.kind, self)
 
     def follow(self, motion: Motion) -> None:
-        self.motion = motion
+        self.motion, self.end = motion, motion.scene.simulate.duration
+        self._equations: Equations | None = None
+
+    def begin(self, t: float, x: Array, options: Options) -> Array:
+        self.options = options
+        return x
+
+    @property
+    def equations(self) -> Equations:
+        """The equations of motion in parts, compiled when the first pose comes near."""
+        if self._equations is None:
+            self._equations = Equations(self.problem, self.motion.system.further > 0)
+        return self._equations
+
+    def ahead(self, event: Event) -> Pose | Unresolved | None:
+        """Return the pose that the motion from an event runs into, None where it does not, or is still far.
+
+        Raises
+        ------
+        NumericalError : only the rows that were kept of redundant ones lose rank.
+        """
+        scout = self._scout(event)
+
+        def advance(time: float) -> State:
+            scout.advance(time)
+            return self._moment(scout.time, scout.state)
+
+        turning = np.array([unit == "rad" for unit in self.problem.model.v_units])
+        approach = Approach(self.equations, advance, turning, self.nodes, self.reach)
+        try:
+            found = approach.pose_ahead(self._moment(event.time, event.state), self.end)
+        except NumericalError:
+            return None  # the run itself comes to the same place and says what is wrong
+        if found is not None:
+            refuse_dependent_rows(self.problem, found.state.q, found.time)
+        return found
+
+    def _scout(self, event: Event) -> Driver:
+        """Return a driver of its own that stands at an event."""
+        scout = Driver(self.motion.system, self.motion.choice.method, self.options)
+        scout.start(event.time, event.state)
+        return scout
+
+    def _moment(self, time: float, state: Array) -> State:
+        return State(time, *self.motion.system.split(state))
+
+
+class RankLoss(PosesAhead):
+    """Stops a run that comes to a loss of rank; coming near and leaving again passes."""
 
     def begin(self, t: float, x: Array, options: Options) -> Array:
         self.options = options
@@ -53,70 +115,72 @@ class RankLoss(Watcher):
         ------
         SingularConfigurationError : Psi loses rank.
         """
-        ahead = self.ahead(event)
-        if ahead is None:
+        found = self.ahead(event)
+        if found is None:
             return GO_ON
-        time, state = ahead
-        q, _, _ = self.motion.system.split(state)
-        found = classify(self.problem, q, ())
-        named = culprit(self.problem, q, range(self.problem.model.nv), time)
+        q = found.state.q
+        kind = classify(self.problem, q, ())
+        named = culprit(self.problem, q, range(self.problem.model.nv), found.time)
+        several = f" in {found.lost} directions" if isinstance(found, Pose) and found.lost > 1 else ""
         raise SingularConfigurationError(
-            f"bifurcation at t = {time:.9g} s: the constraint Jacobian of loop {named.loop} loses rank and lets joint "
-            f"{named.joint} go, so the multipliers are not unique and the motion may branch; set simulate.singular: "
-            "pass to go on",
-            time=time, kind="bifurcation", singular_values=found.psi.tolist(), q=q.tolist(),
+            f"bifurcation at t = {found.time:.9g} s: the constraint Jacobian of loop {named.loop} loses rank{several} "
+            f"and lets joint {named.joint} go, so the multipliers are not unique and the motion may branch; set "
+            "simulate.singular: pass to go on",
+            time=found.time, kind="bifurcation", singular_values=kind.psi.tolist(), q=q.tolist(),
             loop=named.loop, joint=named.joint,
         )  # fmt: skip
 
-    def ahead(self, event: Event) -> tuple[float, Array] | None:
-        """Return time and state of the loss of rank that the motion runs into from here on, None where it does not.
+
+class Passage(PosesAhead):
+    """Passes poses in which the loops lose rank, along the motion's own branch. ``crossed`` : their times [s]."""
+
+    kind = EventKind.PASSAGE
+
+    def __init__(self, problem: Problem) -> None:
+        super().__init__(problem)
+        self.crossed: list[float] = []
+
+    def begin(self, t: float, x: Array, options: Options) -> Array:
+        self.crossed = []
+        return super().begin(t, x, options)
+
+    def facts(self, end: float) -> dict[str, Any]:
+        return {"passed": [time for time in self.crossed if time <= end]}
+
+    def again(self) -> Passage:
+        """Return one with other nodes, so that two integrations do not share the error of a leap."""
+        other = copy.copy(self)
+        other.nodes, other.reach = OTHER_NODES, OTHER_REACH
+        return other
+
+    def handle(self, event: Event) -> Outcome:
+        """Leap over the pose ahead, where there is one.
 
         Raises
         ------
-        NumericalError : only the rows that were kept of redundant ones lose rank.
+        SingularConfigurationError : a pose that no smooth branch leads over.
         """
-        found = rank_loss_ahead(self.motion, self.options, event)
-        if found is not None:
-            refuse_dependent_rows(self.problem, self.motion.system.split(found[1])[0], found[0])
-        return found
+        found = self.ahead(event)
+        if found is None:
+            return GO_ON
+        if isinstance(found, Unresolved):
+            loops = ", ".join(self.problem.model.closures)
+            raise SingularConfigurationError(
+                f"the singular configuration at t = {found.time:.9g} s, in which the constraints of {loops} lose rank, "
+                f"cannot be passed: {found.reason}",
+                time=found.time, kind="bifurcation",
+            )  # fmt: skip
+        self.crossed.append(found.time)
+        leap = found.leap
 
+        def states(t: Array) -> Array:
+            """Return states (T, nx): of the way to the leap, then of the leap itself."""
+            scout = self._scout(event)
+            rows = []
+            for time in t[t < leap.start.time].tolist():
+                scout.advance(time)
+                rows.append(scout.state)
+            rows += [self.motion.system.join(*moment) for moment in zip(*leap.at(t[t >= leap.start.time]))]
+            return np.array(rows)
 
-def rank_loss_ahead(motion: Motion, options: Options, event: Event) -> tuple[float, Array] | None:
-    """Tell whether the motion from an event on runs into a loss of rank, and where: time and state, else None.
-
-    It is approached by steps that cover nine tenths of the way to the root of the secant of the ratio of singular
-    values (which falls linearly towards it), and the small rest is extrapolated.
-    """
-    system = motion.system
-    driver = Driver(system, motion.choice.method, options)
-
-    def ratio_at(state: Array) -> float:
-        return singular_ratio(motion.problem, system.split(state)[0])
-
-    speed = float(np.abs(system.split(event.state)[1]).max())
-    if speed == 0.0:
-        return None
-    low, state = event.time, event.state
-    ratio = ratio_at(state)
-    trial, rest, receding = low + FIRST_STEP * ratio / speed, np.inf, 0
-    for _ in range(LOOKS):
-        driver.start(low, state, dataclasses.replace(options, max_step=(trial - low) / 4))
-        try:
-            driver.advance(trial)
-        except NumericalError:
-            break
-        before, low, state = (low, ratio, state), trial, driver.state
-        ratio = ratio_at(state)
-        slope = (ratio - before[1]) / (low - before[0])
-        if not slope < 0.0:
-            return None
-        root = low - ratio / slope
-        # on the way to a mere minimum the root recedes instead of closing in
-        receding = receding + 1 if root - low > 0.5 * rest else 0
-        if receding > RECEDING:
-            return None
-        rest = root - low
-        if ratio < RANK:
-            return root, state + rest / (low - before[0]) * (state - before[2])
-        trial = low + ON_THE_WAY * rest
-    return None
+        return Leap(leap.end, states(np.array([leap.end]))[0], states)

@@ -59,7 +59,8 @@ def tighter(options: Options, mean_step: float, method: str) -> tuple[Options, s
 
 def other_steps(options: Options, mean_step: float) -> tuple[Options, str]:
     """Return the options of a second run with shorter steps, and how it differs in words."""
-    return dataclasses.replace(options, max_step=SHORTER * mean_step), f"steps {SHORTER:g} times as long"
+    longest = min(options.max_step, SHORTER * mean_step)
+    return dataclasses.replace(options, max_step=longest), f"steps {SHORTER:g} times as long"
 
 
 @record

@@ -153,6 +153,11 @@ class Observer:
         velocities = c.sample_velocity or c.velocity
         self.correct_q = SampleKernel({"q": positions}, GROUPS) if positions else None
         self.correct_v = SampleKernel({"v": velocities}, GROUPS) if velocities else None
+        self.residuals = None
+        if self.correct_q is not None:
+            rows = problem.constraints
+            residuals = {"q": rows.eta, "v": rows.velocity_residual(problem.v)}
+            self.residuals = SampleKernel(residuals, GROUPS)
         self.parameters = np.zeros(max(1, len(problem.model.parameters)))
         asked = reactions or problem.scene.outputs.reactions
         self.reactions = _reactions(problem) if asked else None
@@ -170,16 +175,29 @@ class Observer:
         x = np.asfortranarray(x)
         if self.least_norm is not None:
             return self._project_least_norm(self.least_norm, t, x)
-        places = list(s.q_places)
         for _ in range(4):
-            q = self.correct_q.evaluate(len(t), s.own_groups(t, x, self.parameters))["q"]
-            moved = float(np.abs(q - x[:, places]).max(initial=0.0))
-            x[:, places] = q
+            moved = self._corrected(t, x, self.correct_q, "q", list(s.q_places))
             if not moved > 1e-9:
                 break
-        found = self.correct_v.evaluate(len(t), s.own_groups(t, x, self.parameters))
-        x[:, list(s.v_places)] = found["v"]
+        self._corrected(t, x, self.correct_v, "v", list(s.v_places))
         return x
+
+    def _corrected(self, t: Array, x: Array, kernel: SampleKernel, output: str, places: list[int]) -> float:
+        """Correct entries of states x (T, nx) in place, where that lessens the residual; return the largest change.
+
+        Close to a loss of rank a correction is rounding, magnified.
+        """
+        assert self.residuals is not None
+        better = x.copy(order="F")
+        better[:, places] = kernel.evaluate(len(t), self.system.own_groups(t, x, self.parameters))[output]
+        before, after = (
+            np.abs(self.residuals.evaluate(len(t), self._groups(t, states))[output]).max(axis=1)
+            for states in (x, better)
+        )
+        taken = after <= before
+        change = np.abs(better - x)[taken]
+        x[taken] = better[taken]
+        return float(change.max(initial=0.0))
 
     def _project_least_norm(self, kernel: LeastNorm, t: Array, x: Array) -> Array:
         s = self.system
