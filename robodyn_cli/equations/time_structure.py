@@ -8,7 +8,7 @@ and nearly a straight line.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +22,15 @@ from robodyn_cli.record import record
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 STRAIGHT = 0.25  # part of its range by which a function may bend within an interval that is left
+TURNED = 0.05  # part of the steepest slope by which its slope changes in such an interval
+ROUNDING = 1e-13
+BENT = 1e-3  # part of its range by which a function really bends in an interval that is short for it
 SHORT = 1 / 256  # part of the duration below which a feature is pointed out
 FINEST = 2.0**-44  # part of the duration at which bisection ends: a point
 MOST = 20_000  # intervals of one length that are looked at for one function
 MOST_POINTS = 1_000
 FINER = 8.0  # from one scale of features to the next
+BESIDE_POINTS = 64.0  # lengths from a point within which an interval is short because of it
 BESIDE = 1e-7  # part of the duration at which a point is looked at from both sides
 FOUND_TO = 1e-9  # part of the duration to which a point that formulas hide is known
 APART = 1e-3  # by how much sides differ, over what the function does nearby, to count as a jump
@@ -82,15 +86,29 @@ def structure(function: Expr, t: Expr, duration: float) -> Structure:
         middle = 0.5 * (low + high)
         low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
         rough_before = np.concatenate([rough, rough])
-    found = (
-        [x for x in points[0].tolist() if _is_rough(function, slope, t, x, duration)]
-        if points and resolved
-        else []
-    )
-    edges = np.array(_edges(np.concatenate(leaves, axis=1), duration))
+    doubtful = points[0].tolist() if points and resolved else []
+    found = [x for x in doubtful if _is_rough(function, slope, t, x, duration)]
+    ends = np.concatenate(leaves, axis=1)
+    ends = ends[:, np.argsort(ends[0])]
+    bent = _really_bent(function, t, ends[0], ends[1], span.widened(ends[0]))
+    edges = np.array(_edges(ends, bent, doubtful, duration))
     # a step must not end where a quotient of two zeros has no value
     (there,) = _values([function], edges)
     return Structure(tuple(found), tuple(edges[np.isfinite(there)].tolist()), resolved)
+
+
+def _really_bent(function: Expr, t: Expr, low: Array, high: Array, span: float) -> Flags:
+    """Tell in which intervals a function bends, in its value or its slope; its bounds may be far too wide."""
+    ends = [low, 0.75 * low + 0.25 * high, 0.5 * (low + high), 0.25 * low + 0.75 * high, high]
+    y = np.array([_values([function], x)[0] for x in ends])
+    with np.errstate(all="ignore"):
+        bend = np.abs(y[:-2] - 2.0 * y[1:-1] + y[2:]).max(axis=0)
+        slopes = (y[2::2] - y[:-2:2]) / (0.5 * (high - low))
+        steepest = np.abs(slopes[np.isfinite(slopes)]).max(initial=0.0)
+        turn = np.abs(slopes[1] - slopes[0])
+        seen = bend > ROUNDING * np.abs(y).max(axis=0)
+        found: Flags = (bend > BENT * span) | ((turn > TURNED * steepest) & seen)
+    return found
 
 
 def _nearly_straight(value: Bounds, rate: Bounds, length: Array, span: float) -> Flags:
@@ -167,14 +185,17 @@ def _is_rough(function: Expr, slope: Scalar, t: Expr, time: float, duration: flo
     return bool(jump or kink)
 
 
-def _edges(leaves: Array, duration: float) -> tuple[float, ...]:
+def _edges(leaves: Array, bent: Flags, points: Sequence[float], duration: float) -> tuple[float, ...]:
     """Return the ends of the stretches of short intervals (3, n), for each scale: a step then begins where one begins.
 
-    Intervals that are short only because a point that is not smooth lies beside them do not count.
+    Intervals that are short only because one of the ``points`` that are not smooth lies beside them do not count, nor do
+    stretches in which the function does not bend.
     """
-    order = np.argsort(leaves[0])
-    low, high, beside = leaves[:, order]
-    length = np.where(beside > 0.0, np.inf, high - low)
+    low, high, beside = leaves
+    near = np.zeros(len(low), dtype=bool)
+    for x in points:
+        near |= np.abs(0.5 * (low + high) - x) < BESIDE_POINTS * (high - low)
+    length = np.where((beside > 0.0) | near, np.inf, high - low)
     found: set[float] = set()
     limit = SHORT * duration
     while limit > FINEST * duration:
@@ -183,6 +204,8 @@ def _edges(leaves: Array, duration: float) -> tuple[float, ...]:
             break
         (begins,) = np.nonzero(short[1:-1] & ~short[:-2])
         (ends,) = np.nonzero(short[1:-1] & ~short[2:])
-        found.update(low[begins].tolist(), high[ends].tolist())
+        for first, last in zip(begins.tolist(), ends.tolist()):
+            if bent[first : last + 1].any():
+                found.update((float(low[first]), float(high[last])))
         limit /= FINER
     return tuple(sorted(x for x in found if 0.0 < x < duration))
