@@ -7,6 +7,7 @@ right-hand side jumps there, and its owner; what the event means is the owner's 
 
 from __future__ import annotations
 
+import dataclasses
 import enum
 import math
 from collections.abc import Callable, Mapping
@@ -123,7 +124,7 @@ class EventFunction:
 class Event:
     """An event that happened: whose, at which place among the system's functions, when, and the state there.
 
-    state : x = (q, v, z) of the integrator. time_error : width of the bracket of the time [s].
+    state : x = (q, v, z) of the integrator. time_error : width of the bracket of the time [s]. parameters : values of p.
     """
 
     function: EventFunction
@@ -131,6 +132,7 @@ class Event:
     time: float
     state: Array
     time_error: float
+    parameters: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
 
     @property
     def name(self) -> str:
