@@ -15,9 +15,9 @@ from robodyn_cli.algorithms.kinematics import (
     slice_v,
     step_motion,
 )
-from robodyn_cli.algorithms.linear import LdlFactor, minimum_degree, stands
+from robodyn_cli.algorithms.linear import LdlFactor, minimum_degree
 from robodyn_cli.expr.calculus import directional
-from robodyn_cli.expr.graph import Expr
+from robodyn_cli.expr.graph import Expr, is_nonzero
 from robodyn_cli.loops.base import LoopFrame, Row
 from robodyn_cli.model.model import BASE, FixedFrame, Loop, Model
 from robodyn_cli.record import record
@@ -106,7 +106,7 @@ def vanishes(row: Row) -> bool:
     """Tell whether a row is identically zero (a planar loop out of its plane), and closed as it is meant."""
     if not isinstance(row.cosine, Expr) and row.cosine < 0.5:
         return False  # nothing moves the links out of the wrong attitude: assembly says so
-    return not any(isinstance(x, Expr) or x != 0.0 for x in (row.eta, row.gamma, row.eta_t, *row.psi))
+    return not any(is_nonzero(x) for x in (row.eta, row.gamma, row.eta_t, *row.psi))
 
 
 @record
@@ -160,7 +160,7 @@ def solve_with_multipliers(
 
 def _entries(row: Values) -> dict[int, Any]:
     """Return a row without its zeros."""
-    return {k: x for k, x in enumerate(row) if stands(x)}
+    return {k: x for k, x in enumerate(row) if is_nonzero(x)}
 
 
 def _product(x: dict[int, Any], y: dict[int, Any]) -> Any:
@@ -225,7 +225,7 @@ def determinant(A: Matrix) -> Any:
             if len(smaller) != size - 1:
                 continue
             for column in range(n):
-                if column in smaller or (not isinstance(A[row, column], Expr) and A[row, column] == 0.0):
+                if column in smaller or not is_nonzero(A[row, column]):
                     continue
                 sign = -1.0 if sum(c < column for c in smaller) % 2 else 1.0
                 key = smaller | {column}

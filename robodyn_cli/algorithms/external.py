@@ -10,11 +10,12 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from robodyn_cli.algorithms.kinematics import Pose, Velocity, slice_q, slice_v, step_velocity
-from robodyn_cli.algorithms.rnea import Wrench, joint_torque
+from robodyn_cli.algorithms.kinematics import Pose, slice_q, slice_v, step_velocity
+from robodyn_cli.algorithms.rnea import joint_torque
 from robodyn_cli.expr.graph import Expr
+from robodyn_cli.forces.element import End
 from robodyn_cli.model.model import BASE, FixedFrame, Model
-from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, cross, rotation_to_z, snap, zeros
+from robodyn_cli.spatial.algebra import Transform, Twist, Values, Vector, Wrench, rotation_to_z, snap, zeros
 
 PARALLEL = 1e-12
 
@@ -25,7 +26,7 @@ class PathKinematics:
     def __init__(self, model: Model, X: Sequence[Transform], q: Values, qd: Values, root: int) -> None:
         self.model, self.X, self.q, self.qd, self.root = model, X, q, qd, root
         self._pose: dict[int, Pose] = {root: Pose.identity(), BASE: Pose.identity()}
-        self._velocity: dict[int, Velocity] = {root: Velocity.at_rest(), BASE: Velocity.at_rest()}
+        self._velocity: dict[int, Twist] = {root: Twist.zero(), BASE: Twist.zero()}
 
     def _reach(self, body: int) -> None:
         path = []
@@ -44,12 +45,11 @@ class PathKinematics:
         self._reach(body)
         return self._pose[body]
 
-    def place(self, frame: FixedFrame) -> tuple[Vector, Matrix, Vector, Vector]:
-        """Return origin, axes, velocity of the origin and angular velocity of a frame fixed to a body."""
+    def end(self, frame: FixedFrame) -> End:
+        """Return place, axes and velocity of a frame fixed to a body."""
         pose = self.pose(frame.body)
-        own = self._velocity[frame.body]
-        v = pose.R @ (own.v + cross(own.w, frame.p))
-        return pose.point(frame.p), pose.R @ frame.R, v, pose.R @ own.w
+        velocity = self._velocity[frame.body].shifted(frame.p).rotated(pose.R)
+        return End(pose.point(frame.p), pose.R @ frame.R, velocity)
 
 
 def path_torques(
@@ -59,22 +59,17 @@ def path_torques(
 
     Parameters
     ----------
-    wrenches : moment [N m] about the body's origin and force [N] in body coordinates, by body; what acts on ``root``
-        has no effect.
+    wrenches : about the body's origin in body coordinates, by body; what acts on ``root`` has no effect.
     """
     tau = zeros(model.nv)
     carried = {k: w for k, w in wrenches.items() if k not in (root, BASE)}
     while carried:
         k = max(carried)  # parents come first in the tree
-        n, f = carried.pop(k)
+        wrench = carried.pop(k)
         body = model.bodies[k]
-        own = joint_torque(body, slice_q(body, q), (n, f))
-        for j in range(body.joint.nv):
-            tau[body.v + j] = tau[body.v + j] + own[j]
+        tau[body.v : body.v + body.joint.nv] = joint_torque(body, slice_q(body, q), wrench)
         if body.parent not in (root, BASE):
-            n, f = X[k].force_to_parent(n, f)
-            below = carried.get(body.parent)
-            carried[body.parent] = (n, f) if below is None else (below[0] + n, below[1] + f)
+            carried[body.parent] = carried.get(body.parent, Wrench.zero()) + wrench.to_parent(X[k])
     return tau
 
 

@@ -6,16 +6,16 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.algorithms.kinematics import Pose, motions, poses
-from robodyn_cli.algorithms.rnea import Wrench, carry_down, inertial_wrench
+from robodyn_cli.algorithms.rnea import carry_down, inertial_wrench
 from robodyn_cli.loops.base import LoopFrame
 from robodyn_cli.model.model import BASE, FixedFrame, Loop, Model
 from robodyn_cli.record import record
-from robodyn_cli.spatial.algebra import Transform, Values, Vector, cross, identity, zeros
+from robodyn_cli.spatial.algebra import Transform, Values, Vector, Wrench, identity, zeros
 
 
 @record
 class LoopWrench:
-    """What a closure exerts on its two links: (moment about the link's own point, force).
+    """What a closure exerts on its two links, each about the link's own point of the closure.
 
     Both in the coordinates of ``root``, the last body that the two chains share.
     """
@@ -27,7 +27,7 @@ class LoopWrench:
 
 @record
 class Reactions:
-    """Wrenches (moment, force) in joints and closures [N m, N].
+    """Wrenches in joints and closures.
 
     joints : what the parent exerts on each body, about the body's origin in body coordinates. loops : of each
     closure. base : what the ground exerts on the whole mechanism, about the base's origin in base coordinates.
@@ -56,7 +56,7 @@ def loop_wrench(model: Model, loop: Loop, X: Sequence[Transform], lam: Mapping[s
     for row in loop.element.rows(*ends):
         if row.name in lam:
             total = total + row.psi * lam[row.name]
-    return LoopWrench(root, (total[3:6], total[0:3]), (total[9:12], total[6:9]))
+    return LoopWrench(root, Wrench(total[3:6], total[0:3]), Wrench(total[9:12], total[6:9]))
 
 
 def _free_end(here: Pose, frame: FixedFrame, place: int) -> LoopFrame:
@@ -89,19 +89,17 @@ def reactions(
     """
     motion = motions(model, X, q, qd, qdd, gravity)
     needed = {k: inertial_wrench(body, motion[k]) for k, body in enumerate(model.bodies)}
-    needed[BASE] = (zeros(3), zeros(3))
-    for k, (n, f) in (applied or {}).items():
-        needed[k] = (needed[k][0] - n, needed[k][1] - f)
+    needed[BASE] = Wrench.zero()
+    for k, exerted in (applied or {}).items():
+        needed[k] = needed[k] - exerted
     found = []
     for loop in model.loops:
         wrench = loop_wrench(model, loop, X, lam)
         found.append(wrench)
         pose = poses(model, X, wrench.root)
-        for frame, (n, f) in ((loop.first, wrench.on_first), (loop.second, wrench.on_second)):
-            here = pose[frame.body]
-            arm = here.R @ frame.p
-            n_body, f_body = here.R.T @ (n + cross(arm, f)), here.R.T @ f
-            own = needed[frame.body]
-            needed[frame.body] = (own[0] - n_body, own[1] - f_body)
+        for frame, exerted in ((loop.first, wrench.on_first), (loop.second, wrench.on_second)):
+            R = pose[frame.body].R
+            about_origin = exerted.shifted(R @ frame.p).rotated(R.T)
+            needed[frame.body] = needed[frame.body] - about_origin
     joints, base = carry_down(model, X, [needed[k] for k in range(len(model.bodies))], needed[BASE])
     return Reactions(joints, found, base)

@@ -35,7 +35,7 @@ from robodyn_cli.equations.joint_forces import JointForces
 from robodyn_cli.equations.kinks import is_of_time, switches, switching_times
 from robodyn_cli.equations.modes import Gate, gates
 from robodyn_cli.expr.functions import interpolate
-from robodyn_cli.expr.graph import Expr, Scalar, count_operations
+from robodyn_cli.expr.graph import Expr, Scalar, count_operations, is_nonzero
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import FixedFrame, Model
@@ -79,7 +79,7 @@ class Problem:
     def gravity(self) -> Vector | None:
         """Gravity in base coordinates, None where it is zero."""
         g = self.model.gravity
-        return g if any(isinstance(x, Expr) or x != 0.0 for x in g) else None
+        return g if any(is_nonzero(x) for x in g) else None
 
     @cached_property
     def X(self) -> list[Transform]:

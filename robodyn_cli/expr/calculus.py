@@ -7,7 +7,7 @@ from typing import Any
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.functions import cos, cosh, exp, log, power, sign, sin, sinh, sqrt, where
-from robodyn_cli.expr.graph import Expr, Scalar, reachable
+from robodyn_cli.expr.graph import Expr, Scalar, is_nonzero, reachable
 
 SparseRow = dict[int, Scalar]
 
@@ -69,7 +69,7 @@ def partials(node: Expr) -> list[tuple[Expr, Scalar]]:
         found = [(a, exponent * power(base, exponent - 1.0))] if isinstance(base, Expr) else []
         if isinstance(exponent, Expr):
             # 0 ** x is 0 wherever it has a slope
-            found.append((args[1], node * log(base) if isinstance(base, Expr) or base != 0.0 else 0.0))
+            found.append((args[1], node * log(base) if is_nonzero(base) else 0.0))
         return found
     if op == "table":
         knots, values, order = node.value
@@ -119,7 +119,7 @@ def jacobian(outputs: Sequence[Scalar], inputs: Sequence[Expr]) -> list[SparseRo
             for column, entry in inner.items():
                 term = partial * entry
                 row[column] = row[column] + term if column in row else term
-        gradient[node.index] = {k: e for k, e in row.items() if isinstance(e, Expr) or e != 0.0}
+        gradient[node.index] = {k: e for k, e in row.items() if is_nonzero(e)}
     return [dict(gradient.get(e.index, {})) if isinstance(e, Expr) else {} for e in outputs]
 
 

@@ -13,7 +13,7 @@ from robodyn_cli.algorithms.constraints import correction
 from robodyn_cli.algorithms.kinematics import slice_q, slice_v
 from robodyn_cli.equations.modes import FIELDS, Gate
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.expr.graph import Expr, Scalar
+from robodyn_cli.expr.graph import Scalar, is_nonzero
 from robodyn_cli.formulations.dynamics import Expanded
 from robodyn_cli.formulations.index3 import Index3
 from robodyn_cli.formulations.layout import Layout
@@ -48,7 +48,7 @@ def index1(
     constraints = problem.working
     power = problem.power if work else 0.0
     impacts = work and any(gate.stops for gate in problem.gates)  # they take energy at once
-    z_rate = (power,) if isinstance(power, Expr) or power != 0.0 or impacts else ()
+    z_rate = (power,) if is_nonzero(power) or impacts else ()
     position: Sequence[Scalar] = ()
     velocity: Sequence[Scalar] = ()
     if constraints.rows and isinstance(stabilisation, Baumgarte):

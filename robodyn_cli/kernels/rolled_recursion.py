@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
-from robodyn_cli.expr.graph import Expr, Scalar
+from robodyn_cli.expr.graph import Expr, Scalar, is_nonzero
 from robodyn_cli.joints.base import Joint
 from robodyn_cli.kernels.program import Program, make_program
 from robodyn_cli.kernels.rolled_steps import QUANTITIES, RECIPES, ROTATION, BodyStage, Place, Structure
@@ -123,7 +123,7 @@ def make_recursion(
 def _can_differ(stage: BodyStage, place: Place) -> bool:
     """Tell whether some step of a body gives an entry of a quantity another value than zero."""
     given = (draft.outputs.get(place, 0.0) for draft in stage.drafts)
-    return any(isinstance(x, Expr) or x != 0.0 for x in given)
+    return any(is_nonzero(x) for x in given)
 
 
 def _needed(stages: Sequence[BodyStage]) -> list[set[Place]]:

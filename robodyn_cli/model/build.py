@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from robodyn_cli.errors import SceneError
-from robodyn_cli.expr.graph import Graph, is_number
+from robodyn_cli.expr.graph import Graph, is_nonzero
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.model.model import (
     BASE,
@@ -86,7 +86,7 @@ def _inertia(link: sc.Link, values: _Values, frame: Transform) -> RigidInertia:
     """Return a link's inertia in body coordinates; ``frame`` takes body coordinates to those of ``com_frame``."""
     path = f"links.{link.name}"
     m = values.get(f"{path}.mass", link.mass, f"mass of {link.name}")
-    if is_number(m) and m == 0.0 and link.com is None and link.inertia == sc.Inertia():
+    if not is_nonzero(m) and link.com is None and link.inertia == sc.Inertia():
         return RigidInertia.zero()
     com = link.com if link.com is not None else (None, None, None)
     c = vector([values.get(f"{path}.com.{k}", com[k], f"com[{k}] of {link.name}") for k in range(3)])

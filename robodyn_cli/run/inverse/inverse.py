@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import GROUPS, Problem
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.expr.graph import Expr, Scalar
+from robodyn_cli.expr.graph import Scalar, is_nonzero
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.inverse.checks import DEFINITIONS, Sampled, beyond_limits, error_estimate, joint_figures
 from robodyn_cli.run.inverse.dynamics import ForwardDynamics, InverseDynamics, joint_force_terms, open_problem
@@ -104,9 +104,7 @@ def torque_terms(problem: Problem) -> dict[str, list[Scalar]]:
     for name, term in joint_force_terms(problem).items():
         terms[name] = [-x for x in term]
     return {
-        name: term
-        for name, term in terms.items()
-        if name == "inertia" or any(isinstance(x, Expr) or x != 0.0 for x in term)
+        name: term for name, term in terms.items() if name == "inertia" or any(is_nonzero(x) for x in term)
     }
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.expr.graph import Expr, Scalar
+from robodyn_cli.expr.graph import Scalar, is_nonzero
 from robodyn_cli.formulations.index1 import residuals
 from robodyn_cli.formulations.system import GROUPS, System
 from robodyn_cli.kernels.samples import SampleKernel
@@ -69,7 +69,7 @@ def _actuator_torques(problem: Problem) -> list[Scalar]:
         return tau
     for i in problem.constraints.prescribed:
         for k, x in enumerate(problem.constraints.rows[i].psi):
-            if isinstance(x, Expr) or x != 0.0:
+            if is_nonzero(x):
                 tau[k] = tau[k] + x * problem.forward.lam[i]
     return tau
 

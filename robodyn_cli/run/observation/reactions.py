@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.kinematics import Pose, poses
 from robodyn_cli.algorithms.reactions import Reactions, reactions
-from robodyn_cli.algorithms.rnea import Wrench
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
 from robodyn_cli.model.model import BASE, UNKNOWN_GROUP, Model
@@ -19,7 +18,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.run.observation.evaluation import SampleFunction
 from robodyn_cli.scene import types as sc
 from robodyn_cli.scene.points import has_dh, point_link
-from robodyn_cli.spatial.algebra import Matrix, identity
+from robodyn_cli.spatial.algebra import Matrix, Wrench, identity
 
 Array = NDArray[np.float64]
 NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
@@ -130,8 +129,8 @@ def _largest(vectors: Array) -> float:
 
 
 def _turned(axes: Matrix, wrench: Wrench) -> list[Scalar]:
-    n, f = wrench
-    return [*(axes @ f), *(axes @ n)]
+    turned = wrench.rotated(axes)
+    return [*turned.f, *turned.n]
 
 
 def _unknown(entry: Scalar) -> bool:
