@@ -148,17 +148,17 @@ def squared_skew(w: Vector) -> Matrix:
 def step_motion(body: Body, X: Transform, q: Vector, qd: Vector, qdd: Vector, parent: Motion) -> Motion:
     """Return a body's motion from its parent's, for any joint (Luh, Walker and Paul 1980, equations 11 to 13).
 
-    With S = (S_w, S_v), joint velocity (w_J, v_J) = S qd in body coordinates:
-    w = E w_p + w_J;  wd = E wd_p + (E w_p) x w_J + S_w qdd + c_w;
-    a = E (a_p + wd_p x r + w_p x (w_p x r)) + 2 (E w_p) x v_J + w_J x v_J + S_v qdd + c_v.
+    With the joint's velocity (w_J, v_J) = S qd and its acceleration (wd_J, a_J) = S qdd + S_rate qd, both in body
+    coordinates: w = E w_p + w_J;  wd = E wd_p + (E w_p) x w_J + wd_J;
+    a = E (a_p + wd_p x r + w_p x (w_p x r)) + 2 (E w_p) x v_J + w_J x v_J + a_J.
     """
     S = body.joint.S(q)
-    c = body.joint.bias(q, qd)
-    v_J, a_J = Twist.along(S, qd), Twist.along(S, qdd)
+    v_J = Twist.along(S, qd)
+    a_J = Twist.along(S, qdd) + Twist.along(body.joint.S_rate(q, qd), qd)
     w_p = X.E @ parent.w
     w = w_p + v_J.w
-    wd = X.E @ parent.wd + cross(w_p, v_J.w) + a_J.w + c[:3]
-    a = X.E @ parent.acceleration_of(X.r) + cross(2.0 * w_p + v_J.w, v_J.v) + a_J.v + c[3:]
+    wd = X.E @ parent.wd + cross(w_p, v_J.w) + a_J.w
+    a = X.E @ parent.acceleration_of(X.r) + cross(2.0 * w_p + v_J.w, v_J.v) + a_J.v
     return Motion(w, wd, a)
 
 

@@ -128,7 +128,7 @@ def build_model(scene: sc.Scene, symbolic: Sequence[str] = (), graph: Graph | No
         X_joint, joint_frame, link_frame = joint_placement(robot, joint, values.get)
         X_tree = X_joint @ parent.link_frame
         link = links[name]
-        if joint.type == "fixed":
+        if joint_types[joint.type].nv == 0:
             here = _Placed(parent.body, joint_frame @ X_tree, link_frame @ X_tree)
         else:
             here = _Placed(len(bodies), joint_frame, link_frame)

@@ -69,7 +69,7 @@ class Planar2R:
         if model.nv != 2 or len(path) != 2 or frame.body == BASE:
             return None
         one, two = (model.bodies[k] for k in path)
-        if one.joint.type != "revolute" or two.joint.type != "revolute":
+        if one.joint.dh_variable != "theta" or two.joint.dh_variable != "theta":
             return None
         mount = one.X_tree @ model.base
         entries = [*mount.E.flat, *mount.r, *two.X_tree.E.flat, *two.X_tree.r, *frame.p]
