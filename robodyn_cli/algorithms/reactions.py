@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from robodyn_cli.algorithms.kinematics import Pose, motions, poses
+from robodyn_cli.algorithms.kinematics import Motion, Pose, poses
 from robodyn_cli.algorithms.rnea import carry_down, inertial_wrench
 from robodyn_cli.loops.base import LoopFrame
 from robodyn_cli.model.model import BASE, FixedFrame, Loop, Model
 from robodyn_cli.record import record
-from robodyn_cli.spatial.algebra import Transform, Values, Vector, Wrench, identity, zeros
+from robodyn_cli.spatial.algebra import Transform, Wrench, identity, zeros
 
 
 @record
@@ -41,9 +41,8 @@ class Reactions:
 def loop_wrench(model: Model, loop: Loop, X: Sequence[Transform], lam: Mapping[str, Any]) -> LoopWrench:
     """Return what a closure exerts on its links.
 
-    The power of a row's multiplier is lambda Psi v. With the velocities of the two ends themselves in the place of
-    v, Psi is the wrench of a unit multiplier (principle of virtual power), so the rows of the closure give it as
-    they stand.
+    A row's multiplier has the power lambda Psi v. With the velocities of the two ends in the place of v, Psi itself is
+    the wrench of a unit multiplier (principle of virtual power), so the closure's own rows give it.
 
     Parameters
     ----------
@@ -70,12 +69,9 @@ def _free_end(here: Pose, frame: FixedFrame, place: int) -> LoopFrame:
 
 def reactions(
     model: Model,
-    q: Values,
-    qd: Values,
-    qdd: Values,
-    lam: Mapping[str, Any],
-    gravity: Vector | None,
     X: Sequence[Transform],
+    motion: Mapping[int, Motion],
+    lam: Mapping[str, Any],
     applied: Mapping[int, Wrench] | None = None,
 ) -> Reactions:
     """Return the wrench in every joint and closure, and that of the ground.
@@ -84,10 +80,9 @@ def reactions(
 
     Parameters
     ----------
-    q, qd, qdd : (nq,), (nv,), (nv,): a motion. lam : multipliers by row. gravity : (3,) base coordinates [m/s^2].
-    applied : further wrenches on bodies, about the body's origin in body coordinates, by index.
+    X : transforms from parent to body. motion : of each body, gravity included (see ``motions``).
+    lam : multipliers by row. applied : further wrenches on bodies, about the body's origin in body coordinates.
     """
-    motion = motions(model, X, q, qd, qdd, gravity)
     needed = {k: inertial_wrench(body, motion[k]) for k, body in enumerate(model.bodies)}
     needed[BASE] = Wrench.zero()
     for k, exerted in (applied or {}).items():

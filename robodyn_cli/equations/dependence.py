@@ -90,8 +90,8 @@ def _uncombined(every: Constraints, found: Sequence[Combination]) -> list[int]:
     return [i for i in range(len(every.rows)) if i not in mixed]
 
 
-def working_rows(every: Constraints, found: Sequence[Combination]) -> Constraints:
-    """Return the combinations, then the rows that depend on no others."""
+def independent_rows(every: Constraints, found: Sequence[Combination]) -> Constraints:
+    """Return rows with the rank of all: the combinations, then the rows that depend on no others."""
     if not found:
         return every
     rows: list[Row] = []
@@ -103,7 +103,7 @@ def working_rows(every: Constraints, found: Sequence[Combination]) -> Constraint
 
 
 def multipliers_of_rows(every: Constraints, found: Sequence[Combination], lam: Vector) -> Vector:
-    """Return the multipliers of all rows (m,) from those of ``working_rows``: W^T lambda."""
+    """Return the multipliers of all rows (m,) from those of ``independent_rows``: W^T lambda."""
     if not found:
         return lam
     out = zeros(len(every.rows))

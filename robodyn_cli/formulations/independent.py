@@ -57,7 +57,7 @@ class PartitionChart:
         nv = problem.model.nv
         self.first = len(problem.model.parameters)
         self.count = nv + 1
-        psi = problem.working.psi(nv)
+        psi = problem.independent_rows.psi(nv)
         self.shape = psi.shape
         self.psi = Evaluator(list(psi.ravel()))
 
@@ -97,10 +97,10 @@ def partition(problem: Problem, z_rate: Sequence[Scalar]) -> Partition:
     nv, first = problem.model.nv, len(problem.model.parameters)
     w = [problem.graph.symbol(f"w[{k}]", PARAMETER_GROUP, first + k) for k in range(nv)]
     threshold = problem.graph.symbol(f"w[{nv}]", PARAMETER_GROUP, first + nv)
-    psi = problem.working.psi(nv)
+    psi = problem.independent_rows.psi(nv)
     masked = _masked(psi, w)
-    q_step = problem.moved(correction(masked, problem.working.eta))
-    rate = problem.working.velocity_residual(problem.v)
+    q_step = problem.moved(correction(masked, problem.independent_rows.eta))
+    rate = problem.independent_rows.velocity_residual(problem.v)
     v_step: list[Scalar] = [x - d for x, d in zip(problem.v, correction(masked, rate))]
     q: list[Any] = list(problem.q)
     for _ in range(NEWTON_STEPS):

@@ -45,7 +45,7 @@ def index1(
     work : carry the work of actuators and damping as a further state, where there is any.
     expanded : give expressions in any case, for those who look into them.
     """
-    constraints = problem.working
+    constraints = problem.independent_rows
     power = problem.power if work else 0.0
     impacts = work and any(gate.stops for gate in problem.gates)  # they take energy at once
     z_rate = (power,) if is_nonzero(power) or impacts else ()
@@ -219,7 +219,7 @@ def projection(problem: Problem) -> tuple[list[Scalar], list[Scalar]]:
 
     Both are of least norm in the velocity coordinates, on which Psi acts.
     """
-    constraints = problem.working
+    constraints = problem.independent_rows
     psi = constraints.psi(problem.model.nv)
     dq = correction(psi, constraints.eta)
     dv = correction(psi, constraints.velocity_residual(problem.v))

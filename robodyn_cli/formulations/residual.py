@@ -46,7 +46,7 @@ class Residual:
     @staticmethod
     def fits(problem: Problem) -> bool:
         """Tell whether a mechanism's equations can be written so."""
-        return not problem.working.rows and not problem.gates and problem.model.nv <= LARGEST
+        return not problem.independent_rows.rows and not problem.gates and problem.model.nv <= LARGEST
 
     @cached_property
     def _model(self) -> Model:

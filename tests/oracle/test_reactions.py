@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from robodyn_cli.algorithms.constraints import loop_rows
-from robodyn_cli.algorithms.kinematics import poses, transforms, velocities
+from robodyn_cli.algorithms.constraints import LoopRows
+from robodyn_cli.algorithms.kinematics import motions, poses, transforms, velocities
 from robodyn_cli.algorithms.reactions import Reactions, loop_wrench, reactions
 from robodyn_cli.algorithms.rnea import joint_torque, rnea
 from robodyn_cli.loops.registry import loop_types
@@ -22,7 +22,8 @@ from tests.random_models import random_rotation
 
 
 def find(model: Model, s: State, lam: dict[str, float]) -> Reactions:
-    return reactions(model, s.q, s.qd, s.qdd, lam, model.gravity, transforms(model, s.q))
+    X = transforms(model, s.q)
+    return reactions(model, X, motions(model, X, s.q, s.qd, s.qdd, model.gravity), lam)
 
 
 @cases
@@ -66,7 +67,7 @@ def closed(seed: int) -> tuple[Model, dict[str, float]]:
     lam = {}
     for loop in loops:
         X = transforms(model, [0.0] * 8)
-        for row in loop_rows(model, loop, X, [0.0] * 8, [0.0] * 8):
+        for row in LoopRows(model, X, [0.0] * 8, [0.0] * 8).of(loop):
             lam[row.name] = float(rng.normal() * 10)
     return model, lam
 
@@ -79,7 +80,7 @@ def test_closures_do_the_work_of_their_multipliers(seed: int) -> None:
     X = transforms(model, s.q)
     expected = real(rnea(model, s.q, s.qd, s.qdd, model.gravity))
     for loop in model.loops:
-        for row in loop_rows(model, loop, X, s.q, s.qd):
+        for row in LoopRows(model, X, s.q, s.qd).of(loop):
             expected = expected - real(row.psi) * lam[row.name]
     found = find(model, s, lam)
     for k, body in enumerate(model.bodies):

@@ -39,7 +39,7 @@ BALANCE = 1e-6  # of the kinetic energy, by which its balance may change
 
 def passage_event(problem: Problem) -> tuple[EventFunction, ...]:
     """Return the event of coming near a loss of rank that is to be passed."""
-    rows = problem.independent_rows
+    rows = problem.loop_psi
     if not len(rows):
         return ()
     return (EventFunction(NEAR_PASSAGE, closeness(rows) - NEAR * NEAR, direction=-1, terminal=False),)

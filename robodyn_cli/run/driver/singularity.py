@@ -73,7 +73,7 @@ def passive_determinant(problem: Problem, passive: Sequence[int]) -> Scalar:
     ------
     CapabilityError : the block is not square, so the input does not determine the configuration.
     """
-    rows = problem.independent_rows
+    rows = problem.loop_psi
     if len(passive) != len(rows):
         freedom = problem.model.nv - len(rows)
         raise CapabilityError(
@@ -90,7 +90,7 @@ def rank_loss_event(problem: Problem) -> tuple[EventFunction, ...]:
 
     The quantity lies between the squared ratio of smallest to largest singular value and m times less.
     """
-    rows = problem.independent_rows
+    rows = problem.loop_psi
     if not len(rows):
         return ()
     return (EventFunction(NEAR_RANK_LOSS, closeness(rows) - NEAR * NEAR, direction=-1, terminal=False),)
@@ -165,7 +165,7 @@ def driven_dead_point(
     except CapabilityError:
         return None
     unknowns: list[Expr] = [*problem.q, problem.t]
-    equations = [*problem.working.eta, singular]
+    equations = [*problem.independent_rows.eta, singular]
     if len(equations) != len(unknowns):
         return None
     rows = jacobian(equations, unknowns)

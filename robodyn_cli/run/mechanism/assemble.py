@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import Assembled
 from robodyn_cli.solve.assembly import assemble as close_loops
-from robodyn_cli.solve.branches import Search, search
+from robodyn_cli.solve.branches import Search, halton, search
 from robodyn_cli.solve.load_sharing import RANK
 
 Array = NDArray[np.float64]
@@ -149,9 +150,8 @@ def _add_branches(
         found = np.array(cosines({"q": q.tolist(), "t": [0.0], "p": []}), dtype=float)
         return bool(np.all(found > 0.5))
 
-    searched = search(
-        conditions, assembled.q, free, start, signature, accepted, problem.scene.assemble.starts
-    )
+    points = halton(problem.scene.assemble.starts - 1, len(free))
+    searched = search(conditions, chain([assembled.q], map(start, points)), free, signature, accepted)
     _describe_branches(result, problem, conditions, searched, free, kinds)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.algorithms.kinematics import Pose, poses
+from robodyn_cli.algorithms.kinematics import Pose, motions, poses
 from robodyn_cli.algorithms.reactions import Reactions, reactions
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
@@ -43,7 +43,8 @@ class ReactionSamples:
         self.rows = problem.constraints.names
         lam = dict(zip(self.rows, problem.graph.symbols(self.rows, "lam")))
         applied = problem.elements.wrenches
-        found = reactions(model, problem.q, problem.v, problem.a, lam, problem.gravity, problem.X, applied)
+        motion = motions(model, problem.X, problem.q, problem.v, problem.a, problem.gravity)
+        found = reactions(model, problem.X, motion, lam, applied)
         self.names: dict[str, tuple[str, ...]] = {}
         self.meanings: dict[str, str] = {}
         self.missing: dict[str, list[str]] = {}
