@@ -1,6 +1,6 @@
 """Steps of a mechanism's q along the joints' own manifolds, on numbers.
 
-Where q-dot = v a step is a sum, one for all such joints; others go through their joint.
+A step of joints with q-dot = v is one sum for all of them; each joint with quasi-velocities makes its own.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Manifold:
         return range(body.q, body.q + body.joint.nq)
 
     def neutral(self) -> Array:
-        """Return the position at which every joint is at rest: zero, and no rotation."""
+        """Return the position at which every joint's transform is the identity."""
         return self._neutral.copy()
 
     def integrate(self, q: Array, dq: Array) -> Array:

@@ -26,11 +26,11 @@ Compile = Callable[["PointKinematics"], "PointFunction"]
 
 @record
 class PointTask:
-    """A point of a model and what is asked of it.
+    """A point of a model and the path that it is to follow.
 
     frame : the point. trajectory : its path and the options of the inverse kinematics.
     start : joint positions by name near which the motion starts (``ik.guess``, or the scene's ``initial.q``).
-    parameters : those of the scene. where : put in front of errors about the scene.
+    parameters : those of the scene. where : the prefix of messages about the scene.
     """
 
     model: Model
@@ -46,7 +46,7 @@ class PointTask:
         return options
 
     def target(self, times: Array) -> PointMotion:
-        """Return what is asked of the point at ``times`` (T,), world coordinates."""
+        """Return the target of the point at ``times`` (T,), world coordinates."""
         return self.trajectory.target(times, self.parameters)
 
     def start_positions(self) -> Array | None:
@@ -65,7 +65,7 @@ class PointTask:
 
 @record
 class Found:
-    """Joint motion that follows a path, how it was found (``analytic`` or ``newton``), and at what cost."""
+    """Joint motion that follows a path, the method (``analytic`` or ``newton``), its iterations and steps."""
 
     motion: JointMotion
     method: str

@@ -1,4 +1,4 @@
-"""Inverse kinematics of a planar 2R arm in closed form, wherever and however it is mounted.
+"""Inverse kinematics of a planar 2R arm in closed form, in any place and attitude.
 
 In the plane across the two parallel axes, with phi the direction of the first link (joint 1 to joint 2,
 length l1) and psi that of the second (joint 2 to the point, length l2), both turning about the first axis:
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 ELBOW_UP, ELBOW_DOWN = -1.0, 1.0
 BRANCHES = {"elbow_up": ELBOW_UP, "elbow_down": ELBOW_DOWN}
-PARALLEL = 1e-12
+PARALLEL = 1e-12  # sine of the angle up to which two axes count as parallel
 
 
 @record
