@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from robodyn_cli.model.model import BASE, Body, FixedFrame, Model
+from robodyn_cli.model.model import BASE, Body, Model
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import (
     Matrix,
@@ -177,8 +177,3 @@ def motions(
             body, X[k], slice_q(body, q), slice_v(body, qd), slice_v(body, qdd), found[body.parent]
         )
     return found
-
-
-def base_point(pose: dict[int, Pose], frame: FixedFrame) -> Vector:
-    """Return base coordinates of the origin of a fixed frame."""
-    return pose[frame.body].point(frame.p)

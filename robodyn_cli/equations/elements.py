@@ -64,8 +64,7 @@ class Elements:
             self.model.base.E,
             lambda axis: turn_about(self.model, self.q, force.ends, axis, root),
         )
-        effect: Effect = force.element.effect(tuple(kinematics.end(frame) for frame in force.ends), setting)
-        return effect
+        return force.element.effect(tuple(kinematics.end(frame) for frame in force.ends), setting)
 
     @cached_property
     def torques(self) -> dict[str, Vector]:

@@ -15,7 +15,7 @@ Checklist for another kind:
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 from robodyn_cli.expr.functions import sqrt
 from robodyn_cli.record import record
@@ -79,8 +79,13 @@ class Effect:
 class ForceElement(Protocol):
     """A force element of a scene (see the checklist above)."""
 
-    term: str
-    name: str
+    term: ClassVar[str]
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def type(self) -> str: ...
 
     @property
     def references(self) -> tuple[str, ...]: ...
