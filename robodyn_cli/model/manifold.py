@@ -8,12 +8,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.model.model import Body, Model
-from robodyn_cli.spatial.algebra import vector
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array, vector
 
 
 class Manifold:

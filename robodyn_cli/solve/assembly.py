@@ -5,18 +5,16 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.errors import GeometryError, SingularConfigurationError
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 from robodyn_cli.solve.closure import Equations, Numbers, newton
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[Any]
 ATTEMPTS = 24  # random starts
 CLOSED = 1e-11  # rad, or part of the size of the mechanism
 RANK_TOLERANCE = 1e-7  # ratio of singular values below which a configuration counts as singular

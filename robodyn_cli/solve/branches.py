@@ -9,12 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.record import record
 from robodyn_cli.solve.guided import Conditions
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 CLOSED = 1e-11  # rad, or part of the size of the mechanism
 SAME = 1e-6  # the same, for configurations that count as one

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import Model
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[Any]
 MOST_STEP = 0.7  # rad, or part of the size of the mechanism
 
 

@@ -14,15 +14,14 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.record import record
 from robodyn_cli.solve.newton import SINGULAR, PointSolver, Solution
 from robodyn_cli.solve.reach import Singular, Unreachable
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import JointMotion, PointMotion
 from robodyn_cli.trajectories.quintic_spline import hermite
 
-Array = NDArray[np.float64]
 Target = Callable[[Array], PointMotion]
 
 MISS = 0.1  # rad or m by which the extrapolation may miss: beyond it the branch could change unnoticed

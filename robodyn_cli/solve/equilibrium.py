@@ -16,8 +16,7 @@ from robodyn_cli.record import record
 from robodyn_cli.solve.branches import close
 from robodyn_cli.solve.guided import Conditions
 from robodyn_cli.solve.load_sharing import allowed_motions
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 MOST_STEP = 0.3  # rad, or part of the size of the mechanism
 ITERATIONS = 400

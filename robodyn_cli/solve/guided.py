@@ -7,14 +7,12 @@ depend on others.
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.record import record
-
-Array = NDArray[Any]
+from robodyn_cli.spatial.algebra import Array
 
 MISS = 0.08  # rad, or part of the mechanism's size, by which extrapolation may miss before the branch could change
 SINGULAR = 1e-8  # smallest over largest singular value of J

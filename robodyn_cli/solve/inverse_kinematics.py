@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.errors import CapabilityError, GeometryError, SceneError, SingularConfigurationError
 from robodyn_cli.model.model import BASE, FixedFrame, Model
@@ -14,13 +13,13 @@ from robodyn_cli.record import record
 from robodyn_cli.solve import planar_path
 from robodyn_cli.solve.planar_2r import BRANCHES, ELBOW_DOWN, ELBOW_UP, Planar2R
 from robodyn_cli.solve.reach import Singular, Unreachable
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.base import Ik
 from robodyn_cli.trajectories.motion import JointMotion, PointMotion, TaskSpace
 
 if TYPE_CHECKING:
     from robodyn_cli.solve.point_kinematics import PointFunction, PointKinematics
 
-Array = NDArray[np.float64]
 Compile = Callable[["PointKinematics"], "PointFunction"]
 
 

@@ -10,11 +10,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.record import record
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 RANK = 1e-8  # ratio of singular values below which rank is lost
 

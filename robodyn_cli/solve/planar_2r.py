@@ -14,14 +14,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.model.model import BASE, FixedFrame, Model
 from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import PointMotion
-
-Array = NDArray[np.float64]
 
 ELBOW_UP, ELBOW_DOWN = -1.0, 1.0
 BRANCHES = {"elbow_up": ELBOW_UP, "elbow_down": ELBOW_DOWN}

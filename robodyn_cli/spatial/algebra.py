@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from robodyn_cli.expr.functions import cos, sin
 from robodyn_cli.record import record
 
+Array = NDArray[Any]  # of numbers; shape and unit are stated where it is used
 Vector = NDArray[Any]  # dtype object, shape (3,)
 Matrix = NDArray[Any]  # dtype object, shape (3, 3)
 Values = Sequence[Any] | NDArray[Any]  # numbers or expressions in order
