@@ -15,7 +15,7 @@ from robodyn_cli.kernels.program import Program, make_program
 from robodyn_cli.kernels.rolled_steps import QUANTITIES, RECIPES, ROTATION, BodyStage, Place, Structure
 from robodyn_cli.record import record
 
-GROUPS = ("p", "q", "v", "x", "kept", *QUANTITIES)
+BODY_GROUPS = ("p", "q", "v", "x", "kept", *QUANTITIES)
 
 
 @record
@@ -167,4 +167,4 @@ def _step(outputs: Mapping[Place, Scalar], needed: set[Place], present: Mapping[
         if (group, k) in needed and (group not in present or present[group][k]):
             values.setdefault(group, []).append(value)
             places.setdefault(group, []).append(k)
-    return Step(make_program(dict(values), GROUPS), {group: tuple(ks) for group, ks in places.items()})
+    return Step(make_program(dict(values), BODY_GROUPS), {group: tuple(ks) for group, ks in places.items()})
