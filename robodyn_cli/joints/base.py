@@ -11,7 +11,7 @@ The checklist, which the conformance tests run over every registered joint:
 6. ``parent_inertia(inertia)``: the part of a body's inertia that may be counted to the parent, or None.
 7. ``units`` and ``names`` of q, ``v_units`` and ``v_names`` of v, where they differ from those of q.
 8. ``angle(q)``: how far it turns about its z axis, or None where it may turn about others.
-9. ``dh_variable``: the D-H parameter, ``theta`` or ``d``, that is its coordinate, if one is.
+9. ``needs`` and ``takes``: keys by which a scene places it; ``by_dh`` and ``dh_variable`` where D-H parameters do.
 """
 
 from __future__ import annotations
@@ -28,8 +28,9 @@ class Joint:
     quasi : q-dot is not v but ``velocity_map(q, v)``. units : of q, ``rad``, ``m`` or ``1``; v_units : ``rad`` or
     ``m``, per second that of v. names, v_names : what a coordinate is called behind the joint's name
     (``ball.qw``); a joint with one coordinate goes by its own name. v_units, v_names : as units and names by default.
-    subspace : columns of S where it is constant. dh_variable : ``theta`` of a joint that only turns about its z axis by
-    q, ``d`` of one that only slides along it; empty for any other.
+    subspace : columns of S where it is constant. needs, takes : keys of the scene, of ``axis``, ``axis2``, ``pitch``,
+    that must or may stand beside ``origin``. by_dh : whether D-H parameters may place it instead. dh_variable : the D-H
+    parameter that is q: ``theta`` of a joint that only turns about its z axis, ``d`` of one that only slides along it.
     """
 
     type: ClassVar[str] = ""
@@ -41,6 +42,9 @@ class Joint:
     names: ClassVar[tuple[str, ...]] = ()
     v_names: ClassVar[tuple[str, ...]] = ()
     subspace: ClassVar[tuple[tuple[float, ...], ...]] = ()
+    needs: ClassVar[tuple[str, ...]] = ()
+    takes: ClassVar[tuple[str, ...]] = ("axis",)
+    by_dh: ClassVar[bool] = False
     dh_variable: ClassVar[str] = ""
 
     def __init_subclass__(cls) -> None:

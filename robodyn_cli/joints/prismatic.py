@@ -15,6 +15,8 @@ class Prismatic(Joint):
     type = "prismatic"
     nq = nv = 1
     units = ("m",)
+    needs = ("axis",)
+    by_dh = True
     dh_variable = "d"
     subspace = ((0.0, 0.0, 0.0, 0.0, 0.0, 1.0),)
 

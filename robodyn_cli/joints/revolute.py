@@ -15,6 +15,8 @@ class Revolute(Joint):
     type = "revolute"
     nq = nv = 1
     units = ("rad",)
+    needs = ("axis",)
+    by_dh = True
     dh_variable = "theta"
     subspace = ((0.0, 0.0, 1.0, 0.0, 0.0, 0.0),)
 

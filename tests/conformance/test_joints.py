@@ -204,7 +204,7 @@ def test_angle_is_that_of_the_turn_about_z(name: str, seed: int) -> None:
 @registered
 @sampled
 def test_dh_variable_says_how_the_joint_moves(name: str, seed: int) -> None:
-    """Check 9: theta turns about z by q, d slides along z by q."""
+    """Check 9, the D-H variable: theta turns about z by q, d slides along z by q."""
     joint = JOINTS[name]
     q, _, _ = state(joint, seed)
     X = joint.transform(q)
