@@ -11,7 +11,7 @@ import numpy as np
 from robodyn_cli.equations.plan_facts import listed_data, unknown_data
 from robodyn_cli.errors import GeometryError, RobodynError, SceneError
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.formulations.index1 import index1
+from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.model.consistency import body_problems
 from robodyn_cli.model.model import Model
@@ -156,10 +156,10 @@ def _inverse(scene: Scene) -> tuple[Model, list[Scalar]]:
 def _forward(scene: Scene, command: str) -> tuple[Model, list[Scalar]]:
     if command == "deploy" and not scene.loops and not scene.couplers:
         raise SceneError("deploy needs a mechanism with closed loops; this scene has none", key="loops")
-    problem = prepare(scene, modes=True).problem
+    problem = prepare(scene).problem
     if command == "deploy" and scene.deploy.criterion != "multipliers":
         passive_determinant(problem, passive_coordinates(problem) or [])
-    dynamics = index1(problem, "none", work=False).dynamics
+    dynamics = build_system(problem, "none", work=False).dynamics
     # loops over bodies have asked for what they need when they were made
     outputs = dynamics.forces if isinstance(dynamics, Rolled) else dynamics.expressions()[0]
     return problem.model, list(outputs)

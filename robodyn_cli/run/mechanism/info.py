@@ -91,7 +91,7 @@ def info(path: Path, overrides: Sequence[str] = (), at: Sequence[str] = ()) -> t
         given = {name.partition(".")[0] for name in (*scene.initial.q, *scene.prescribed)}
         changes = [*(f"initial.q.{x}" for x in _neutral(scene, given)), *changes]
     scene = _changed(path, changes, at) if changes else scene
-    setup = prepare(scene, modes=True)
+    setup = prepare(scene)
     return _Numbers(setup.problem, setup.assembled.q, setup.assembled.v).report()
 
 

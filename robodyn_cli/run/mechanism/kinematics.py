@@ -219,5 +219,5 @@ def _summarise(result: Result, names: tuple[str, ...], guided: GuidedMotion) -> 
 def _stopped(result: Result, error: RobodynError) -> RobodynError:
     result.status = result.summary["status"] = "failed"
     result.summary["termination"] = {"reason": error.message, **error.details}
-    error.result = result  # type: ignore[attr-defined]
+    error.result = result
     return error

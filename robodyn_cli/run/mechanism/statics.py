@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.kinematics import slice_q, slice_v
-from robodyn_cli.equations.modes import gates
+from robodyn_cli.equations.contact_joints import contact_joints, moving_freely
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError, SingularConfigurationError
 from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.expr.rebuild import Evaluator, evaluate
-from robodyn_cli.formulations.index1 import start_modes
 from robodyn_cli.kernels.program import unknown_data
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.driver.prepare import held_columns, initial_positions
@@ -77,11 +76,11 @@ def statics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch 
 
 def _within_stops(problem: Problem, q: Array) -> None:
     """Refuse a configuration beyond a rigid stop: what the stop bears is not among the forces that balance."""
-    for gate in gates(problem.model):
-        for push, at in gate.stops:
-            if push * (q[gate.q] - at) < -1e-9 * max(1.0, abs(at)):
+    for joint in contact_joints(problem.model):
+        for push, at in joint.stops:
+            if push * (q[joint.q] - at) < -1e-9 * max(1.0, abs(at)):
                 raise CapabilityError(
-                    f"joint {gate.joint!r} would be at {q[gate.q]:.6g}, beyond its rigid stop at {at:.6g}, which "
+                    f"joint {joint.name!r} would be at {q[joint.q]:.6g}, beyond its rigid stop at {at:.6g}, which "
                     "`statics` does not follow; allowed: stops with 'stiffness', or the joint in 'initial.hold'"
                 )
 
@@ -100,7 +99,7 @@ class _RestForces:
 
     def __init__(self, problem: Problem, conditions: LoopConditions) -> None:
         model = self.model = problem.model
-        self.modes = start_modes(problem)  # nothing sticks, and no stop is met
+        self.parameters = moving_freely(problem.contact_joints)  # nothing sticks, and no stop is met
         load = list(problem.bias - problem.applied)
         lam = problem.graph.symbols(list(conditions.names), "lam")
         rows = problem.constraints.rows
@@ -122,7 +121,7 @@ class _RestForces:
         self._load, self._stiffness = Evaluator(load), Evaluator(without_idle_unknowns(entries, load))
 
     def _values(self, q: Array) -> dict[str, Any]:
-        return {"q": q.tolist(), "v": [0.0] * self.model.nv, "t": [0.0], "p": self.modes}
+        return {"q": q.tolist(), "v": [0.0] * self.model.nv, "t": [0.0], "p": self.parameters}
 
     def load(self, q: Array) -> Array:
         return np.array(self._load(self._values(q)), dtype=float)

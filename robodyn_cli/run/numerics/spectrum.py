@@ -118,7 +118,7 @@ def jacobians(problem: Problem, system: System, times: Array, states: Array) -> 
         for row, t, x in zip(J, times, states):
             row[system.nq :] = _differences(problem, system.dynamics, t, x)
         return J
-    entries = differentiate(system).J
+    entries = differentiate(system.rates, system.nq, system.nv).J
     places = [(i, k) for i in range(n) for k in range(n) if is_nonzero(entries[i, k])]
     groups = _samples(system.own_groups(np.asarray(times, dtype=float), states, _parameters(system)))
     for (i, k), value in zip(places, evaluate([entries[place] for place in places], groups)):

@@ -98,6 +98,10 @@ class ReactionSamples:
         for path, array in data.items():
             result.add(path, array, long_name=self.meanings[path], names=self.names[path])
 
+    def largest(self, data: Mapping[str, Array]) -> dict[str, dict[str, float]]:
+        """Return the largest load of each joint and closure among samples, by name."""
+        return figures({path: data[path] for path in self.names}, self.names)
+
     def note(self) -> dict[str, Any]:
         """Return what the summary says: the frame, and components that the scene's data do not determine."""
         axes = self.problem.scene.outputs.reaction_axes

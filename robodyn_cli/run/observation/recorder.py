@@ -13,9 +13,9 @@ from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.observation.observe import Column, Observer
-from robodyn_cli.run.observation.reactions import ReactionSamples, figures
 
 Array = NDArray[Any]
+KEPT_IN_MEMORY = 100_000  # samples, when the whole goes to a file
 
 
 class Recorder:
@@ -39,6 +39,12 @@ class Recorder:
         self._start: float | None = None
         self._last = -np.inf
 
+    @staticmethod
+    def of(observer: Observer, writer: ResultWriter | None) -> Recorder:
+        """Return the recorder of a whole run; beside a file, memory holds no more than every n-th sample."""
+        samples = observer.problem.scene.simulate.samples
+        return Recorder(observer, writer, 1 if writer is None else -(-samples // KEPT_IN_MEMORY))
+
     @np.errstate(all="ignore")  # a run that blows up reports its last states, infinite ones too
     def emit(self, t: Array, x: Array, project: bool = True, extra: bool = False) -> None:
         """Observe and keep a block of states; ``extra`` marks one off the uniform grid, which is always kept."""
@@ -58,7 +64,7 @@ class Recorder:
                 self.velocity_residual, float(np.abs(data["constraints/velocity_residual"]).max(initial=0.0))
             )
         if self.observer.reactions is not None:
-            self._keep_largest_loads(data, self.observer.reactions)
+            self._keep_largest_loads(self.observer.reactions.largest(data))
         if self.writer is not None:
             for path, block in data.items():
                 self._stream(path, block)
@@ -69,8 +75,13 @@ class Recorder:
         for path, block in data.items():
             self.blocks.setdefault(path, []).append(block)
 
-    def _keep_largest_loads(self, data: dict[str, Array], known: ReactionSamples) -> None:
-        for name, load in figures({path: data[path] for path in known.names}, known.names).items():
+    def keep_last_state(self, time: float, state: Array) -> None:
+        """Record the last state (nx,) that a run came to, if it lies beyond the last sample."""
+        if time > self.last_time and np.all(np.isfinite(state)):
+            self.emit(np.array([time]), state[None, :], extra=True)
+
+    def _keep_largest_loads(self, loads: dict[str, dict[str, float]]) -> None:
+        for name, load in loads.items():
             held = self.loads.setdefault(name, load)
             self.loads[name] = {key: max(value, held[key]) for key, value in load.items()}
 
