@@ -68,7 +68,7 @@ def simulate(
     failure = _drive(motion, driver, recorder, progress, watch)
     redundant = redundant_rows(motion, recorder)
     facts = motion_facts(motion, driver, recorder, redundant) | _facts_of_run(motion, driver)
-    failure = (redundant and redundant.violated) or failure
+    failure = (redundant and redundant.violated) or failure or recorder.not_finite
     if failure is None and motion.scene.simulate.error_estimate:
         with watch.stage("error_estimate"):
             facts["error_estimate"] = _estimate(motion, driver, recorder, progress)

@@ -51,6 +51,10 @@ def prepare(scene: Scene, watch: Stopwatch | None = None, neutral: bool = False)
             check_prescribed(problem)
         hold = [*held, *(n for n in scene.prescribed or {} if n not in held)]
         assembled = assemble(problem, given, dict(scene.initial.qd or {}), hold)
+        if scene.torques or scene.prescribed or problem.model.forces:
+            from robodyn_cli.run.mechanism.formulas import check_formulas
+
+            check_formulas(problem, assembled.q, assembled.v)
         refuse_singular(problem.model, assembled.q)
     if assembled.redundant:
         with watch.stage("equations"):
