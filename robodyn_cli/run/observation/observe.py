@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols, is_nonzero
 from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.formulations.system import System
