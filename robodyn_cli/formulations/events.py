@@ -124,7 +124,8 @@ class EventFunction:
 class Event:
     """An event that happened: whose, at which place among the system's functions, when, and the state there.
 
-    state : x = (q, v, z) of the integrator. time_error : width of the bracket of the time [s]. parameters : values of p.
+    state : x = (q, v, z) of the integrator. time_error : width of the bracket of the time [s].
+    parameters : values of p.
     """
 
     function: EventFunction

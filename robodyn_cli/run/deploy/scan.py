@@ -24,7 +24,8 @@ from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.record import record
 from robodyn_cli.run.deploy.growth import GRID, GrowthMonitor, levels_with, multiplier_norm
 from robodyn_cli.run.driver.build import contact_watchers
-from robodyn_cli.run.driver.driver import Driver
+from robodyn_cli.run.driver.driver import Driver, MethodChange
+from robodyn_cli.run.driver.method import supervisor_for
 from robodyn_cli.run.driver.motion import Motion, Watcher
 from robodyn_cli.run.driver.rank_loss import Passage, PosesAhead
 from robodyn_cli.run.driver.singularity import classify, driven_dead_point, loop_rows, passive_determinant
@@ -165,7 +166,7 @@ class Scan:
     end: float
     steps: int
     clean_until: float
-    changes: tuple[Change, ...] = ()
+    changes: tuple[MethodChange, ...] = ()
 
     @property
     def dead_point(self) -> Pose | None:
@@ -183,7 +184,7 @@ def scan(
     growth, dead = the(MultiplierGrowth, motion), the(DeadPoint, motion)
     rank = next((w for w in motion.watchers if isinstance(w, Bifurcation)), None)
     duration = motion.scene.simulate.duration
-    driver = Driver.of(dataclasses.replace(motion, options=options), StiffnessWatch.for_choice(motion.choice))
+    driver = Driver.of(dataclasses.replace(motion, options=options), supervisor_for(motion.choice))
 
     def judge(t: Array, x: Array) -> None:
         if multipliers:
@@ -205,7 +206,7 @@ def scan(
         dead_points.append(pose[:2])
     return Scan(
         dead_points, bifurcation, stopped, pose is not None, growth.monitor, driver.time, driver.counters.steps,
-        rank.clean_until if rank else driver.time, driver.changes,
+        rank.clean_until if rank else driver.time, tuple(driver.changes),
     )  # fmt: skip
 
 

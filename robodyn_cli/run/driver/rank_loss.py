@@ -105,7 +105,9 @@ class PosesAhead(Watcher):
 
     def _scout(self, event: Event) -> Driver:
         """Return a driver of its own that stands at an event."""
-        scout = Driver(self.motion.system, self.motion.choice.method, self.options, parameters=self._contact(event))
+        scout = Driver(
+            self.motion.system, self.motion.choice.method, self.options, parameters=self._contact(event)
+        )
         scout.start(event.time, event.state)
         return scout
 

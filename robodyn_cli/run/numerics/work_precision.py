@@ -23,7 +23,7 @@ from robodyn_cli.record import mutable_record, record
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, Absent, as_keys
 from robodyn_cli.run.driver.baumgarte import GainStudy
-from robodyn_cli.run.driver.build import build_motion, follow_nothing, with_stabilisation
+from robodyn_cli.run.driver.build import build_motion, with_stabilisation
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.method import LARGEST
 from robodyn_cli.run.driver.motion import Gains, Motion
@@ -252,7 +252,7 @@ def work_precision(
         if name not in registry:
             raise CapabilityError(f"unknown method {name!r}; allowed: {', '.join(registry)}")
     watch = Stopwatch()
-    motion = build_motion(with_stabilisation(scene, "projection"), watch, follow_nothing, work=False)
+    motion = build_motion(with_stabilisation(scene, "projection"), watch, work=False)
     with watch.stage("gains"):
         systems, gains = formulations(motion, scene.simulate.stabilisation)
     with watch.stage("reference"):
