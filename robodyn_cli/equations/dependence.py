@@ -2,8 +2,8 @@
 
 Of m rows that agree with each other, only r say something new (a planar loop modelled in space, Bennett's
 linkage). Any r independent combinations W Psi, W eta (W of shape (r, m), constant for a while) give the same
-motion as all rows. W is not part of the equations: its entries are parameters p, chosen at a pose and renewed along
-the motion (see ``formulations.row_chart``).
+motion as all rows. W is not part of the equations: its entries are parameters p, chosen at a pose and chosen anew
+along the motion (see ``formulations.row_combinations``).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Dependence:
 
     @property
     def numbers(self) -> int:
-        """How many parameters it takes: the entries of W, and the threshold at which W is renewed."""
+        """How many parameters it takes: the entries of W, and the threshold at which W is chosen anew."""
         return self.rank * len(self.rows) + 1
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -34,7 +34,6 @@ from robodyn_cli.equations.discontinuities import is_of_time, switches, switchin
 from robodyn_cli.equations.elements import Elements
 from robodyn_cli.equations.gears import geared, losses_of_drive, losses_of_load
 from robodyn_cli.equations.joint_forces import JointForces
-from robodyn_cli.equations.time_structure import Structure, beside, functions_of_time, structure
 from robodyn_cli.expr.functions import interpolate
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations
 from robodyn_cli.loops.base import Row
@@ -42,6 +41,9 @@ from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, vector, zeros
+
+if TYPE_CHECKING:
+    from robodyn_cli.equations.time_structure import Structure
 
 GROUPS = ("t", "q", "v", "a", "p")
 DENSE_LIMIT = 12  # velocities up to which the factored mass matrix is tried: it grows with their cube
@@ -162,6 +164,10 @@ class Problem:
     @cached_property
     def time_structures(self) -> list[tuple[str, Structure]]:
         """Where the scene's formulas of time are not smooth or have short features, with the key of each."""
+        if not self.formulas:
+            return []
+        from robodyn_cli.equations.time_structure import functions_of_time, structure
+
         duration = self.scene.simulate.duration
         return [
             (key, structure(function, self.t, duration))
@@ -183,6 +189,10 @@ class Problem:
         for _, switch in self.switches:
             if is_of_time(switch, self.t):
                 times.update(switching_times(switch, self.t, duration))
+        if not self.time_structures:
+            return tuple(sorted(times))
+        from robodyn_cli.equations.time_structure import beside
+
         return tuple(
             sorted(times.union(*(beside(found, times, duration) for _, found in self.time_structures)))
         )

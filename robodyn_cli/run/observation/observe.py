@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
 from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.formulations.system import System
@@ -17,7 +16,6 @@ from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import UNKNOWN_GROUP
 from robodyn_cli.record import record
-from robodyn_cli.run.observation.evaluation import without_idle_unknowns
 from robodyn_cli.run.observation.places import FORCES, place_dataset, place_outputs
 from robodyn_cli.run.observation.units import joint_columns
 
@@ -77,6 +75,9 @@ def _potential(problem: Problem) -> Scalar:
     energy = problem.potential
     if all(symbol.value[1] != UNKNOWN_GROUP for symbol in free_symbols([energy])):
         return energy
+    from robodyn_cli.expr.calculus import jacobian
+    from robodyn_cli.run.observation.evaluation import without_idle_unknowns
+
     gradient = jacobian([energy], [q for q in problem.q if isinstance(q, Expr)])[0]
     return without_idle_unknowns([energy], list(gradient.values()))[0]
 
