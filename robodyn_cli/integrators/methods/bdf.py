@@ -15,7 +15,7 @@ import numpy as np
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.methods import bdf_tables as tables
-from robodyn_cli.integrators.runtime.layout import Real, Whole
+from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot
 from robodyn_cli.integrators.stepping.factors import RealFactors
 from robodyn_cli.integrators.stepping.newton import Limits, Rounds
 from robodyn_cli.integrators.stepping.stepper import Attempt, Stepper
@@ -68,7 +68,7 @@ class Bdf(Stepper):
         self.weight, self.factor = Array(f, f.slot(1, n)), f.slot()
         self.rounds = Rounds(w, LIMITS)
         # where the last run has come to its end there may be a kink: begin anew
-        t, end, last = w.get(Real.T), w.get(Real.T_END), self._head(w, END)
+        t, end, last = w.get(DoubleSlot.T), w.get(DoubleSlot.T_END), self._head(w, END)
         arrived = f.compare("ole", f.abs(t - last), f.muladd(f.abs(last), 1e-15, 1e-300))
         begun = f.compare("ogt", self._head(w, BEGUN), 0.5)
         anew = arrived & begun & f.compare("une", end, last)
@@ -123,7 +123,7 @@ class Bdf(Stepper):
         f.branch(known, ready, fresh)
         f.place(fresh)
         w.rate(t, w.state, self.rates)
-        w.count(Whole.EVALUATIONS, 2)
+        w.count(IntegerSlot.EVALUATIONS, 2)
         small = h * 1e-4
         for c in range(n):
             self.x[c] = f.muladd(small, self.rates[c], w.state[c])
@@ -155,9 +155,9 @@ class Bdf(Stepper):
         f.branch(f.compare("olt", h1, h * 0.999), shorter, ready)
         f.place(shorter)
         # only the first step of a history is proposed anew here, nothing was rejected
-        w.put(Real.H, h1)
-        w.count(Whole.REJECTED, -1)
-        w.count(Whole.REJECTED_IN_ROW, -1)
+        w.put(DoubleSlot.H, h1)
+        w.count(IntegerSlot.REJECTED, -1)
+        w.count(IntegerSlot.REJECTED_IN_ROW, -1)
         f.jump(failed)
         f.place(ready)
         return self._history(w, f.load(chosen))
@@ -211,13 +211,15 @@ class Bdf(Stepper):
             self.predicted[c], self.psi[c], self.d[c] = x, psi, 0.0
         g = f.load(f.offset("@bdf.alpha", k)) / h
         factors = RealFactors(w, t + h, self.predicted, g)
-        w.count(Whole.EVALUATIONS)
+        w.count(IntegerSlot.EVALUATIONS)
         self._iterate(w, factors, t + h, h, g, failed)
         return self._judge(w, k)
 
     def _scale(self, w: Writer, size: Value) -> Value:
         f = w.f
-        return f.max(f.muladd(size, w.get(Real.RTOL), w.get(Real.ATOL)), f.muladd(size, ROUNDING, 1e-300))
+        return f.max(
+            f.muladd(size, w.get(DoubleSlot.RTOL), w.get(DoubleSlot.ATOL)), f.muladd(size, ROUNDING, 1e-300)
+        )
 
     def _iterate(self, w: Writer, factors: RealFactors, t: Value, h: Value, g: Value, failed: str) -> None:
         """Solve for d by Newton's method; jumps to ``failed`` where it does not converge."""
@@ -226,7 +228,7 @@ class Bdf(Stepper):
         for c in range(n):
             self.x[c] = self.predicted[c] + self.d[c]
         w.rate(t, self.x, self.rates)
-        w.count(Whole.EVALUATIONS)
+        w.count(IntegerSlot.EVALUATIONS)
         residual = [self.rates[c] - g * (self.psi[c] + self.d[c]) for c in range(n)]
         changes = factors.solve(residual)
         with f.strict():
@@ -276,7 +278,7 @@ class Bdf(Stepper):
         steady = f.load_int(self.steady) + 1
         f.store_int(steady, self.new_steady)
         f.store_int(k, self.new_k)
-        rejected = f.compare_int("sgt", f.load_int(w.whole(Whole.REJECTED_IN_ROW)), 0)
+        rejected = f.compare_int("sgt", f.load_int(w.integer_at(IntegerSlot.REJECTED_IN_ROW)), 0)
         with f.strict():
             f.store(f.min(f.max(present, 0.2), 0.9), self.factor)
             accepted = f.compare("olt", error, 1.0)

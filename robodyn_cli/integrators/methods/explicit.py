@@ -13,7 +13,7 @@ from robodyn_cli.integrators.methods.tableaus import (
     RK4,
     ExplicitTable,
 )
-from robodyn_cli.integrators.runtime.layout import Real, Whole
+from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot
 from robodyn_cli.integrators.stepping.stepper import Attempt, Stepper
 from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.arrays import Array, Total
@@ -39,7 +39,7 @@ class ExplicitRungeKutta(Stepper):
         f = w.f
         for i in range(self.stages):
             self._stage(w, t, h, i)
-        w.count(Whole.EVALUATIONS, self.stages)
+        w.count(IntegerSlot.EVALUATIONS, self.stages)
         for c in w.each(w.size):
             w.new[c] = f.muladd(h, self._sum(w, self.table.b, c), w.state[c])
         return self._judge(w, h)
@@ -67,7 +67,7 @@ class ExplicitRungeKutta(Stepper):
     def _judge(self, w: Writer, h: Value) -> Attempt:
         f = w.f
         with f.strict():
-            rtol, atol = w.get(Real.RTOL), w.get(Real.ATOL)
+            rtol, atol = w.get(DoubleSlot.RTOL), w.get(DoubleSlot.ATOL)
             sums = [Total(f) for _ in self.table.errors]
             for c in w.each(w.size):
                 scale = 1.0 / f.muladd(f.max(f.abs(w.state[c]), f.abs(w.new[c])), rtol, atol)
@@ -84,12 +84,12 @@ class ExplicitRungeKutta(Stepper):
             bounded = f.max(error, 1e-20)
             q = self.table.error_order
             gain = MEMORY_GAIN / q
-            previous = w.get(Real.MEMORY_2)
+            previous = w.get(DoubleSlot.LAST_ERROR)
             factor = rough_power(f, bounded, -0.5 * (1.0 / q - 0.75 * gain))
             factor = factor * rough_power(f, f.max(previous, 1e-8), 0.5 * gain) * SAFETY
             self.last_error = bounded
             growth = f.select(
-                f.compare_int("sgt", f.load_int(w.whole(Whole.REJECTED_IN_ROW)), 0),
+                f.compare_int("sgt", f.load_int(w.integer_at(IntegerSlot.REJECTED_IN_ROW)), 0),
                 f.constant(1.0),
                 f.constant(10.0),
             )
@@ -99,7 +99,7 @@ class ExplicitRungeKutta(Stepper):
     def save_dense(self, w: Writer, t: Value, h: Value) -> None:
         f = w.f
         if self.adaptive:
-            w.put(Real.MEMORY_2, f.max(self.last_error, 1e-8))
+            w.put(DoubleSlot.LAST_ERROR, f.max(self.last_error, 1e-8))
         with self.used(w, t, h):
             self._store_dense(w, t, h)
 
@@ -134,7 +134,7 @@ class Dop853(ExplicitRungeKutta):
         w.rate(t + h, w.new, self.K[12])
         for i in range(13, 16):
             self._stage(w, t, h, i)
-        w.count(Whole.EVALUATIONS, 4)
+        w.count(IntegerSlot.EVALUATIONS, 4)
         for c in w.each(w.size):
             delta = w.new[c] - w.state[c]
             first, last = h * self.K[0][c], h * self.K[12][c]
@@ -208,7 +208,7 @@ class ClassicalRungeKutta(ExplicitRungeKutta):
     def _store_dense(self, w: Writer, t: Value, h: Value) -> None:
         last = w.array(2, 1)
         w.rate(t + h, w.new, last)
-        w.count(Whole.EVALUATIONS)
+        w.count(IntegerSlot.EVALUATIONS)
         for c in w.each(w.size):
             for k, value in enumerate((w.state[c], w.new[c], h * self.K[0][c], h * last[c])):
                 self._put(w, k, c, value)

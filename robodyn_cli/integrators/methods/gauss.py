@@ -16,7 +16,7 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.methods.gauss_correction import Corrected
 from robodyn_cli.integrators.methods.gauss_dense import dense_width
 from robodyn_cli.integrators.methods.gauss_tables import gauss_table
-from robodyn_cli.integrators.runtime.layout import Real, Whole
+from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot
 from robodyn_cli.integrators.stepping.stepper import SLACK, Attempt
 from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.arrays import Array, Total
@@ -98,7 +98,7 @@ class Gauss(Corrected):
             self.drift[j] = f.muladd(wide_h * nodes, v, q)
         f.store(1e300, self.before)
         # the first step of a run knows no rates yet: one round shows them, then they take part in the weights
-        known = f.compare_int("sgt", f.load_int(w.whole(Whole.ACCEPTED)), 0)
+        known = f.compare_int("sgt", f.load_int(w.integer_at(IntegerSlot.ACCEPTED)), 0)
         f.store_int(f.select_int(known, 1, 0), self.primed)
         f.store_int(f.select_int(known, 0, ITERATIONS), self.round)
         iterate, onward, enough = f.label("iterate"), f.label("onward"), f.label("solved")
@@ -113,7 +113,7 @@ class Gauss(Corrected):
             self.x[w.nv * 2 + j] = self._combine(w, self._spread(w, w.nv + j), T.A, wide_h, start)
         if self.residual is not None:
             first = f.compare("ogt", f.load(self.before), 1e200)
-            with f.when(first | f.compare("ogt", w.get(Real.MEMORY), STALE)):
+            with f.when(first | f.compare("ogt", w.get(DoubleSlot.CONTRACTION), STALE)):
                 self.renew(w, times)
         self.rates(w, times, self.guess)
         with f.strict():
@@ -128,11 +128,11 @@ class Gauss(Corrected):
             f.store(update, self.before)
             ratio = f.min(update / last, 1.0)
             first = f.compare("ogt", last, 1e200)
-            remembered = w.get(Real.MEMORY)
+            remembered = w.get(DoubleSlot.CONTRACTION)
             # where the first round is enough nothing is measured, and what is remembered must fade
             measured = f.select(first, remembered * 0.5, ratio)
             ratio = f.max(f.select(first, remembered, ratio), SMALLEST_RATIO)
-            w.put(Real.MEMORY, f.select(f.compare("ord", ratio, 0.0), measured, f.constant(1.0)))
+            w.put(DoubleSlot.CONTRACTION, f.select(f.compare("ord", ratio, 0.0), measured, f.constant(1.0)))
             small = f.compare("olt", update * ratio, CONVERGED)
         f.branch(small, enough, onward)
         f.place(onward)
@@ -159,7 +159,7 @@ class Gauss(Corrected):
         # an update that no longer shrinks is rounding when it is well below the tolerance
         f.branch(f.compare("olt", update, 0.1), enough, diverged)
         f.place(diverged)
-        w.put(Real.H, h * f.select(f.compare("ord", update, 0.0), f.constant(0.5), f.constant(0.1)))
+        w.put(DoubleSlot.H, h * f.select(f.compare("ord", update, 0.0), f.constant(0.5), f.constant(0.1)))
         f.jump(failed)
         f.place(enough)
         self._advance(w, h)
@@ -177,7 +177,7 @@ class Gauss(Corrected):
 
     def _tolerances(self, w: Writer) -> tuple[Value, Value]:
         """Return the relative and the absolute tolerance to which a step is solved."""
-        return w.get(Real.RTOL), w.get(Real.ATOL)
+        return w.get(DoubleSlot.RTOL), w.get(DoubleSlot.ATOL)
 
     def _weigh(self, w: Writer, h: Value, size_of: Callable[[Int | int], Value]) -> None:
         """Set what an error of each rate means for the state over this step, in units of the tolerance.
@@ -227,10 +227,10 @@ class Gauss(Corrected):
         """Evaluate the rates that are kept at the new stages: of the step before, or of this one before it was cut."""
         f = w.f
         lanes = self.lanes
-        length = w.get(Real.DENSE_STEP)
+        length = w.get(DoubleSlot.DENSE_STEP)
         per_length = 1.0 / f.select(f.compare("ogt", length, 0.0), length, h)
         with f.strict():
-            ahead = t - w.get(Real.DENSE_END)
+            ahead = t - w.get(DoubleSlot.DENSE_END)
         stages = f.constant(list(self.table.c))
         u = f.muladd(f.splat(h * per_length, lanes), stages, f.splat(ahead * per_length, lanes))
         for j in w.each(w.rates):
@@ -283,16 +283,16 @@ class Gauss(Corrected):
             if not self.steep:
                 # also from the trend of the last two errors (Gustafsson 1994): towards a pole steps shrink in
                 # proportion; where fronts may hide, a step that is rejected after all is a second look
-                last = w.get(Real.MEMORY_2)
+                last = w.get(DoubleSlot.LAST_ERROR)
                 promise = last - size * 2.0 + math.log2(RISK * ACCEPT)
-                trend = promise * power + rough_log2(f, h / w.get(Real.H_OLD))
+                trend = promise * power + rough_log2(f, h / w.get(DoubleSlot.H_OLD))
                 own = f.select(f.compare("oeq", last, 1.0), own, f.min(own, trend))
             factor = rough_exp2(f, own)
             self.last_error = f.max(size, math.log2(1e-4))
-            ratio = w.get(Real.MEMORY)
+            ratio = w.get(DoubleSlot.CONTRACTION)
             growth = f.select(f.compare("olt", error, 1e-16), f.constant(4.0), f.constant(1.6))
             if not self.steep:
-                rejected = f.compare_int("sgt", f.load_int(w.whole(Whole.REJECTED_IN_ROW)), 0)
+                rejected = f.compare_int("sgt", f.load_int(w.integer_at(IntegerSlot.REJECTED_IN_ROW)), 0)
                 growth = f.select(rejected, f.constant(1.0), growth)
             factor = f.min(f.max(f.min(factor, BEST_RATIO / (ratio + 1e-9)), 0.3), growth)
         return Attempt(error * (1.0 / self.accept**2), factor)
@@ -307,7 +307,7 @@ class Gauss(Corrected):
         gap = float(T.c[0]) * self.accept / SCALE
         for time, state, row in ((t, w.state, signs @ T.M), (t + h, w.new, T.M[0])):
             w.dynamics(time, state, self.edge)
-            w.count(Whole.EVALUATIONS)
+            w.count(IntegerSlot.EVALUATIONS)
             with f.strict():
                 for j in w.each(w.rates):
                     expected = f.reduce("add", self.guess[j] * f.constant([float(x) for x in row]))
@@ -319,9 +319,9 @@ class Gauss(Corrected):
     def save_dense(self, w: Writer, t: Value, h: Value) -> None:
         f, T = w.f, self.table
         if self.adaptive:
-            w.put(Real.MEMORY_2, self.last_error)
-        w.put(Real.DENSE_END, t + h)
-        w.put(Real.DENSE_STEP, h)
+            w.put(DoubleSlot.LAST_ERROR, self.last_error)
+        w.put(DoubleSlot.DENSE_END, t + h)
+        w.put(DoubleSlot.DENSE_STEP, h)
         # samples beyond the step's end are not this step's business
         with f.when(w.due(t + h, 2.0 * SLACK)):
             self._refine(w, t, h)

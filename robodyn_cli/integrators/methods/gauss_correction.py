@@ -8,7 +8,7 @@ from robodyn_cli.formulations.residual import Residual
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.methods.gauss_dense import dense_table, dense_width
 from robodyn_cli.integrators.methods.gauss_tables import GaussTable, padded_width
-from robodyn_cli.integrators.runtime.layout import Whole
+from robodyn_cli.integrators.runtime.layout import IntegerSlot
 from robodyn_cli.integrators.stepping.stepper import Stepper
 from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.arrays import Array
@@ -54,7 +54,7 @@ class Corrected(Stepper):
 
     def rates(self, w: Writer, t: Value, guess: Array) -> None:
         """Store the rates at times t and states ``x`` in ``fresh``, or a ``guess`` of them corrected once."""
-        w.count(Whole.EVALUATIONS)
+        w.count(IntegerSlot.EVALUATIONS)
         if self.residual is None:
             w.dynamics(t, self.x, self.fresh)
             return

@@ -7,7 +7,7 @@ long-time energy behaviour wants: symplectic methods keep it only as long as the
 from __future__ import annotations
 
 from robodyn_cli.integrators.methods.gauss import Gauss
-from robodyn_cli.integrators.runtime.layout import Real
+from robodyn_cli.integrators.runtime.layout import DoubleSlot
 from robodyn_cli.integrators.stepping.stepper import Attempt
 from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.arrays import Total
@@ -72,7 +72,7 @@ class FixedGauss(Gauss):
                 total.add_product(w.new[k], 0.0)
             finite = f.compare("ord", total.value, 0.0)
             error = f.select(finite, f.constant(0.0), total.value)
-        w.put(Real.MEMORY, f.min(w.get(Real.MEMORY), 1.0))
+        w.put(DoubleSlot.CONTRACTION, f.min(w.get(DoubleSlot.CONTRACTION), 1.0))
         return Attempt(error, f.constant(1.0))
 
 

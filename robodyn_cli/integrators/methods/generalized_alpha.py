@@ -17,7 +17,7 @@ from __future__ import annotations
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.formulations.index3 import first_order_step
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.layout import Real, Whole
+from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot
 from robodyn_cli.integrators.stepping.hermite import HermiteStepper
 from robodyn_cli.integrators.stepping.stepper import Attempt
 from robodyn_cli.integrators.stepping.writer import Writer
@@ -101,7 +101,7 @@ class GeneralizedAlpha(HermiteStepper):
         self.x, self.rates = w.array(2, 1), w.array(1, 1)
         self.which, self.round, self.outcome = f.slot(), f.int_slot(), f.slot()
         # where the last run has come to its end there may be a kink: begin anew
-        t, end, last = w.get(Real.T), w.get(Real.T_END), f.load(self._end(w))
+        t, end, last = w.get(DoubleSlot.T), w.get(DoubleSlot.T_END), f.load(self._end(w))
         arrived = f.compare("ole", f.abs(t - last), f.muladd(f.abs(last), 1e-15, 1e-300))
         with f.when(arrived & f.compare("une", end, last)):
             for which in (0.0, 1.0):
@@ -135,7 +135,7 @@ class GeneralizedAlpha(HermiteStepper):
             for k, rate in enumerate(rates):
                 self.x[s.nq + k] = w.state[s.nq + k] + ahead * rate
             w.dynamics(t + ahead, self.x, self.rates)
-            w.count(Whole.EVALUATIONS, 2)
+            w.count(IntegerSlot.EVALUATIONS, 2)
             there = [self.rates[k] for k in range(s.nv)]
             implicit = self._implicit(w, t, h)
             with f.strict():
@@ -162,7 +162,7 @@ class GeneralizedAlpha(HermiteStepper):
             self.x[k] = f.muladd(h, w.state[s.nq + k], w.state[k]) if k < s.nq else w.state[k]
         nothing = [f.constant(0.0)] * (s.nv + s.nz + self.m)
         g = [h * h * 0.5, h, h]
-        w.count(Whole.EVALUATIONS)
+        w.count(IntegerSlot.EVALUATIONS)
         return w.evaluate(self.program, t + h, self.x, a=nothing, l=nothing, g=g)["a"]
 
     def _remember(self, w: Writer, memory: str, t: Value, h: Value, numbers: list[Value]) -> None:
@@ -196,7 +196,7 @@ class GeneralizedAlpha(HermiteStepper):
         if self.solved == nv and nz:
             # nothing depends on z, such as work: it follows at the end
             w.dynamics(t + h, self.x, self.rates)
-            w.count(Whole.EVALUATIONS)
+            w.count(IntegerSlot.EVALUATIONS)
             for k in range(nz):
                 self.a[nv + k] = self.rates[nv + k]
         self.x0, self.rate0 = [w.state[k] for k in range(s.size)], [*gains[:nv], *rates]
@@ -224,7 +224,7 @@ class GeneralizedAlpha(HermiteStepper):
         self._place(w, g, gains)
         known = [self.a[k] for k in range(self.solved)]
         found = w.evaluate(self.program, t, self.x, a=known, l=[self.l[k] for k in range(self.m)], g=g)
-        w.count(Whole.EVALUATIONS)
+        w.count(IntegerSlot.EVALUATIONS)
         moved, size = Total(f), Total(f)
         with f.strict():
             for k, change in enumerate(found["a"]):

@@ -12,7 +12,7 @@ import numpy as np
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.methods.radau_tables import radau_table
-from robodyn_cli.integrators.runtime.layout import Real, Whole
+from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot
 from robodyn_cli.integrators.stepping.factors import ComplexFactors, Pair
 from robodyn_cli.integrators.stepping.newton import Limits, Rounds
 from robodyn_cli.integrators.stepping.stepper import Attempt, Stepper
@@ -64,7 +64,7 @@ class Radau(Stepper):
         g = (f.constant(list(T.g.real)) * wide, f.constant(list(T.g.imag)) * wide)
         factors = ComplexFactors(w, f.splat(t, T.shifts), self.start, g)
         w.rate(t, w.state, self.rate0)
-        w.count(Whole.EVALUATIONS, 2)
+        w.count(IntegerSlot.EVALUATIONS, 2)
         self._predict(w, h)
         self._iterate(w, factors, t, h, failed)
         for c in range(n):
@@ -80,7 +80,7 @@ class Radau(Stepper):
         for c in range(n):
             self.x[c] = self.Z[c] + f.splat(w.state[c], lanes)
         w.rate(times, self.x, self.F)
-        w.count(Whole.EVALUATIONS)
+        w.count(IntegerSlot.EVALUATIONS)
         wide_h = f.splat(h, lanes)
         for c in range(n):
             self.D[c] = f.muladd(wide_h, combine(f, self.F[c], T.A, lanes), -self.Z[c])
@@ -101,12 +101,14 @@ class Radau(Stepper):
         """Return the error that is allowed in a component which changes by so much."""
         f = w.f
         size = f.max(f.abs(w.state[c]), gained)
-        return f.max(f.muladd(size, w.get(Real.RTOL), w.get(Real.ATOL)), f.muladd(size, ROUNDING, 1e-300))
+        return f.max(
+            f.muladd(size, w.get(DoubleSlot.RTOL), w.get(DoubleSlot.ATOL)), f.muladd(size, ROUNDING, 1e-300)
+        )
 
     def _predict(self, w: Writer, h: Value) -> None:
         """Extrapolate the last step's polynomial to the new stages."""
         f, T = w.f, self.table
-        u = f.splat(h / w.get(Real.H_OLD), T.lanes) * f.constant(list(T.c))
+        u = f.splat(h / w.get(DoubleSlot.H_OLD), T.lanes) * f.constant(list(T.c))
         for c in range(w.system.size):
             self.Z[c] = self._polynomial(w, c, u)
 
@@ -116,14 +118,14 @@ class Radau(Stepper):
         power = 1.0 / (self.stages + 1)
         self._estimate(w, factors, h)
         error = f.load(self.total)
-        rejected = f.compare_int("sgt", f.load_int(w.whole(Whole.REJECTED_IN_ROW)), 0)
-        fresh = f.compare_int("eq", f.load_int(w.whole(Whole.ACCEPTED)), 0)
+        rejected = f.compare_int("sgt", f.load_int(w.integer_at(IntegerSlot.REJECTED_IN_ROW)), 0)
+        fresh = f.compare_int("eq", f.load_int(w.integer_at(IntegerSlot.ACCEPTED)), 0)
         # once more from where the estimate leads, which damps what is stiff (Hairer and Wanner 1996, IV.8.20)
         with f.when(f.compare("oge", error, 1.0) & (rejected | fresh)):
             for c in range(w.system.size):
                 self.error[c] = w.state[c] + self.error[c]
             w.rate(t, self.error, self.rate0)
-            w.count(Whole.EVALUATIONS)
+            w.count(IntegerSlot.EVALUATIONS)
             self._estimate(w, factors, h)
         with f.strict():
             error = f.load(self.total)
@@ -131,7 +133,7 @@ class Radau(Stepper):
             work = f.to_double(f.load_int(self.rounds.done)) + (2.0 * ITERATIONS + 1.0)
             factor = rough_power(f, bounded, -0.5 * power) * (SAFETY * (2 * ITERATIONS + 1)) / work
             # also from the trend of the last two errors (Gustafsson 1994)
-            last, old_h = w.get(Real.MEMORY_2), w.get(Real.H_OLD)
+            last, old_h = w.get(DoubleSlot.LAST_ERROR), w.get(DoubleSlot.H_OLD)
             trend = rough_power(f, last / (bounded * bounded), 0.5 * power) * SAFETY * (h / old_h)
             steady = f.compare("oeq", last, 1.0) | rejected | fresh
             factor = f.select(steady, factor, f.min(factor, trend))
@@ -161,7 +163,7 @@ class Radau(Stepper):
     # -- dense output ---------------------------------------------------------------------------------
     def save_dense(self, w: Writer, t: Value, h: Value) -> None:
         f, n, T = w.f, w.system.size, self.table
-        w.put(Real.MEMORY_2, self.last_error)
+        w.put(DoubleSlot.LAST_ERROR, self.last_error)
         for c in range(n):
             f.store(combine(f, self.Z[c], T.P, T.lanes), f.offset("%dense", c * T.lanes))
             f.store(w.new[c], f.offset("%dense", n * T.lanes + c))

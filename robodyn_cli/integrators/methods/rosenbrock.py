@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.methods.rosenbrock_tables import RODAS5P, ROSENBROCK23, RosenbrockTable
-from robodyn_cli.integrators.runtime.layout import Real, Whole
+from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot
 from robodyn_cli.integrators.stepping.factors import RealFactors
 from robodyn_cli.integrators.stepping.stepper import Attempt, Stepper
 from robodyn_cli.integrators.stepping.writer import Writer
@@ -33,7 +33,7 @@ class Rosenbrock(Stepper):
         stages = len(T.m)
         x0 = [w.state[c] for c in range(s.size)]
         factors = RealFactors(w, t, w.state, (1.0 / T.gamma) / h)
-        w.count(Whole.EVALUATIONS, stages + 1)
+        w.count(IntegerSlot.EVALUATIONS, stages + 1)
         per_h = 1.0 / h
         U: list[list[Value]] = []
         for i in range(stages):
@@ -68,7 +68,7 @@ class Rosenbrock(Stepper):
         f, s = w.f, w.system
         n = s.size
         with f.strict():
-            rtol, atol = w.get(Real.RTOL), w.get(Real.ATOL)
+            rtol, atol = w.get(DoubleSlot.RTOL), w.get(DoubleSlot.ATOL)
             total: Value | None = None
             for c in range(n):
                 d = e[c] / f.muladd(f.max(f.abs(x0[c]), f.abs(x1[c])), rtol, atol)
@@ -77,7 +77,7 @@ class Rosenbrock(Stepper):
             error = total * (1.0 / n)
             bounded = f.max(error, 1e-20)
             factor = rough_power(f, bounded, -0.5 / self.table.error_order) * SAFETY
-            after_reject = f.compare_int("sgt", f.load_int(w.whole(Whole.REJECTED_IN_ROW)), 0)
+            after_reject = f.compare_int("sgt", f.load_int(w.integer_at(IntegerSlot.REJECTED_IN_ROW)), 0)
             factor = f.min(f.max(factor, 0.2), f.select(after_reject, f.constant(1.0), f.constant(6.0)))
         return Attempt(error, factor)
 

@@ -15,7 +15,7 @@ import numpy as np
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.layout import Real, Whole
+from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot
 from robodyn_cli.integrators.stepping.hermite import HermiteStepper
 from robodyn_cli.integrators.stepping.stepper import Attempt
 from robodyn_cli.integrators.stepping.writer import Writer
@@ -91,7 +91,7 @@ class Verlet(HermiteStepper):
             for k in range(s.nq):
                 x[k] = f.muladd(half, x[s.nq + k], x[k])
             w.dynamics(middle, x, rates)
-            w.count(Whole.EVALUATIONS)
+            w.count(IntegerSlot.EVALUATIONS)
             kicks = [rates[k] for k in range(s.nv)]
             if s.nz:
                 # what only collects, such as work, takes its rate in the middle
@@ -110,10 +110,10 @@ class Verlet(HermiteStepper):
         f, s = w.f, w.system
         for k, value in enumerate(self.x0):
             f.store(value, self._kept(w, k))
-        with f.when(f.compare_int("ne", f.load_int(w.whole(Whole.WATCH)), 0)):
+        with f.when(f.compare_int("ne", f.load_int(w.integer_at(IntegerSlot.WATCH)), 0)):
             self.increments = [w.new[k] - self.x0[k] for k in range(s.size)]
             self.rate0 = w.rate_of(t, self.x0)
-            w.count(Whole.EVALUATIONS)
+            w.count(IntegerSlot.EVALUATIONS)
             super().save_dense(w, t, h)
 
     def _kept(self, w: Writer, k: int) -> str:
@@ -124,7 +124,7 @@ class Verlet(HermiteStepper):
         f = w.f
         for k in range(w.system.size):
             self.x[k] = f.load(self._kept(w, k))
-        self._flow(w, w.get(Real.T_OLD), h + h * u)
+        self._flow(w, w.get(DoubleSlot.T_OLD), h + h * u)
         for k in range(w.system.size):
             out[k] = self.x[k]
 

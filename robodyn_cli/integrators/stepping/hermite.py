@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.layout import Whole
+from robodyn_cli.integrators.runtime.layout import IntegerSlot
 from robodyn_cli.integrators.stepping.stepper import Stepper
 from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.arrays import Array
@@ -24,7 +24,7 @@ class HermiteStepper(Stepper):
 
     def _end_rate(self, w: Writer, t: Value, x: list[Value]) -> list[Value]:
         """Return x-dot at the end of the step."""
-        w.count(Whole.EVALUATIONS)
+        w.count(IntegerSlot.EVALUATIONS)
         return w.rate_of(t, x)
 
     def save_dense(self, w: Writer, t: Value, h: Value) -> None:
@@ -47,7 +47,7 @@ class HermiteStepper(Stepper):
         there, rates = w.array(2, 1), w.array(1, 1)
         self.dense(w, f.constant(PROBE - 1.0), h, there)
         w.dynamics(f.muladd(h, PROBE, t), there, rates)
-        w.count(Whole.EVALUATIONS)
+        w.count(IntegerSlot.EVALUATIONS)
         x = PROBE
         for j in range(s.nz):
             (_, gained), (r0, r1) = self._ends(w, s.nv + j, h, 1)

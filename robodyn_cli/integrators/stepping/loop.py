@@ -8,9 +8,9 @@ A method supplies the attempt, its dense output and its own memory (``integrator
 from __future__ import annotations
 
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.event_location.locate import drive_function, narrow_function
-from robodyn_cli.integrators.event_location.trial import switching_function, trial_function
-from robodyn_cli.integrators.runtime.layout import Real, Status, Whole
+from robodyn_cli.integrators.event_location.locate_event import locate_event_function, run_to_event_function
+from robodyn_cli.integrators.event_location.trial_step import switching_function, trial_step_function
+from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.stepping.stepper import SLACK, Stepper
 from robodyn_cli.integrators.stepping.writer import LANES, Writer
 from robodyn_cli.kernels.arrays import Array, Total
@@ -25,8 +25,8 @@ CLOSER = 2  # times that dense output is looked at again around an event
 def write_run(system: System, method: Stepper, fused: bool) -> str:
     """Return the IR of ``i64 run(...)`` with ``ARGUMENTS``, whose result is a ``Status``, and of ``memory``.
 
-    w, n : see ``Real`` and ``Whole``. y : the state. p : parameters. dense : what dense output keeps. out : block
-    of samples, columns of CAPACITY rows. tables, scratch : of the dynamics. work : see ``memory_function``.
+    w, n : see ``DoubleSlot`` and ``IntegerSlot``. y : the state. p : parameters. dense : what dense output keeps.
+    out : block of samples, columns of CAPACITY rows. tables, scratch : of the dynamics. work : see ``memory_function``.
     """
     w = Writer(system, fused, loops=not method.needs_jacobian)
     f = w.f
@@ -40,23 +40,23 @@ def write_run(system: System, method: Stepper, fused: bool) -> str:
     y = Array(f, "%y")
     for k in w.each(w.size):
         w.state[k] = y[k]
-    f.branch(f.compare_int("ne", f.load_int(w.whole(Whole.PENDING)), 0), samples, loop)
+    f.branch(f.compare_int("ne", f.load_int(w.integer_at(IntegerSlot.PENDING)), 0), samples, loop)
 
     f.place(loop)
-    t, end = w.get(Real.T), w.get(Real.T_END)
+    t, end = w.get(DoubleSlot.T), w.get(DoubleSlot.T_END)
     with f.arithmetic(""):
         left = end - t
         tiny = f.abs(end) * 4e-16
         more = f.label("more")
         f.branch(f.compare("ogt", left, tiny), more, leave)
     f.place(more)
-    taken = f.load_int(w.whole(Whole.ACCEPTED)) + f.load_int(w.whole(Whole.REJECTED))
+    taken = f.load_int(w.integer_at(IntegerSlot.ACCEPTED)) + f.load_int(w.integer_at(IntegerSlot.REJECTED))
     go = f.label("go")
     f.store_int(Status.MAX_STEPS, status)
-    f.branch(f.compare_int("slt", taken, f.load_int(w.whole(Whole.MAX_STEPS))), go, leave)
+    f.branch(f.compare_int("slt", taken, f.load_int(w.integer_at(IntegerSlot.MAX_STEPS))), go, leave)
     f.place(go)
     f.store_int(Status.DONE, status)
-    wanted = f.min(w.get(Real.H), w.get(Real.H_MAX))
+    wanted = f.min(w.get(DoubleSlot.H), w.get(DoubleSlot.H_MAX))
     with f.strict():
         # a last step that would leave almost nothing is stretched to the end; two even ones replace a long and a stub
         last = f.compare("oge", wanted * 1.0001, left)
@@ -81,34 +81,34 @@ def write_run(system: System, method: Stepper, fused: bool) -> str:
             _step_over_jump(w, h, accepted)
         broken = f.compare("uno", outcome.error, 0.0)
         shrink = f.select(broken, f.constant(0.1), f.min(f.max(f.load(factor_slot), 0.1), 0.9))
-        w.put(Real.H, h * shrink)
+        w.put(DoubleSlot.H, h * shrink)
         f.jump(retry)
     else:
         broken = f.compare("uno", outcome.error, 0.0)
         f.store_int(f.select_int(broken, int(Status.NOT_FINITE), int(Status.NOT_SOLVED)), status)
         f.jump(leave)
     f.place(retry)
-    w.count(Whole.REJECTED)
-    in_row = f.bump(w.whole(Whole.REJECTED_IN_ROW))
-    floor = f.max(f.abs(w.get(Real.T)) * 4e-16, 1e-300)
-    too_small = f.compare("ult", w.get(Real.H), floor) | f.compare_int("sgt", in_row, 60)
+    w.count(IntegerSlot.REJECTED)
+    in_row = f.bump(w.integer_at(IntegerSlot.REJECTED_IN_ROW))
+    floor = f.max(f.abs(w.get(DoubleSlot.T)) * 4e-16, 1e-300)
+    too_small = f.compare("ult", w.get(DoubleSlot.H), floor) | f.compare_int("sgt", in_row, 60)
     f.store_int(Status.STEP_TOO_SMALL, status)
     f.branch(too_small, leave, loop)
 
     f.place(accepted)
     h = f.load(h_slot)
-    t = w.get(Real.T)
+    t = w.get(DoubleSlot.T)
     method.save_dense(w, t, h)
     if system.events:
         _find_event(w, method, t, h, status, leave)
-    w.put(Real.H, h * f.load(factor_slot))
-    f.store_int(0, w.whole(Whole.REJECTED_IN_ROW))
+    w.put(DoubleSlot.H, h * f.load(factor_slot))
+    f.store_int(0, w.integer_at(IntegerSlot.REJECTED_IN_ROW))
     with f.strict():
-        reached = f.select(f.compare("ogt", f.load(full_slot), 0.5), w.get(Real.T_END), t + h)
-    w.put(Real.T_OLD, t)
-    w.put(Real.H_OLD, h)
-    w.put(Real.T, reached)
-    w.count(Whole.ACCEPTED)
+        reached = f.select(f.compare("ogt", f.load(full_slot), 0.5), w.get(DoubleSlot.T_END), t + h)
+    w.put(DoubleSlot.T_OLD, t)
+    w.put(DoubleSlot.H_OLD, h)
+    w.put(DoubleSlot.T, reached)
+    w.count(IntegerSlot.ACCEPTED)
     for k in w.each(w.size):
         w.state[k] = w.new[k]
     if method.projects(system):
@@ -116,7 +116,7 @@ def write_run(system: System, method: Stepper, fused: bool) -> str:
     f.jump(samples)
 
     f.place(samples)
-    f.store_int(0, w.whole(Whole.PENDING))
+    f.store_int(0, w.integer_at(IntegerSlot.PENDING))
     _write_samples(w, method, status, leave)
     f.jump(loop)
 
@@ -128,9 +128,13 @@ def write_run(system: System, method: Stepper, fused: bool) -> str:
         with f.strict():
             spread.add_product(x, 0.0)
     f.ret(f.select_int(f.compare("uno", spread.value, 0.0), int(Status.NOT_FINITE), f.load_int(status)))
-    entries = [f, w.memory_function(), drive_function(len(system.events))]
+    entries = [f, w.memory_function(), run_to_event_function(len(system.events))]
     if system.events:
-        entries += [switching_function(system, fused), trial_function(), narrow_function(len(system.events))]
+        entries += [
+            switching_function(system, fused),
+            trial_step_function(),
+            locate_event_function(len(system.events)),
+        ]
     return module([*entries, *w.functions.values()])
 
 
@@ -172,7 +176,7 @@ def _step_over_jump(w: Writer, h: Value, accepted: str) -> None:
     """
     f, s = w.f, w.system
     assert s.switching is not None
-    t = w.get(Real.T)
+    t = w.get(DoubleSlot.T)
     look, on = f.label("jump"), f.label("no.jump")
     f.branch(f.compare("ole", h, f.abs(t) * SHORTEST), look, on)
     f.place(look)
@@ -180,7 +184,7 @@ def _step_over_jump(w: Writer, h: Value, accepted: str) -> None:
     least = f.constant(0.0)
     for k, (g, event) in enumerate(zip(values, s.events)):
         if event.kink:
-            product = g * w.get(Real.SIZE + k)
+            product = g * w.get(DoubleSlot.SIZE + k)
             least = f.select(f.compare("olt", product, least), product, least)
     f.branch(f.compare("olt", least, 0.0), accepted, on)
     f.place(on)
@@ -203,7 +207,7 @@ def _project(w: Writer, t: Value) -> None:
             d = q - w.state[k]
             moved = d * d if moved is None else moved + d * d
             w.state[k] = q
-        w.count(Whole.PROJECTIONS)
+        w.count(IntegerSlot.PROJECTIONS)
         assert moved is not None
         # quadratic convergence: after a step below 1e-9 the next would be below rounding
         onward = f.compare("ogt", moved, 1e-18) & f.compare_int("slt", f.bump(rounds), 6)
@@ -220,26 +224,26 @@ def _write_samples(w: Writer, method: Stepper, status: str, leave: str) -> None:
     head, body, room, done = (f.label(x) for x in ("sample", "due", "room", "written"))
     f.jump(head)
     f.place(head)
-    k = f.load_int(w.whole(Whole.NEXT_SAMPLE))
+    k = f.load_int(w.integer_at(IntegerSlot.NEXT_SAMPLE))
     with f.strict():
-        time = w.get(Real.SAMPLE_START) + f.to_double(k) * w.get(Real.SAMPLE_STEP)
-        limit = w.get(Real.T)
+        time = w.get(DoubleSlot.SAMPLE_START) + f.to_double(k) * w.get(DoubleSlot.SAMPLE_STEP)
+        limit = w.get(DoubleSlot.T)
     f.branch(w.due(limit, SLACK), body, done)
     f.place(body)
-    rows = f.load_int(w.whole(Whole.ROWS))
-    f.store_int(1, w.whole(Whole.PENDING))
+    rows = f.load_int(w.integer_at(IntegerSlot.ROWS))
+    f.store_int(1, w.integer_at(IntegerSlot.PENDING))
     f.store_int(Status.FULL, status)
-    f.branch(f.compare_int("slt", rows, f.load_int(w.whole(Whole.CAPACITY))), room, leave)
+    f.branch(f.compare_int("slt", rows, f.load_int(w.integer_at(IntegerSlot.CAPACITY))), room, leave)
     f.place(room)
-    f.store_int(0, w.whole(Whole.PENDING))
+    f.store_int(0, w.integer_at(IntegerSlot.PENDING))
     f.store_int(Status.DONE, status)
-    h = w.get(Real.H_OLD)
+    h = w.get(DoubleSlot.H_OLD)
     with f.strict():
         u = f.min((time - limit) / h, 0.0)
-    capacity = f.load_int(w.whole(Whole.CAPACITY))
+    capacity = f.load_int(w.integer_at(IntegerSlot.CAPACITY))
     method.sample(w, u, h, Array(f, f.offset("%out", rows), stride=capacity))
-    f.store_int(rows + 1, w.whole(Whole.ROWS))
-    f.store_int(k + 1, w.whole(Whole.NEXT_SAMPLE))
+    f.store_int(rows + 1, w.integer_at(IntegerSlot.ROWS))
+    f.store_int(k + 1, w.integer_at(IntegerSlot.NEXT_SAMPLE))
     f.jump(head)
     f.place(done)
 
@@ -255,7 +259,7 @@ def _find_event(w: Writer, method: Stepper, t: Value, h: Value, status: str, lea
     assert s.switching is not None
     width, count = LANES, len(s.events)
     quiet, look, scan = f.label("quiet"), f.label("look"), f.label("scan")
-    f.branch(f.compare_int("ne", f.load_int(w.whole(Whole.WATCH)), 0), look, quiet)
+    f.branch(f.compare_int("ne", f.load_int(w.integer_at(IntegerSlot.WATCH)), 0), look, quiet)
     f.place(look)
     base, span, closer, dips = f.slot(), f.slot(), f.int_slot(), f.int_slot()
     # of each function the value before the first lane, and those in the lanes
@@ -266,7 +270,7 @@ def _find_event(w: Writer, method: Stepper, t: Value, h: Value, status: str, lea
     f.store_int(0, dips)
     ends = f.slot(1, count)
     for k in range(count):
-        f.store(w.get(Real.SIZE + k), f.offset(passed, (width + 1) * k))
+        f.store(w.get(DoubleSlot.SIZE + k), f.offset(passed, (width + 1) * k))
     f.jump(scan)
     f.place(scan)
     fractions = f.constant([k / width for k in range(1, width + 1)])
@@ -323,14 +327,14 @@ def _find_event(w: Writer, method: Stepper, t: Value, h: Value, status: str, lea
     low = t + h * (low_u + 1.0)
     known = f.load_int(closer)
     with f.when(f.compare_int("eq", known, 0)):
-        w.put(Real.EVENT_LOW, low)
-        w.put(Real.EVENT_HIGH, low + h * part)
-    f.store_int(f.load_int(which), w.whole(Whole.EVENT))
+        w.put(DoubleSlot.EVENT_LOW, low)
+        w.put(DoubleSlot.EVENT_HIGH, low + h * part)
+    f.store_int(f.load_int(which), w.integer_at(IntegerSlot.EVENT))
     beside = f.offset(passed, f.load_int(which) * (width + 1) + f.load_int(first))
     g_low, g_high = f.load(beside), f.load(f.offset(beside, 1))
     slope = (g_high - g_low) / (h * part)
-    w.put(Real.EVENT_SLOPE, slope)
-    w.put(Real.EVENT_GUESS, low - g_low / slope)
+    w.put(DoubleSlot.EVENT_SLOPE, slope)
+    w.put(DoubleSlot.EVENT_GUESS, low - g_low / slope)
     for k in range(count):
         row = f.offset(passed, (width + 1) * k)
         f.store(f.load(f.offset(row, f.load_int(first))), row)
@@ -362,6 +366,6 @@ def _find_event(w: Writer, method: Stepper, t: Value, h: Value, status: str, lea
     for k in range(count):
         g = f.load(f.offset(ends, k))
         # a function that ends the step at zero keeps its sign: whether it crosses shows in the next step
-        w.put(Real.SIZE + k, f.select(f.compare("oeq", g, 0.0), w.get(Real.SIZE + k), g))
+        w.put(DoubleSlot.SIZE + k, f.select(f.compare("oeq", g, 0.0), w.get(DoubleSlot.SIZE + k), g))
     f.jump(quiet)
     f.place(quiet)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robodyn_cli.integrators.runtime.layout import Real
+from robodyn_cli.integrators.runtime.layout import DoubleSlot
 from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.ir import Value
 from robodyn_cli.record import record
@@ -19,7 +19,7 @@ class Limits:
     rounds : how many there may be. converged : what may be left, as far as the ratio r of two updates tells: the
     last update times r / (1 - r). rounding : the update below which one that no longer shrinks is rounding.
     shorter : factor of the next step where they do not converge. remembers : whether the first ratio is taken from the
-    step before (``Real.MEMORY``), so that one round can be enough.
+    step before (``DoubleSlot.CONTRACTION``), so that one round can be enough.
     """
 
     rounds: int
@@ -64,7 +64,7 @@ class Rounds:
             if limits.remembers:
                 # what is remembered fades, so that steps solved in one round go on being tried in one
                 fading = f.select(first, ratio * 0.5, ratio)
-                w.put(Real.MEMORY, f.select(f.compare("ord", ratio, 0.0), fading, 1.0))
+                w.put(DoubleSlot.CONTRACTION, f.select(f.compare("ord", ratio, 0.0), fading, 1.0))
             left = update * ratio / f.max(1.0 - ratio, LEAST_RATIO)
             small = f.compare("olt", left, limits.converged)
             growing = f.compare("uge", ratio, 1.0) & ~first
@@ -76,9 +76,9 @@ class Rounds:
         f.place(capped)
         f.branch(f.compare("olt", update, limits.rounding), solved, diverged)
         f.place(diverged)
-        w.put(Real.H, h * f.select(finite, f.constant(limits.shorter), f.constant(0.1)))
+        w.put(DoubleSlot.H, h * f.select(finite, f.constant(limits.shorter), f.constant(0.1)))
         if limits.remembers:
-            w.put(Real.MEMORY, 1.0)
+            w.put(DoubleSlot.CONTRACTION, 1.0)
         f.jump(failed)
         f.place(solved)
 
@@ -87,4 +87,4 @@ class Rounds:
         f = self.w.f
         if not self.limits.remembers:
             return f.constant(UNKNOWN_RATIO)
-        return f.max(self.w.get(Real.MEMORY), LEAST_RATIO)
+        return f.max(self.w.get(DoubleSlot.CONTRACTION), LEAST_RATIO)

@@ -19,7 +19,7 @@ from collections.abc import Iterator
 
 from robodyn_cli.formulations.residual import Residual
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.layout import Whole
+from robodyn_cli.integrators.runtime.layout import IntegerSlot
 from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Value
@@ -92,9 +92,11 @@ class Stepper:
         """Emit the body so that it runs only if dense output is used: there is a sample or an event to find."""
         f = w.f
         wanted = f.compare_int(
-            "sle", f.load_int(w.whole(Whole.NEXT_SAMPLE)), f.load_int(w.whole(Whole.LAST_SAMPLE))
+            "sle",
+            f.load_int(w.integer_at(IntegerSlot.NEXT_SAMPLE)),
+            f.load_int(w.integer_at(IntegerSlot.LAST_SAMPLE)),
         )
-        watched = f.compare_int("ne", f.load_int(w.whole(Whole.WATCH)), 0)
+        watched = f.compare_int("ne", f.load_int(w.integer_at(IntegerSlot.WATCH)), 0)
         with f.when(wanted | watched), f.when(w.due(t + h, 2.0 * SLACK) | watched):
             yield
 

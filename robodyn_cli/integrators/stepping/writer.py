@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.layout import Real, Whole
+from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot
 from robodyn_cli.kernels.arrays import Array, each
 from robodyn_cli.kernels.ir import RELAXED, Condition, Function, Int, Value
 from robodyn_cli.kernels.lower import call_program, lower, outline
@@ -36,7 +36,7 @@ class Writer:
         self.nv: Int | int = system.nv
         if system.dynamics.any_size or (loops and system.nv == system.nq > LONG):
             with f.entry():
-                self.nv = f.load_int(self.whole(Whole.VELOCITIES))
+                self.nv = f.load_int(self.integer_at(IntegerSlot.VELOCITIES))
                 # a multiple of the lanes, so that every row starts aligned
                 self._padded = (self.nv + (LANES - 1)) & -LANES
                 self.rates: Int | int = self.nv + system.nz
@@ -81,31 +81,31 @@ class Writer:
         return f
 
     # -- shared memory --------------------------------------------------------------------------------
-    def real(self, place: int) -> str:
+    def double_at(self, place: int) -> str:
         return self.f.offset("%w", int(place))
 
-    def whole(self, place: int) -> str:
+    def integer_at(self, place: int) -> str:
         return self.f.offset("%n", int(place))
 
     def get(self, place: int) -> Value:
-        return self.f.load(self.real(place))
+        return self.f.load(self.double_at(place))
 
     def put(self, place: int, value: Value | float) -> None:
-        self.f.store(value, self.real(place))
+        self.f.store(value, self.double_at(place))
 
     def count(self, place: int, by: int = 1) -> None:
-        self.f.bump(self.whole(place), by)
+        self.f.bump(self.integer_at(place), by)
 
     def due(self, limit: Value, slack: float) -> Condition:
         """Return whether the next sample lies before ``limit`` or, but for rounding, at it."""
         f = self.f
-        k = f.load_int(self.whole(Whole.NEXT_SAMPLE))
-        start = self.get(Real.SAMPLE_START)
+        k = f.load_int(self.integer_at(IntegerSlot.NEXT_SAMPLE))
+        start = self.get(DoubleSlot.SAMPLE_START)
         with f.strict():
-            time = start + f.to_double(k) * self.get(Real.SAMPLE_STEP)
+            time = start + f.to_double(k) * self.get(DoubleSlot.SAMPLE_STEP)
             bound = limit + (f.abs(limit) + f.abs(start)) * slack
         return f.compare("ole", time, bound) & f.compare_int(
-            "sle", k, f.load_int(self.whole(Whole.LAST_SAMPLE))
+            "sle", k, f.load_int(self.integer_at(IntegerSlot.LAST_SAMPLE))
         )
 
     # -- programs -------------------------------------------------------------------------------------

@@ -7,8 +7,8 @@ values (``first_roots``).
 
 from __future__ import annotations
 
-from robodyn_cli.integrators.event_location.trial import PLACES, call_run, copy_block, load_places
-from robodyn_cli.integrators.runtime.layout import FINE, UNARMED, Real, Status, Whole
+from robodyn_cli.integrators.event_location.trial_step import PLACES, call_run, copy_block, load_places
+from robodyn_cli.integrators.runtime.layout import FINE, UNARMED, DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.stepping.writer import ARGUMENTS
 from robodyn_cli.kernels.ir import Condition, Function, Value
 
@@ -16,15 +16,15 @@ TELLING = 16.0  # resolutions between two trials from which on their secant coun
 TRIALS = 10  # a simple root takes three, one that is shared four
 
 
-def drive_function(count: int) -> Function:
-    """Return ``i64 drive(places)``: ``run``, and where it meets an event ``narrow``; whose result is a ``Status``.
+def run_to_event_function(count: int) -> Function:
+    """Return ``i64 run_to_event(places)``, which calls ``run``, and ``locate_event`` where that meets an event.
 
-    At an event what the run was before the step lies in ``%saved``. Functions that are to be watched from the start
-    are armed first.
+    Its result is the ``Status`` of ``run``. At an event what the run was before the step lies in ``%saved``. Functions
+    that are to be watched from the start are armed first.
     """
-    f = Function("drive", ["ptr %places"], result="i64", flags="")
+    f = Function("run_to_event", ["ptr %places"], result="i64", flags="")
     load_places(f, *(PLACES if count else ARGUMENTS))
-    watch = f.offset("%n", Whole.WATCH)
+    watch = f.offset("%n", IntegerSlot.WATCH)
     if count:
         with f.when(f.compare_int("eq", f.load_int(watch), UNARMED)):
             f.raw("call void @switching(ptr %places)")
@@ -33,14 +33,14 @@ def drive_function(count: int) -> Function:
     if count:
         with f.when(f.compare_int("eq", status, int(Status.EVENT))):
             copy_block(f, "%saved", "%w")
-            located = f.emit_int("call i64 @narrow(ptr %places)")
-            f.store_int(located, f.offset("%n", int(Whole.LOCATED)))
+            located = f.emit_int("call i64 @locate_event(ptr %places)")
+            f.store_int(located, f.offset("%n", int(IntegerSlot.LOCATED)))
     f.ret(status)
     return f
 
 
-def narrow_function(count: int) -> Function:
-    """Return ``i64 narrow(places)`` for so many event functions; 1 if the state is at an event that stands alone.
+def locate_event_function(count: int) -> Function:
+    """Return ``i64 locate_event(places)`` for so many event functions; 1 if the state is at an event that stands alone.
 
     Secants, each going a little beyond its root, until one lies beyond it by less than the resolution. If no other
     function has changed its sign on the way there, that is the event, and the run may go on from there; else the
@@ -50,17 +50,19 @@ def narrow_function(count: int) -> Function:
     bracket : two rows of 1 + count, a time and the values there, before and after the sign change; the time is NaN
     where no trial was on that side.
     """
-    f = Function("narrow", ["ptr %places"], result="i64", flags="")
+    f = Function("locate_event", ["ptr %places"], result="i64", flags="")
     load_places(f, "w", "n", "values", "bracket")
     a_row, b_row = "%bracket", f.offset("%bracket", 1 + count)
     x_slot, slope_slot, old_x, old_g = f.slot(), f.slot(), f.slot(), f.slot()
-    start, high = f.load(f.offset("%w", Real.T)), f.load(f.offset("%w", Real.EVENT_HIGH))
-    end = f.min(high, f.load(f.offset("%w", Real.T_END)))
+    start, high = f.load(f.offset("%w", DoubleSlot.T)), f.load(f.offset("%w", DoubleSlot.EVENT_HIGH))
+    end = f.min(high, f.load(f.offset("%w", DoubleSlot.T_END)))
     resolution = f.max(f.abs(start), f.abs(end)) * FINE
-    which, samples = (f.load_int(f.offset("%n", place)) for place in (Whole.EVENT, Whole.LAST_SAMPLE))
-    slope = f.load(f.offset("%w", Real.EVENT_SLOPE))
+    which, samples = (
+        f.load_int(f.offset("%n", place)) for place in (IntegerSlot.EVENT, IntegerSlot.LAST_SAMPLE)
+    )
+    slope = f.load(f.offset("%w", DoubleSlot.EVENT_SLOPE))
     rising = f.compare("ogt", slope, 0.0)
-    f.store(f.load(f.offset("%w", Real.EVENT_GUESS)), x_slot)
+    f.store(f.load(f.offset("%w", DoubleSlot.EVENT_GUESS)), x_slot)
     f.store(slope, slope_slot)
     for place in (a_row, b_row, old_x):
         f.store(float("nan"), place)
@@ -77,7 +79,7 @@ def narrow_function(count: int) -> Function:
     inside = f.compare("ogt", x, start) & f.compare("ole", x, end)
     f.branch(inside & f.compare_int("slt", f.bump(rounds), TRIALS + 1), go, leave)
     f.place(go)
-    status = f.emit_int(f"call i64 @trial(ptr %places, double {x.ref}, i64 -1)")
+    status = f.emit_int(f"call i64 @trial_step(ptr %places, double {x.ref}, i64 -1)")
     g = f.load(f.offset("%values", which))
     f.branch(f.compare_int("eq", status, int(Status.DONE)) & f.compare("ord", g, 0.0), arrived, leave)
 
@@ -122,7 +124,7 @@ def narrow_function(count: int) -> Function:
     f.jump(step)
     f.place(located)
     _arm(f, count)
-    f.store_int(samples, f.offset("%n", Whole.LAST_SAMPLE))
+    f.store_int(samples, f.offset("%n", IntegerSlot.LAST_SAMPLE))
     f.ret(1)
     f.place(leave)
     f.ret(0)
@@ -132,8 +134,8 @@ def narrow_function(count: int) -> Function:
 def _arm(f: Function, count: int) -> None:
     """Watch the event functions from the side that their values are on."""
     with f.count(count) as k:
-        f.store(f.load(f.offset("%values", k)), f.offset(f.offset("%w", Real.SIZE), k))
-    f.store_int(1, f.offset("%n", Whole.WATCH))
+        f.store(f.load(f.offset("%values", k)), f.offset(f.offset("%w", DoubleSlot.SIZE), k))
+    f.store_int(1, f.offset("%n", IntegerSlot.WATCH))
 
 
 def _alone(f: Function, count: int) -> Condition:
@@ -141,7 +143,7 @@ def _alone(f: Function, count: int) -> Condition:
     changed = f.int_slot()
     f.store_int(0, changed)
     with f.count(count) as k:
-        before = f.load(f.offset(f.offset("%w", Real.SIZE), k))
+        before = f.load(f.offset(f.offset("%w", DoubleSlot.SIZE), k))
         g: Value = f.load(f.offset("%values", k))
         above = f.compare("ogt", before, 0.0) & f.compare("ogt", g, 0.0)
         below = f.compare("olt", before, 0.0) & f.compare("olt", g, 0.0)

@@ -7,16 +7,16 @@ call from Python costs by its arguments.
 from __future__ import annotations
 
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.layout import Real, Status, Whole
+from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.stepping.writer import ARGUMENTS
 from robodyn_cli.kernels.ir import Function, Int, Value
 from robodyn_cli.kernels.lower import lower
 
 # the run's own arguments, room for a copy of its memory block and its bytes, for values of the event functions, and
-# for what ``narrow`` finds
+# for what ``locate_event`` finds
 PLACES = (*ARGUMENTS, "saved", "bytes", "values", "bracket")
-TRIAL_ARGUMENTS = ("ptr %places", "double %time", "i64 %last")
-COUNTERS = [Whole.ACCEPTED, Whole.REJECTED, Whole.EVALUATIONS, Whole.PROJECTIONS]
+TRIAL_STEP_ARGUMENTS = ("ptr %places", "double %time", "i64 %last")
+COUNTERS = [IntegerSlot.ACCEPTED, IntegerSlot.REJECTED, IntegerSlot.EVALUATIONS, IntegerSlot.PROJECTIONS]
 PATIENCE = 256  # steps; a trial that takes more goes on in Python, which hears interrupts
 COPY = "declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)"
 
@@ -48,9 +48,9 @@ def switching_function(system: System, fused: bool) -> Function:
     nq: Int | int = system.nq
     nv: Int | int = system.nv
     if system.dynamics.any_size:
-        nq = nv = f.load_int(f.offset("%n", int(Whole.VELOCITIES)))
+        nq = nv = f.load_int(f.offset("%n", int(IntegerSlot.VELOCITIES)))
     first: dict[str, tuple[str, Int | int]] = {
-        "t": ("%w", Real.T), "q": ("%y", 0), "v": ("%y", nq), "z": ("%y", nq + nv), "p": ("%p", 0)
+        "t": ("%w", DoubleSlot.T), "q": ("%y", 0), "v": ("%y", nq), "z": ("%y", nq + nv), "p": ("%p", 0)
     }  # fmt: skip
     inputs: dict[str, list[Value]] = {}
     for group, count in program.inputs.items():
@@ -63,23 +63,23 @@ def switching_function(system: System, fused: bool) -> Function:
     return f
 
 
-def trial_function() -> Function:
-    """Return ``i64 trial(places, time, last)``, whose result is a ``Status``.
+def trial_step_function() -> Function:
+    """Return ``i64 trial_step(places, time, last)``, whose result is a ``Status``.
 
     The run goes back to what was saved, the counters excepted, and from there to ``time``, past any events, writing
     samples up to number ``last``; where it arrives (``DONE``) the values of the event functions are stored.
     """
-    f = Function("trial", TRIAL_ARGUMENTS, result="i64")
+    f = Function("trial_step", TRIAL_STEP_ARGUMENTS, result="i64")
     load_places(f, *ARGUMENTS, "saved", "bytes")
     counters = [f.offset("%n", int(c)) for c in COUNTERS]
     counted = [f.load_int(c) for c in counters]
     copy_block(f, "%w", "%saved")
     for value, place in zip(counted, counters):
         f.store_int(value, place)
-    f.store_int(0, f.offset("%n", int(Whole.WATCH)))
-    f.store_int(f.int_argument("last"), f.offset("%n", int(Whole.LAST_SAMPLE)))
-    f.store_int(counted[0] + counted[1] + PATIENCE, f.offset("%n", int(Whole.MAX_STEPS)))
-    f.store(f.argument("time"), f.offset("%w", int(Real.T_END)))
+    f.store_int(0, f.offset("%n", int(IntegerSlot.WATCH)))
+    f.store_int(f.int_argument("last"), f.offset("%n", int(IntegerSlot.LAST_SAMPLE)))
+    f.store_int(counted[0] + counted[1] + PATIENCE, f.offset("%n", int(IntegerSlot.MAX_STEPS)))
+    f.store(f.argument("time"), f.offset("%w", int(DoubleSlot.T_END)))
     status = call_run(f)
     with f.when(f.compare_int("eq", status, int(Status.DONE))):
         f.raw("call void @switching(ptr %places)")
