@@ -273,6 +273,15 @@ class Function(Flow):
         )
         return f"@{name}"
 
+    def load_argument(self, name: str, kind: str, address: str) -> None:
+        """Load a pointer or an integer into a register of that name, as if it were an argument."""
+        self.raw(f"%{name} = load {kind}, ptr {address}, align 8")
+
+    def copy(self, target: str, source: str, size: str) -> None:
+        """Copy so many bytes; ``size`` : the register that says how many."""
+        self.declarations.add("declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)")
+        self.raw(f"call void @llvm.memcpy.p0.p0.i64(ptr {target}, ptr {source}, i64 {size}, i1 false)")
+
     def prefetch(self, address: str, write: bool) -> None:
         """Ask for the memory at an address, which need not exist, before it is read (or written)."""
         self.declarations.add("declare void @llvm.prefetch.p0(ptr, i32, i32, i32)")

@@ -139,7 +139,7 @@ def simulate(
     if scene.simulate.error_estimate:
         with watch.stage("error_estimate"):
             result.summary["error_estimate"] = estimate_error(
-                problem, system, integrator.stepper.name, start, grid, integrator.time, options, recorder, run.counters,
+                problem, system, integrator.method.name, start, grid, integrator.time, options, recorder, run.counters,
                 lambda time: progress(time, scene.simulate.duration), passage,
             )  # fmt: skip
         if reason := result.summary["error_estimate"].get("reason"):

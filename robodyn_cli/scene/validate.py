@@ -7,13 +7,13 @@ from collections.abc import Iterable
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.formula import parse
+from robodyn_cli.integration_methods import FIXED_STEP
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.record import record
 from robodyn_cli.scene.check import Check
 from robodyn_cli.scene.check_closures import check_couplers, check_moving_points
 from robodyn_cli.scene.check_forces import check_forces
 from robodyn_cli.scene.check_robot import check_robot, columns, moving
-from robodyn_cli.scene.methods import FIXED_STEP
 from robodyn_cli.scene.nodes import Node, Path, Scalar
 from robodyn_cli.scene.points import BASE, point_link, point_problem
 from robodyn_cli.scene.types import Robot, Scene, Torque

@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.event_location.trial_step import PLACES
+from robodyn_cli.integrators.event_location.locate_event import PLACES
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.layout import Status
 from robodyn_cli.integrators.runtime.memory import Memory
 from robodyn_cli.integrators.stepping.loop import write_run
-from robodyn_cli.integrators.stepping.stepper import Stepper
 from robodyn_cli.kernels.arrays import aligned_zeros
 from robodyn_cli.kernels.compiler import compile_module, machine
 
@@ -24,18 +23,18 @@ ADDRESS, NUMBER, DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 
 
 class Engine:
-    """Runs the compiled functions on memory that stays where it is; see ``trial_step.PLACES`` for what lies where.
+    """Runs the compiled functions on memory that stays where it is; see ``locate_event.PLACES`` for what lies where.
 
     memory : of the run, its copy from before the step with an event. p : parameters. out : block of samples.
     bracket : see ``locate_event_function``.
     """
 
     def __init__(self, system: System, method: str, p: Array) -> None:
-        stepper: Stepper = methods[method]()
+        kind = methods[method]
         host = machine()
         compiled = compile_module(
-            f"run {method} {system.digest}{stepper.digest(system)}",
-            lambda: write_run(system, methods[method](), host.fused),
+            f"run {method} {system.digest}{kind.digest(system)}",
+            lambda: write_run(system, kind, host.fused),
         )
         self._run_to_event = compiled.function("run_to_event", ADDRESS, result=NUMBER)
         if system.events:
@@ -44,7 +43,7 @@ class Engine:
         room = compiled.function("memory", NUMBER, result=NUMBER)(system.nv)
         self.fixed = (*system.dynamics.memory(), aligned_zeros(room))
         self.p = p
-        self.memory = Memory(len(system.events), system.size, stepper.dense_size(system))
+        self.memory = Memory(len(system.events), system.size, kind.dense_size(system))
         self.bracket = np.zeros((2, 1 + len(system.events)))
         self.places = np.zeros(len(PLACES), dtype=np.int64)
         self._at = self.places.ctypes.data

@@ -30,7 +30,6 @@ from robodyn_cli.integrators.runtime.grid import Grid as Grid
 from robodyn_cli.integrators.runtime.layout import UNARMED, DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.runtime.options import Counters as Counters
 from robodyn_cli.integrators.runtime.options import Options as Options
-from robodyn_cli.integrators.stepping.stepper import Stepper
 
 Array = NDArray[Any]
 DEFAULTS = Options()
@@ -59,7 +58,7 @@ class Integrator:
 
     def __init__(self, system: System, method: str = "gauss", parameters: Any = ()) -> None:
         self.system = system
-        self.stepper: Stepper = methods[method]()
+        self.method = methods[method]
         self.parameters = Parameters(system, parameters if len(parameters) else system.parameters)
         self.p = self.parameters.values
         self.engine = Engine(system, method, self.p)
@@ -133,7 +132,7 @@ class Integrator:
             # start well below any sensible step: growth is quick, and a first step that is far too long can
             # look good where derivatives happen to vanish
             w[DoubleSlot.H] = min(1e-3 * (end - w[DoubleSlot.T]), options.max_step)
-            if not self.stepper.adaptive:
+            if not self.method.adaptive:
                 # a step that no control lets grow again must not be what an event has left of it
                 self._step = w[DoubleSlot.H]
         if not w[DoubleSlot.H_OLD] > 0.0:

@@ -45,13 +45,12 @@ class IntegerSlot:
     LAST_SAMPLE = 5
     CAPACITY = 6  # rows in the output block
     ROWS = 7  # rows written since the block was last emptied
-    PENDING = 8  # samples of the last step are still to be written
-    EVENT = 9  # which event function changed sign
-    WATCH = 10  # whether to look for events: 0, 1 or ``UNARMED``
-    REJECTED_IN_ROW = 11
-    PROJECTIONS = 12
-    VELOCITIES = 13  # how many there are, for code that serves systems of any size
-    LOCATED = 14  # the state is at the event that was met, alone
+    EVENT = 8  # which event function changed sign
+    WATCH = 9  # whether to look for events: 0, 1 or ``UNARMED``
+    REJECTED_IN_ROW = 10
+    PROJECTIONS = 11
+    VELOCITIES = 12  # how many there are, for code that serves systems of any size
+    LOCATED = 13  # the state is at the event that was met, alone
     SIZE = 16
 
 

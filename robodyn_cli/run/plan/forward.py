@@ -90,7 +90,7 @@ class Forward:
     @cached_property
     def _residual(self) -> Residual | None:
         method = methods.get(self.choice.method)
-        return None if method is None else method().residual_of(self.system)
+        return None if method is None else method.residual_of(self.system)
 
     # -- kernels --------------------------------------------------------------------------------------
     def kernels(self) -> list[dict[str, Any]]:
@@ -108,9 +108,7 @@ class Forward:
                 stepped("corrections of accelerations, each round", residual.correction, held),
                 stepped("factors of the mass matrix, once a step", residual.factors, held),
             ]
-        derivatives = (
-            methods[self.choice.method]().linearisation(s) if self.choice.method in methods else None
-        )
+        derivatives = methods[self.choice.method].linearisation(s) if self.choice.method in methods else None
         if derivatives is not None:
             found.append(stepped("accelerations and their derivatives", derivatives, "state"))
         if s.positions is not None and s.velocities is not None:
