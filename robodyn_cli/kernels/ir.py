@@ -99,6 +99,10 @@ class Function(Flow):
             return Value(self, literal(x[0]), 1)
         return Value(self, "<" + ", ".join(f"double {literal(c)}" for c in x) + ">", len(x))
 
+    def integer(self, n: int) -> Int:
+        """Return a constant integer."""
+        return Int(self, str(n))
+
     def lift(self, x: Operand, width: int) -> Value:
         """Return ``x`` as a value of at least ``width`` lanes."""
         if isinstance(x, Value):

@@ -436,7 +436,9 @@ def test_counters_add_up(method: str) -> None:
     assert counters.evaluations >= counters.steps + counters.rejected
     kind = methods[method]
     if isinstance(kind, ExplicitRungeKutta):
-        assert counters.evaluations == kind.table.stages * (counters.steps + counters.rejected)
+        new, tries = kind.table.stages - 1, counters.steps + counters.rejected
+        states = 1 if kind.table.first_same_as_last else counters.steps
+        assert counters.evaluations == new * tries + states
     assert set(counters.as_dict()) == {"steps", "rejected", "evaluations", "projections", "events"}
     for limit in (1, 5, counters.steps - 1):
         with pytest.raises(NumericalError, match=f"more than {limit} steps, stopped at t = ") as caught:
@@ -444,6 +446,27 @@ def test_counters_add_up(method: str) -> None:
         assert 0.0 <= caught.value.details["time"] < case.end
     again = advance(case, method, **options, max_steps=counters.steps + counters.rejected)
     assert again.counters == counters
+
+
+def test_the_last_stage_is_the_first_of_the_next_step() -> None:
+    free = advance(systems.kepler(), "dopri5", rtol=1e-8, atol=1e-8).counters
+    assert free.evaluations == 6 * (free.steps + free.rejected) + 1
+    # not where the state is put back on its constraint
+    integrator = Integrator(constrained_pendulum(), "dopri5")
+    integrator.reset(0.0, (-1.0, 0.0, 0.0, 0.0), Options(1e-8, 1e-8))
+    integrator.advance(2.0)
+    held = integrator.counters
+    assert held.evaluations == 6 * (held.steps + held.rejected) + held.steps
+    # nor where it was replaced, or another interval begins
+    case = systems.oscillator()
+    integrator = Integrator(case.system, "dopri5")
+    integrator.reset(0.0, (1.0, 0.0), Options(1e-10, 1e-12))
+    integrator.advance(1.0)
+    integrator.set_state((0.0, 2.0))
+    integrator.advance(2.0)
+    spent = integrator.counters
+    assert spent.evaluations == 6 * (spent.steps + spent.rejected) + 2
+    np.testing.assert_allclose(integrator.state, (2.0 * np.sin(1.0), 2.0 * np.cos(1.0)), atol=1e-8)
 
 
 @each_adaptive

@@ -28,7 +28,7 @@ class ExplicitRungeKutta(Method):
         self.dense_order = table.dense_order
 
     def dense_size(self, system: System) -> int:
-        return self.output.rows * system.size
+        return (self.output.rows + 1) * system.size
 
     def stepper(self, w: Writer) -> ExplicitStepper:
         return self.output(self, w)
@@ -36,6 +36,10 @@ class ExplicitRungeKutta(Method):
 
 class ExplicitStepper(Stepper[Sequence[Array]]):
     """Writes steps from a tableau; K are the rates at the stages, which dense output takes over.
+
+    The first stage is evaluated only where it is not known (``RATE_KNOWN``): it is after a rejection, and where the
+    rate at the end of the last step was evaluated and the state has stayed what it was there. It lies behind dense
+    output.
 
     rows : of numbers, one a component, that dense output keeps.
     """
@@ -45,30 +49,32 @@ class ExplicitStepper(Stepper[Sequence[Array]]):
     def __init__(self, method: ExplicitRungeKutta, w: Writer) -> None:
         super().__init__(method, w)
         self.table = method.table
-        self.K = [w.array(2, 1) for _ in self.table.A]
+        first = Array(w.f, w.f.offset("%dense", w.size * self.rows))
+        self.K = [first, *(w.array(2, 1) for _ in self.table.A[1:])]
         self.x = w.array(2, 1)
+        self.known = w.integer_at(IntegerSlot.RATE_KNOWN)
         self.control = Controller(
             self.table.error_order, safety=SAFETY, floor=1e-10, least=0.2, most=10.0, gain=GAIN
         )
 
     def attempt(self, t: Value, h: Value, failed: Block) -> Attempt[Sequence[Array]]:
         f, w = self.f, self.w
-        for i in range(self.table.stages):
+        with f.when(f.compare_int("eq", f.load_int(self.known), 0)):
+            w.rate(t, w.state, self.K[0])
+            w.count(IntegerSlot.EVALUATIONS)
+        f.store_int(1, self.known)
+        for i in range(1, self.table.stages):
             self._stage(t, h, i)
-        w.count(IntegerSlot.EVALUATIONS, self.table.stages)
+        w.count(IntegerSlot.EVALUATIONS, self.table.stages - 1)
         for c in w.each(w.size):
             w.new[c] = f.muladd(h, self._sum(self.table.b, c), w.state[c])
         return Attempt(self._error(h), self.K)
 
     def _stage(self, t: Value, h: Value, i: int) -> None:
         f, w = self.f, self.w
-        row = self.table.A[i]
-        x = w.state
-        if any(row):
-            x = self.x
-            for c in w.each(w.size):
-                x[c] = f.muladd(h, self._sum(row, c), w.state[c])
-        w.rate(f.muladd(h, self.table.c[i], t), x, self.K[i])
+        for c in w.each(w.size):
+            self.x[c] = f.muladd(h, self._sum(self.table.A[i], c), w.state[c])
+        w.rate(f.muladd(h, self.table.c[i], t), self.x, self.K[i])
 
     def _sum(self, weights: Sequence[float], component: Int | int) -> Value:
         """Return the weighted sum of the stages' rates of one component."""
@@ -93,10 +99,31 @@ class ExplicitStepper(Stepper[Sequence[Array]]):
 
     # -- dense output ---------------------------------------------------------------------------------
     def save_dense(self, t: Value, h: Value, kept: Sequence[Array]) -> None:
+        self.f.store_int(0, self.known)
         with self.used(t, h):
-            self._store_dense(t, h, kept)
+            self._carry_over(self._store_dense(t, h, kept))
+        if self.table.first_same_as_last:
+            self._carry_over(kept[self.table.stages - 1])
 
-    def _store_dense(self, t: Value, h: Value, K: Sequence[Array]) -> None:
+    def _carry_over(self, last: Array | None) -> None:
+        """Make the rate at the end of the step the first stage of the next, unless the state is put back."""
+        w = self.w
+        if last is not None and not self.method.moves_state(w.system):
+            for c in w.each(w.size):
+                self.K[0][c] = last[c]
+            self.f.store_int(1, self.known)
+
+    def _end_rate(self, t: Value, h: Value, room: Array) -> Array:
+        """Return the rate at the end of the step, evaluated in ``room`` where no stage has it."""
+        w, table = self.w, self.table
+        if table.first_same_as_last:
+            return self.K[table.stages - 1]
+        w.rate(t + h, w.new, room)
+        w.count(IntegerSlot.EVALUATIONS)
+        return room
+
+    def _store_dense(self, t: Value, h: Value, K: Sequence[Array]) -> Array | None:
+        """Store the numbers of dense output; return the rate at the end of the step where it was evaluated."""
         raise NotImplementedError
 
     def _put(self, component: Int | int, values: Sequence[Value]) -> None:
@@ -115,12 +142,12 @@ class CubicOutput(ExplicitStepper):
 
     rows = 4
 
-    def _store_dense(self, t: Value, h: Value, K: Sequence[Array]) -> None:
-        w, last = self.w, self.w.array(2, 1)
-        w.rate(t + h, w.new, last)
-        w.count(IntegerSlot.EVALUATIONS)
+    def _store_dense(self, t: Value, h: Value, K: Sequence[Array]) -> Array | None:
+        w = self.w
+        last = self._end_rate(t, h, w.array(2, 1))
         for c in w.each(w.size):
             self._put(c, (w.state[c], w.new[c], h * K[0][c], h * last[c]))
+        return last
 
     def dense(self, u: Value, h: Value, out: Array) -> None:
         x = u + 1.0
@@ -135,10 +162,11 @@ class QuarticOutput(ExplicitStepper):
 
     rows = 5
 
-    def _store_dense(self, t: Value, h: Value, K: Sequence[Array]) -> None:
+    def _store_dense(self, t: Value, h: Value, K: Sequence[Array]) -> Array | None:
         w, columns = self.w, list(zip(*self.table.dense))
         for c in w.each(w.size):
             self._put(c, [w.state[c], *(h * self._sum(column, c) for column in columns)])
+        return None
 
     def dense(self, u: Value, h: Value, out: Array) -> None:
         x = u + 1.0
@@ -154,17 +182,18 @@ class Dop853Output(ExplicitStepper):
 
     rows = 8
 
-    def _store_dense(self, t: Value, h: Value, K: Sequence[Array]) -> None:
+    def _store_dense(self, t: Value, h: Value, K: Sequence[Array]) -> Array | None:
         w, last = self.w, self.table.stages
-        w.rate(t + h, w.new, K[last])
+        self._end_rate(t, h, K[last])
         for i in range(last + 1, len(K)):
             self._stage(t, h, i)
-        w.count(IntegerSlot.EVALUATIONS, len(K) - last)
+        w.count(IntegerSlot.EVALUATIONS, len(K) - last - 1)
         for c in w.each(w.size):
             delta = w.new[c] - w.state[c]
             start, end = h * K[0][c], h * K[last][c]
             rows = [w.state[c], delta, start - delta, 2.0 * delta - (start + end)]
             self._put(c, rows + [h * self._sum(weights, c) for weights in self.table.dense])
+        return K[last]
 
     def dense(self, u: Value, h: Value, out: Array) -> None:
         x = u + 1.0

@@ -175,10 +175,11 @@ class GaussOutput(Stepper[StageRates]):
         rows = D.width // m
         once = f.table("dense.rows1", _row_blocks(D.once_coefficients, m))
         twice = f.table("dense.rows2", _row_blocks(D.twice_coefficients, m))
-        zero = f.emit_int("add i64 0, 0")
 
         def store(j: Int | int, names: list[str]) -> None:
-            blocks = [[(name, zero + k), (name, zero + (rows + k))] for name in names for k in range(rows)]
+            blocks = [
+                [(name, f.integer(k)), (name, f.integer(rows + k))] for name in names for k in range(rows)
+            ]
             for k, total in enumerate(self._products([residual[0].at(j), residual[1].at(j)], blocks)):
                 f.store(total, f.offset(self._correction(j), k * m))
 

@@ -33,6 +33,11 @@ class ExplicitTable:
         """Stages of a step, those for dense output only excluded."""
         return len(self.b)
 
+    @property
+    def first_same_as_last(self) -> bool:
+        """Whether the last stage is the rate at the end of the step, and so the first stage of the next."""
+        return self.c[self.stages - 1] == 1.0 and (*self.A[self.stages - 1], 0.0) == self.b
+
     def __post_init__(self) -> None:
         for i, row in enumerate(self.A):
             if abs(sum(row) - self.c[i]) > 1e-13 * max(1.0, sum(abs(x) for x in row)):

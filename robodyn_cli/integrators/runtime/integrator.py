@@ -111,6 +111,7 @@ class Integrator:
         signs : the side from which event functions start, by index. step : the next step is at most so long.
         """
         self.y[:] = state
+        self.n[IntegerSlot.RATE_KNOWN] = 0
         if self.system.events:
             # the next event may come sooner than the last one did, so the step starts short again
             if self.time > self._since:

@@ -51,6 +51,9 @@ class IntegerSlot:
     PROJECTIONS = 11
     VELOCITIES = 12  # how many there are, for code that serves systems of any size
     LOCATED = 13  # the state is at the event that was met, alone
+    RATE_KNOWN = (
+        14  # a method that keeps the rate at the current state has it; not after anybody changed anything
+    )
     SIZE = 16
 
 

@@ -86,6 +86,10 @@ def _write_loop(w: Writer, stepper: Stepper[Any]) -> None:
             _count_rejection(w, run)
     for k in w.each(w.size):
         y[k] = w.state[k]
+    resumes = f.compare_int("eq", run.status, int(Status.FULL))
+    with f.when(~(resumes | f.compare_int("eq", run.status, int(Status.MAX_STEPS)))):
+        # parameters may change before the run goes on, or the right-hand side jumps here
+        f.store_int(0, w.integer_at(IntegerSlot.RATE_KNOWN))
     f.ret(f.select_int(w.is_finite(w.state), run.status, int(Status.NOT_FINITE)))
 
 

@@ -79,6 +79,11 @@ class Method:
         """Tell whether states are to be put back on manifolds and constraints after each step."""
         return True
 
+    def moves_state(self, system: System) -> bool:
+        """Tell whether there is something to put back, so that a step ends at another state than it came to."""
+        corrections = (system.normal_form, system.positions, system.velocities)
+        return self.projects(system) and any(c is not None for c in corrections)
+
     def dense_size(self, system: System) -> int:
         """Return how many doubles dense output keeps."""
         raise NotImplementedError
