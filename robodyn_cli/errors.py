@@ -12,10 +12,12 @@ from typing import Any
 class RobodynError(Exception):
     """Base of all errors that robodyn raises on purpose.
 
-    ``exit_code`` is what the command line returns; ``details`` are machine-readable facts for ``--json``.
+    ``exit_code`` is what the command line returns; ``details`` are machine-readable facts for ``--json``. ``result`` is
+    what a command had computed until then (a ``results.result.Result``), None where there is nothing to show.
     """
 
     exit_code = 70
+    result: object | None = None
 
     def __init__(self, message: str, **details: Any) -> None:
         super().__init__(message)
@@ -59,10 +61,26 @@ class OutputError(RobodynError):
     exit_code = 74
 
 
+class ResultFileError(RobodynError):
+    """A file is not a result that can be read: foreign, damaged or too new (exit code 2)."""
+
+    exit_code = 2
+
+
+class DirectoryInUseError(CapabilityError):
+    """Another run is writing into the output directory (exit code 2)."""
+
+
 def did_you_mean(word: str, options: Iterable[str]) -> str:
     """Return ``" (did you mean 'x'?)"`` for the option nearest to ``word``, or an empty text."""
+    near = nearest_word(word, options)
+    return f" (did you mean {near!r}?)" if near is not None else ""
+
+
+def nearest_word(word: str, options: Iterable[str]) -> str | None:
+    """Return the option that ``word`` may be a slip of the pen for, or None."""
     import difflib  # only when something is already wrong
 
     lower = {option.lower(): option for option in options}
     near = difflib.get_close_matches(word.lower()[:80], lower, n=1, cutoff=0.6)
-    return f" (did you mean {lower[near[0]]!r}?)" if near else ""
+    return lower[near[0]] if near else None

@@ -118,7 +118,7 @@ def _reject(w: Writer, adaptive: bool, step: Step, verdict: Verdict, failed: Blo
     with f.block() as counts:
         counts.leave(f.compare("olt", verdict.square, 1.0))
         if adaptive:
-            if any(event.kink for event in w.system.events):
+            if any(event.is_discontinuity for event in w.system.events):
                 counts.leave(_steps_over_jump(w, step))
             shorten(w, verdict, step.h)
             failed.leave()
@@ -140,7 +140,7 @@ def _steps_over_jump(w: Writer, step: Step) -> Condition:
     with f.when(f.compare("ole", step.h, f.abs(step.t) * SHORTEST)):
         values = w.evaluate(s.switching, step.t + step.h, w.new)["g"]
         for k, (g, event) in enumerate(zip(values, s.events)):
-            if event.kink:
+            if event.is_discontinuity:
                 product = g * w.get(DoubleSlot.SIZE + k)
                 so_far = f.load(least)
                 f.store(f.select(f.compare("olt", product, so_far), product, so_far), least)
@@ -177,7 +177,7 @@ def _project(w: Writer) -> None:
     f, s = w.f, w.system
     t = w.get(DoubleSlot.T)
     if s.normal_form is not None:
-        for place, x in zip(s.normalised, w.evaluate(s.normal_form, t, w.state)["n"]):
+        for place, x in zip(s.corrections.normalised, w.evaluate(s.normal_form, t, w.state)["n"]):
             w.state[place] = x
     if s.positions is not None:
         rounds = f.int_slot()

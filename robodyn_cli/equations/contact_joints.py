@@ -1,0 +1,93 @@
+"""Joints with a contact state: held (stuck by friction, or on a rigid stop) or free to move.
+
+Contact states are parameters p of the equations, which events change: the constraint v-dot = 0 of each such joint is
+part of the equations and is switched on and off by its parameter, so one compiled program serves all combinations.
+
+    hold = 1:  v-dot = 0, with a multiplier lambda that must stay within [low, high]
+    hold = 0:  lambda = 0, and Coulomb friction acts against ``direction``
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from robodyn_cli.expr.graph import Expr
+from robodyn_cli.forces.friction import Friction
+from robodyn_cli.forces.limits import Limits
+from robodyn_cli.model.model import PARAMETER_GROUP, Body, Model
+from robodyn_cli.record import record
+
+FIELDS = ("hold", "direction", "low", "high")
+UNBOUNDED = 1e300  # a bound that no multiplier reaches
+
+
+@record
+class ContactJoint:
+    """A joint with a contact state; q, v : its places. hold, direction, low, high : parameters p from ``place`` on."""
+
+    name: str
+    q: int
+    v: int
+    place: int
+    hold: Expr
+    direction: Expr
+    low: Expr
+    high: Expr
+    gear_ratio: float = 1.0
+    friction: Friction | None = None
+    limits: Limits | None = None
+
+    @property
+    def breakaway(self) -> tuple[float, float]:
+        """Largest friction torques at rest against motion forwards and backwards, both >= 0."""
+        return (0.0, 0.0) if self.friction is None else self.friction.breakaway(self.gear_ratio)
+
+    @property
+    def restitution(self) -> float:
+        assert self.limits is not None and self.limits.stop.restitution is not None
+        return self.limits.stop.restitution
+
+    @property
+    def stops(self) -> list[tuple[float, float]]:
+        """Rigid stops as (direction of the push, position)."""
+        if self.limits is None:
+            return []
+        sides = ((1.0, self.limits.lower), (-1.0, self.limits.upper))
+        return [(push, at) for push, at in sides if at is not None]
+
+
+def contact_joints(model: Model) -> tuple[ContactJoint, ...]:
+    """Return the joints with a contact state, in the order of the tree; their parameters follow the model's own."""
+    found: list[ContactJoint] = []
+    for body in model.bodies:
+        friction, limits = _contacts(body)
+        if friction is None and limits is None:
+            continue
+        place = len(model.parameters) + len(FIELDS) * len(found)
+        hold, direction, low, high = (
+            model.graph.symbol(f"{body.joint_name}.{name}", PARAMETER_GROUP, place + k)
+            for k, name in enumerate(FIELDS)
+        )
+        found.append(
+            ContactJoint(
+                body.joint_name, body.q, body.v, place, hold, direction, low, high,
+                body.gear_ratio, friction, limits,
+            )
+        )  # fmt: skip
+    return tuple(found)
+
+
+def _contacts(body: Body) -> tuple[Friction | None, Limits | None]:
+    """Return the set-valued friction and the rigid stops of a joint."""
+    friction = limits = None
+    for force in body.forces:
+        if isinstance(force.element, Friction) and force.element.set_valued:
+            friction = force.element
+        if isinstance(force.element, Limits) and force.element.rigid:
+            limits = force.element
+    return friction, limits
+
+
+def moving_freely(joints: Sequence[ContactJoint]) -> tuple[float, ...]:
+    """Return the parameters p with which every joint moves freely, without Coulomb friction; () for no joints."""
+    return (0.0,) * (joints[-1].place + len(FIELDS)) if joints else ()

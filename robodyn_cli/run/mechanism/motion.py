@@ -1,0 +1,107 @@
+"""From a scene's trajectory to the motion of its joints."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import GeometryError, SceneError, SingularConfigurationError
+from robodyn_cli.record import record
+from robodyn_cli.scene.types import Point, Scene
+from robodyn_cli.trajectories.motion import JointMotion, TaskSpace
+
+if TYPE_CHECKING:
+    from robodyn_cli.solve.point_kinematics import PointFunction, PointKinematics
+
+Array = NDArray[np.float64]
+
+
+@record
+class Planned:
+    """The joints' motion at sample times (T,), and where it comes from.
+
+    point, target : the point that is led, and its coordinates (T, 2 or 3) [m] that were asked for.
+    method : of the inverse kinematics, ``analytic`` or ``newton``. residuals : the largest of the loops, by level.
+    stopped : why the motion ends early, None where it is whole.
+    """
+
+    times: Array
+    motion: JointMotion
+    point: str | None = None
+    target: Array | None = None
+    method: str | None = None
+    residuals: dict[str, float] = dataclasses.field(default_factory=dict)
+    counters: dict[str, int] = dataclasses.field(default_factory=dict)
+    stopped: GeometryError | SingularConfigurationError | None = None
+
+
+def with_led_point(scene: Scene) -> Scene:
+    """Return the scene with the point that the trajectory leads (as ``link2.end``) among its named points."""
+    trajectory: Any = scene.trajectory
+    return with_points(scene, [trajectory.point]) if isinstance(trajectory, TaskSpace) else scene
+
+
+def with_points(scene: Scene, references: Sequence[str]) -> Scene:
+    """Return the scene with points that are referred to (as ``link2.end``) among its named points."""
+    points = dict(scene.robot.points)
+    for reference in references:
+        link, _, at = reference.partition(".")
+        # ``base.NAME`` is a named point too
+        known = points.get(reference) or points.get(at)
+        points[reference] = known or Point(link=link, at=at)
+    if len(points) == len(scene.robot.points):
+        return scene
+    return dataclasses.replace(scene, robot=dataclasses.replace(scene.robot, points=points))
+
+
+def plan_motion(problem: Problem, times: Array) -> Planned:
+    """Return the motion of an open chain's joints at ``times`` (T,), columns in the model's order.
+
+    Raises
+    ------
+    SceneError : there is no trajectory, or its inverse kinematics lacks a choice. GeometryError and
+    SingularConfigurationError : from the inverse kinematics.
+    """
+    scene, model = problem.scene, problem.model
+    trajectory: Any = scene.trajectory
+    parameters = scene.parameters
+    if trajectory is None:
+        raise SceneError(
+            f"{scene.path}: key 'trajectory' is missing: inverse dynamics needs a motion; "
+            "kinds: joint, quintic, table, circle, cartesian",
+            key="trajectory",
+        )
+    if not isinstance(trajectory, TaskSpace):
+        return Planned(times, trajectory.motion(times, model.q_names, parameters))
+    from robodyn_cli.solve.inverse_kinematics import PointTask, follow_point
+
+    start = trajectory.ik.guess or scene.initial.q
+    where = f"{scene.path}: " if scene.path else ""
+    task = PointTask(model, model.points[trajectory.point], trajectory, start, parameters, where)
+    found = follow_point(task, times, compile_point)
+    counters = {"ik_iterations": found.iterations, "ik_steps": found.steps} if found.iterations else {}
+    target = task.target(times).p
+    return Planned(times, found.motion, trajectory.point, target, found.method, counters=counters)
+
+
+def compile_point(kinematics: PointKinematics) -> PointFunction:
+    """Return a point's kinematics as a compiled function, quick on single samples too."""
+    from robodyn_cli.kernels.samples import SampleKernel
+
+    kernel = SampleKernel(kinematics.outputs(), ("q", "v"))
+    # a single sample fills all lanes of arrays that are already in place
+    lanes_q, lanes_v = (np.zeros((kernel.lanes, kinematics.nv), order="F") for _ in range(2))
+
+    def function(q: Array, v: Array) -> tuple[Array, Array, Array]:
+        if len(q) > 1:
+            return kinematics.unpack(kernel.evaluate(len(q), {"q": q, "v": v}))
+        lanes_q[:], lanes_v[:] = q, v
+        found = kernel.evaluate(kernel.lanes, {"q": lanes_q, "v": lanes_v})
+        return kinematics.unpack({name: array[:1] for name, array in found.items()})
+
+    return function
