@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import inspect
 from collections.abc import Callable
@@ -18,7 +19,7 @@ class Parameter:
     """
 
     names: tuple[str, ...]
-    settings: dict[str, Any]
+    settings: dict[str, Any] = dataclasses.field(compare=False)  # Python 3.10 hashes what stands in Annotated
 
 
 def argument(metavar: str, help: str) -> Parameter:
