@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import enum
 import hashlib
 from collections.abc import Callable
 from fractions import Fraction
@@ -13,6 +14,7 @@ import pytest
 from robodyn_cli.kernels.compiler import compile_module
 from robodyn_cli.kernels.ir import RELAXED, Function, Value, double_type, int_type, literal, module
 from robodyn_cli.kernels.mathematics import polynomial, rough_power
+from robodyn_cli.kernels.values import ref_of
 from tests.kernels import SPECIAL, WIDTHS
 
 widths = pytest.mark.parametrize("width", WIDTHS)
@@ -259,3 +261,13 @@ def test_a_module_declares_each_function_once() -> None:
     text = module(pair)
     assert text.count("declare double @llvm.sqrt.f64") == 1
     assert "define internal void @b" in text and "define void @a" in text
+
+
+def test_members_of_enumerations_are_written_as_numbers() -> None:
+    """Before Python 3.11 the text of an ``IntEnum`` member is its name."""
+
+    class Outcome(enum.IntEnum):
+        DONE = 3
+        __str__ = enum.Enum.__str__
+
+    assert str(Outcome.DONE) == "Outcome.DONE" and ref_of(Outcome.DONE) == "3"
