@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ellipj, ellipk
 
+from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr import functions as f
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.formulations.dynamics import Expanded
@@ -194,6 +196,21 @@ def advance(case: Case, method: str, end: float | None = None, **options: Any) -
     integrator.reset(0.0, case.start, settings(method, **options))
     integrator.advance(case.end if end is None else end)
     return integrator
+
+
+def step_ends(case: Case, method: str, end: float | None = None, **options: Any) -> tuple[Integrator, Array]:
+    """Integrate a case step by step; returns the integrator and the ends of its steps (n,)."""
+    integrator = Integrator(case.system, method)
+    integrator.reset(0.0, case.start, settings(method, **options))
+    ends = [0.0]
+    stop = case.end if end is None else end
+    while integrator.time < stop:
+        attempts = integrator.counters.steps + integrator.counters.rejected
+        integrator.options = dataclasses.replace(integrator.options, max_steps=attempts + 1)
+        with contextlib.suppress(NumericalError):
+            integrator.advance(stop)
+        ends += [integrator.time] if integrator.time > ends[-1] else []
+    return integrator, np.array(ends)
 
 
 def samples(

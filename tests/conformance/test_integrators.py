@@ -28,6 +28,7 @@ from tests.systems import (
     is_low,
     samples,
     settings,
+    step_ends,
     system,
     within_reach,
 )
@@ -166,16 +167,7 @@ def test_samples_are_continuous_across_steps(method: str) -> None:
     case = systems.kepler()
     step = 5e-4 if is_low(method) else 0.05 if method == "rk4" else 0.005
     options = {"rtol": 1e-7, "atol": 1e-7} if methods[method].adaptive else {"step": step}
-    integrator = Integrator(case.system, method)
-    integrator.reset(0.0, case.start, settings(method, **options))
-    ends = []
-    while integrator.time < 5.0:
-        integrator.options = dataclasses.replace(integrator.options, max_steps=integrator.counters.steps
-                                                 + integrator.counters.rejected + 1)  # fmt: skip
-        try:
-            integrator.advance(6.0)
-        except NumericalError:
-            ends.append(integrator.time)
+    integrator, ends = step_ends(case, method, 5.0, **options)
     width = 1e-7
     for end in ends[2:12]:
         grid = Grid(end - 4 * width, width, 9)
@@ -347,11 +339,40 @@ def test_kinks_cost_no_accuracy(method: str) -> None:
         assert end_error(case, integrator) <= 100 * tolerance
 
 
+def unseen(method: str, ends: np.ndarray) -> float:
+    """Return the error that the kinks of the table leave where at most one stage of a step lies beyond them.
+
+    The stages of a Gauss method lie inside the step. A torque whose slope changes by b at a distance d from an end of
+    the step, d below that of the second stage, is integrated as if it did not change there: q' is off by b d^2 / 2.
+    """
+    if not method.startswith("gauss"):
+        return 0.0
+    nodes = np.polynomial.legendre.leggauss(methods[method].order // 2)[0]
+    second = 0.5 * (1.0 + np.sort(nodes)[1])
+    slopes = np.concatenate([[0.0], np.diff(TABLE[1]) / np.diff(TABLE[0]), [0.0]])
+    error = 0.0
+    for kink, change in zip(TABLE[0], np.diff(slopes)):
+        k = int(np.searchsorted(ends, kink))
+        if 0 < k < len(ends):
+            distance = min(ends[k] - kink, kink - ends[k - 1])
+            if distance < second * (ends[k] - ends[k - 1]):
+                error += 0.5 * abs(change) * distance**2
+    return error
+
+
 @each_adaptive
 def test_without_breakpoints_kinks_are_found_by_the_step_control(method: str) -> None:
+    """Nothing says where the torque's slope jumps: the estimate of the error has to notice.
+
+    That of the Gauss methods is the decay of the Legendre coefficients: 100 tolerances are accepted in the last, and 1000
+    in the last but one, which stands for all where a kink lies in the middle of a step, so that those of odd degree
+    vanish. Those that are cut off fall slowly behind a kink, and make up ten times as much. The table has four kinks.
+    """
     case, told = table_case(()), table_case(TABLE[0])
-    blind = advance(case, method, rtol=1e-10, atol=1e-10)
-    assert end_error(case, blind) < 1e-4
+    tolerance = within_reach(method, 1e-10)
+    bound = 4 * 1e4 * tolerance if method.startswith("gauss") else 100.0 * tolerance
+    blind, ends = step_ends(case, method, rtol=1e-10, atol=1e-10)
+    assert end_error(case, blind) < bound + unseen(method, ends)
     assert advance(told, method, rtol=1e-10, atol=1e-10).counters.evaluations < blind.counters.evaluations
 
 
@@ -575,6 +596,10 @@ def test_units_do_not_matter(method: str, rate: float, size: float) -> None:
     )
 
 
+# between the ends of a step: the powers of a polynomial through seven or eight stages multiply rounding by some 1e4
+ROUNDING = {"gauss": 1e-11, "radau13": 1e-11}
+
+
 @each_adaptive
 @pytest.mark.parametrize("duration", [1e-12, 1e-9, 1e-6])
 def test_short_runs(method: str, duration: float) -> None:
@@ -582,7 +607,8 @@ def test_short_runs(method: str, duration: float) -> None:
     grid = Grid.over(duration, 11)
     times, states, integrator = samples(case.system, method, case.start, grid)
     assert len(times) == 11 and integrator.time == times[-1]
-    np.testing.assert_allclose(states[:, 1], -np.sin(1.0) * times, rtol=1e-9)
+    np.testing.assert_allclose(integrator.state[1], -np.sin(1.0) * duration, rtol=1e-12)
+    np.testing.assert_allclose(states[:, 1], -np.sin(1.0) * times, rtol=ROUNDING.get(method, 1e-12))
 
 
 @each_adaptive
