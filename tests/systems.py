@@ -36,13 +36,17 @@ def system(
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """A system, its state at t = 0, the exact states (T, nx) at times (T,), and a time to integrate to."""
+    """A system, its state at t = 0, the exact states (T, nx) at times (T,), and a time to integrate to.
+
+    kind : of the system, as ``tests/methods.py`` tells them apart by who refuses them.
+    """
 
     name: str
     system: System
     start: tuple[float, ...]
     exact: Callable[[Array], Array]
     end: float
+    kind: str = "accelerations from positions and time"
 
     def __str__(self) -> str:
         return self.name
@@ -102,7 +106,7 @@ def damped() -> Case:
         q = np.exp(-0.2 * t) * (np.cos(2 * t) + 0.1 * np.sin(2 * t))
         return _columns(q, np.exp(-0.2 * t) * (-2.02) * np.sin(2 * t))
 
-    return Case("damped", body, (1.0, 0.0), exact, 12.0)
+    return Case("damped", body, (1.0, 0.0), exact, 12.0, "accelerations from velocities")
 
 
 def linear(name: str, A: Array, body: System, start: Sequence[float], end: float) -> Case:
@@ -119,7 +123,8 @@ def controlled() -> Case:
     """A state z that feeds back into the acceleration: an integral controller."""
     body = system(1, lambda t, q, v, z, p: ([-4 * q[0] - v[0] - 1.5 * z[0]], [q[0] - 0.5 * z[0]]), nz=1)
     A = np.array([[0.0, 1.0, 0.0], [-4.0, -1.0, -1.5], [1.0, 0.0, -0.5]])
-    return linear("controlled", A, body, (1.0, 0.0, 0.3), 12.0)
+    case = linear("controlled", A, body, (1.0, 0.0, 0.3), 12.0)
+    return dataclasses.replace(case, kind="accelerations from velocities")
 
 
 def chain(n: int = 5) -> Case:

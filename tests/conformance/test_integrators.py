@@ -19,6 +19,18 @@ from robodyn_cli.integrators.stepping import writer
 from robodyn_cli.integrators.stepping.stepper import Stepper
 from robodyn_cli.kernels import compiler
 from tests import systems
+from tests.methods import (
+    ADAPTIVE,
+    ADAPTIVE_FAMILIES,
+    FAMILIES,
+    METHODS,
+    each_adaptive,
+    each_adaptive_family,
+    each_family,
+    each_method,
+    each_pair,
+    taking,
+)
 from tests.systems import (
     CASES,
     Case,
@@ -33,13 +45,14 @@ from tests.systems import (
     within_reach,
 )
 
-METHODS = tuple(methods)
-ADAPTIVE = tuple(m for m in METHODS if methods[m].adaptive)
 FOR_STIFF = {m for m in METHODS if methods[m].needs_jacobian}
 EXPLODING = {m for m in METHODS if not methods[m].adaptive} - FOR_STIFF
-each_method = pytest.mark.parametrize("method", METHODS)
-each_adaptive = pytest.mark.parametrize("method", ADAPTIVE)
-each_case = pytest.mark.parametrize("case", CASES, ids=str)
+each_family_that_takes_velocities = pytest.mark.parametrize(
+    "method", taking("accelerations from velocities", FAMILIES)
+)
+# the control of errors is tried on all cases by one method a family, and on pendulums by each
+OTHERS = tuple(m for m in ADAPTIVE if m not in FAMILIES)
+each_error = each_pair((ADAPTIVE_FAMILIES, CASES), (OTHERS, CASES[-1:]))
 ENOUGH = 5_000_000  # steps
 BLOW_UP = system(1, lambda t, q, v, z, p: [2.0 * q[0] * q[0] * q[0]])  # q = 1 / (1 - t)
 
@@ -132,8 +145,7 @@ def test_the_order_is_what_is_stated(method: str, case: Case, fixed_steps: None)
 GROWTH = {"Kepler orbit": 1e4}
 
 
-@each_adaptive
-@each_case
+@each_error
 def test_the_error_follows_the_tolerance(method: str, case: Case) -> None:
     bound = GROWTH.get(case.name, 300.0)
     errors = {}
@@ -148,8 +160,7 @@ def test_the_error_follows_the_tolerance(method: str, case: Case) -> None:
     assert errors[1e-7] < 1e-11 or 1e2 * errors[1e-7] >= 1e3 * min(errors[1e-11], 1e-10), errors
 
 
-@each_adaptive
-@each_case
+@each_error
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-7, 1e-10])
 def test_samples_are_as_good_as_the_steps(method: str, case: Case, tolerance: float) -> None:
     grid = Grid(0.0, case.end / 2000, 2001)
@@ -183,7 +194,7 @@ def test_samples_are_continuous_across_steps(method: str) -> None:
 
 
 # -- the grid of samples ---------------------------------------------------------------------------------
-@each_method
+@each_family
 @pytest.mark.parametrize(("start", "step", "count"), [(0.0, 0.1, 101), (0.0, 1 / 3, 31), (-7.3, 0.73, 11), (1e5, 1e-3, 50),
                                                       (-10.0, 0.01, 1001), (0.0, 10.0, 2), (2.5, 1e-4, 7)])  # fmt: skip
 def test_sample_times_are_the_grid_and_nothing_else(
@@ -199,7 +210,7 @@ def test_sample_times_are_the_grid_and_nothing_else(
     assert largest(states - case.exact(times - start)) < fine_error(method) + 1e-10 * (abs(start) > 1e3)
 
 
-@each_method
+@each_family
 def test_a_grid_may_begin_later_or_end_earlier_or_lie_outside(method: str) -> None:
     case = systems.oscillator()
     for grid, expected in (
@@ -219,7 +230,7 @@ def test_a_grid_may_begin_later_or_end_earlier_or_lie_outside(method: str) -> No
         assert integrator.time == 5.0
 
 
-@each_method
+@each_family
 @pytest.mark.parametrize("case", [systems.forced(work=True), systems.chain(4)], ids=str)
 def test_blocks_and_slices_change_nothing(method: str, case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     """However often the compiled loop comes back, to empty its output or to look up, the run is the same."""
@@ -242,7 +253,7 @@ def test_blocks_and_slices_change_nothing(method: str, case: Case, monkeypatch: 
     assert ticks == sorted(ticks) and len(ticks) >= 2
 
 
-@each_method
+@each_family
 def test_a_run_may_stop_and_resume(method: str) -> None:
     case = systems.kepler()
     grid = Grid(0.0, 0.05, 201)
@@ -258,7 +269,7 @@ def test_a_run_may_stop_and_resume(method: str) -> None:
         assert integrator.time == 10.0
 
 
-@each_method
+@each_family_that_takes_velocities
 def test_runs_repeat_exactly_after_a_reset(method: str) -> None:
     case = systems.controlled()
     integrator = Integrator(case.system, method)
@@ -275,7 +286,7 @@ def test_runs_repeat_exactly_after_a_reset(method: str) -> None:
         assert counters == results[0][1]
 
 
-@each_method
+@each_family
 def test_integrators_of_the_same_code_share_nothing(method: str) -> None:
     case = systems.kepler()
     alone = advance(case, method, 4.0, **fine(method)).state
@@ -325,7 +336,7 @@ def table_case(breakpoints: tuple[float, ...]) -> Case:
     return Case("table", body, (0.3, -0.2), exact, 6.0)
 
 
-@each_method
+@each_family
 def test_kinks_cost_no_accuracy(method: str) -> None:
     case = table_case(TABLE[0])
     grid = Grid(0.0, 6.0 / 777, 778)
@@ -376,7 +387,7 @@ def test_without_breakpoints_kinks_are_found_by_the_step_control(method: str) ->
     assert advance(told, method, rtol=1e-10, atol=1e-10).counters.evaluations < blind.counters.evaluations
 
 
-@each_method
+@each_family
 @pytest.mark.parametrize(
     "points", [(0.0,), (6.0,), (7.0, 8.0), (-1.0,), (3.0, 3.0), (1e-300,), (3.0, 3.0 + 4e-16)]
 )
@@ -408,7 +419,7 @@ FRONTS = {
 }
 
 
-@each_adaptive
+@each_adaptive_family
 @pytest.mark.parametrize("width", [1e-2, 1e-3, 1e-4, 1e-5])
 @pytest.mark.parametrize("kind", FRONTS)
 def test_steep_fronts_are_not_stepped_over(method: str, kind: str, width: float) -> None:
@@ -425,7 +436,7 @@ def test_steep_fronts_are_not_stepped_over(method: str, kind: str, width: float)
 
 
 # -- parameters -------------------------------------------------------------------------------------------
-@each_method
+@each_family_that_takes_velocities
 def test_parameters(method: str) -> None:
     body = system(1, lambda t, q, v, z, p: [-p[0] * q[0] + p[2] * f.where(q[0], v[0], 0.0)])
     for w, extra in ((1.0, 0.0), (2.0, 0.0), (1.5, np.nan)):
@@ -467,7 +478,7 @@ def test_counters_add_up(method: str) -> None:
     assert again.counters == counters
 
 
-@each_adaptive
+@each_adaptive_family
 def test_the_longest_step_is_kept(method: str) -> None:
     case = systems.oscillator()
     integrator = advance(case, method, 10.0, rtol=1e-3, atol=1e-3, max_step=0.05)
@@ -491,7 +502,7 @@ def test_fixed_steps_are_counted_exactly() -> None:
         assert advance(case, method, 1.0).counters.steps == 1000  # without a step: a thousandth of the run
 
 
-@each_method
+@each_family
 def test_a_step_may_be_suggested_to_any_method(method: str) -> None:
     case = systems.oscillator()
     step = 1e-4 if is_low(method) else 0.01
@@ -501,7 +512,7 @@ def test_a_step_may_be_suggested_to_any_method(method: str) -> None:
 
 
 # -- failures -----------------------------------------------------------------------------------------------
-@each_adaptive
+@each_adaptive_family
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-10])
 def test_a_blow_up_in_finite_time_is_caught_where_it_happens(method: str, tolerance: float) -> None:
     integrator = Integrator(BLOW_UP, method)
@@ -512,7 +523,7 @@ def test_a_blow_up_in_finite_time_is_caught_where_it_happens(method: str, tolera
     assert np.all(np.isfinite(integrator.state))
 
 
-@each_method
+@each_family
 def test_samples_before_a_failure_are_kept(method: str) -> None:
     integrator = Integrator(BLOW_UP, method)
     options = fine(method)
@@ -535,7 +546,7 @@ FAILING = {
 }
 
 
-@each_method
+@each_family
 @pytest.mark.parametrize("kind", FAILING)
 def test_rates_that_are_no_numbers_are_never_accepted(method: str, kind: str) -> None:
     rates, where = FAILING[kind]
@@ -555,7 +566,7 @@ def test_rates_that_are_no_numbers_are_never_accepted(method: str, kind: str) ->
         assert "finite" in caught.value.message
 
 
-@each_method
+@each_family
 @pytest.mark.parametrize("place", [0, 1])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_a_start_that_is_no_number_is_caught(method: str, place: int, value: float) -> None:
@@ -573,7 +584,7 @@ def test_a_state_of_the_wrong_length_is_an_error() -> None:
 
 
 # -- scales -------------------------------------------------------------------------------------------------
-@each_adaptive
+@each_adaptive_family
 @pytest.mark.parametrize("rate", [1e-8, 1e-3, 1e4, 1e9])
 @pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
 def test_units_do_not_matter(method: str, rate: float, size: float) -> None:
@@ -611,7 +622,7 @@ def test_short_runs(method: str, duration: float) -> None:
     np.testing.assert_allclose(states[:, 1], -np.sin(1.0) * times, rtol=ROUNDING.get(method, 1e-12))
 
 
-@each_adaptive
+@each_adaptive_family
 @pytest.mark.parametrize("start", [-1e6, 1e6])
 def test_far_from_time_zero(method: str, start: float) -> None:
     body = system(1, lambda t, q, v, z, p: [-q[0] + f.sin(3.0 * (t - start))])
@@ -621,7 +632,7 @@ def test_far_from_time_zero(method: str, start: float) -> None:
     assert largest(states - case.exact(times - start)) < 200 * within_reach(method, 1e-9)
 
 
-@each_adaptive
+@each_adaptive_family
 def test_a_tolerance_of_zero_for_what_is_zero(method: str) -> None:
     """atol = 0 with components that start at zero, pass it, or stay there."""
     case = systems.oscillator()
@@ -641,7 +652,7 @@ def test_a_tolerance_of_zero_for_what_is_zero(method: str) -> None:
     np.testing.assert_array_equal(integrator.state[[1, 3]], 0.0)
 
 
-@each_adaptive
+@each_adaptive_family
 def test_a_quadrature_faster_than_the_motion_is_resolved(method: str) -> None:
     body = system(1, lambda t, q, v, z, p: ([-q[0]], [f.cos(20.0 * t)]), nz=1)
     for tolerance in (1e-4, 1e-7, within_reach(method, 1e-10)):
@@ -667,7 +678,7 @@ def stiff(k: float, c: float) -> Case:
     )
 
 
-@each_adaptive
+@each_adaptive_family
 @pytest.mark.parametrize(
     ("k", "c"), [(1e6, 0.0), (1e6, 1e2), (1e6, 1e4), (1e8, 1e4), (1e9, 0.0), (1e9, 1e6), (0.0, 1e9)]
 )
@@ -693,7 +704,7 @@ def test_stiff_motion_is_right_or_refused(method: str, k: float, c: float, toler
     assert largest(v - exact[2:]) < 100 * tolerance * cycles * max(1.0, 1e-3 * np.sqrt(k))
 
 
-@each_adaptive
+@each_adaptive_family
 def test_a_stiff_pendulum_agrees_with_radau(method: str) -> None:
     from scipy.integrate import solve_ivp
 
@@ -724,7 +735,7 @@ def test_fixed_or_not_no_method_returns_what_is_not_finite(method: str) -> None:
         assert method not in EXPLODING and largest(integrator.state[:2]) < 2.0
 
 
-@each_adaptive
+@each_adaptive_family
 @pytest.mark.parametrize("duration", [1e6, 1e12])
 def test_a_very_long_run_starts_well(method: str, duration: float) -> None:
     """The first trial step is a part of the duration, and may be absurd."""
@@ -760,7 +771,7 @@ def constrained_pendulum() -> Any:
     )
 
 
-@each_method
+@each_family_that_takes_velocities
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-10])
 def test_projection_keeps_the_constraints(method: str, tolerance: float) -> None:
     body = constrained_pendulum()
@@ -833,7 +844,7 @@ def test_gauss_runs_backwards_to_where_it_came_from(case: Case) -> None:
 
 
 # -- shape of the code ----------------------------------------------------------------------------------------
-@each_method
+@each_family_that_takes_velocities
 def test_long_equations_are_called_and_give_the_same(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROBODYN_CACHE", "off")
     body = dataclasses.replace(constrained_pendulum())
@@ -853,7 +864,7 @@ def test_long_equations_are_called_and_give_the_same(method: str, monkeypatch: p
     assert abs(a.counters.steps - b.counters.steps) <= 2 + 0.05 * a.counters.steps
 
 
-@each_method
+@each_family
 def test_without_fused_multiply_add_too(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROBODYN_CACHE", "off")
     monkeypatch.setattr(compiler, "_loaded", {})
