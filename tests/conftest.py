@@ -1,10 +1,25 @@
-"""What tests in several folders share."""
+"""What tests in several folders share, and which of them are quick."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
+
+SLOW = frozenset(Path(__file__).with_name("slow.txt").read_text(encoding="utf-8").split())
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark as ``quick`` the first case of each test function that ``slow.txt`` does not name."""
+    met = set(SLOW)
+    for item in items:
+        if not isinstance(item, pytest.Function):
+            continue
+        name = f"{item.module.__name__}.{item.originalname}"
+        if name not in met:
+            met.add(name)
+            item.add_marker(pytest.mark.quick)
 
 
 @pytest.fixture
