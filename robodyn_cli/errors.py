@@ -59,10 +59,26 @@ class OutputError(RobodynError):
     exit_code = 74
 
 
+class ResultFileError(RobodynError):
+    """A file is not a result that can be read: foreign, damaged or too new (exit code 2)."""
+
+    exit_code = 2
+
+
+class DirectoryInUseError(CapabilityError):
+    """Another run is writing into the output directory (exit code 2)."""
+
+
 def did_you_mean(word: str, options: Iterable[str]) -> str:
     """Return ``" (did you mean 'x'?)"`` for the option nearest to ``word``, or an empty text."""
+    near = nearest_word(word, options)
+    return f" (did you mean {near!r}?)" if near is not None else ""
+
+
+def nearest_word(word: str, options: Iterable[str]) -> str | None:
+    """Return the option that ``word`` may be a slip of the pen for, or None."""
     import difflib  # only when something is already wrong
 
     lower = {option.lower(): option for option in options}
     near = difflib.get_close_matches(word.lower()[:80], lower, n=1, cutoff=0.6)
-    return f" (did you mean {lower[near[0]]!r}?)" if near else ""
+    return lower[near[0]] if near else None

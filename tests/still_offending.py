@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 LONG: set[str] = {
-    "robodyn_cli/cli/runner.py: run_scene",
-    "robodyn_cli/cli/stability.py: describe",
     "robodyn_cli/expr/calculus.py: partials",
     "robodyn_cli/integrators/event_location/locate.py: narrow_function",
     "robodyn_cli/integrators/methods/bdf.py: Bdf._begin",
@@ -14,7 +12,6 @@ LONG: set[str] = {
     "robodyn_cli/integrators/stepping/loop.py: _find_event",
     "robodyn_cli/integrators/stepping/loop.py: write_run",
     "robodyn_cli/model/build.py: build_model",
-    "robodyn_cli/report/plots_suite.py: draw",
     "robodyn_cli/run/deploy/deploy.py: deploy",
     "robodyn_cli/run/deploy/lock_report.py: describe_lock",
     "robodyn_cli/run/deploy/locked_motion.py: follow_locked",
@@ -32,17 +29,13 @@ MANY_PARAMETERS: set[str] = {
     "robodyn_cli/algorithms/constraints.py: _frame",
     "robodyn_cli/algorithms/constraints.py: loop_rows",
     "robodyn_cli/algorithms/reactions.py: reactions",
-    "robodyn_cli/cli/runner.py: run_scene",
     "robodyn_cli/formulations/index1.py: _quasi_system",
     "robodyn_cli/integrators/event_location/events.py: _root",
     "robodyn_cli/integrators/methods/rosenbrock_tables.py: transformed",
     "robodyn_cli/kernels/rolled_loops.py: rolled_function",
     "robodyn_cli/model/build.py: _force",
     "robodyn_cli/report/canvas.py: Sheet.__init__",
-    "robodyn_cli/results/compare.py: _worst",
-    "robodyn_cli/results/result.py: Result.add",
     "robodyn_cli/results/result.py: make_variable",
-    "robodyn_cli/results/writer.py: ResultWriter.append",
     "robodyn_cli/run/deploy/deploy.py: _follow",
     "robodyn_cli/run/deploy/locked_motion.py: follow_locked",
     "robodyn_cli/run/driver/impact.py: impact",
@@ -54,21 +47,15 @@ MANY_PARAMETERS: set[str] = {
     "robodyn_cli/run/numerics/stability_scenes.py: chain",
     "robodyn_cli/run/numerics/stability_scenes.py: slider",
     "robodyn_cli/run/numerics/trial.py: agreed",
-    "robodyn_cli/scene/read_joints.py: _from_map",
     "robodyn_cli/solve/branches.py: search",
-    "robodyn_cli/trajectories/quintic_spline.py: hermite",
 }
 CYCLES: set[str] = {
     "robodyn_cli.formulations.index3 <-> robodyn_cli.formulations.linearisation <-> robodyn_cli.formulations.system",
     "robodyn_cli.kernels.ir <-> robodyn_cli.kernels.values",
     "robodyn_cli.run.inverse.closed <-> robodyn_cli.run.inverse.inverse",
     "robodyn_cli.run.observation.observe <-> robodyn_cli.run.observation.observe_rolled",
-    "robodyn_cli.scene.read <-> robodyn_cli.scene.read_joints",
 }
-FULL_FOLDERS: set[str] = {
-    "robodyn_cli/cli: 28 files",
-    "robodyn_cli/scene: 22 files",
-}
+FULL_FOLDERS: set[str] = set()
 INTEGRATORS: set[str] = {
     "robodyn_cli/run/deploy/deploy.py: 1",
     "robodyn_cli/run/deploy/locked_motion.py: 1",

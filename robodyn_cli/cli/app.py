@@ -1,62 +1,127 @@
-"""The command line: one file a command, one line here."""
+"""The command line: one group over the table of commands, of which only the one that is called is imported."""
 
 from __future__ import annotations
 
-import typer
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+from typing import Any
 
-from robodyn_cli.cli import (
-    assemble,
-    check,
-    compare,
-    deploy,
-    info,
-    inverse,
-    kinematics,
-    new,
-    plan,
-    run,
-    schema,
-    simulate,
-    stability,
-    statics,
-    validate,
-    work_precision,
-)
-from robodyn_cli.cli.parameters import for_typer
-from robodyn_cli.cli.usage import Commands
+import typer
+import typer.main
+from typer.core import TyperGroup
+
+from robodyn_cli.cli.console import Console, guarded, output_lost
+from robodyn_cli.commands import COMMANDS
+from robodyn_cli.errors import RobodynError, did_you_mean
+from robodyn_cli.exit_codes import WRONG_USAGE
 from robodyn_cli.version import __version__
 
+PROGRAM = "robodyn"
+COMPLETION = "_ROBODYN_COMPLETE"  # set by the shell when it asks for completions
+
+
+class UsageError(RobodynError):
+    """The words on the command line make no sense (exit code 2)."""
+
+    exit_code = WRONG_USAGE
+
+
+class Commands(TyperGroup):
+    """The commands of the table, each imported when it is looked up."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        if cmd_name in COMMANDS and cmd_name not in self.commands:
+            self.commands[cmd_name] = _load(cmd_name)
+        return self.commands.get(cmd_name)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        if args[0] not in COMMANDS:
+            ctx.fail(f"No such command {args[0]!r}{did_you_mean(args[0], COMMANDS)}.")
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, command.help) for name, command in COMMANDS.items()])
+
+    def main(
+        self,
+        args: Sequence[str] | None = None,
+        prog_name: str | None = None,
+        complete_var: str | None = None,
+        standalone_mode: bool = True,
+        windows_expand_args: bool = True,
+        **extra: Any,
+    ) -> Any:
+        """Run the command that the words call, and leave with its exit code."""
+        if not standalone_mode:
+            return super().main(args, PROGRAM, complete_var, False, windows_expand_args, **extra)
+        sys.exit(_outcome(self, list(sys.argv[1:] if args is None else args)))
+
+
+def run(words: list[str]) -> int:
+    """Run the command that the words call; return its exit code."""
+    group = typer.main.get_command(app)
+    if COMPLETION in os.environ:
+        return int(group.main(words, PROGRAM, COMPLETION, standalone_mode=False) or 0)
+    return _outcome(group, words)
+
+
+def _outcome(group: Any, words: list[str]) -> int:
+    """Parse the words and run the command; return its exit code.
+
+    Errors of the command are reported where it is called. Left over is what the parser refuses, and text of its own
+    (help, version) that cannot be written.
+    """
+    console = Console(as_json="--json" in words)
+    try:
+        with group.make_context(PROGRAM, words.copy() or ["--help"]) as context:
+            return int(group.invoke(context) or 0)
+    except typer.Exit as done:
+        return done.exit_code if words else WRONG_USAGE
+    except OSError as error:
+        lost = output_lost(error, sys.stdout)
+        return console.fail(lost) if lost is not None else 0
+    except Exception as error:
+        # typer brings its own copy of click or uses the one installed: what it refuses is known by this method
+        if not hasattr(error, "format_message"):
+            raise
+        return console.fail(UsageError(_message(error, words)))
+
+
+def _message(error: Any, words: list[str]) -> str:
+    """Return what the parser refused as one line, with the page of help that says what is allowed."""
+    text = " ".join(str(error.format_message()).split())
+    page = f"{PROGRAM} {words[0]}" if words[:1] and words[0] in COMMANDS else PROGRAM
+    return f"{text}{'' if text.endswith(('.', '?')) else '.'} See '{page} --help'."
+
+
+def _load(name: str) -> Any:
+    """Return a command of the table for the parser."""
+    module = importlib.import_module(f"robodyn_cli.cli.commands.{name.replace('-', '_')}")
+    alone = typer.Typer(add_completion=False, rich_markup_mode=None)
+    alone.command(name, help=COMMANDS[name].help)(guarded(module.command))
+    return typer.main.get_command(alone)
+
+
 app = typer.Typer(
-    name="robodyn",
+    name=PROGRAM,
     cls=Commands,
     help="Inverse dynamics and simulation of robots and closed-loop mechanisms described in YAML.",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
+    # plain text, which terminals and logs show alike
     rich_markup_mode=None,
+    pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
-app.command("inverse")(for_typer(inverse.command))
-app.command("simulate")(for_typer(simulate.command))
-app.command("deploy")(for_typer(deploy.command))
-app.command("kinematics")(for_typer(kinematics.command))
-app.command("assemble")(for_typer(assemble.command))
-app.command("statics")(for_typer(statics.command))
-app.command("plan")(for_typer(plan.command))
-app.command("check")(for_typer(check.command))
-app.command("compare")(for_typer(compare.command))
-app.command("info")(for_typer(info.command))
-app.command("new")(for_typer(new.command))
-app.command("run")(for_typer(run.command))
-app.command("schema")(for_typer(schema.command))
-app.command("stability")(for_typer(stability.command))
-app.command("validate")(for_typer(validate.command))
-app.command("work-precision")(for_typer(work_precision.command))
 
 
 def _version(asked: bool) -> None:
     if asked:
-        typer.echo(f"robodyn {__version__}")
+        typer.echo(f"{PROGRAM} {__version__}")
         raise typer.Exit
 
 

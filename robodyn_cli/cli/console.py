@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import json
 import os
 import sys
 import time
-import traceback
 from collections.abc import Callable
-from typing import NoReturn
+from typing import Any, TextIO
 
+from robodyn_cli.cli import interrupts
 from robodyn_cli.errors import OutputError, RobodynError
-
-INTERNAL = 70
-INTERRUPTED = 130
+from robodyn_cli.exit_codes import INTERNAL, INTERRUPTED
 
 
 class Console:
@@ -30,39 +29,40 @@ class Console:
     def say(self, text: str) -> None:
         """Print results for people."""
         if not self.quiet and not self.as_json:
-            self._print(text)
+            _print(text, sys.stdout)
 
     def note(self, text: str) -> None:
         """Print a message that is not a result."""
         if not self.quiet:
             self.clear()
-            self._print(text, err=True)
+            _print(text, sys.stderr)
 
     def error(self, text: str) -> None:
-        """Print an error that does not end the command, ``--quiet`` or not."""
+        """Print an error, ``--quiet`` or not."""
         self.clear()
-        self._print(f"robodyn: error: {text}", err=True)
+        _print(f"robodyn: error: {text}", sys.stderr)
 
-    def data(self, text: str) -> None:
+    def data(self, report: Any) -> None:
         """Print JSON, where it was asked for."""
         if self.as_json:
-            self._print(text)
+            ascii_only = not _encodes(sys.stdout)
+            _print(json.dumps(report, ensure_ascii=ascii_only, indent=2), sys.stdout)
 
-    @staticmethod
-    def _print(text: str, err: bool = False) -> None:
-        """Print to a standard stream; a reader that went away (``robodyn ... | head``) is no error of ours."""
-        stream = sys.stderr if err else sys.stdout
-        if stream is None:  # a program without a terminal
-            return
-        try:
-            stream.write(f"{text}\n")
-            stream.flush()
-        except BrokenPipeError:
-            # whatever still waits in the buffer goes nowhere, now and when Python ends
-            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-        except OSError as error:
-            if not err:
-                raise OutputError(f"cannot write to standard output: {error.strerror}") from error
+    def fail(self, error: RobodynError) -> int:
+        """Report the error that ended the command; return its exit code."""
+        return self.report(type(error).__name__, error.message, error.exit_code, error.details)
+
+    def report(self, kind: str, message: str, code: int, details: dict[str, object] | None = None) -> int:
+        """Report what ended the command, as text and, where it was asked for, as JSON; return the exit code."""
+        facts = {"kind": kind, "message": message, "exit_code": code, **_plain(details or {})}
+        with contextlib.suppress(OutputError):  # where that is what is being reported
+            self.data({"status": "failed", "error": facts})
+        self.error(message)
+        return code
+
+    def interrupted(self) -> int:
+        """Report an interrupt; return its exit code."""
+        return self.report("KeyboardInterrupt", interrupts.MESSAGE, INTERRUPTED)
 
     def progress(self, done: float, total: float) -> None:
         """Show how far a long run has come, when standard error is a terminal."""
@@ -84,55 +84,74 @@ class Console:
             sys.stderr.flush()
             self._width = 0
 
-    def fail(self, error: BaseException, code: int, message: str, summary: str | None = None) -> NoReturn:
-        """Report an error and leave with its exit code."""
-        self.clear()
-        if self.as_json:
-            details = getattr(error, "details", {})
-            payload = {
-                "status": "failed",
-                "error": {
-                    "kind": type(error).__name__,
-                    "message": message,
-                    "exit_code": code,
-                    **_plain(details),
-                },
-            }
-            with contextlib.suppress(OutputError):  # that is what is being reported
-                self._print(
-                    summary if summary is not None else json.dumps(payload, ensure_ascii=False, indent=2)
-                )
-        self._print(f"robodyn: error: {message}", err=True)
-        raise SystemExit(code)
+
+def guarded(command: Callable[..., int]) -> Callable[..., int]:
+    """Return a command whose every outcome is an exit code: errors that end it are reported, none leaves it."""
+
+    @functools.wraps(command)  # the parser reads what a command takes from its signature
+    def run(**values: Any) -> int:
+        console = Console(values.get("as_json", False), values.get("quiet", False))
+        try:
+            return command(**values)
+        except RobodynError as error:
+            return console.fail(error)
+        except KeyboardInterrupt:
+            return console.interrupted()
+        except MemoryError:
+            return console.report("MemoryError", "out of memory: ask for fewer samples", INTERNAL)
+        except Exception as error:
+            return console.interrupted() if interrupts.seen() else _internal(error, console)
+
+    return run
+
+
+def _internal(error: Exception, console: Console) -> int:
+    if os.environ.get("ROBODYN_DEBUG"):
+        import traceback  # only when something is already wrong
+
+        traceback.print_exc()
+    kind = type(error).__name__
+    advice = "set ROBODYN_DEBUG=1 for the traceback, and please report it with the scene"
+    message = f"internal error: {kind}: {error} ({advice})"
+    return console.report(kind, message, INTERNAL)
+
+
+def _print(text: str, stream: TextIO | None) -> None:
+    """Print to a standard stream; a reader that has closed its end (``robodyn ... | head``) is no error."""
+    if stream is None:  # a program without a terminal
+        return
+    try:
+        stream.write(f"{text}\n")
+        stream.flush()
+    except OSError as error:
+        lost = output_lost(error, stream)
+        if lost is not None and stream is not sys.stderr:
+            raise lost from error
+
+
+def output_lost(error: OSError, stream: TextIO) -> OutputError | None:
+    """Return what to report of a standard stream that takes no more text; None where its reader went away."""
+    # whatever still waits in the buffer goes nowhere, now and when Python ends
+    with contextlib.suppress(OSError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+    if isinstance(error, BrokenPipeError):
+        return None
+    return OutputError(f"cannot write to standard output: {error.strerror}")
+
+
+def _encodes(stream: TextIO | None) -> bool:
+    """Tell whether a stream takes all letters."""
+    return (getattr(stream, "encoding", None) or "utf-8").lower().replace("-", "").startswith("utf")
 
 
 def _plain(details: dict[str, object]) -> dict[str, object]:
+    """Return the facts of an error in terms of JSON; ``kind`` is the error's own, that of a singularity is renamed."""
+    if not details:
+        return {}
     from robodyn_cli.results.summary import jsonable
 
     found = {k: v for k, v in details.items() if k not in ("kind", "message", "exit_code")}
     if "kind" in details:
         found["singularity"] = details["kind"]
-    plain = jsonable(found)
-    assert isinstance(plain, dict)
+    plain: dict[str, object] = jsonable(found)
     return plain
-
-
-def guarded(console: Console, action: Callable[[], int]) -> NoReturn:
-    """Run a command's action and turn every outcome into an exit code."""
-    try:
-        code = action()
-    except RobodynError as error:
-        console.fail(error, error.exit_code, error.message)
-    except KeyboardInterrupt as error:
-        console.fail(error, INTERRUPTED, "interrupted")
-    except MemoryError as error:
-        console.fail(error, INTERNAL, "out of memory: ask for fewer samples")
-    except Exception as error:
-        if os.environ.get("ROBODYN_DEBUG"):
-            traceback.print_exc()
-        console.fail(
-            error, INTERNAL,
-            f"internal error: {type(error).__name__}: {error} (set ROBODYN_DEBUG=1 for the traceback, and please "
-            "report it with the scene)",
-        )  # fmt: skip
-    raise SystemExit(code)

@@ -1,4 +1,4 @@
-"""Entry point: nothing is imported before an interrupt can be met with its exit code."""
+"""Entry point: nothing else is imported before an interrupt can be met with its exit code."""
 
 from __future__ import annotations
 
@@ -6,26 +6,26 @@ import gc
 import os
 import sys
 
+from robodyn_cli.cli import interrupts
 from robodyn_cli.threads import single_thread
 
-INTERRUPTED = 130
 
-
-def main() -> None:
-    """Run the command line; the exit code is the contract's (docs/cli.md)."""
+def prepare_process() -> None:
+    """Set what holds for the whole process, before the libraries are imported that it concerns."""
+    interrupts.leave_at_once()
     # imports and graphs make a hundred thousand objects and hardly any garbage: look for it less often
     gc.set_threshold(200_000, 20, 20)
     single_thread(os.environ)
-    try:
-        from robodyn_cli.cli.quick import run_plain
+    # drawings are files; matplotlib refuses to be imported under the backend of a notebook that is not installed
+    os.environ["MPLBACKEND"] = "agg"
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None and hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")  # not every terminal has every letter
 
-        run_plain(sys.argv[1:])
-        from robodyn_cli.cli.app import app
 
-        app()
-    except KeyboardInterrupt:
-        print("robodyn: error: interrupted", file=sys.stderr)
-        raise SystemExit(INTERRUPTED) from None
-    finally:
-        # Python searches all that is in memory for cycles before it ends, a tenth of a small run's time
-        gc.freeze()
+def main() -> None:
+    """Run the command line; the exit codes are those of docs/cli.md."""
+    prepare_process()
+    from robodyn_cli.cli.app import run
+
+    interrupts.end(run(sys.argv[1:]))

@@ -1,26 +1,101 @@
-"""Arguments and options that the commands share."""
+"""Arguments and options that several commands share, and what reads their values."""
 
 from __future__ import annotations
 
+import math
+import os
+import stat
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
-from robodyn_cli.cli.parameters import argument, option
+import typer
 
-SceneFile = Annotated[Path, argument(metavar="SCENE.yaml", help="Scene to run.")]
+
+def utf8(value: str) -> str:
+    """Return the value of an option as it is.
+
+    Raises
+    ------
+    BadParameter : it is not text; Python has put marks in place of its bytes.
+    """
+    try:
+        value.encode()
+    except UnicodeEncodeError:
+        raise typer.BadParameter(f"{os.fsencode(value)!r} is no text; allowed: text in UTF-8") from None
+    return value
+
+
+def number(
+    allowed: str, fits: Callable[[float], bool], kind: Callable[[str], Any] = float
+) -> Callable[[str], Any]:
+    """Return what reads a number: a function that takes a word.
+
+    ``allowed`` says in words what ``fits`` tests. The function raises BadParameter for any other word.
+    """
+
+    def read(word: str) -> Any:
+        try:
+            value = kind(word)
+        except ValueError:
+            value = math.nan
+        if not fits(value):
+            raise typer.BadParameter(f"{word!r}; allowed: {allowed}")
+        return value
+
+    return read
+
+
+def file(path: Any) -> Any:
+    """Return the path of a scene, or the paths of several.
+
+    Raises
+    ------
+    BadParameter : one is a pipe or a device, which might never end.
+    """
+    for one in path if isinstance(path, (list, tuple)) else [path]:
+        try:
+            mode = os.stat(one).st_mode if one is not None else stat.S_IFREG
+        except (OSError, ValueError):
+            continue  # reported where the file is opened
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+            raise typer.BadParameter(f"{str(one)!r} is a pipe or a device; allowed: a file")
+    return path
+
+
+SceneFile = Annotated[
+    Path, typer.Argument(metavar="SCENE.yaml", help="Scene to run.", callback=file, show_default=False)
+]
+SceneFiles = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="SCENE...|GLOB|DIR", help="Scenes, patterns, folders.", callback=file, show_default=False
+    ),
+]
+StoredResult = Annotated[
+    Path,
+    typer.Argument(metavar="RESULT", help="Output directory of a run, or its result.h5.", show_default=False),
+]
 OutDir = Annotated[
     Path | None,
-    option("--out", "-o", metavar="DIR", help="Output directory. [default: outputs/<scene>/<command>]"),
+    typer.Option("--out", "-o", metavar="DIR", help="Output directory. [default: outputs/<scene>/<command>]"),
 ]
 Overrides = Annotated[
     list[str] | None,
-    option("--set", metavar="KEY=VALUE", help="Override a key of the scene, e.g. simulate.rtol=1e-12."),
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        parser=utf8,
+        help="Override a key of the scene, e.g. simulate.rtol=1e-12.",
+    ),
 ]
-NoPlots = Annotated[bool, option("--no-plots", help="Draw nothing.")]
-AsJson = Annotated[bool, option("--json", help="Print the summary as JSON, alone, on standard output.")]
-ReportAsJson = Annotated[bool, option("--json", help="Print the report as JSON, alone, on standard output.")]
-Quiet = Annotated[bool, option("--quiet", "-q", help="Print nothing but errors.")]
+NoPlots = Annotated[bool, typer.Option("--no-plots", help="Draw nothing.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the summary as JSON, alone, on standard output.")]
+ReportAsJson = Annotated[
+    bool, typer.Option("--json", help="Print the report as JSON, alone, on standard output.")
+]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 NoErrorEstimate = Annotated[
-    bool, option("--no-error-estimate", help="Skip the second integration that estimates the error.")
+    bool, typer.Option("--no-error-estimate", help="Skip the second integration that estimates the error.")
 ]
-Strict = Annotated[bool, option("--strict", help="Take warnings about the scene as errors.")]
+Strict = Annotated[bool, typer.Option("--strict", help="Take warnings about the scene as errors.")]

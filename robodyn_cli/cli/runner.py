@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterable, Sequence
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.interrupts import tidy_up_first
 from robodyn_cli.errors import RobodynError, SceneError
+from robodyn_cli.exit_codes import OF_STATUS
+from robodyn_cli.record import record
 
 if TYPE_CHECKING:
+    from robodyn_cli.results.hdf5.writer import ResultWriter
     from robodyn_cli.results.output_dir import OutputDirectory
     from robodyn_cli.results.result import Result
+    from robodyn_cli.run.stopwatch import Stopwatch
+    from robodyn_cli.scene.types import Scene
 
-# status of a finished run that is not a success -> exit code
-EXIT = {"ok": 0, "locked": 0, "no_lock": 1, "overload": 1}
+Describe = Callable[[Mapping[str, Any]], str]
 
 
 def default_directory(scene: Path, command: str) -> Path:
@@ -23,118 +29,158 @@ def default_directory(scene: Path, command: str) -> Path:
     return Path("outputs") / scene.stem / command
 
 
-def run_scene(
-    command: str,
-    scene_path: Path,
-    out: Path | None,
-    overrides: Sequence[str] | None,
-    no_plots: bool,
-    strict: bool,
-    console: Console,
-    describe: Callable[[dict[str, Any]], str],
-    **options: Any,
-) -> int:
-    """Run one scene, write its results, print its summary; return the exit code.
+@record
+class SceneRun:
+    """A command on a scene, as it was asked for on the command line.
 
-    ``options`` are those that the command has of its own (``quick`` of ``stability``).
+    out : None for the default directory. overrides : ``key.path=value`` texts. options : what the command has of its
+    own, as its function in ``run/`` takes it (``quick`` of ``stability``).
     """
-    import importlib
 
-    from robodyn_cli.results.hdf5 import write
+    command: str
+    scene: Path
+    out: Path | None = None
+    overrides: Sequence[str] = ()
+    no_plots: bool = False
+    strict: bool = False
+    options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    @property
+    def directory(self) -> Path:
+        return self.out or default_directory(self.scene, self.command)
+
+
+def run_scene(job: SceneRun, console: Console, describe: Describe) -> int:
+    """Run one scene, write its results, print its summary; return the exit code."""
+    from robodyn_cli.report.registry import plot_files
     from robodyn_cli.results.output_dir import OutputDirectory
-    from robodyn_cli.results.writer import ResultWriter
-    from robodyn_cli.run.commands import execute, streams
     from robodyn_cli.run.stopwatch import Stopwatch
-    from robodyn_cli.scene.commands import SCENE_COMMANDS
-    from robodyn_cli.scene.load import load_scene
 
     watch = Stopwatch()
-    plots = importlib.import_module(SCENE_COMMANDS[command].plots)
-    target = out or default_directory(scene_path, command)
-    try:
-        with watch.stage("load"):
-            scene = load_scene(scene_path, list(overrides or ()))
-            warn(scene, strict, console)
-    except RobodynError as error:
-        _replace_old(target, plots.plot_files(), _failed(command, scene_path.stem, error))
-        raise
-    with OutputDirectory(target, drawings=plots.plot_files()) as directory, contextlib.ExitStack() as stack:
-        failure: RobodynError | None = None
-        writer = None
-        if streams(command, scene):
-            writer = stack.enter_context(
-                ResultWriter(directory.result_path, command=command, title=scene.title or command,
-                             scene_text=scene.text)
-            )  # fmt: skip
+    scene = _load(job, watch, console)
+    tidy_up_first()
+    with OutputDirectory(job.directory, plot_files()) as directory, contextlib.ExitStack() as stack:
+        writer = _writer(job, scene, directory, stack)
         try:
-            result = execute(command, scene, console.progress, watch, writer, **options)
+            result, failure = _compute(job, scene, writer, watch, console)
         except RobodynError as error:
-            if getattr(error, "result", None) is None:
-                directory.write_summary(_failed(command, scene.title, error))
-                raise
-            failure = error
-            result = error.result  # type: ignore[attr-defined]
-        console.clear()
-        for text in result.summary.get("warnings", ()):
-            console.note(f"robodyn: warning: {text}")
-        summary = {"status": result.status, "command": command, "title": result.title, **result.summary}
-        if failure is not None:
-            summary["error"] = {
-                "kind": type(failure).__name__,
-                "message": failure.message,
-                "exit_code": failure.exit_code,
-            }
-        result.summary = summary
+            directory.write_summary(_failed(job.command, scene.title, error))
+            raise
         with watch.stage("write"):
-            if writer is not None:
-                writer.finish(status=result.status, summary=summary, events=result.events)
-            else:
-                write(result, directory.result_path)
-        if not no_plots:
-            with watch.stage("plots"):
-                directory.record(plots.draw_all(result, directory.path))
-        summary["wall_time_s"] = watch.report()
-        written = directory.write_summary(summary)
+            _write(result, writer, directory)
+        publish(result, directory, job.no_plots, watch)
     if failure is not None:
         console.note(f"results until then: {directory.path}")
-        text = written.read_text(encoding="utf-8").rstrip()
-        console.fail(failure, failure.exit_code, failure.message, text)
-    show(written, directory, console, describe(summary))
-    return EXIT.get(result.status, 0)
+        _show_data(directory, console)
+        console.error(failure.message)
+        return failure.exit_code
+    show(result, directory, console, describe)
+    return OF_STATUS.get(result.status, 0)
 
 
-def finish(
-    result: Result,
-    directory: OutputDirectory,
-    draw: Callable[[Result, Path], Iterable[str | Path]] | None,
-    console: Console,
-    describe: Callable[[dict[str, Any]], str],
+def publish(
+    result: Result, directory: OutputDirectory, no_plots: bool, watch: Stopwatch | None = None
 ) -> None:
-    """Draw a result that is written, write its summary and print it; ``draw`` None draws nothing."""
-    if draw is not None:
-        directory.record(draw(result, directory.path))
-    written = directory.write_summary(result.summary)
-    show(written, directory, console, describe(result.summary))
+    """Draw a result that is written, and write its summary."""
+    from robodyn_cli.report.registry import draw_all
+
+    if not no_plots:
+        with watch.stage("plots") if watch is not None else contextlib.nullcontext():
+            directory.record(draw_all(result, directory.path))
+    if watch is not None:
+        result.summary["wall_time_s"] = watch.report()
+    directory.write_summary(result.summary)
 
 
-def show(summary: Path, directory: OutputDirectory, console: Console, text: str) -> None:
-    """Print the summary in its file, where JSON is asked for, else ``text`` and what lies where."""
-    console.data(summary.read_text(encoding="utf-8").rstrip())
-    console.say(text)
+def show(result: Result, directory: OutputDirectory, console: Console, describe: Describe) -> None:
+    """Print the summary of a result: as JSON where that is asked for, else in words, with what lies where."""
+    _show_data(directory, console)
+    console.say(describe(result.summary))
     console.say(f"results: {directory.path}  ({', '.join(directory.outputs)})")
 
 
-def _replace_old(target: Path, drawings: Sequence[str], summary: dict[str, Any]) -> None:
+def _show_data(directory: OutputDirectory, console: Console) -> None:
+    """Print what ``summary.json`` holds where JSON is asked for."""
+    if console.as_json:
+        from robodyn_cli.results.output_dir import SUMMARY_NAME
+        from robodyn_cli.results.summary import read_summary
+
+        console.data(read_summary(directory.path / SUMMARY_NAME))
+
+
+def _load(job: SceneRun, watch: Stopwatch, console: Console) -> Scene:
+    from robodyn_cli.scene.load import load_scene
+
+    try:
+        with watch.stage("load"):
+            scene = load_scene(job.scene, list(job.overrides))
+            warn(scene, job.strict, console)
+    except RobodynError as error:
+        _replace_old(job.directory, _failed(job.command, job.scene.stem, error))
+        raise
+    return scene
+
+
+def _writer(
+    job: SceneRun, scene: Scene, directory: OutputDirectory, stack: contextlib.ExitStack
+) -> ResultWriter | None:
+    """Return what writes the results of a long run block by block; None for a run that is written at its end."""
+    from robodyn_cli.run.commands import streams
+
+    if not streams(job.command, scene):
+        return None
+    from robodyn_cli.results.hdf5.writer import ResultWriter
+
+    return stack.enter_context(
+        ResultWriter(directory.result_path, command=job.command, title=scene.title or job.command,
+                     scene_text=scene.text)
+    )  # fmt: skip
+
+
+def _compute(
+    job: SceneRun, scene: Scene, writer: ResultWriter | None, watch: Stopwatch, console: Console
+) -> tuple[Result, RobodynError | None]:
+    """Return the result with its whole summary, and the error that ended a run half way."""
+    from robodyn_cli.run.commands import execute
+
+    failure: RobodynError | None = None
+    try:
+        result = execute(job.command, scene, console.progress, watch, writer, **job.options)
+    except RobodynError as error:
+        if getattr(error, "result", None) is None:
+            raise
+        failure = error
+        result = error.result  # type: ignore[attr-defined]
+    finally:
+        console.clear()
+    for text in result.summary.get("warnings", ()):
+        console.note(f"robodyn: warning: {text}")
+    head = {"status": result.status, "command": job.command, "title": result.title}
+    result.summary = {**head, **result.summary, **({"error": _error(failure)} if failure else {})}
+    return result, failure
+
+
+def _write(result: Result, writer: ResultWriter | None, directory: OutputDirectory) -> None:
+    from robodyn_cli.results.hdf5 import write
+
+    if writer is not None:
+        writer.finish(status=result.status, summary=result.summary, events=result.events)
+    else:
+        write(result, directory.result_path)
+
+
+def _replace_old(target: Path, summary: dict[str, Any]) -> None:
     """Leave no result of an earlier run where a scene could not be loaded: it would pass for this one's."""
+    from robodyn_cli.report.registry import plot_files
     from robodyn_cli.results.output_dir import RESULT_NAME, SUMMARY_NAME, OutputDirectory
 
     if any((target / name).exists() for name in (RESULT_NAME, SUMMARY_NAME)):
         # what is wrong with the scene is worth more than what is wrong with the directory
-        with contextlib.suppress(RobodynError), OutputDirectory(target, drawings=drawings) as directory:
+        with contextlib.suppress(RobodynError), OutputDirectory(target, plot_files()) as directory:
             directory.write_summary(summary)
 
 
-def warn(scene: Any, strict: bool, console: Console) -> None:
+def warn(scene: Scene, strict: bool, console: Console) -> None:
     """Report what is physically wrong with the scene; an error with ``--strict``."""
     from robodyn_cli.model.consistency import physical_warnings
 
@@ -145,7 +191,13 @@ def warn(scene: Any, strict: bool, console: Console) -> None:
         raise SceneError(f"{scene.path}: {warnings[0]} (an error because of --strict)", warnings=warnings)
 
 
+def _error(error: RobodynError) -> dict[str, Any]:
+    """Return what a summary says of an error."""
+    return {"kind": type(error).__name__, "message": error.message, "exit_code": error.exit_code}
+
+
 def _failed(command: str, title: str, error: RobodynError) -> dict[str, Any]:
+    """Return the summary of a run that failed before there was a result."""
     from robodyn_cli.results.summary import jsonable
 
     return {
@@ -153,10 +205,5 @@ def _failed(command: str, title: str, error: RobodynError) -> dict[str, Any]:
         "command": command,
         "title": title,
         "termination": {"reason": error.message},
-        "error": {
-            "kind": type(error).__name__,
-            "message": error.message,
-            "exit_code": error.exit_code,
-            "details": jsonable(error.details),
-        },
+        "error": {**_error(error), "details": jsonable(error.details)},
     }

@@ -1,56 +1,47 @@
-"""The process that runs one scene of a batch: ``COMMAND SCENE DIR [--no-plots] [KEY=VALUE]...``."""
+"""The process that runs one scene of a batch; its one argument is what to run, as JSON."""
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 import threading
 from collections.abc import Sequence
 from pathlib import Path
 
-INTERRUPTED = 130
-NO_PLOTS = "--no-plots"
+from robodyn_cli.cli import interrupts
+from robodyn_cli.cli.main import prepare_process
+from robodyn_cli.exit_codes import INTERRUPTED
 
 
 def command_line(
-    plots: bool, overrides: Sequence[str], command: str, scene: Path, directory: Path
+    no_plots: bool, overrides: Sequence[str], command: str, scene: Path, directory: Path
 ) -> list[str]:
     """Return the command line of a worker; what lies in the current directory cannot shadow a module."""
     package = str(Path(__file__).parents[2])
     code = f"import sys; sys.path[0] = {package!r}; from robodyn_cli.cli.worker import main; main()"
-    words = [sys.executable, "-c", code, command, str(scene), str(directory)]
-    return [*words, *([] if plots else [NO_PLOTS]), *overrides]
+    job = {"command": command, "scene": str(scene), "out": str(directory), "overrides": list(overrides),
+           "no_plots": no_plots}  # fmt: skip
+    return [sys.executable, "-c", code, json.dumps(job)]
 
 
 def main() -> None:
     """Run the scene as its command would; the exit code is the same. Ends when standard input does."""
+    prepare_process()
     threading.Thread(target=_end_with_the_batch, daemon=True).start()
-    try:
-        from robodyn_cli.cli.console import Console, guarded
-        from robodyn_cli.cli.runner import run_scene
+    interrupts.end(_run(**json.loads(sys.argv[1])))
 
-        command, scene, directory, *overrides = sys.argv[1:]
-        draw_nothing = overrides[:1] == [NO_PLOTS]
-        console = Console(quiet=True)
-        guarded(
-            console,
-            lambda: run_scene(
-                command,
-                Path(scene),
-                Path(directory),
-                overrides[1:] if draw_nothing else overrides,
-                draw_nothing,
-                False,
-                console,
-                lambda _: "",
-            ),
-        )
-    except KeyboardInterrupt:
-        sys.exit(INTERRUPTED)
+
+def _run(command: str, scene: str, out: str, overrides: list[str], no_plots: bool) -> int:
+    from robodyn_cli.cli.console import Console, guarded
+    from robodyn_cli.cli.runner import SceneRun, run_scene
+
+    job = SceneRun(command, Path(scene), Path(out), overrides, no_plots)
+    return guarded(lambda: run_scene(job, Console(quiet=True), lambda summary: ""))()
 
 
 def _end_with_the_batch() -> None:
-    """End at once when the batch has ended, whichever way: nobody would see the result."""
+    """End at once when the batch has ended: nothing reads the result any more."""
     while os.read(0, 1):
         pass
     os._exit(INTERRUPTED)

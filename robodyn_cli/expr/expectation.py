@@ -39,7 +39,7 @@ class Expectation:
 
 
 def parse_expectation(value: bool | int | float | str | None) -> Expectation:
-    """Return the expectation that a YAML scalar stands for.
+    """Return the expectation that a YAML scalar means.
 
     Raises
     ------

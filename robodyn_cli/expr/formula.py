@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, NoReturn
 
 from robodyn_cli.errors import NumericalError, SceneError, did_you_mean
@@ -19,6 +19,7 @@ from robodyn_cli.expr.formula_tree import (
     CONSTANTS,
     FUNCTIONS,
     MANY,
+    SWITCHING,
     Call,
     Chain,
     If,
@@ -33,6 +34,8 @@ from robodyn_cli.record import record
 
 MAX_LENGTH = 10_000
 MAX_DEPTH = 60
+# each is watched during a run and adds to the code that is compiled, which takes longer than in proportion
+MAX_SWITCHES = 100
 
 # words that cannot name a joint or a parameter: they would change the meaning of a formula
 RESERVED = frozenset({"t", "deg", "if", *CONSTANTS})
@@ -210,6 +213,7 @@ class _Parser:
         self.names: dict[str, int] = {}
         self.degrees = False
         self.calls = 0
+        self.switches = 0
 
     def whole(self) -> Node:
         root = self.expression(0, 0)
@@ -237,7 +241,7 @@ class _Parser:
     def unexpected(self, token: _Token, wanted: str = "") -> NoReturn:
         shown = token.text if token.kind == "end" else repr(token.text)
         if not wanted and token.text in _COMPARISONS:
-            wanted = "comparisons stand only in the first argument of if(a < b, x, y)"
+            wanted = "a comparison is allowed only as the first argument of if(a < b, x, y)"
         elif not wanted and token.kind in ("number", "name"):
             wanted = "an operator such as '*' is missing before it"
         self.fail(token, f"unexpected {shown}" + (f"; {wanted}" if wanted else ""))
@@ -297,7 +301,7 @@ class _Parser:
             return node
         self.next()
         if self.token.text == "deg":
-            self.unexpected(self.token, "'deg' stands once")
+            self.unexpected(self.token, "'deg' is allowed once")
         self.degrees = self.degrees or self.calls == 0
         degree = Num(_DEGREE)
         return self.fold(self.chain(node, "*", degree), token, node, degree)
@@ -318,12 +322,12 @@ class _Parser:
             if token.text in CONSTANTS:
                 return Num(CONSTANTS[token.text])
             if token.text == "deg":
-                self.unexpected(token, "'deg' stands after a number, as in 45 deg")
+                self.unexpected(token, "'deg' goes after a number, as in 45 deg")
             group, dot, name = token.text.partition(".")
             if dot and (group not in GROUPS or name.count(".") > (group != "p")):
                 self.fail(
                     token,
-                    f"unknown name {token.text!r}; a dot stands only in q.JOINT, qd.JOINT, q.JOINT.COORDINATE and "
+                    f"unknown name {token.text!r}; a dot is allowed only in q.JOINT, qd.JOINT, q.JOINT.COORDINATE and "
                     "p.PARAMETER",
                 )
             self.names.setdefault(token.text, token.column)
@@ -352,7 +356,18 @@ class _Parser:
         if not least <= len(arguments) <= most:
             needed = f"{least} or more arguments" if most == MANY else f"{least} argument" + "s" * (least > 1)
             self.fail(name, f"{name.text!r} is given {len(arguments)}; it takes {needed}")
+        if name.text in SWITCHING:
+            self.count_switches(name, max(1, len(arguments) - 1), arguments)
         return self.fold(Call(name.text, tuple(arguments)), name, *arguments)
+
+    def count_switches(self, token: _Token, count: int, arguments: Sequence[Node]) -> None:
+        """Count the places where the formula jumps or bends; numbers alone have none."""
+        if all(isinstance(x, Num) for x in arguments):
+            return
+        self.switches += count
+        if self.switches > MAX_SWITCHES:
+            what = f"the formula switches at more than {MAX_SWITCHES} places ({', '.join(SWITCHING)}, if)"
+            self.fail(token, f"{what}; give a course of many pieces as a table")
 
     def conditional(self, name: _Token, depth: int) -> Node:
         left = self.expression(0, depth)
@@ -365,5 +380,6 @@ class _Parser:
         yes = self.expression(0, depth)
         self.expect(",")
         no = self.expression(0, depth)
+        self.count_switches(name, 1, (left, right))
         node = If(comparison.text, left, right, yes, no)
         return self.fold(node, name, left, right, yes, no)

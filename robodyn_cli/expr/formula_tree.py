@@ -30,6 +30,9 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], int, int]] = {
     "max": (lambda *xs: functools.reduce(fn.maximum, xs), 2, MANY),
 }  # fmt: skip
 
+# functions that jump or bend, each between two neighbours of its arguments
+SWITCHING = ("abs", "sign", "step", "min", "max")
+
 _BINARY: dict[str, Callable[[Any, Any], Any]] = {
     "+": operator.add,
     "-": operator.sub,

@@ -9,7 +9,7 @@ from typing import ClassVar
 from robodyn_cli.expr.functions import atan2
 from robodyn_cli.forces.element import Effect, End, Setting, between_key, idle_problems, opposite
 from robodyn_cli.record import record
-from robodyn_cli.schema.fields import Choice, Name, Number, Vector, key
+from robodyn_cli.schema.fields import Choice, Direction, Name, Number, key
 from robodyn_cli.spatial.algebra import dot, rotation_to_z, vector, zeros
 
 
@@ -28,7 +28,7 @@ class TorsionalSpring:
     type: str = key(Choice(("torsional_spring",)), doc="Kind of force.")
     between: tuple[str, ...] = between_key()
     axis: tuple[float, ...] = key(
-        Vector(3), default=(0.0, 0.0, 1.0), unit="1", doc="Axis, in the frame of each of the two places."
+        Direction(), default=(0.0, 0.0, 1.0), unit="1", doc="Axis, in the frame of each of the two places."
     )
     stiffness: float = key(Number(minimum=0.0), default=0.0, unit="N m/rad", doc="Stiffness k.")
     rest: float = key(
@@ -43,8 +43,6 @@ class TorsionalSpring:
     def problems(self) -> Iterable[tuple[tuple[str, ...], str]]:
         """Yield what does not fit together."""
         yield from idle_problems(self.stiffness, self.damping)
-        if not any(self.axis):
-            yield ("axis",), "must not be zero (value [0, 0, 0])"
 
     def effect(self, ends: tuple[End, ...], setting: Setting) -> Effect:
         """Return moments, energy and power.

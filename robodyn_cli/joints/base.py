@@ -10,6 +10,7 @@ tests run over every registered joint:
 5. ``integrate(q, dq)``, ``difference(q0, q1)``, ``normalise(q)``: steps on the joint's own manifold.
 6. ``unfelt(inertia)``: U with U S = 0 that looks the same from the parent at every q, or None.
 7. ``units`` and ``names`` of q, ``v_units`` and ``v_names`` of v, where they differ from those of q.
+8. ``needs`` and ``takes``: keys by which a scene places it; ``by_dh`` and ``dh_variable`` where D-H parameters do.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ class Joint:
     quasi : q-dot is not v but ``velocity_map(q, v)``. units : of q, ``rad``, ``m`` or ``1``; v_units : ``rad`` or
     ``m``, per second that of v. names, v_names : what a coordinate is called behind the joint's name
     (``ball.qw``); a joint with one coordinate goes by its own name. v_units, v_names : as units and names by default.
+    needs, takes : keys of the scene, of ``axis``, ``axis2``, ``pitch``, that must or may stand beside ``origin``.
+    by_dh : whether D-H parameters may place it instead; dh_variable : the one of them, ``theta`` or ``d``, that is q.
     """
 
     type: ClassVar[str] = ""
@@ -37,6 +40,10 @@ class Joint:
     names: ClassVar[tuple[str, ...]] = ()
     v_names: ClassVar[tuple[str, ...]] = ()
     subspace: ClassVar[tuple[tuple[float, ...], ...]] = ()
+    needs: ClassVar[tuple[str, ...]] = ()
+    takes: ClassVar[tuple[str, ...]] = ("axis",)
+    by_dh: ClassVar[bool] = False
+    dh_variable: ClassVar[str] = ""
 
     def __init_subclass__(cls) -> None:
         """Let velocities go by the units and names of positions where nothing else is said."""

@@ -12,6 +12,7 @@ class Cylindrical(Joint):
     type = "cylindrical"
     nq = nv = 2
     units = ("rad", "m")
+    needs = ("axis",)
     names = ("theta", "d")
     subspace = ((0.0, 0.0, 1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
 

@@ -10,6 +10,8 @@ class Fixed(Joint):
     """Rigid attachment; the model merges such a link into its parent."""
 
     type = "fixed"
+    takes = ()
+    by_dh = True
 
     def transform(self, q: Vector) -> Transform:
         return Transform.identity()

@@ -21,6 +21,7 @@ class Floating(Joint):
     quasi = True
     units = ("m", "m", "m", "1", "1", "1", "1")
     names = ("x", "y", "z", "qw", "qx", "qy", "qz")
+    takes = ()
     v_units = ("m", "m", "m", "rad", "rad", "rad")
     v_names = ("vx", "vy", "vz", "wx", "wy", "wz")
     subspace = tuple(tuple(float((j + 3) % 6 == i) for i in range(6)) for j in range(6))

@@ -22,6 +22,7 @@ class Helical(Joint):
     nq: ClassVar[int] = 1
     nv: ClassVar[int] = 1
     units: ClassVar[tuple[str, ...]] = ("rad",)
+    needs: ClassVar[tuple[str, ...]] = ("axis", "pitch")
 
     def transform(self, q: Vector) -> Transform:
         return Transform(rotation_about(2, q[0]).T, vector([0.0, 0.0, self.pitch * q[0]]))

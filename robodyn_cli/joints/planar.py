@@ -14,6 +14,7 @@ class Planar(Joint):
 
     type = "planar"
     nq = nv = 3
+    takes = ("axis", "axis2")
     units = ("m", "m", "rad")
     names = ("x", "y", "theta")
 

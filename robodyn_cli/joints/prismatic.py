@@ -13,6 +13,9 @@ class Prismatic(Joint):
     type = "prismatic"
     nq = nv = 1
     units = ("m",)
+    needs = ("axis",)
+    by_dh = True
+    dh_variable = "d"
     subspace = ((0.0, 0.0, 0.0, 0.0, 0.0, 1.0),)
 
     def transform(self, q: Vector) -> Transform:

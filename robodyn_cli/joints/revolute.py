@@ -13,6 +13,9 @@ class Revolute(Joint):
     type = "revolute"
     nq = nv = 1
     units = ("rad",)
+    needs = ("axis",)
+    by_dh = True
+    dh_variable = "theta"
     subspace = ((0.0, 0.0, 1.0, 0.0, 0.0, 0.0),)
 
     def transform(self, q: Vector) -> Transform:

@@ -19,6 +19,7 @@ class Spherical(Joint):
     quasi = True
     units = ("1", "1", "1", "1")
     names = ("qw", "qx", "qy", "qz")
+    takes = ()
     v_units = ("rad", "rad", "rad")
     v_names = ("wx", "wy", "wz")
     subspace = tuple(tuple(float(i == j) for i in range(6)) for j in range(3))

@@ -17,6 +17,7 @@ class Universal(Joint):
 
     type = "universal"
     nq = nv = 2
+    takes = ("axis", "axis2")
     units = ("rad", "rad")
     names = ("theta1", "theta2")
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from robodyn_cli.loops.base import LoopFrame, Row
-from robodyn_cli.schema.fields import ListOf, Text, Vector, key
+from robodyn_cli.schema.fields import Direction, ListOf, Text, Vector, key
 from robodyn_cli.spatial import algebra
 from robodyn_cli.spatial.algebra import cross, dot, rotation_rpy, rotation_to_z
 
@@ -24,7 +24,7 @@ def between_key() -> Any:
 
 def axis_key(doc: str, **default: Any) -> Any:
     """Return the key of a direction (``default`` as in ``key``)."""
-    return key(Vector(3), unit="1", doc=doc, **default)
+    return key(Direction(), unit="1", doc=doc, **default)
 
 
 def attitude_key() -> Any:

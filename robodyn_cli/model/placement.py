@@ -25,11 +25,6 @@ from robodyn_cli.spatial.algebra import (
 )
 
 
-def has_dh(joint: sc.Joint) -> bool:
-    """Tell whether a joint is placed by D-H parameters."""
-    return any(x is not None for x in (joint.a, joint.alpha, joint.d, joint.theta))
-
-
 def axis_frame(joint: sc.Joint) -> Matrix:
     """Return the body's axes (columns) in the joint's own frame, for a joint without D-H parameters.
 
@@ -69,7 +64,7 @@ def joint_placement(
         return Transform(rotation_about(2, angle).T, zeros(3))
 
     offset = get("offset", joint.offset)
-    if not has_dh(joint):
+    if not joint.has_dh:
         R = axis_frame(joint)
         to_axis = Transform(R.T, zeros(3))
         back = Transform(R, zeros(3))
@@ -90,8 +85,7 @@ def joint_placement(
         # Rx(alpha) Tx(a) Rz(theta) Tz(d): what is constant about z comes before the joint, it commutes
         return turn(theta) @ slide(d) @ bend @ X, one, one
     # standard: Rz(theta) Tz(d) Tx(a) Rx(alpha); the link frame lies beyond the joint's motion
-    if joint.type == "revolute":
-        return turn(theta) @ X, one, bend @ slide(d)
     if joint.type == "prismatic":
         return slide(d) @ turn(theta) @ X, one, bend
-    return X, one, bend @ slide(d) @ turn(theta)
+    # a fixed joint is a revolute one that stands at theta
+    return turn(theta) @ X, one, bend @ slide(d)

@@ -16,6 +16,7 @@ from robodyn_cli.results.result import Result
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+# drawings of a motion
 PLOTS: tuple[str, ...] = (
     "joint_angles",
     "joint_rates",
@@ -35,21 +36,30 @@ PLOTS: tuple[str, ...] = (
     "mechanism",
 )
 
-# commands that look at one configuration, and what there is to draw of it
-AT_REST = ("assemble", "statics")
+# drawings of commands that look at one configuration
 STILL = ("branches", "mechanism")
+AT_REST = ("assemble", "statics")
+# drawings of commands whose result is no motion
+ANALYSES: dict[str, tuple[str, ...]] = {
+    "info": ("state",),
+    "stability": ("stability_spectrum", "stability_methods", "energy_growth", "baumgarte", "stability_suite"),
+    "work-precision": ("work_precision",),
+}
 
 
 def plot_files() -> list[str]:
     """Return the file names that ``draw_all`` may write."""
-    return [f"{name}.png" for name in PLOTS]
+    return [f"{name}.png" for name in (*PLOTS, *(name for names in ANALYSES.values() for name in names))]
 
 
 def applicable(result: Result) -> list[str]:
     """Return the names of the plots that ``result`` has the data for."""
-    if "time" not in result or not result.time.size:
+    if result.command in ANALYSES:
+        names = ANALYSES[result.command]
+    elif "time" not in result or not result.time.size:
         return []
-    names = STILL if result.command in AT_REST else PLOTS
+    else:
+        names = STILL if result.command in AT_REST else PLOTS
     return [name for name in names if _module(name).applies(result)]
 
 

@@ -1,7 +1,7 @@
 """Every path that a result file may hold, with its dimensions, units and meaning.
 
 The writer takes what a caller leaves out from here, and ``docs/hdf5.md`` is tested against it. A word in
-capitals stands for a name from the scene.
+capitals is a placeholder for a name from the scene.
 """
 
 from __future__ import annotations
@@ -166,7 +166,7 @@ ATTRIBUTES: tuple[Attribute, ...] = (
 
 
 def _fits(path: str, pattern: str) -> bool:
-    """Tell whether a path is a pattern's, whose parts in capitals stand for any name."""
+    """Tell whether a path is a pattern's, whose parts in capitals are placeholders."""
     parts, wanted = path.split("/"), pattern.split("/")
     return len(parts) == len(wanted) and all(
         b == a or (b.isupper() and bool(a)) for a, b in zip(parts, wanted)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -16,8 +17,8 @@ class Difference:
     """How one dataset compares with the baseline.
 
     ``verdict`` is ``"equal"`` (within tolerance), ``"differs"``, ``"missing"`` (only in the baseline),
-    ``"extra"`` (only in the result), ``"shape"``, ``"units"`` or ``"names"``. The other fields describe the
-    worst sample: ``ratio`` is its error over what is allowed there.
+    ``"extra"`` (only in the result), ``"shape"``, ``"units"``, ``"names"``, or ``"entries"`` of a dataset that holds
+    no numbers. The other fields describe the worst sample: ``ratio`` is its error over what is allowed there.
     """
 
     path: str
@@ -43,6 +44,20 @@ class Comparison:
         return all(item.verdict in ("equal", "extra") for item in self.differences)
 
 
+@record
+class _Tolerance:
+    rtol: float
+    atol: float
+    relative_to: str = "peak"
+
+    def allowed(self, b: Array) -> Array:
+        """Return the error that is allowed at each sample of the baseline."""
+        magnitude: Array = np.where(np.isfinite(b), np.abs(b), 0.0)
+        if self.relative_to == "peak" and b.ndim:
+            magnitude = magnitude.max(axis=0, keepdims=True)
+        return self.atol + self.rtol * magnitude
+
+
 def compare(
     result: Result, baseline: Result, *, rtol: float = 1e-9, atol: float = 1e-12, relative_to: str = "peak"
 ) -> Comparison:
@@ -53,6 +68,7 @@ def compare(
     """
     if relative_to not in ("peak", "sample"):
         raise ValueError(f"relative_to is {relative_to!r}; allowed are 'peak' and 'sample'")
+    tolerance = _Tolerance(rtol, atol, relative_to)
     found = [Difference(path, "extra") for path in result.variables if path not in baseline.variables]
     for path, expected in baseline.variables.items():
         if path not in result.variables:
@@ -63,13 +79,44 @@ def compare(
         if reason is not None:
             found.append(Difference(path, *reason))
         else:
-            found.append(_worst(result, path, actual, expected, rtol, atol, relative_to))
-    found += _events(result, baseline, rtol, atol)
-    rank = {"missing": 0, "shape": 0, "units": 0, "names": 0, "differs": 1, "equal": 2, "extra": 3}
+            found.append(_worst(result, path, actual, expected, tolerance))
+    found += _others(result.others, baseline.others)
+    found += _events(result, baseline, _Tolerance(rtol, atol))
+    rank = {
+        "missing": 0,
+        "shape": 0,
+        "units": 0,
+        "names": 0,
+        "entries": 0,
+        "differs": 1,
+        "equal": 2,
+        "extra": 3,
+    }
     return Comparison(tuple(sorted(found, key=lambda item: (rank[item.verdict], -item.ratio, item.path))))
 
 
-def _events(result: Result, baseline: Result, rtol: float, atol: float) -> list[Difference]:
+def _others(
+    result: Mapping[str, tuple[str, ...]], baseline: Mapping[str, tuple[str, ...]]
+) -> list[Difference]:
+    """Return how the datasets compare that hold no numbers: entry by entry, equal or not."""
+    found = [Difference(path, "extra") for path in result if path not in baseline]
+    for path, expected in baseline.items():
+        actual = result.get(path)
+        if actual is None:
+            found.append(Difference(path, "missing"))
+        elif len(actual) != len(expected):
+            found.append(Difference(path, "shape", f"{len(actual)} entries instead of {len(expected)}"))
+        elif actual != expected:
+            k = next(k for k, (a, b) in enumerate(zip(actual, expected)) if a != b)
+            found.append(
+                Difference(path, "entries", f"{actual[k]!r} instead of {expected[k]!r} as number {k}")
+            )
+        else:
+            found.append(Difference(path, "equal"))
+    return found
+
+
+def _events(result: Result, baseline: Result, tolerance: _Tolerance) -> list[Difference]:
     """Return how the events compare: the same ones in the same order, and their times; nothing without any."""
     if not result.events and not baseline.events:
         return []
@@ -82,7 +129,7 @@ def _events(result: Result, baseline: Result, rtol: float, atol: float) -> list[
         return [Difference("events", "shape", f"{len(actual)} events instead of {len(expected)}")]
     times = [np.array([float(e["time"]) for e in r.events]) for r in (result, baseline)]
     found, wanted = (Variable(x, ("event",), "s", "time of events") for x in times)
-    worst = _worst(result, "events/time", found, wanted, rtol, atol, "peak")
+    worst = _worst(result, "events/time", found, wanted, tolerance)
     at = int(np.argmax(np.abs(times[0] - times[1])))
     return [dataclasses.replace(worst, time=float(times[1][at]), column=expected[at])]
 
@@ -105,9 +152,7 @@ def _worst(
     path: str,
     actual: Variable,
     expected: Variable,
-    rtol: float,
-    atol: float,
-    relative_to: str,
+    tolerance: _Tolerance,
 ) -> Difference:
     a, b = actual.data, expected.data
     if not a.size:
@@ -117,7 +162,7 @@ def _worst(
         # Equal infinities subtract to NaN, and a NaN where the baseline has one is agreement.
         error[(a == b) | (np.isnan(a) & np.isnan(b))] = 0.0
         error[np.isnan(error)] = np.inf
-        ratio = np.divide(error, atol + rtol * _reference(b, relative_to))
+        ratio = np.divide(error, tolerance.allowed(b))
     # 0/0 where no tolerance is allowed and none is needed
     ratio[error == 0.0] = 0.0
     index = np.unravel_index(int(np.argmax(ratio)), ratio.shape)
@@ -133,11 +178,3 @@ def _worst(
         time=float(result.time[index[0]]) if has_time else None,
         column=expected.names[index[-1]] if expected.names else "",
     )
-
-
-def _reference(b: Array, relative_to: str) -> Array:
-    magnitude: Array = np.where(np.isfinite(b), np.abs(b), 0.0)
-    if relative_to == "sample" or b.ndim == 0:
-        return magnitude
-    peak: Array = magnitude.max(axis=0, keepdims=True)
-    return peak

@@ -8,7 +8,7 @@ import sys
 import warnings
 from pathlib import Path
 
-from robodyn_cli.results.errors import DirectoryInUseError
+from robodyn_cli.errors import DirectoryInUseError
 
 LOCK_NAME = ".lock"
 # Some network file systems have no locks; a run there is better than none.

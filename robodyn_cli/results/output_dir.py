@@ -22,8 +22,8 @@ from robodyn_cli.results.summary import read_summary, write_summary
 
 RESULT_NAME = "result.h5"
 SUMMARY_NAME = "summary.json"
-# Kinds of file that a report may leave; anything else in an old list of outputs is not ours to remove.
-DRAWING_SUFFIXES = (".png", ".gif", ".mp4", ".html")
+# The kind of file that a report leaves; anything else in an old list of outputs is not ours to remove.
+DRAWING_SUFFIX = ".png"
 # Text that every drawing of ours carries near its start (PNG keyword "Software").
 SIGNATURE = b"Software\x00robodyn"
 
@@ -32,9 +32,9 @@ class OutputDirectory:
     """Context manager around the output directory of one run.
 
     Entering creates and locks the directory and removes what an earlier run left there; leaving removes
-    unpublished temporary files and unlocks. Files of others are never touched. ``drawings`` are names that a
-    report may have left without a summary listing them (a run that was killed); such a file is removed only
-    if it carries robodyn's mark.
+    unpublished temporary files and unlocks. Files of others are never touched: a drawing is removed only if it
+    carries robodyn's mark. ``drawings`` are names that a report may have left without a summary listing them (a run
+    that was killed).
     """
 
     def __init__(self, path: str | Path, drawings: Iterable[str] = ()) -> None:
@@ -109,16 +109,30 @@ class OutputDirectory:
     def _remove_old(self) -> None:
         listed = read_summary(self.path / SUMMARY_NAME).get("outputs", ())
         names = [name for name in listed if _is_drawing(name)] if isinstance(listed, list) else []
-        marked = [name for name in self._drawings if name not in names and _has_mark(self.path / name)]
+        # a list can name a file that somebody else has put there since
+        drawings = [
+            name for name in {**dict.fromkeys(names), **dict.fromkeys(self._drawings)} if self._is_ours(name)
+        ]
         # The lock is ours, so a temporary file here belongs to a run that was killed.
         stale = [path.name for path in _entries(self.path) if is_temporary(path)]
         # The summary goes last: killed halfway, the next run still knows what to remove.
-        for name in [*names, *marked, *stale, RESULT_NAME, SUMMARY_NAME]:
+        for name in [*drawings, *stale, RESULT_NAME, SUMMARY_NAME]:
             path = self.path / name
             try:
                 path.unlink(missing_ok=True)
             except OSError as error:
                 raise output_error(path, error) from error
+
+    def _is_ours(self, name: str) -> bool:
+        """Tell whether a file carries robodyn's mark."""
+        path = self.path / name
+        try:
+            if not path.is_file():
+                return False
+            with open(path, "rb") as stream:
+                return SIGNATURE in stream.read(512)
+        except OSError:
+            return False
 
 
 def _entries(directory: Path) -> list[Path]:
@@ -128,12 +142,4 @@ def _entries(directory: Path) -> list[Path]:
 
 def _is_drawing(name: Any) -> bool:
     """Tell whether an entry of an old list of outputs is the plain name of a drawing."""
-    return isinstance(name, str) and Path(name).name == name and name.endswith(DRAWING_SUFFIXES)
-
-
-def _has_mark(path: Path) -> bool:
-    try:
-        with open(path, "rb") as stream:
-            return SIGNATURE in stream.read(512)
-    except OSError:
-        return False
+    return isinstance(name, str) and Path(name).name == name and name.endswith(DRAWING_SUFFIX)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.record import mutable_record
 from robodyn_cli.results import catalogue
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 Array = NDArray[np.float64]
 
@@ -28,6 +31,16 @@ class Variable:
     long_name: str
     names: tuple[str, ...] = ()
     column_units: tuple[str, ...] = ()
+
+
+class Meta(TypedDict, total=False):
+    """What may be said about an array beside its path; what is left out comes from the catalogue."""
+
+    units: str | None
+    long_name: str | None
+    dims: tuple[str, ...] | None
+    names: tuple[str, ...] | list[str]
+    column_units: tuple[str, ...]
 
 
 def make_variable(
@@ -66,8 +79,8 @@ class Result:
 
     ``variables`` maps the HDF5 path without its leading slash (``"q"``, ``"torque_terms/gravity"``,
     ``"points/tip"``) to a Variable; ``summary`` is what goes into ``summary.json``; ``attributes`` are the
-    root attributes of the HDF5 file. ``status`` is ``"ok"``, ``"locked"``, ``"no_lock"``,
-    ``"overload"`` or ``"failed"``.
+    root attributes of the HDF5 file; ``others`` are the entries of datasets that hold no numbers. ``status`` is
+    ``"ok"``, ``"locked"``, ``"no_lock"``, ``"overload"`` or ``"failed"``.
     """
 
     command: str
@@ -78,6 +91,7 @@ class Result:
     events: list[dict[str, Any]] = dataclasses.field(default_factory=list)
     summary: dict[str, Any] = dataclasses.field(default_factory=dict)
     attributes: dict[str, Any] = dataclasses.field(default_factory=dict)
+    others: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
 
     def __getitem__(self, path: str) -> Array:
         """Return the array stored under ``path`` (``result["q"]``)."""
@@ -86,24 +100,9 @@ class Result:
     def __contains__(self, path: object) -> bool:
         return isinstance(path, str) and path.strip("/") in self.variables
 
-    def add(
-        self,
-        path: str,
-        data: Any,
-        *,
-        units: str | None = None,
-        long_name: str | None = None,
-        dims: tuple[str, ...] | None = None,
-        names: tuple[str, ...] | list[str] = (),
-        column_units: tuple[str, ...] = (),
-    ) -> None:
-        """Store an array under ``path``; shapes are checked against ``dims`` and ``names``.
-
-        Units, meaning and dimensions of a path in the catalogue may be left out.
-        """
-        self.variables[path.strip("/")] = make_variable(
-            path, data, units=units, long_name=long_name, dims=dims, names=names, column_units=column_units
-        )
+    def add(self, path: str, data: Any, **meta: Unpack[Meta]) -> None:
+        """Store an array under ``path``; ``meta`` and the checks of shapes are those of ``make_variable``."""
+        self.variables[path.strip("/")] = make_variable(path, data, **meta)
 
     def group(self, prefix: str) -> dict[str, Variable]:
         """Return the variables below ``prefix`` by the rest of their path (``group("points")["tip"]``)."""

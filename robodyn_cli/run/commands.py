@@ -2,26 +2,32 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from robodyn_cli.results.result import Result
-from robodyn_cli.results.writer import ResultWriter
-from robodyn_cli.run.progress import Progress
-from robodyn_cli.run.stopwatch import Stopwatch
-from robodyn_cli.scene.commands import SCENE_COMMANDS
-from robodyn_cli.scene.types import Scene
+from robodyn_cli.commands import COMMANDS, SCENE_COMMANDS
+from robodyn_cli.registry import Registry
+
+if TYPE_CHECKING:
+    from robodyn_cli.results.hdf5.writer import ResultWriter
+    from robodyn_cli.results.result import Result
+    from robodyn_cli.run.progress import Progress
+    from robodyn_cli.run.stopwatch import Stopwatch
+    from robodyn_cli.scene.types import Scene
 
 # samples above which a simulation writes its file while it runs
 STREAMED_ABOVE = 200_000
+
+functions: Registry[Callable[..., Result]] = Registry(
+    "robodyn_cli.run", {name: COMMANDS[name].run for name in SCENE_COMMANDS}
+)
 
 
 def streams(command: str, scene: Scene) -> bool:
     """Tell whether a run is so long that its file is written block by block."""
     if command == "deploy" and scene.deploy.after == "continue":
         return False  # the latch adds columns to what was written before
-    return SCENE_COMMANDS[command].streamed and scene.simulate.samples > STREAMED_ABOVE
+    return COMMANDS[command].streamed and scene.simulate.samples > STREAMED_ABOVE
 
 
 def execute(
@@ -33,8 +39,6 @@ def execute(
     **options: Any,
 ) -> Result:
     """Run a command on a scene; ``options`` are those that it has of its own."""
-    entry = SCENE_COMMANDS[command]
-    function: Callable[..., Result] = getattr(importlib.import_module(entry.module), entry.function)
     if writer is not None:
         options["writer"] = writer
-    return function(scene, progress=progress, watch=watch, **options)
+    return functions[command](scene, progress=progress, watch=watch, **options)

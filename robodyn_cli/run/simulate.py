@@ -16,8 +16,8 @@ from robodyn_cli.errors import (
 from robodyn_cli.formulations.index1 import index1
 from robodyn_cli.formulations.system import EventFunction
 from robodyn_cli.integrators.runtime.integrator import Event, Grid, Integrator
+from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.writer import ResultWriter
 from robodyn_cli.run.driver.contact_states import Modes
 from robodyn_cli.run.driver.divergence import breakdown
 from robodyn_cli.run.driver.mass_matrix import nearly_singular

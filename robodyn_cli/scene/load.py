@@ -1,24 +1,52 @@
-"""Load a scene: YAML to tree, files and options brought in, read, checked."""
+"""Load a scene: YAML to a tree, files and options brought in, read, checked; all faults are collected."""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
+from robodyn_cli.errors import SceneError
 from robodyn_cli.joints.registry import joint_types
-from robodyn_cli.scene import overrides as options
-from robodyn_cli.scene.emit import emit
-from robodyn_cli.scene.includes import Includer
-from robodyn_cli.scene.nodes import Mapping, Node, Scalar, Source, describe_node, located
-from robodyn_cli.scene.nodes import Sequence as SequenceNode
-from robodyn_cli.scene.read import Names, Reader
+from robodyn_cli.record import record
+from robodyn_cli.scene.checks.check import Check
+from robodyn_cli.scene.checks.scene import check_scene
+from robodyn_cli.scene.read import Reader
+from robodyn_cli.scene.read_scalars import BROKEN, Names
+from robodyn_cli.scene.text.emit import emit
+from robodyn_cli.scene.text.faults import Faults, TooMany
+from robodyn_cli.scene.text.includes import Includer
+from robodyn_cli.scene.text.nodes import Mapping, Node, Scalar, Source, describe_node, located
+from robodyn_cli.scene.text.nodes import Sequence as SequenceNode
+from robodyn_cli.scene.text.yaml_nodes import compose
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.scene.validate import validate
-from robodyn_cli.scene.yaml_nodes import compose
 from robodyn_cli.schema.fields import Section
 
 NO_FILE = "<text>"
+# keys without which the rest of a scene can be checked
+STAND_INS: dict[str, Any] = {"schema": 1, "gravity": (0.0, 0.0, 0.0)}
+
+
+@record
+class Examined:
+    """A scene as far as it could be read: ``scene`` only if there is no error; ``root`` is its tree."""
+
+    errors: tuple[SceneError, ...]
+    scene: Scene | None = None
+    root: Node | None = None
+
+    def checked(self) -> Scene:
+        """Return the scene.
+
+        Raises
+        ------
+        SceneError : the first of the errors.
+        """
+        if self.scene is None:
+            raise self.errors[0]
+        return self.scene
 
 
 def load_scene(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Scene:
@@ -31,41 +59,82 @@ def load_scene(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> S
 
     Raises
     ------
-    SceneError : anything that is not allowed, with file, line, column and key.
+    SceneError : the first thing that is not allowed, with file, line, column and key.
     """
-    includer = Includer()
-    name = os.fspath(path)
-    return _load(includer.open_root(name), name, overrides, includer)
+    return examine(path, overrides).checked()
 
 
 def load_scene_text(text: str, path: str = NO_FILE, overrides: Sequence[str] = ()) -> Scene:
     """Return the checked scene of a YAML text; files that it names are relative to the folder of ``path``."""
     directory = "." if path == NO_FILE else os.path.dirname(path) or "."
     real = "" if path == NO_FILE else os.path.realpath(path)
-    return _load(compose(text, Source(path, directory, real)), path, overrides, Includer())
+    source = Source(path, directory, real)
+    return _examine(lambda includer: compose(text, source, includer.faults), path, overrides).checked()
 
 
-def completed(root: Node, overrides: Sequence[str], includer: Includer) -> Node:
+def examine(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Examined:
+    """Return the scene of a YAML file and every error in it, in the order of the files' lines.
+
+    Errors that only follow from another one, in the same key or above or below it, are left out.
+    """
+    name = os.fspath(path)
+    return _examine(lambda includer: includer.open_root(name), name, overrides)
+
+
+def _examine(open_root: Callable[[Includer], Node], path: str, overrides: Sequence[str]) -> Examined:
+    faults = Faults()
+    includer = Includer(faults)
+    scene: Scene | None = None
+    root: Node | None = None
+    with contextlib.suppress(TooMany), faults:
+        root = _completed(open_root(includer), overrides, includer)
+        scene = _checked(root, faults)
+    if scene is None or root is None or faults.found:
+        return Examined(tuple(faults.in_order()), None, root)
+    sources = tuple(dict.fromkeys(includer.sources))
+    return Examined((), dataclasses.replace(scene, path=path, text=emit(root), sources=sources), root)
+
+
+def _completed(root: Node, overrides: Sequence[str], includer: Includer) -> Node:
     """Return the tree of a scene with its overrides, and whole: nothing left to be included.
 
     Raises
     ------
-    SceneError : the scene is no map; an override or a file that is included is wrong.
+    SceneError : the scene is no map; an override is wrong.
     """
     kind = Section(Scene)
     if not isinstance(root, Mapping):
         raise located(root, "", f"a scene is a map of keys and values (value {describe_node(root)})")
-    for override in overrides:
-        root = options.apply(root, kind, override, root.source.directory, includer)
+    if overrides:
+        from robodyn_cli.scene.text.overrides import apply
+
+        for override in overrides:
+            try:
+                root = apply(root, kind, override, root.source.directory, includer)
+            except SceneError as error:
+                includer.faults.add_unrelated([error])
     return includer.whole(kind, root)
 
 
-def _load(root: Node, path: str, overrides: Sequence[str], includer: Includer) -> Scene:
-    root = completed(root, overrides, includer)
-    scene = validate(Reader(formula_names(root)).read(Scene, root), root)
-    return dataclasses.replace(
-        scene, path=path, text=emit(root), sources=tuple(dict.fromkeys(includer.sources))
-    )
+def _checked(root: Node, faults: Faults) -> Scene | None:
+    """Return the scene of a whole tree, read and checked; None where too little of it could be read."""
+    reading = Faults()
+    scene = BROKEN
+    with contextlib.suppress(TooMany):
+        scene = Reader(formula_names(root), reading, STAND_INS).value(Section(Scene), root, ())
+    faults.add_unrelated(reading.found)
+    if scene is BROKEN:
+        return None
+    check = Check(root)
+    with contextlib.suppress(TooMany), check:
+        scene = check_scene(scene, check)
+    errors = check.found
+    if any(key.startswith(("robot.points", "robot.frames")) for key in faults.keys):
+        # it is the points that could not be read, not those who name them
+        errors = [e for e in errors if "unknown point" not in e.message]
+    faults.add_unrelated(errors)
+    checked: Scene = scene
+    return checked
 
 
 def formula_names(root: Node) -> Names:
@@ -89,3 +158,14 @@ def formula_names(root: Node) -> Names:
     parameters = root.get("parameters") if isinstance(root, Mapping) else None
     keys = [key.text for key, _ in parameters.entries] if isinstance(parameters, Mapping) else []
     return Names(tuple(moving), tuple(keys), tuple(fixed), tuple(rates), types)
+
+
+def is_part(path: str | os.PathLike[str]) -> bool:
+    """Tell whether a YAML file is made to be included by scenes (a robot, a trajectory), not a scene itself."""
+    try:
+        root = Includer(Faults()).open_root(os.fspath(path))
+    except SceneError:
+        return False
+    if not isinstance(root, Mapping):
+        return not isinstance(root, Scalar)
+    return not any(root.get(key) is not None for key in ("schema", "robot", "command"))

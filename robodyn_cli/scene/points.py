@@ -9,11 +9,6 @@ BASE = "base"
 BUILT_IN = ("origin", "end", "com")
 
 
-def has_dh(joint: Joint) -> bool:
-    """Tell whether a joint is placed by D-H parameters."""
-    return any(x is not None for x in (joint.a, joint.alpha, joint.d, joint.theta))
-
-
 def joint_of(robot: Robot, link: str) -> Joint | None:
     """Return the joint that moves a link (of a checked robot, where every joint names its link)."""
     return next((joint for joint in robot.joints if joint.link == link), None)
@@ -28,7 +23,7 @@ def spot_problem(robot: Robot, link: str, at: str) -> str | None:
             else f"'base' has no {at!r}; allowed: base.origin, or a point defined on base"
         )
     joint = joint_of(robot, link)
-    if at == "end" and joint is not None and not has_dh(joint):
+    if at == "end" and joint is not None and not joint.has_dh:
         return (
             f"{link!r} has no 'end', because joint {joint.name!r} has no D-H parameters; "
             f"define a named point: points: {{tip: {{link: {link}, at: [x, y, z]}}}}"

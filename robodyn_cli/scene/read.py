@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import re
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
+from collections.abc import Mapping as MappingOf
 from functools import partial
 from typing import Any, TypeVar
 
-from robodyn_cli.errors import SceneError, did_you_mean
-from robodyn_cli.expr import formula as fm
+from robodyn_cli.errors import SceneError, did_you_mean, nearest_word
 from robodyn_cli.expr.expectation import Expectation, parse_expectation
 from robodyn_cli.record import record
-from robodyn_cli.scene.includes import concrete
-from robodyn_cli.scene.nodes import (
+from robodyn_cli.scene.joint_values import joint_map
+from robodyn_cli.scene.read_scalars import BROKEN, Names, ScalarReader
+from robodyn_cli.scene.text.faults import Faults
+from robodyn_cli.scene.text.includes import concrete
+from robodyn_cli.scene.text.nodes import (
     Mapping,
     Node,
     Path,
@@ -25,37 +27,29 @@ from robodyn_cli.scene.nodes import (
     located,
     shown,
 )
-from robodyn_cli.scene.read_joints import joint_map
 from robodyn_cli.schema.describe import describe
 from robodyn_cli.schema.fields import (
-    Boolean,
     Choice,
     Criteria,
-    CsvFile,
+    Direction,
     Either,
-    Formula,
     Inline,
-    Integer,
     JointMap,
     Kind,
     ListOf,
     MapOf,
-    Name,
     Number,
     OrFile,
     Section,
     Tagged,
-    Text,
     Vector,
 )
 
 T = TypeVar("T")
 
-_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
-_IN_FORMULAS = ("joint", "parameter")
 _MAX_LISTED = 20
-# what stands for a value that could not be read, where errors are collected
-BROKEN: Any = object()
+# squares of longer or shorter directions leave the range of numbers
+_LONGEST = 1e100
 
 
 def _entries(node: Sequence) -> str:
@@ -63,34 +57,56 @@ def _entries(node: Sequence) -> str:
 
 
 @record
-class Names:
-    """What formulas may refer to."""
+class _Keys:
+    """The keys of a section: its own fields, and those of registered classes by name (``friction``, ``spring``).
 
-    joints: tuple[str, ...] = ()
-    parameters: tuple[str, ...] = ()
-    fixed: tuple[str, ...] = ()  # joints without a coordinate, for a better message
-    rates: tuple[str, ...] = ()  # columns of v, where they differ from those of q
-    types: dict[str, str] = dataclasses.field(default_factory=dict)  # of the joints
+    inline : by key, the field that holds the instance, and the registry with its class.
+    """
+
+    fields: dict[str, dataclasses.Field[Any]]
+    inline: dict[str, tuple[str, MappingOf[str, type]]]
+
+    @staticmethod
+    def of(cls: type) -> _Keys:
+        """Return the keys of the dataclass ``cls``."""
+        described = {f.name: f for f in dataclasses.fields(cls) if "kind" in f.metadata}
+        holders = {name: f.metadata["kind"] for name, f in described.items()}
+        holders = {name: kind for name, kind in holders.items() if isinstance(kind, Inline)}
+        inline = {key: (name, kind.registry()) for name, kind in holders.items() for key in kind.registry()}
+        return _Keys({name: f for name, f in described.items() if name not in holders}, inline)
+
+    @property
+    def allowed(self) -> list[str]:
+        """All keys."""
+        return [*self.fields, *self.inline]
+
+    @property
+    def needed(self) -> list[str]:
+        """The keys without a default."""
+        return [name for name, field in self.fields.items() if _is_needed(field)]
 
 
-class Reader:
-    """Reads one scene; ``names`` are those that formulas may use."""
+def _is_needed(field: dataclasses.Field[Any]) -> bool:
+    return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
 
-    def __init__(self, names: Names) -> None:
-        self.names = names
-        # looked up once a formula: as sets, but in the order of the scene
-        self.joints = dict.fromkeys(names.joints)
-        self.rates = dict.fromkeys(names.rates or names.joints)
-        self.parameters = dict.fromkeys(names.parameters)
-        self.handlers: dict[type[Kind], Callable[[Any, Node, Path, str], Any]] = {
-            Number: self.number,
-            Integer: self.integer,
-            Boolean: self.boolean,
-            Text: self.text,
-            Name: self.name,
-            Choice: self.choice,
+
+def _is_default(field: dataclasses.Field[Any], node: Node) -> bool:
+    """Tell whether a key is written as null where null means that it is absent."""
+    return isinstance(node, Scalar) and node.value is None and field.default is None
+
+
+class Reader(ScalarReader):
+    """Reads one scene; what cannot be read is BROKEN, and so is what cannot do without it.
+
+    stand_ins : what stands for keys at the top of the scene that are broken or missing.
+    """
+
+    def __init__(self, names: Names, faults: Faults, stand_ins: MappingOf[str, Any]) -> None:
+        super().__init__(names, faults)
+        self.stand_ins = stand_ins
+        self.handlers |= {
             Vector: self.vector,
-            Formula: self.formula,
+            Direction: self.direction,
             ListOf: self.list_of,
             MapOf: self.map_of,
             JointMap: partial(joint_map, self),
@@ -98,147 +114,8 @@ class Reader:
             Tagged: self.tagged,
             Either: self.either,
             OrFile: self.or_file,
-            CsvFile: self.text,
             Criteria: self.criteria,
         }
-
-    def read(self, cls: type[T], node: Node, path: Path = ()) -> T:
-        """Return an instance of the dataclass ``cls``."""
-        instance: T = self.section(Section(cls), node, path)
-        return instance
-
-    def value(self, kind: Kind, node: Node, path: Path, unit: str = "") -> Any:
-        """Return what ``node`` says, as ``kind`` wants it."""
-        return self.handlers[type(kind)](kind, node, path, unit)
-
-    def report(self, error: SceneError) -> None:
-        """Raise an error after which reading could go on."""
-        raise error
-
-    def wrong(self, kind: Kind, node: Node, path: Path, unit: str, what: str = "") -> SceneError:
-        """Return the error of a value that ``kind`` does not allow."""
-        allowed = describe(kind, unit)
-        if isinstance(node, Scalar) and node.value is None and not what:
-            return located(node, dotted(path), f"has no value; allowed: {allowed}")
-        what = what or "is not allowed here"
-        return located(node, dotted(path), f"{what} (value {describe_node(node)}); allowed: {allowed}")
-
-    @staticmethod
-    def unknown(kind: Kind, node: Scalar, path: Path, hint: str) -> SceneError:
-        """Return the error of a word that is none of the choices."""
-        return located(
-            node, dotted(path), f"unknown choice {shown(node.text)}{hint}; allowed: {describe(kind)}"
-        )
-
-    # -- scalars --------------------------------------------------------------------------------------
-    def number(self, kind: Number, node: Node, path: Path, unit: str) -> float:
-        value = self.plain_number(kind, node, path, unit, kind.angle)
-        self.check_range(kind, value, node, path, unit)
-        return value
-
-    def plain_number(self, kind: Kind, node: Node, path: Path, unit: str, angle: bool) -> float:
-        """Return a finite number, from a number or from text that is a constant formula."""
-        if not isinstance(node, Scalar) or node.value is None or isinstance(node.value, bool):
-            raise self.wrong(kind, node, path, unit)
-        if not isinstance(node.value, str):
-            return self.finite(node, path)
-        tree = self.parse(node, path, describe(kind, unit))
-        if tree.constant is None:
-            name = sorted(tree.names)[0]
-            raise self.wrong(kind, node, path, unit, f"is not a number: {name!r} stands in it")
-        if tree.degrees and not angle:
-            raise self.wrong(kind, node, path, unit, "'deg' does not fit: this is not an angle")
-        return tree.constant
-
-    def finite(self, node: Scalar, path: Path) -> float:
-        value = float(node.value) if isinstance(node.value, (int, float)) else math.nan
-        if not math.isfinite(value):
-            raise located(
-                node, dotted(path), f"is not finite (value {describe_node(node)}); allowed: a finite number"
-            )
-        return value
-
-    def check_range(self, kind: Number | Integer, value: float, node: Node, path: Path, unit: str) -> None:
-        low, high = kind.minimum, kind.maximum
-        strict = isinstance(kind, Number) and kind.exclusive
-        if low is not None and (value < low or (strict and value == low)):
-            raise self.wrong(kind, node, path, unit, "is too small")
-        if high is not None and (value > high or (strict and value == high)):
-            raise self.wrong(kind, node, path, unit, "is too large")
-
-    def integer(self, kind: Integer, node: Node, path: Path, unit: str) -> int:
-        value = self.plain_number(kind, node, path, unit, False)
-        if not value.is_integer():
-            raise self.wrong(kind, node, path, unit, "is not a whole number")
-        self.check_range(kind, value, node, path, unit)
-        return int(value)
-
-    def boolean(self, kind: Boolean, node: Node, path: Path, unit: str) -> bool:
-        if not isinstance(node, Scalar) or not isinstance(node.value, bool):
-            raise self.wrong(kind, node, path, unit)
-        return node.value
-
-    def text(self, kind: Kind, node: Node, path: Path, unit: str) -> str:
-        if isinstance(node, Scalar) and isinstance(node.value, str):
-            return node.value
-        what = "is not text; put it in quotes" if isinstance(node, Scalar) and node.value is not None else ""
-        raise self.wrong(kind, node, path, unit, what)
-
-    def name(self, kind: Name, node: Node, path: Path, unit: str) -> str:
-        if not isinstance(node, Scalar) or node.value is None:
-            raise self.wrong(kind, node, path, unit)
-        self.check_name(kind.of, node, path)
-        return node.text
-
-    def check_name(self, of: str, node: Scalar, path: Path) -> None:
-        """Refuse what cannot be a name, and words that mean something else in formulas."""
-        if not _NAME.fullmatch(node.text):
-            what = (
-                f"{shown(node.text)} cannot be the name of a {of}" if of else f"{shown(node.text)} is no name"
-            )
-            raise located(node, dotted(path), f"{what}; allowed: letters, digits, _ and -, not first a digit")
-        if of in _IN_FORMULAS and "-" in node.text:
-            message = f"{shown(node.text)}: '-' is a sign in formulas; allowed: letters, digits, _"
-            raise located(node, dotted(path), message)
-        if of in _IN_FORMULAS and node.text in fm.RESERVED:
-            raise located(
-                node, dotted(path), f"{shown(node.text)} has a meaning in formulas; choose another name"
-            )
-
-    def choice(self, kind: Choice, node: Node, path: Path, unit: str) -> str:
-        if not isinstance(node, Scalar):
-            raise self.wrong(kind, node, path, unit)
-        if node.text not in kind.options or not isinstance(node.value, str):
-            hint = did_you_mean(node.text, kind.options)
-            if not node.text:
-                raise self.wrong(kind, node, path, unit)
-            raise self.unknown(kind, node, path, hint)
-        return node.text
-
-    def formula(self, kind: Formula, node: Node, path: Path, unit: str) -> fm.Formula:
-        if not isinstance(node, Scalar) or node.value is None or isinstance(node.value, bool):
-            raise self.wrong(kind, node, path, unit)
-        if not isinstance(node.value, str):
-            return fm.Formula.number(self.finite(node, path))
-        tree = self.parse(node, path, describe(kind, unit))
-        for name in tree.names:
-            parts = name.split(".")
-            joint = parts[1] if len(parts) > 1 else name
-            if joint in self.names.fixed:
-                message = f"joint {joint!r} is fixed: it has no coordinate for a formula"
-                raise located(node, dotted(path), f"{message} (value {describe_node(node)})")
-        try:
-            tree = tree.resolve(self.joints, self.parameters, kind.variables, self.rates)
-        except SceneError as error:
-            raise located(node, dotted(path), error.message) from None
-        where = str(located(node, dotted(path), "").message).removesuffix(": ")
-        return dataclasses.replace(tree, where=where)
-
-    def parse(self, node: Scalar, path: Path, allowed: str) -> fm.Formula:
-        try:
-            return fm.parse(node.text)
-        except SceneError as error:
-            raise located(node, dotted(path), f"{error.message}; allowed: {allowed}") from None
 
     # -- collections ----------------------------------------------------------------------------------
     def vector(self, kind: Vector, node: Node, path: Path, unit: str) -> tuple[float, ...]:
@@ -251,12 +128,23 @@ class Reader:
             self.plain_number(entry, item, (*path, k), unit, kind.angle) for k, item in enumerate(node.items)
         )
 
-    def list_of(self, kind: ListOf, node: Node, path: Path, unit: str) -> tuple[Any, ...]:
+    def direction(self, kind: Direction, node: Node, path: Path, unit: str) -> tuple[float, ...]:
+        found = self.vector(kind, node, path, unit)
+        length = math.hypot(*found)
+        if length == 0.0:
+            raise located(node, dotted(path), "must not be zero (value [0, 0, 0])")
+        if not 1.0 / _LONGEST < length < _LONGEST:
+            message = f"has length {length:.3g}; allowed: a direction, such as [0, 0, 1]"
+            raise located(node, dotted(path), message)
+        return found
+
+    def list_of(self, kind: ListOf, node: Node, path: Path, unit: str) -> Any:
         if not isinstance(node, Sequence):
             raise self.wrong(kind, node, path, unit)
         if len(node.items) < kind.minimum or (kind.maximum is not None and len(node.items) > kind.maximum):
             raise self.wrong(kind, node, path, unit, _entries(node))
-        return tuple(self.value(kind.item, item, (*path, k), unit) for k, item in enumerate(node.items))
+        found = tuple(self.value(kind.item, item, (*path, k), unit) for k, item in enumerate(node.items))
+        return BROKEN if any(x is BROKEN for x in found) else found
 
     def entries_of(self, kind: Kind, node: Node, path: Path, unit: str) -> Iterable[tuple[Scalar, Node]]:
         """Return the entries of a map; one whose value is left empty has none."""
@@ -269,8 +157,11 @@ class Reader:
     def map_of(self, kind: MapOf, node: Node, path: Path, unit: str) -> dict[str, Any]:
         result = {}
         for key, item in self.entries_of(kind, node, path, unit):
-            self.check_name(kind.of, key, (*path, key.text))
-            result[key.text] = self.value(kind.item, item, (*path, key.text), unit)
+            with self.faults:
+                self.check_name(kind.of, key, (*path, key.text))
+            value = self.value(kind.item, item, (*path, key.text), unit)
+            if value is not BROKEN:
+                result[key.text] = value
         return result
 
     def criteria(self, kind: Criteria, node: Node, path: Path, unit: str) -> dict[str, Expectation]:
@@ -285,9 +176,9 @@ class Reader:
                 try:
                     result[key.text] = parse_expectation(item.value)
                 except SceneError as error:
-                    self.report(located(item, dotted(here), error.message))
+                    self.faults.report(located(item, dotted(here), error.message))
             else:
-                self.report(self.wrong(kind, item, here, unit))
+                self.faults.report(self.wrong(kind, item, here, unit))
         return result
 
     def tagged(self, kind: Tagged, node: Node, path: Path, unit: str) -> Any:
@@ -321,73 +212,49 @@ class Reader:
 
     # -- sections -------------------------------------------------------------------------------------
     def section(self, kind: Section, node: Node, path: Path, unit: str = "") -> Any:
-        fields = {f.name: f for f in dataclasses.fields(kind.cls) if "kind" in f.metadata}
-        inline = {
-            name: (f.name, registry)
-            for f in fields.values()
-            if isinstance(f.metadata["kind"], Inline)
-            for registry in (f.metadata["kind"].registry(),)
-            for name in registry
-        }
-        holders = {f.name for f in fields.values() if isinstance(f.metadata["kind"], Inline)}
-        allowed = [name for name in fields if name not in holders] + list(inline)
+        """Return an instance of the section's dataclass, or BROKEN where a value that it needs is."""
+        keys = _Keys.of(kind.cls)
         if not isinstance(node, Mapping):
-            keys = ", ".join(allowed[:_MAX_LISTED])
+            listed = ", ".join(keys.allowed[:_MAX_LISTED])
             what = "has no value" if isinstance(node, Scalar) and node.value is None else "is not a map"
-            raise located(
-                node, dotted(path), f"{what} (value {describe_node(node)}); allowed: a map with keys {keys}"
-            )
+            message = f"{what} (value {describe_node(node)}); allowed: a map with keys {listed}"
+            raise located(node, dotted(path), message)
+        values = self.section_values(keys, node, path)
+        self.check_missing(keys, values, node, path)
+        known = {name: value for name, value in values.items() if value is not BROKEN}
+        if not path:
+            known = {**self.stand_ins, **known}
+        return kind.cls(**known) if all(name in known for name in keys.needed) else BROKEN
+
+    def section_values(self, keys: _Keys, node: Mapping, path: Path) -> dict[str, Any]:
+        """Return the values by field; keys that do not exist are faults."""
         values: dict[str, Any] = {}
-        elements: dict[str, list[tuple[str, Any]]] = {holder: [] for holder in holders}
+        elements: dict[str, Any] = {}
         for key, item in node.entries:
             here = (*path, key.text)
-            if key.text not in allowed:
-                hint = did_you_mean(key.text, allowed)
-                what = f"unknown key {shown(key.text)}{hint}; allowed: {', '.join(allowed)}"
-                self.report(located(key, dotted(here), what))
-            elif key.text in inline:
-                holder, registry = inline[key.text]
-                found = self.value(Section(registry[key.text]), item, here)
-                if found is not BROKEN:
-                    elements[holder].append((key.text, found))
-            elif not self.is_default(fields[key.text], item):
-                field = fields[key.text]
+            if key.text in keys.inline:
+                elements[key.text] = self.value(Section(keys.inline[key.text][1][key.text]), item, here)
+            elif key.text not in keys.fields:
+                hint = did_you_mean(key.text, keys.allowed)
+                what = f"unknown key {shown(key.text)}{hint}; allowed: {', '.join(keys.allowed)}"
+                self.faults.report(located(key, dotted(here), what))
+            elif not _is_default(field := keys.fields[key.text], item):
                 values[key.text] = self.value(field.metadata["kind"], item, here, field.metadata["unit"])
-        self.check_missing(fields, holders, values, node, path)
-        order = list(inline)
-        for holder, pairs in elements.items():
-            # in the order of the registry, so that the order of keys in the file makes no difference
-            values[holder] = tuple(sorted(pairs, key=lambda pair: order.index(pair[0])))
-        return self.make(kind.cls, values)
+        # in the order of the registry, so that the order of keys in the file makes no difference
+        for name, (holder, _) in keys.inline.items():
+            if elements.get(name, BROKEN) is not BROKEN:
+                values[holder] = (*values.get(holder, ()), (name, elements[name]))
+        return values
 
-    def make(self, cls: type, values: dict[str, Any]) -> Any:
-        """Return the section with these values."""
-        return cls(**values)
-
-    @staticmethod
-    def is_default(field: dataclasses.Field[Any], node: Node) -> bool:
-        """Tell whether a key is written as null where null means that it is absent."""
-        return isinstance(node, Scalar) and node.value is None and field.default is None
-
-    def check_missing(
-        self,
-        fields: dict[str, dataclasses.Field[Any]],
-        holders: set[str],
-        values: dict[str, Any],
-        node: Node,
-        path: Path,
-    ) -> None:
-        needed = [
-            f.name
-            for f in fields.values()
-            if f.default is dataclasses.MISSING
-            and f.default_factory is dataclasses.MISSING
-            and f.name not in holders
-        ]
-        missing = [name for name in needed if name not in values]
+    def check_missing(self, keys: _Keys, values: dict[str, Any], node: Mapping, path: Path) -> None:
+        """Report the keys that must be there and are not; one that is misspelt has been reported already."""
+        unknown = [key.text for key, _ in node.entries if key.text not in (*keys.fields, *keys.inline)]
+        meant = [nearest_word(word, keys.allowed) for word in unknown]
+        missing = [name for name in keys.needed if name not in values and name not in meant]
         if missing:
-            keys = ", ".join(repr(name) for name in missing)
-            what = f"key{'s' * (len(missing) > 1)} {keys} {'are' if len(missing) > 1 else 'is'} missing"
-            docs = fields[missing[0]].metadata
+            listed = ", ".join(repr(name) for name in missing)
+            what = f"key{'s' * (len(missing) > 1)} {listed} {'are' if len(missing) > 1 else 'is'} missing"
+            docs = keys.fields[missing[0]].metadata
             meaning = f" ({missing[0]}: {describe(docs['kind'], docs['unit'])})"
-            self.report(located(node, dotted(path), f"{what}{meaning}; needed here: {', '.join(needed)}"))
+            needed = ", ".join(keys.needed)
+            self.faults.report(located(node, dotted(path), f"{what}{meaning}; needed here: {needed}"))

@@ -10,6 +10,7 @@ from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import (
     Choice,
+    Direction,
     Either,
     Formula,
     Inline,
@@ -47,6 +48,9 @@ class Inertia:
     yz: float | None = key(Number(), default=None, unit="kg m^2", doc="Element yz of the tensor.")
 
 
+DH = ("a", "alpha", "d", "theta")
+
+
 @record
 class Joint:
     """A joint and where it sits: by D-H parameters, or by ``origin`` and ``axis``."""
@@ -76,14 +80,14 @@ class Joint:
         doc="Placement in the parent link's frame (before any D-H parameters).",
     )
     axis: tuple[float, ...] | None = key(
-        Vector(3),
+        Direction(),
         default=None,
         unit="1",
         doc="Joint axis in the joint's own frame (without D-H parameters); of a universal joint the first one, of "
         "a planar one the normal of its plane. Not for spherical and floating joints.",
     )
     axis2: tuple[float, ...] | None = key(
-        Vector(3),
+        Direction(),
         default=None,
         unit="1",
         doc="Second axis of a universal joint, or x of a planar one, at right angles to `axis`; default: the frame's "
@@ -109,6 +113,11 @@ class Joint:
         default=(),
         doc="Joint forces: each registered kind (`friction`, `spring`, `damper`, `limits`, `gear`) is a key.",
     )
+
+    @property
+    def has_dh(self) -> bool:
+        """Whether D-H parameters place it."""
+        return any(getattr(self, name) is not None for name in DH)
 
 
 @record

@@ -10,12 +10,12 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.expr.expectation import Expectation
 from robodyn_cli.expr.formula import Formula as FormulaTree
 from robodyn_cli.forces.registry import force_types
 from robodyn_cli.loops.registry import loop_types
 from robodyn_cli.record import record
-from robodyn_cli.scene.commands import SCENE_COMMANDS
 from robodyn_cli.scene.mechanism_options import (
     AssembleOptions,
     KinematicsOptions,
@@ -210,7 +210,7 @@ class Scene:
     gravity: tuple[float, ...] = key(Vector(3), unit="m/s^2", doc="Gravity in the world frame.")
     title: str = key(Text(), default="", doc="Title of plots and reports.")
     command: str | None = key(
-        Choice(tuple(SCENE_COMMANDS)), default=None, doc="What `robodyn run` does with this file."
+        Choice(SCENE_COMMANDS), default=None, doc="What `robodyn run` does with this file."
     )
     parameters: dict[str, float] = key(
         MapOf(Number(angle=True), of="parameter"), default=None, doc="Named constants for formulas."

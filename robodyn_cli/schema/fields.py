@@ -53,7 +53,7 @@ class Text(Kind):
 class Name(Kind):
     """An identifier ([A-Za-z_][A-Za-z0-9_-]*); ``of`` says what it names.
 
-    Names of joints and parameters stand in formulas, where ``-`` is a sign, so they are made without it.
+    Names of joints and parameters are used in formulas, where ``-`` is a sign, so they are made without it.
     """
 
     of: str = ""
@@ -70,6 +70,11 @@ class Vector(Kind):
 
     size: int = 3
     angle: bool = False
+
+
+@record
+class Direction(Vector):
+    """A list of three numbers of which only the direction counts, so that they are not all zero."""
 
 
 @record

@@ -34,7 +34,7 @@ from robodyn_cli.schema.fields import (
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 NAME = r"^[A-Za-z_][A-Za-z0-9_-]*$"
-# joints and parameters stand in formulas, where '-' is a sign
+# joints and parameters are used in formulas, where '-' is a sign
 NAME_IN_FORMULAS = r"^[A-Za-z_][A-Za-z0-9_]*$"
 # what the coordinates of joints with several are called, and the forms of an attitude
 COORDINATE = r"^(q[wxyz]|[vw]?[xyz]|theta[12]?|d|xyz|rpy|quaternion|rotation_vector)$"

@@ -192,7 +192,7 @@ def extrapolate(before: State | None, now: State, h: float) -> tuple[Array, floa
     if before is None or before.t == now.t or h > 4.0 * (now.t - before.t):
         return now.q + h * (now.qd + 0.5 * h * now.qdd), None
     span = now.t - before.t
-    c = hermite(span, before.q, before.qd, before.qdd, now.q, now.qd, now.qdd)
+    c = hermite(span, (before.q, before.qd, before.qdd), (now.q, now.qd, now.qdd))
     s = 1.0 + h / span
     guess = c[0] + s * (c[1] + s * (c[2] + s * (c[3] + s * (c[4] + s * c[5]))))
     return guess, float(np.abs(c[5]).max()) * (h / span) ** 5 / 6.0

@@ -71,13 +71,17 @@ def joint_problems(
     path: tuple[str | int, ...],
     needed: Sequence[str] | None = None,
 ) -> Problems:
-    """Report joints that ``names`` lacks (of ``needed``, by default all), and names that are no moving joints."""
+    """Report names that are no moving joints; else joints that ``names`` lacks (of ``needed``, by default all)."""
     from robodyn_cli.errors import did_you_mean
 
-    for name in names:
-        if name not in joints:
-            hint = did_you_mean(name, joints)
-            yield (*path, name), f"unknown joint {name!r}{hint}; allowed: {', '.join(joints)}"
+    unknown = [name for name in names if name not in joints]
+    for name in unknown:
+        yield (
+            (*path, name),
+            f"unknown joint {name!r}{did_you_mean(name, joints)}; allowed: {', '.join(joints)}",
+        )
+    if unknown:
+        return
     needed = joints if needed is None else needed
     missing = [name for name in needed if name not in names]
     if missing:

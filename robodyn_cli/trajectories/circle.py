@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from robodyn_cli.record import record
-from robodyn_cli.schema.fields import Choice, ListOf, Number, Section, Text, Vector, key
+from robodyn_cli.schema.fields import Choice, Direction, ListOf, Number, Section, Text, key
 from robodyn_cli.trajectories.base import Ik, Problems, SceneNames, point_problems
 from robodyn_cli.trajectories.motion import Array, PointMotion
 
@@ -38,16 +38,14 @@ class CircleTrajectory:
     )
     turns: float = key(Number(), default=1.0, unit="1", doc="Number of turns; negative: the other way round.")
     normal: tuple[float, ...] = key(
-        Vector(3), default=(0.0, 0.0, 1.0), unit="1", doc="Normal of the circle's plane in the world frame."
+        Direction(), default=(0.0, 0.0, 1.0), unit="1", doc="Normal of the circle's plane in the world frame."
     )
     ik: Ik = key(Section(Ik), default=Ik(), doc="Options of the inverse kinematics.")
 
     def problems(self, scene: SceneNames) -> Problems:
         """Report what single keys cannot tell."""
         yield from point_problems(self.point, self.ik, scene)
-        if not any(self.normal):
-            yield ("normal",), "must not be zero (value [0, 0, 0])"
-        elif len(self.center) == 2 and any(self.normal[:2]):
+        if len(self.center) == 2 and any(self.normal[:2]):
             yield (
                 ("normal",),
                 f"a circle out of the x-y plane needs a centre of three numbers (value {list(self.center)})",

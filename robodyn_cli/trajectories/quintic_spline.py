@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Ends = tuple[Array, Array, Array]
 
 # (c3, c4, c5) of the quintic on [0, 1] from (q0, v0, a0, q1, v1, a1)
 _COEFFICIENTS = np.array(
@@ -28,8 +29,9 @@ _SQUARED_JERK = np.array([[36.0, 72.0, 120.0], [72.0, 192.0, 360.0], [120.0, 360
 _ENERGY = _COEFFICIENTS.T @ _SQUARED_JERK @ _COEFFICIENTS
 
 
-def hermite(h: Any, q0: Array, v0: Array, a0: Array, q1: Array, v1: Array, a1: Array) -> Array:
-    """Return the coefficients (6, ...) in s = (t - t0) / h of the quintic with these end values."""
+def hermite(h: Any, start: Ends, end: Ends) -> Array:
+    """Return the coefficients (6, ...) in s = (t - t0) / h of the quintic with (q, v, a) at its start and its end."""
+    (q0, v0, a0), (q1, v1, a1) = start, end
     ends = np.array([q0, h * v0, h * h * a0, q1, h * v1, h * h * a1])
     return np.concatenate([ends[:2], 0.5 * ends[2:3], np.tensordot(_COEFFICIENTS, ends, 1)])
 
@@ -47,7 +49,7 @@ class QuinticSpline:
     def __init__(self, t: Array, q: Array, v: Array, a: Array) -> None:
         self.t = t
         x = _least_jerk(np.diff(t), q, np.stack([v, a], axis=1))
-        ends = q[:-1], x[:-1, 0], x[:-1, 1], q[1:], x[1:, 0], x[1:, 1]
+        ends = (q[:-1], x[:-1, 0], x[:-1, 1]), (q[1:], x[1:, 0], x[1:, 1])
         self.c = hermite(np.diff(t)[:, None], *ends)  # (6, N - 1, n)
 
     def __call__(self, times: Array) -> tuple[Array, Array, Array]:

@@ -54,16 +54,13 @@ class TableTrajectory:
             return
         if self.columns[0] != "t":
             yield ("columns", 0), f"the first column must be 't' (value {self.columns[0]!r})"
-        for k, name in enumerate(self.columns):
-            if name in self.columns[:k]:
-                yield ("columns", k), f"column {name!r} stands twice"
-            elif k and name not in scene.joints:
-                yield ("columns", k), f"unknown joint {name!r}; allowed: {', '.join(scene.joints)}"
-        yield from joint_problems(self.joints, scene.joints, ("columns",), led_joints(self.joints, scene))
+        yield from self._column_problems(scene)
         for k, row in enumerate(self.rows):
             if len(row) != len(self.columns):
                 yield ("rows", k), f"has {len(row)} numbers; needed: {len(self.columns)}, one a column"
-        yield from time_problems([r[0] for r in self.rows], [("rows", k, 0) for k in range(len(self.rows))])
+        if all(self.rows):
+            places = [("rows", k, 0) for k in range(len(self.rows))]
+            yield from time_problems([row[0] for row in self.rows], places)
         least = DEGREES[self.interpolation] + 1
         if len(self.rows) < least:
             fits = " or ".join(name for name, k in DEGREES.items() if k < len(self.rows))
@@ -72,6 +69,15 @@ class TableTrajectory:
                 f"has {len(self.rows)} rows; {self.interpolation} interpolation needs {least}, "
                 f"with fewer rows use interpolation: {fits}",
             )
+
+    def _column_problems(self, scene: SceneNames) -> Problems:
+        for k, name in enumerate(self.columns):
+            if name in self.columns[:k]:
+                yield ("columns", k), f"column {name!r} appears twice"
+            elif k and name not in scene.joints:
+                yield ("columns", k), f"unknown joint {name!r}; allowed: {', '.join(scene.joints)}"
+        if set(self.joints) <= set(scene.joints):
+            yield from joint_problems(self.joints, scene.joints, ("columns",), led_joints(self.joints, scene))
 
     @property
     def joints(self) -> tuple[str, ...]:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from typer.testing import CliRunner
 
 from robodyn_cli.cli.app import app
+from robodyn_cli.run.batch.entries import listed, load
+from robodyn_cli.run.batch.entry import Entry
 
 ROOT = Path(__file__).parents[2]
 
@@ -44,6 +47,13 @@ def arm(
         encoding="utf-8",
     )
     return path
+
+
+def loaded(paths: Sequence[Path], out: Path) -> list[Entry]:
+    """Return the scenes of a batch, loaded."""
+    found = listed(paths)
+    load(found, out)
+    return found
 
 
 def words(command: str, *rest: object) -> list[str]:

@@ -10,7 +10,7 @@ from tests.cli.tool import PENDULUM, Done, files, invoke
 
 SCENE = PENDULUM + 'torques: {j1: "2*sin(t)"}\nparameters: {k: 0.1}\n'
 
-# (text that stands once, what replaces it, key, fragments of the message); the mark § is where it must point
+# (text that appears once, what replaces it, key, fragments of the message); the mark § is where it must point
 TABLE: list[tuple[str, str, str, tuple[str, ...]]] = [
     # wrong types
     ("duration: 1,", "duration: §[1],", "simulate.duration", ("list",)),

@@ -13,15 +13,15 @@ from xml.etree import ElementTree
 
 import pytest
 
-from robodyn_cli.cli.runner import EXIT
 from robodyn_cli.errors import SceneError
 from robodyn_cli.run.batch import entries as batch_entries
 from robodyn_cli.run.batch.batch import Batch
-from robodyn_cli.run.batch.criteria import EXIT_OF_STATUS
-from robodyn_cli.run.batch.entries import Entry, entries, unique_names
+from robodyn_cli.run.batch.entries import unique_names
+from robodyn_cli.run.batch.entry import Entry
 from robodyn_cli.run.batch.gather import gather
 from robodyn_cli.run.batch.reports import junit, markdown, tally
-from tests.cli.batch_scenes import ROOT, arm, robodyn, run
+from tests.cli.batch_scenes import ROOT, arm, loaded, robodyn, run
+from tests.cli.tool import environment
 
 PASSES = "expect: {status: ok, peak_torque.swing: < 100}"
 FAILS = "expect: {peak_torque.swing: < 0.1, samples: 21}"
@@ -98,7 +98,7 @@ def test_what_is_run_again(tmp_path: Path) -> None:
 def test_another_version_runs_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, out = arm(tmp_path / "a.yaml", PASSES), tmp_path / "out"
     assert run(path, "--out", out)[0] == 0
-    (entry,) = entries([path], out)
+    (entry,) = loaded([path], out)
     assert batch_entries.finished(entry, drawn=False)
     assert batch_entries.finished(entry, drawn=True) is None, "drawings were not made"
     monkeypatch.setattr(batch_entries, "__version__", "999")
@@ -161,13 +161,13 @@ def test_scenes_of_the_same_name_do_not_share_a_directory(tmp_path: Path) -> Non
 
 
 def with_worker(tmp_path: Path, code: str, count: int = 3) -> list[Entry]:
-    scenes = entries([arm(tmp_path / f"s{k}.yaml", PASSES) for k in range(count)], tmp_path / "out")
+    scenes = loaded([arm(tmp_path / f"s{k}.yaml", PASSES) for k in range(count)], tmp_path / "out")
 
     def worker(command: str, path: Path, directory: Path) -> list[str]:
         if path.stem != "s1":
             from robodyn_cli.cli.worker import command_line
 
-            return command_line(False, [], command, path, directory)
+            return command_line(True, [], command, path, directory)
         return [sys.executable, "-c", code]
 
     list(Batch(scenes, 2, worker, drawn=False, force=False).run())
@@ -192,15 +192,11 @@ def test_workers_end_with_the_batch(tmp_path: Path) -> None:
 
     path = arm(tmp_path / "long.yaml", samples=2_000_000)
     process = subprocess.Popen(
-        command_line(False, [], "inverse", path, tmp_path / "out"), stdin=subprocess.PIPE
+        command_line(True, [], "inverse", path, tmp_path / "out"), stdin=subprocess.PIPE
     )
     assert process.stdin is not None
     process.stdin.close()
     assert process.wait(30) == 130
-
-
-def test_exit_codes_are_those_of_the_commands() -> None:
-    assert EXIT_OF_STATUS == EXIT
 
 
 # -- reports ---------------------------------------------------------------------------------------------
@@ -295,3 +291,32 @@ def test_interrupted(tmp_path: Path) -> None:
     # a worker may have been at its last word just then: what is there is whole
     found = {path.parents[1].name: read(path).status for path in (tmp_path / "out").rglob("result.h5")}
     assert "short" in found and set(found.values()) == {"ok"}
+
+
+@posix
+def test_interrupted_before_the_first_scene_runs(tmp_path: Path) -> None:
+    """The report says of each scene that it was not done."""
+    arm(tmp_path / "a.yaml")
+    arm(tmp_path / "b.yaml")
+    code = """
+import os, signal, sys
+import robodyn_cli.run.batch.entries as entries
+from robodyn_cli.cli import interrupts
+from robodyn_cli.cli.app import run
+whole = entries.load_scene
+def interrupted(*arguments):
+    os.kill(os.getpid(), signal.SIGINT)
+    return whole(*arguments)
+entries.load_scene = interrupted
+interrupts.leave_at_once()
+interrupts.end(run(sys.argv[1:]))
+"""
+    xml = tmp_path / "junit.xml"
+    words = ["run", str(tmp_path), "--out", str(tmp_path / "out"), "--junit", str(xml), "--json"]
+    done = subprocess.run(
+        [sys.executable, "-c", code, *words], capture_output=True, text=True, env=environment()
+    )
+    assert done.returncode == 130 and done.stderr == "robodyn: error: interrupted\n"
+    assert json.loads(done.stdout)["error"]["exit_code"] == 130
+    suite = ElementTree.parse(xml).getroot()[0]
+    assert (suite.get("tests"), suite.get("skipped"), suite.get("errors")) == ("2", "2", "0")

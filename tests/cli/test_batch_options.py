@@ -11,17 +11,18 @@ from xml.etree import ElementTree
 
 import pytest
 
+from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.batch import batch as batch_module
 from robodyn_cli.run.batch.batch import Batch
 from robodyn_cli.run.batch.criteria import Outcome
-from robodyn_cli.run.batch.entries import Entry, entries
+from robodyn_cli.run.batch.entry import Entry
 from robodyn_cli.run.batch.reports import junit
+from robodyn_cli.run.commands import execute, functions
 from robodyn_cli.run.progress import Progress
-from robodyn_cli.scene.commands import SCENE_COMMANDS
 from robodyn_cli.scene.types import Scene
-from tests.cli.batch_scenes import arm, robodyn, run
+from tests.cli.batch_scenes import arm, loaded, robodyn, run
 from tests.cli.tool import PENDULUM
 from tests.cli.tool import invoke as validated
 
@@ -84,7 +85,7 @@ def test_a_scene_over_its_time(tmp_path: Path) -> None:
 def test_one_that_does_not_listen_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(batch_module, "GRACE", 0.3)
     deaf = "import signal, time; signal.signal(signal.SIGINT, signal.SIG_IGN); time.sleep(60)"
-    scenes = entries([arm(tmp_path / "a.yaml", PASSES)], tmp_path / "out")
+    scenes = loaded([arm(tmp_path / "a.yaml", PASSES)], tmp_path / "out")
     start = time.monotonic()
     list(Batch(scenes, 1, lambda *_: [sys.executable, "-c", deaf], False, False, timeout=0.5).run())
     assert scenes[0].exit_code == 3 and time.monotonic() - start < 10.0
@@ -120,27 +121,19 @@ def test_quiet_prints_errors_alone(tmp_path: Path) -> None:
 
 # -- commands --------------------------------------------------------------------------------------------
 def test_the_commands_of_scenes_exist(tmp_path: Path) -> None:
-    import importlib
-
-    from robodyn_cli.cli.app import app
-
-    names = {command.name for command in app.registered_commands}
-    for name, entry in SCENE_COMMANDS.items():
-        assert name in names
-        assert callable(getattr(importlib.import_module(entry.module), entry.function))
-    (entry_of_none,) = entries([arm(tmp_path / "a.yaml", command="")], tmp_path / "out")
+    for name in SCENE_COMMANDS:
+        assert functions[name].__name__ == name
+    (entry_of_none,) = loaded([arm(tmp_path / "a.yaml", command="")], tmp_path / "out")
     assert entry_of_none.message.endswith(f"allowed: {', '.join(SCENE_COMMANDS)}")
 
 
 def test_an_analysis_is_a_command_of_a_scene_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from robodyn_cli.run.commands import execute
-    from robodyn_cli.run.numerics import stability
     from robodyn_cli.run.stopwatch import Stopwatch
 
     path = tmp_path / "swing.yaml"
     path.write_text(PENDULUM + "command: stability\n")
     assert validated("validate", tmp_path).code == 0
-    (entry,) = entries([path], tmp_path / "out")
+    (entry,) = loaded([path], tmp_path / "out")
     assert entry.command == "stability" and entry.scene is not None
     given = {}
 
@@ -149,7 +142,7 @@ def test_an_analysis_is_a_command_of_a_scene_too(tmp_path: Path, monkeypatch: py
             given["scene"] = scene
         return Result("stability", "", "ok", scene.text)
 
-    monkeypatch.setattr(stability, "stability", stand_in)
+    monkeypatch.setitem(functions, "stability", stand_in)
     watch = Stopwatch()
     assert execute("stability", entry.scene, lambda done, total: None, watch).status == "ok"
     assert given["scene"] is entry.scene and "stability" in watch.report()

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from robodyn_cli.cli.app import app
 from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.runner import run_scene
+from robodyn_cli.cli.runner import SceneRun, run_scene
 from robodyn_cli.scene.load import load_scene
 from tests.cli.batch_scenes import arm
 
@@ -28,7 +28,7 @@ def make(path: Path, **kind: Any) -> Path:
     scene = arm(path, **kind)
     quiet = Console(quiet=True)
     directory = path.with_suffix("")
-    assert run_scene("inverse", scene, directory, None, True, False, quiet, lambda _: "") == 0
+    assert run_scene(SceneRun("inverse", scene, directory, no_plots=True), quiet, lambda _: "") == 0
     return directory
 
 

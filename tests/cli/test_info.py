@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -94,3 +95,10 @@ def test_drawing(tmp_path: Path) -> None:
 @pytest.mark.parametrize("at", ["q=[1]", "q", "theta3=1", "q=[1, 2", "q.theta1=x", "q=1"])
 def test_what_is_no_state(at: str) -> None:
     assert invoke(CONFIGS / "2r_circle.yaml", "--no-plots", "--at", at)[0] == 2
+
+
+def test_the_state_is_said_back_with_its_units() -> None:
+    """Who means degrees and does not write them sees it."""
+    _, text = invoke(CONFIGS / "2r_circle.yaml", "--no-plots", "--at", "theta1=60", "--at", "theta2=60 deg")
+    assert re.search(r"^  state +theta1 60 rad, theta2 1\.0472 rad$", text, re.MULTILINE)
+    assert re.search(r"^  rates +theta1 0 rad/s, theta2 0 rad/s$", text, re.MULTILINE)

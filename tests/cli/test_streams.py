@@ -8,13 +8,14 @@ import pty
 import re
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 
 import pytest
 
 from robodyn_cli.results.hdf5 import read
-from tests.cli.tool import CONFIGS, PENDULUM, Done, environment, files, invoke, run, start
+from tests.cli.tool import COMMAND, CONFIGS, PENDULUM, Done, environment, files, invoke, run, start
 
 # a run of minutes: long enough to be stopped in the middle on any machine
 LONG = ["--set", "simulate.duration=1e8", "--set", "simulate.samples=3", "--no-plots"]
@@ -80,13 +81,61 @@ def test_a_reader_that_goes_away_changes_nothing(options: list[str], scene: Path
 
 @pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
 def test_closed_streams(closed: str, scene: Path) -> None:
-    import sys
-
     line = f"{sys.executable} -m robodyn_cli simulate {scene} --no-plots {closed}"
     done = subprocess.run(
         line, shell=True, cwd=scene.parent, env=environment(), capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+@pytest.mark.parametrize("words", [["--help"], ["simulate", "--help"], ["--version"], ["schema"], ["--show-completion", "bash"]], ids=" ".join)  # fmt: skip
+def test_74_help_that_cannot_be_written(words: list[str]) -> None:
+    with open("/dev/full", "w") as full:
+        done = run(*words, stdout=full)
+    assert done.code == 74 and done.err.startswith("robodyn: error: cannot write to standard output: ")
+    assert done.err.count("\n") == 1
+
+
+def test_help_for_a_reader_that_goes_away() -> None:
+    read_end, write_end = os.pipe()
+    os.close(read_end)
+    process = start("--help", stdout=write_end)
+    os.close(write_end)
+    _, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (0, "")
+
+
+# -- letters -----------------------------------------------------------------------------------------------
+ACCENTED = PENDULUM.replace("title: Pendulum", "title: Pendel in M\u00fcnchen, \u00b5m")
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
+def test_letters_that_the_terminal_has_not(encoding: str, scene: Path) -> None:
+    scene.write_text(ACCENTED, encoding="utf-8")
+    words = ["simulate", str(scene), "--no-plots"]
+    process = subprocess.run(
+        [*COMMAND, *words], cwd=scene.parent, capture_output=True, env=environment(PYTHONIOENCODING=encoding)
+    )
+    assert process.returncode == 0, process.stderr
+    line = process.stdout.decode(encoding).splitlines()[0]
+    assert line == (
+        "Pendel in M\\xfcnchen, \\xb5m" if encoding == "ascii" else "Pendel in M\u00fcnchen, \u00b5m"
+    )
+    process = subprocess.run(
+        [*COMMAND, *words, "--json"],
+        cwd=scene.parent,
+        capture_output=True,
+        env=environment(PYTHONIOENCODING=encoding),
+    )
+    assert json.loads(process.stdout.decode(encoding))["title"] == "Pendel in M\u00fcnchen, \u00b5m"
+
+
+def test_drawings_under_the_backend_of_a_notebook(scene: Path, tmp_path: Path) -> None:
+    """It is not installed beside the program, and would be refused."""
+    backend = environment(MPLBACKEND="module://no_such_package.backend")
+    done = run("simulate", scene, "--out", tmp_path / "out", env=backend)
+    assert done.code == 0 and "joint_angles.png" in files(tmp_path / "out"), done.err
 
 
 # -- progress ----------------------------------------------------------------------------------------------
@@ -185,21 +234,55 @@ def test_an_interrupt_during_a_deployment(tmp_path: Path) -> None:
     assert done.code == 130 and waited < 5.0 and files(out) == set()
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.1, 0.25])
-def test_an_early_interrupt_has_no_traceback(delay: float, scene: Path) -> None:
-    """Also while the program is still being loaded; before that it is Python's own affair."""
+@pytest.mark.parametrize("delay", [0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5])
+def test_an_early_interrupt(delay: float, scene: Path) -> None:
+    """While the program is still being loaded there is one line and the JSON too; before that it is Python's affair."""
     code = "import robodyn_cli.cli.main as m; print('up', flush=True); m.main()"
-    import sys
-
     process = subprocess.Popen(
-        [sys.executable, "-c", code, "simulate", str(scene), *LONG], cwd=scene.parent, text=True, env=environment(),
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        [sys.executable, "-c", code, "simulate", str(scene), *LONG, "--json"], cwd=scene.parent, text=True,
+        env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
     assert process.stdout is not None and process.stdout.readline() == "up\n"
-    time.sleep(0.01 + delay)
+    time.sleep(delay)
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == 130 and "Traceback" not in err
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (130, "robodyn: error: interrupted\n")
+    error = {"kind": "KeyboardInterrupt", "message": "interrupted", "exit_code": 130}
+    assert json.loads(out) == {"status": "failed", "error": error}
+
+
+SLOW = """
+import sys, time
+try:
+    print("importing", flush=True)
+    time.sleep(0.5)
+except BaseException:
+    pass  # as some compiled modules do
+"""
+
+
+def test_an_interrupt_during_an_import_is_not_lost(tmp_path: Path) -> None:
+    (tmp_path / "slow.py").write_text(SLOW)
+    code = """
+import sys
+from robodyn_cli.cli import interrupts
+from robodyn_cli.cli.console import guarded
+def command():
+    interrupts.tidy_up_first()
+    import slow, time
+    time.sleep(30)
+interrupts.leave_at_once()
+interrupts.end(guarded(command)())
+"""
+    env = environment()
+    env["PYTHONPATH"] += f"{os.pathsep}{tmp_path}"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], env=env, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    assert process.stdout is not None and process.stdout.readline() == "importing\n"
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=20)
+    assert (process.returncode, err) == (130, "robodyn: error: interrupted\n")
 
 
 @pytest.mark.parametrize("kill", [signal.SIGKILL, signal.SIGTERM])

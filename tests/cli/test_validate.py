@@ -12,9 +12,8 @@ from typer.testing import CliRunner
 
 from robodyn_cli.cli.app import app
 from robodyn_cli.errors import SceneError
-from robodyn_cli.run.batch.findings import worst
-from robodyn_cli.scene.collect import examine
-from robodyn_cli.scene.load import load_scene
+from robodyn_cli.exit_codes import worst
+from robodyn_cli.scene.load import examine, load_scene
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -79,7 +78,7 @@ def test_all_errors_at_once(tmp_path: Path) -> None:
     assert [match.group(1) for match in found if match] == PLACES
     with pytest.raises(SceneError) as first:
         load_scene(path)
-    assert first.value.message.startswith(f"{path}:12:27:"), "the reader of files comes first"
+    assert first.value.message.startswith(f"{path}:{PLACES[0]}: ")
 
 
 def test_errors_between_keys_come_with_those_of_single_keys(tmp_path: Path) -> None:
@@ -101,7 +100,7 @@ def test_no_error_follows_from_another(tmp_path: Path) -> None:
     assert [error.details["key"] for error in examine(path).errors] == ["robot"]
 
 
-def test_the_first_error_collected_is_one_that_the_loader_raises(tmp_path: Path) -> None:
+def test_the_loader_raises_the_first_error_of_all(tmp_path: Path) -> None:
     for old, new in (("schema: 1", "schema: 2"), ("point: tip", "point: tap"), ("radius: 0.2", "")):
         path = changed(tmp_path, "2r_circle", (old, new))
         errors = examine(path).errors

@@ -13,11 +13,10 @@ from hypothesis import strategies as st
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.formula import parse
 from robodyn_cli.scene import load_scene, load_scene_text
-from robodyn_cli.scene.emit import emit
-from robodyn_cli.scene.nodes import Node, Scalar, Source, mapping, scalar, sequence
-from robodyn_cli.scene.yaml_nodes import compose
+from robodyn_cli.scene.text.emit import emit
+from robodyn_cli.scene.text.nodes import Node, Scalar, Source, mapping, scalar, sequence
 from tests.numeric import examples
-from tests.unit.scene_text import plain
+from tests.unit.scene_text import composed, plain
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 TEXTS = [load_scene(path).text for path in sorted(CONFIGS.glob("*.yaml"))]
@@ -275,7 +274,7 @@ def node_of(value: Any) -> Node:
 @examples(300)
 def test_every_tree_can_be_written(tree: Any) -> None:
     text = emit(node_of(tree))
-    again = compose(text, Source("x", "."))
+    again = composed(text)
     assert plain(again) == tree
     assert repr(plain(again)) == repr(tree)  # 1 and 1.0 and true are different values
     assert emit(again) == text

@@ -8,7 +8,9 @@ import pytest
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.scene import load_scene_text
-from robodyn_cli.scene.nodes import Mapping, Node, Scalar, Sequence
+from robodyn_cli.scene.text.faults import Faults
+from robodyn_cli.scene.text.nodes import Mapping, Node, Scalar, Sequence, Source
+from robodyn_cli.scene.text.yaml_nodes import compose
 
 FILE = "bad.yaml"
 MARK = "§"
@@ -43,6 +45,14 @@ def plain(node: Node) -> Any:
         return [plain(item) for item in node.items]
     assert isinstance(node, Scalar)
     return node.value
+
+
+def composed(text: str) -> Node:
+    """Return the tree of a YAML text that has no faults."""
+    faults = Faults()
+    root = compose(text, Source("test.yaml", "."), faults)
+    assert not faults.found
+    return root
 
 
 def spoiled(old: str, new: str, scene: str = SCENE) -> str:

@@ -167,8 +167,7 @@ def test_start_up_imports(arguments: list[str], absent: set[str], tmp_path: Path
     printed = subprocess.run(command, check=True, cwd=ROOT, stdout=subprocess.PIPE, text=True).stdout
     loaded = set(printed.split())
     assert "robodyn_cli.cli.runner" in loaded
-    # typer is for help and mistakes, see cli/quick.py
-    assert not (absent | {"scipy", "typer", "click", "pydantic"}) & loaded
+    assert not (absent | {"scipy", "rich"}) & loaded
 
 
 def test_pages_show_tables_of_scripts_that_exist(tmp_path: Path) -> None:

@@ -251,7 +251,7 @@ def test_functions_of_samples_take_no_time() -> None:
         ("[{name: t, type: torsional_spring, between: [base.origin, cart.com], stiffness: 1, axis: [0, 0, 0]}]", "zero"),
         ("[{name: s, type: rope, between: [base.origin, cart.com]}]", "torsional_spring"),
         ("[{name: s, type: constant_force, between: [base.origin, cart.com], force: 1}, "
-         "{name: s, type: constant_force, between: [base.origin, cart.com], force: 1}]", "stands twice"),
+         "{name: s, type: constant_force, between: [base.origin, cart.com], force: 1}]", "appears twice"),
     ],
 )  # fmt: skip
 def test_bad_input_says_where_and_what(forces: str, words: str) -> None:

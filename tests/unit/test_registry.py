@@ -57,12 +57,9 @@ def test_a_registry_is_a_map() -> None:
 
 CODE = """
 import sys
-from robodyn_cli.cli.main import main
-sys.argv = ["robodyn", *sys.argv[1:]]
-try:
-    main()
-except SystemExit as end:
-    assert not end.code, end.code
+from robodyn_cli.cli.app import run
+code = run(sys.argv[1:])
+assert code == 0, code
 print(*sys.modules)
 """
 

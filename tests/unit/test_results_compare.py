@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from robodyn_cli.results import catalogue
 from robodyn_cli.results.compare import compare
+from robodyn_cli.results.hdf5 import read, write
 from robodyn_cli.results.result import Result
 from tests.unit.synthetic_results import inverse_result
 
@@ -126,3 +129,29 @@ def test_events_are_compared_by_order_and_time() -> None:
     assert worst.verdict == "shape" and "impact of hinge instead of slip of hinge" in worst.detail
     del result.events[1]
     assert compare(result, baseline).differences[0].detail == "1 events instead of 2"
+
+
+def test_datasets_without_numbers_are_compared_entry_by_entry(tmp_path: Path) -> None:
+    """Text, truth values and whatever else HDF5 holds, in a file that somebody has added to."""
+    import h5py
+
+    def stored(name: str, add: Mapping[str, Any]) -> Result:
+        path = write(inverse_result(), tmp_path / name)
+        with h5py.File(path, "r+") as file:
+            for key, data in add.items():
+                file[key] = data
+        return read(path)
+
+    text = {"notes/who": ["Ada", "Emmy"], "flag": np.array([True, False])}
+    baseline = stored("a.h5", text)
+    same = {item.path: item.verdict for item in compare(stored("b.h5", text), baseline).differences}
+    assert same["notes/who"] == same["flag"] == "equal"
+    for key, changed, verdict in (
+        ("notes/who", ["Ada", "Emma"], "entries"),
+        ("notes/who", ["Ada"], "shape"),
+        ("flag", np.array([True, True]), "entries"),
+    ):
+        found = compare(stored("c.h5", {**text, key: changed}), baseline)
+        assert not found.agrees
+        assert (found.differences[0].path, found.differences[0].verdict) == (key, verdict)
+    assert not compare(read(write(inverse_result(), tmp_path / "d.h5")), baseline).agrees

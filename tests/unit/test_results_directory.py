@@ -11,9 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from robodyn_cli.errors import OutputError
+from robodyn_cli.errors import DirectoryInUseError, OutputError
 from robodyn_cli.report import draw_all, plot_files
-from robodyn_cli.results.errors import DirectoryInUseError
 from robodyn_cli.results.hdf5 import write
 from robodyn_cli.results.output_dir import OutputDirectory
 from tests.unit.synthetic_results import inverse_result
@@ -53,14 +52,14 @@ def test_old_outputs_go_and_foreign_files_stay(tmp_path: Path) -> None:
         out.record(draw_all(inverse_result(), target))
         out.write_summary({"status": "ok"})
     assert "torques.png" in names(target)
-    for name in ("mine.png", "data.csv", "energy.png"):
+    for name in ("mine.png", "data.csv", "energy.png", "listed.png"):
         (target / name).write_bytes(b"mine")
     listing = json.loads((target / "summary.json").read_text())
-    listing["outputs"] += ["../outside.png", str(outside), "data.csv", ".", "", 3]
+    listing["outputs"] += ["listed.png", "energy.png", "../outside.png", str(outside), "data.csv", ".", "", 3]
     (target / "summary.json").write_text(json.dumps(listing))
     (target / ".result.h5.1-00.robodyn-tmp").write_bytes(b"left by a kill")
     with OutputDirectory(target, plot_files()):
-        assert names(target) == {"mine.png", "data.csv", "energy.png"}
+        assert names(target) == {"mine.png", "data.csv", "energy.png", "listed.png"}
     assert outside.read_bytes() == b"mine"
 
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import time
 import tracemalloc
 from pathlib import Path
 
@@ -10,10 +13,10 @@ import h5py
 import numpy as np
 import pytest
 
-from robodyn_cli.errors import OutputError
+from robodyn_cli.errors import OutputError, ResultFileError
 from robodyn_cli.results import catalogue
-from robodyn_cli.results.errors import ResultFileError
 from robodyn_cli.results.hdf5 import ResultWriter, read, write
+from robodyn_cli.results.hdf5.trial import survive
 from robodyn_cli.results.result import Result
 from tests.unit.synthetic_results import four_bar_result, inverse_result
 
@@ -296,3 +299,44 @@ def test_a_missing_directory_is_an_output_error(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="none") as caught:
         write(inverse_result(), tmp_path / "none" / "r.h5")
     assert caught.value.exit_code == 74
+
+
+DAMAGED = 120
+
+
+def test_damage_anywhere_is_an_error_with_a_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ten bytes at random places are spoilt: the result is read, or refused; the library's endless loops are ended."""
+    monkeypatch.setattr("robodyn_cli.results.hdf5.reader.SECONDS", 1.0)
+    good = write(inverse_result(), tmp_path / "good.h5").read_bytes()
+    rng = np.random.default_rng(1)
+    path = tmp_path / "damaged.h5"
+    refused = 0
+    for k in range(DAMAGED):
+        data = bytearray(good)
+        start = int(rng.integers(len(data) - 10))
+        data[start : start + 10] = b"\xff" * 10 if k % 2 else rng.bytes(10)
+        path.write_bytes(data)
+        try:
+            read(path)
+        except ResultFileError as error:
+            assert str(path) in error.message
+            refused += 1
+    assert 0 < refused < DAMAGED
+
+
+def test_an_endless_loop_and_a_crash_in_the_library_are_errors() -> None:
+    def crash() -> None:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    with pytest.raises(TimeoutError, match="does not end"):
+        survive(lambda: time.sleep(60), 0.05)
+    with pytest.raises(RuntimeError, match="crashes on it .SIGKILL"):
+        survive(crash, 10.0)
+    survive(lambda: 1 / 0, 10.0)
+
+
+def test_a_pipe_is_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.h5")
+    for path in (tmp_path / "pipe.h5", Path("/dev/zero")):
+        with pytest.raises(ResultFileError, match="pipe or a device"):
+            read(path)

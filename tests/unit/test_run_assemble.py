@@ -55,6 +55,27 @@ def test_levels_and_what_is_held() -> None:
     assert applicable(result) == ["mechanism"]
 
 
+def test_a_loop_that_binds_nothing() -> None:
+    """A plane in which the arm moves anyway: no row of the closure has a say."""
+    result = of(
+        """
+gravity: [0, -9.81, 0]
+robot:
+  joints:
+    - {name: a, type: revolute, axis: [0, 0, 1]}
+    - {name: b, type: revolute, axis: [0, 0, 1], origin: {xyz: [1, 0, 0]}}
+  links:
+    - {name: l, mass: 1, com: [0.5, 0, 0], inertia: {zz: 0.1}}
+    - {name: m, mass: 1, com: [0.5, 0, 0], inertia: {zz: 0.1}}
+loops: [{name: table, type: planar, between: [base.origin, m.com], axis: [0, 0, 1]}]
+initial: {q: {a: 0.2, b: 0.3}}
+"""
+    )
+    assert result.summary["configuration"] == {"a": 0.2, "b": 0.3}
+    assert set(result.summary["residual"].values()) == {0.0}
+    assert result.summary["mobility"]["actual"] == 2
+
+
 def test_branches_of_planar_mechanisms_are_complete() -> None:
     """Each dyad closes in two ways; the squeezer has three of them, whose circles do not always meet."""
     slider = of(SLIDER, "assemble.branches=true")

@@ -402,6 +402,32 @@ def test_unknown_data_are_named() -> None:
         run(bare("com: [0.5, 0, 0], inertia: {zz: 0.1}", SOLID))
 
 
+@pytest.mark.parametrize(
+    ("joint", "gravity", "given"),
+    [
+        ("type: prismatic, axis: [1, 0, 0]", "[0, -9.81, 0]", ""),
+        ("type: prismatic, axis: [0, 1, 0]", "[0, -9.81, 0]", ""),
+        ("type: prismatic, axis: [1, 2, 2]", "[3, -9.81, 2]", ""),
+        ("type: revolute, axis: [0, 0, 1]", "[0, 0, -9.81]", ", inertia: {zz: 0.1}, com: [0, 0, 0]"),
+    ],
+)
+def test_data_that_the_motion_does_without_need_not_be_given(joint: str, gravity: str, given: str) -> None:
+    """A cart has a mass and no more: where its centre lies shifts the potential energy by a constant."""
+    text = f"""
+gravity: {gravity}
+robot:
+  joints: [{{name: x, {joint}}}]
+  links: [{{name: cart, mass: 2{given}}}]
+initial: {{q: {{x: 0.1}}, qd: {{x: 0.3}}}}
+simulate: {{duration: 0.5, samples: 11}}
+"""
+    found = run(text)
+    whole = run(text.replace("mass: 2", "mass: 2, com: [0.4, 0.5, 0.6]") if not given else text)
+    assert np.abs(found["q"] - whole["q"]).max() < 1e-12
+    energy, other = found["energy/total"], whole["energy/total"]
+    assert np.abs(np.ptp(energy)) < 1e-9 and np.abs((energy - energy[0]) - (other - other[0])).max() < 1e-9
+
+
 def test_the_parallelogram_stops_at_its_flat_pose_unless_told_to_pass() -> None:
     scene = CONFIGS / "parallelogram.yaml"
     with pytest.raises(SingularConfigurationError) as caught:

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.errors import SceneError
 from robodyn_cli.scene import load_scene, load_scene_text
-from robodyn_cli.scene.commands import SCENE_COMMANDS
 from robodyn_cli.scene.types import Link, Scene
 
 CONFIGS = Path(__file__).parents[2] / "configs"

@@ -144,7 +144,7 @@ def test_broken_yaml_and_duplicates_in_an_included_file(tmp_path: Path) -> None:
     path = write(tmp_path, scene_yaml=SCENE, parts__robot_yaml="joints: [")
     assert refuse(path).message.startswith(f"{name}:2:1: robot: this is not YAML")
     path = write(tmp_path, scene_yaml=SCENE, parts__robot_yaml="joints: []\njoints: []\n")
-    assert refuse(path).message.startswith(f"{name}:2:1: robot.joints: key 'joints' stands twice")
+    assert refuse(path).message.startswith(f"{name}:2:1: robot.joints: key 'joints' appears twice")
     path = write(tmp_path, scene_yaml=SCENE, parts__robot_yaml="")
     assert refuse(path).message.startswith(f"{name}:1:1: robot: there is nothing in it")
     path = write(tmp_path, scene_yaml=SCENE, parts__robot_yaml="[1, 2]")

@@ -179,7 +179,7 @@ def test_missing_file_is_the_options_fault(tmp_path: Path) -> None:
         ("titel=null", "titel", "unknown key 'titel'"),
         ("simulate.rtoll=null", "simulate.rtoll", "unknown key 'rtoll'"),
         ("title=[1", "title", "this is not YAML"),
-        ("title={a: 1, a: 2}", "title.a", "stands twice"),
+        ("title={a: 1, a: 2}", "title.a", "appears twice"),
         ("title=!!python/name:os.system x", "title", "not allowed"),
         ("title=*x", "title", "no anchor &x"),
         ("title=1\n--- 2", "title", "second document"),
@@ -188,7 +188,7 @@ def test_missing_file_is_the_options_fault(tmp_path: Path) -> None:
         ("simulate.rtoll=1", "simulate.rtoll", "did you mean 'rtol'?"),
         ("nothing.at.all=1", "nothing", "unknown key 'nothing'"),
         ("robot.joints.0.aa=1", "robot.joints.0.aa", "did you mean 'a'?"),
-        ("robot.joints.j1.a=x", "robot.joints.0.a", "'x' stands in it"),
+        ("robot.joints.j1.a=x", "robot.joints.0.a", "'x' is part of it"),
         (
             "robot.joints.j9.a=1",
             "robot.joints",

@@ -164,7 +164,7 @@ BAD = {
     "map for number": ("a: 1.0", "a: §{b: 1}", "robot.joints.0.a", "a map"),
     "words for number": ("a: 1.0", "a: §one metre", "robot.joints.0.a", "column 5", "'one metre'"),
     "unit for number": ("a: 1.0", "a: §1.0 m", "robot.joints.0.a", "unexpected 'm'"),
-    "name in number": ("a: 1.0", "a: §k", "robot.joints.0.a", "is not a number: 'k' stands in it"),
+    "name in number": ("a: 1.0", "a: §k", "robot.joints.0.a", "is not a number: 'k' is part of it"),
     "deg for a length": ("a: 1.0", "a: §10 deg", "robot.joints.0.a", "this is not an angle"),
     "deg for gravity": ("-9.81", "§-9.81 deg", "gravity.1", "this is not an angle"),
     "nan": ("-9.81", "§.nan", "gravity.1", "is not finite"),
@@ -217,7 +217,7 @@ BAD = {
     # collections
     "short vector": ("[0, -9.81, 0]", "§[0, -9.81]", "gravity", "has 2 entries", "a list of 3 numbers"),
     "number for vector": ("[0, -9.81, 0]", "§9.81", "gravity", "a list of 3 numbers [m/s^2]"),
-    "text in vector": ("[0, -9.81, 0]", "[0, 0, §z]", "gravity.2", "'z' stands in it"),
+    "text in vector": ("[0, -9.81, 0]", "[0, 0, §z]", "gravity.2", "'z' is part of it"),
     "map for list": ("", "loops: §{name: pin}", "loops", "allowed: a list of"),
     "short list": ("", "deploy: {latch: {between: §[l1]}}", "deploy.latch.between", "has 1 entry", "2 names"),
     "long list": ("", "deploy: {latch: {between: §[l1, l2, l3]}}", "deploy.latch.between", "has 3 entries"),

@@ -118,17 +118,22 @@ BAD = {
     ),
     "table width": (
         "",
-        TABLE.format("[t, j1, j2]", "[[0, 0, 0], §[1, 1]]"),
+        TABLE.format("[t, j1, j2]", "[[0, 0, 0], §[1, 1]], interpolation: linear"),
         "trajectory.rows.1",
         "has 2 numbers; needed: 3",
     ),
     "rows in disorder": (
         "",
-        TABLE.format("[t, j1, j2]", "[[0, 0, 0], [1, 1, 1], [§1, 0, 0]]"),
+        TABLE.format("[t, j1, j2]", "[[0, 0, 0], [1, 1, 1], [§1, 0, 0]], interpolation: linear"),
         "trajectory.rows.2.0",
         "times must increase",
     ),
-    "empty row": ("", TABLE.format("[t, j1, j2]", "[§[], [1, 1, 1]]"), "trajectory.rows.0", "has 0 numbers"),
+    "empty row": (
+        "",
+        TABLE.format("[t, j1, j2]", "[§[], [1, 1, 1]], interpolation: linear"),
+        "trajectory.rows.0",
+        "has 0 numbers",
+    ),
 }
 
 

@@ -11,19 +11,19 @@ PIN = "loops: [{{name: pin, type: revolute, between: [{}]}}]"
 
 BAD = {
     # names
-    "joint twice": ("{name: j2, type", "{name: §j1, type", "robot.joints.1.name", "joint 'j1' stands twice"),
+    "joint twice": ("{name: j2, type", "{name: §j1, type", "robot.joints.1.name", "joint 'j1' appears twice"),
     "link twice": (
         "{name: l2, mass: 1}",
         "{name: §l1, mass: 1}",
         "robot.links.1.name",
-        "link 'l1' stands twice",
+        "link 'l1' appears twice",
     ),
     "loop twice": (
         "",
         "loops:\n  - {name: a, type: revolute, between: [l1.end, l2.end]}\n"
         "  - {name: §a, type: revolute, between: [l1.end, l2.end]}",
         "loops.1.name",
-        "loop 'a' stands twice",
+        "loop 'a' appears twice",
     ),
     "link called base": ("{name: l3, ", "{name: §base, ", "robot.links.2.name", "is the ground"),
     "parameter is a joint": ("{k: 0.1}", "{§j1: 0.1}", "parameters.j1", "is a joint already"),
@@ -88,6 +88,13 @@ BAD = {
     ),
     "axis beside D-H": ("a: 1.0", "a: 1.0, §axis: [0, 0, 1]", "robot.joints.0.axis", "D-H parameter 'a'"),
     "zero axis": ("a: 1.0, alpha: 0, d: 0", "axis: §[0, 0, 0]", "robot.joints.0.axis", "must not be zero"),
+    "axis too short": (
+        "a: 1.0, alpha: 0, d: 0",
+        "axis: §[0, 0, 1e-300]",
+        "robot.joints.0.axis",
+        "has length 1e-300",
+    ),
+    "axis too long": ("a: 1.0, alpha: 0, d: 0", "axis: §[1e300, 0, 1]", "robot.joints.0.axis", "a direction"),
     "no placement": (
         "{name: j1, type: revolute, a: 1.0, alpha: 0, d: 0}",
         "§{name: j1, type: revolute}",
@@ -209,7 +216,7 @@ BAD = {
     ),
     "torque and prescribed": ("torques: {", "prescribed: {j1: t}\ntorques: {§", "torques.j1", "prescribed"),
     "prescribed no joint": ("", "prescribed: {§jj: t}", "prescribed.jj", "unknown joint"),
-    "actuated twice": ("", "actuated: [j1, §j1]", "actuated.1", "stands twice"),
+    "actuated twice": ("", "actuated: [j1, §j1]", "actuated.1", "appears twice"),
     "table times": (
         "{j1: 1}",
         "{j1: {table: [[0, 1], [§0, 2]]}}",
@@ -219,7 +226,7 @@ BAD = {
     "initial q": ("{q: {j1: 0.1}}", "{q: {§j11: 0.1}}", "initial.q.j11", "did you mean 'j1'"),
     "initial qd": ("{q: {j1: 0.1}}", "{qd: {§x: 0.1}}", "initial.qd.x", "unknown joint"),
     "hold": ("{q: {j1: 0.1}}", "{hold: [§x]}", "initial.hold.0", "unknown joint"),
-    "hold twice": ("{q: {j1: 0.1}}", "{hold: [j1, §j1]}", "initial.hold.1", "stands twice"),
+    "hold twice": ("{q: {j1: 0.1}}", "{hold: [j1, §j1]}", "initial.hold.1", "appears twice"),
     # runs
     "rk4 without step": ("", "simulate: {integrator: §rk4}", "simulate.integrator", "'step' is missing"),
     "step without rk4": ("", "simulate: {step: §0.1}", "simulate.step", "integrator 'auto'", "rk4"),

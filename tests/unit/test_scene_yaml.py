@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import time
 from pathlib import Path
 
@@ -10,12 +11,12 @@ import pytest
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.scene import load_scene, load_scene_text
-from robodyn_cli.scene.emit import emit
-from robodyn_cli.scene.nodes import Mapping, Sequence, Source
-from robodyn_cli.scene.yaml_nodes import MAX_BYTES, compose
-from tests.unit.scene_text import FILE, SCENE, check_place, complaint, plain
-
-SOURCE = Source("x.yaml", ".")
+from robodyn_cli.scene.load import examine
+from robodyn_cli.scene.text.emit import emit
+from robodyn_cli.scene.text.faults import MOST, Faults
+from robodyn_cli.scene.text.nodes import Mapping, Sequence, Source
+from robodyn_cli.scene.text.yaml_nodes import MAX_BYTES, compose
+from tests.unit.scene_text import FILE, SCENE, check_place, complaint, composed, plain, unmarked
 
 
 @pytest.mark.parametrize(
@@ -57,20 +58,20 @@ SOURCE = Source("x.yaml", ".")
     ],
 )
 def test_scalars(text: str, value: object) -> None:
-    node = plain(compose(f"a: {text}", SOURCE))
+    node = plain(composed(f"a: {text}"))
     assert isinstance(node, dict)
     assert node["a"] == value
     assert type(node["a"]) is type(value)
 
 
 def test_nan_is_recognised() -> None:
-    node = plain(compose("[.nan, .NaN]", SOURCE))
+    node = plain(composed("[.nan, .NaN]"))
     assert isinstance(node, list)
     assert all(isinstance(x, float) and math.isnan(x) for x in node)
 
 
 def test_nodes_know_their_places() -> None:
-    root = compose("a: 1\nb:\n  - x\n  - {c: é, d: 2}\n", SOURCE)
+    root = composed("a: 1\nb:\n  - x\n  - {c: é, d: 2}\n")
     assert isinstance(root, Mapping)
     b = root.get("b")
     assert isinstance(b, Sequence)
@@ -84,20 +85,20 @@ def test_nodes_know_their_places() -> None:
 
 
 def test_aliases_stand_for_what_they_name() -> None:
-    assert plain(compose("a: &x [1, 2]\nb: *x\nc: [*x, *x]", SOURCE)) == {
+    assert plain(composed("a: &x [1, 2]\nb: *x\nc: [*x, *x]")) == {
         "a": [1, 2],
         "b": [1, 2],
         "c": [[1, 2], [1, 2]],
     }
-    assert plain(compose("- &k word\n- {*k : 1}", SOURCE)) == ["word", {"word": 1}]
+    assert plain(composed("- &k word\n- {*k : 1}")) == ["word", {"word": 1}]
 
 
 @pytest.mark.parametrize(
     ("text", "key", "words"),
     [
-        ("a: 1\nb: 2\n§a: 3\n", "a", "stands twice; first on line 1"),
-        ("a:\n  b: 1\n  §'b': 2\n", "a.b", "stands twice; first on line 2"),
-        ("a: {b: 1, §b: 2}\n", "a.b", "stands twice"),
+        ("a: 1\nb: 2\n§a: 3\n", "a", "appears twice; first on line 1"),
+        ("a:\n  b: 1\n  §'b': 2\n", "a.b", "appears twice; first on line 2"),
+        ("a: {b: 1, §b: 2}\n", "a.b", "appears twice"),
         ("a: &x\n  b: [1, §*x]\n", "a.b.1", "its own anchor"),
         ("&a [§*a]", "0", "its own anchor"),
         ("a: [1, §*x]", "a.1", "no anchor &x"),
@@ -120,13 +121,22 @@ def test_aliases_stand_for_what_they_name() -> None:
         ("a: {? §: 2}", "a", "plain word"),
         ("a: {§{b: 1}: 2}", "a", "plain word"),
         ("§<<: {a: 1}", "", "merge keys"),
-        ("§- 1\n- 2\n", "", "a scene is a map"),
-        ("§just text", "", "a scene is a map"),
-        ("§3", "", "a scene is a map"),
     ],
 )
 def test_refused(text: str, key: str, words: str) -> None:
-    check_place(text, key, words)
+    """The text is read on its own: what it lacks to be a scene does not count."""
+    plain_text, line, column = unmarked(text)
+    faults = Faults()
+    with faults:
+        compose(plain_text, Source(FILE, "."), faults)
+    error = faults.in_order()[0]
+    assert error.message.startswith(f"{FILE}:{line}:{column}: " + (f"{key}: " if key else ""))
+    assert words in error.message and error.details["key"] == key
+
+
+@pytest.mark.parametrize("text", ["§- 1\n- 2\n", "§just text", "§3"])
+def test_a_scene_is_a_map(text: str) -> None:
+    check_place(text, "", "a scene is a map")
 
 
 @pytest.mark.parametrize("text", ["", "\n\n", "# only a comment\n", "---\n", "---\n...\n", "null", "~"])
@@ -176,14 +186,14 @@ def test_deep_nesting_is_refused_at_once(text: str) -> None:
 def test_the_slow_parser_gives_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     import yaml
 
-    from robodyn_cli.scene import yaml_nodes
+    from robodyn_cli.scene.text import yaml_nodes
 
     text = SCENE + "title: 'é: \"x\"'\n"
-    fast = compose(text, SOURCE)
+    fast = composed(text)
     monkeypatch.setattr(yaml_nodes, "_LOADER", yaml.SafeLoader)
-    assert compose(text, SOURCE) == fast
+    assert composed(text) == fast
     assert "not allowed in YAML" in complaint("a: x\x01y").message
-    assert complaint("a: 1\na: 2").details["line"] == 2
+    assert complaint(SCENE + "schema: 1").details["line"] == SCENE.count("\n") + 1
 
 
 # -- files --------------------------------------------------------------------------------------------
@@ -214,11 +224,37 @@ def test_not_utf8(tmp_path: Path) -> None:
     assert "it is not UTF-8 text (byte 20, line 2)" in refuse(path)
 
 
+def test_pipes_and_devices_are_refused_at_once(tmp_path: Path) -> None:
+    """As the scene, as a file that it includes and as a table; reading them would wait for ever."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    for path in (pipe, Path("/dev/zero")):
+        assert "is a pipe or a device" in refuse(path)
+        head = "schema: 1\ngravity: [0, 0, 0]\n"
+        for text in (
+            f"{head}robot: {path}\n",
+            f"{head}robot: {{include: {path}}}\n",
+            f"{SCENE}trajectory: {{type: table, file: {path}}}\n",
+        ):
+            assert "is a pipe or a device" in complaint(text).message
+
+
+def test_many_faults_end_the_reading(tmp_path: Path) -> None:
+    """Of any number of faults the first thousand are listed, and finding them takes no longer than in proportion."""
+    many = ", ".join(["j1"] * 20_000)
+    path = tmp_path / "scene.yaml"
+    for text in (f"actuated: [{many}]", f"prescribed: {{{', '.join(f'x{k}: 1' for k in range(20_000))}}}"):
+        path.write_text(f"{SCENE}{text}\n")
+        errors = examine(path).errors
+        assert len(errors) == MOST
+        assert errors[0].details["line"] == SCENE.count("\n") + 1
+
+
 def test_huge_file(tmp_path: Path) -> None:
     path = tmp_path / "huge.yaml"
     with path.open("wb") as file:
         file.truncate(MAX_BYTES + 1)
-    assert "larger than 50 MB" in refuse(path)
+    assert "larger than 10 MB" in refuse(path)
 
 
 def test_byte_order_mark_is_dropped(tmp_path: Path) -> None:
@@ -256,9 +292,9 @@ def test_windows_line_ends() -> None:
     ],
 )
 def test_emitted_text_reads_back(text: str) -> None:
-    tree = compose(text, SOURCE)
+    tree = composed(text)
     written = emit(tree)
-    again = compose(written, SOURCE)
+    again = composed(written)
     assert plain(again) == plain(tree)
     assert emit(again) == written
 

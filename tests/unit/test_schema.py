@@ -15,8 +15,9 @@ from typer.testing import CliRunner
 
 from robodyn_cli.cli.app import app
 from robodyn_cli.errors import SceneError
-from robodyn_cli.scene.includes import Includer
 from robodyn_cli.scene.load import load_scene, load_scene_text
+from robodyn_cli.scene.text.faults import Faults
+from robodyn_cli.scene.text.includes import Includer
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.schema.json_schema import json_schema
 from tests.unit.scene_text import plain
@@ -29,7 +30,7 @@ VALIDATOR = jsonschema.Draft202012Validator(SCHEMA)
 
 
 def data(path: Path) -> Any:
-    return plain(Includer().open_root(str(path)))
+    return plain(Includer(Faults()).open_root(str(path)))
 
 
 def test_it_is_a_schema() -> None:

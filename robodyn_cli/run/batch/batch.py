@@ -14,15 +14,17 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from robodyn_cli import exit_codes
+from robodyn_cli.errors import NumericalError
+from robodyn_cli.exit_codes import INTERNAL, INTERRUPTED
 from robodyn_cli.results.output_dir import SUMMARY_NAME
 from robodyn_cli.results.summary import read_summary
 from robodyn_cli.run.batch.criteria import exit_code
-from robodyn_cli.run.batch.entries import Entry, finished, settle
+from robodyn_cli.run.batch.entries import finished, settle
+from robodyn_cli.run.batch.entry import Entry
 from robodyn_cli.threads import single_thread
 
-CRASHED = 70
-INTERRUPTED = 130
-TIMED_OUT = 3  # no result in the time that was given: as where a run takes too many steps
+TIMED_OUT = NumericalError.exit_code  # no result in the time given: as where a run takes too many steps
 GRACE = 5.0  # seconds that an interrupted worker has to tidy up
 
 
@@ -40,7 +42,9 @@ class Clock:
         self.fired = False
         self._stopped = threading.Event()
         if seconds is not None:
-            threading.Thread(target=self._wait, args=(seconds,), daemon=True).start()
+            # a longer time than this cannot be waited for
+            longest = min(seconds, threading.TIMEOUT_MAX)
+            threading.Thread(target=self._wait, args=(longest,), daemon=True).start()
 
     def _wait(self, seconds: float) -> None:
         if self._stopped.wait(seconds):
@@ -51,7 +55,7 @@ class Clock:
             self.process.kill()
 
     def stop(self) -> None:
-        """Let the worker be: it has ended."""
+        """Stop: the worker has ended."""
         self._stopped.set()
 
 
@@ -60,7 +64,7 @@ class Batch:
 
     Parameters
     ----------
-    scenes : from ``entries``. jobs : processes at a time. drawn, force : draw; run what is finished too.
+    scenes : loaded. jobs : processes at a time. drawn, force : draw; run what is finished too.
     timeout : seconds that each scene may take; one that takes longer is interrupted, and ended where it goes on.
     worker : command line of a worker for a command, a scene and a directory; it must end when its standard input
     does, so that it does not outlive the batch.
@@ -87,29 +91,32 @@ class Batch:
         self._done: queue.Queue[Entry | BaseException] = queue.Queue()
 
     def run(self) -> Iterator[Entry]:
-        """Yield each scene when it is done; interrupted, stop the workers and mark what is not."""
+        """Yield each scene when it is done; interrupted, stop the workers."""
         waiting = iter(self.scenes)
-        open_scenes = {id(entry): entry for entry in self.scenes}
         threads = [
             threading.Thread(target=self._serve, args=(waiting,), daemon=True) for _ in range(self.jobs)
         ]
         try:
             for thread in threads:
                 thread.start()
-            while open_scenes:
-                try:
-                    # without a time limit an interrupt would not be seen on every system
-                    entry = self._done.get(timeout=0.2)
-                except queue.Empty:
-                    continue
-                if isinstance(entry, BaseException):
-                    raise entry
-                del open_scenes[id(entry)]
+            for _ in self.scenes:
+                entry = self._next()
+                entry.stopped = False
                 yield entry
         finally:
-            for entry in open_scenes.values():
-                entry.stopped = True
             self._stop()
+
+    def _next(self) -> Entry:
+        """Wait for the next scene that is done."""
+        while True:
+            try:
+                # without a time limit an interrupt would not be seen on every system
+                entry = self._done.get(timeout=0.2)
+            except queue.Empty:
+                continue
+            if isinstance(entry, BaseException):
+                raise entry
+            return entry
 
     def _serve(self, waiting: Iterator[Entry]) -> None:
         while not self._stopping:
@@ -150,25 +157,10 @@ class Batch:
 
     def _work(self, entry: Entry) -> tuple[int, str, bool]:
         """Return the exit code of a worker, the last line that it printed, and whether it ran out of time."""
-        assert entry.directory is not None
-        words = self.worker(entry.command, entry.path, entry.directory)
-        environment = dict(os.environ)
-        single_thread(environment)
-        # a session of its own: an interrupt from the terminal is passed on by us alone
-        own: dict[str, Any] = {"start_new_session": True}
-        if sys.platform == "win32":
-            own = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
         with self._lock:
             if self._stopping:
-                return CRASHED, "", False
-            process = subprocess.Popen(
-                words,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.PIPE,
-                env=environment,
-                **own,
-            )
+                return INTERNAL, "", False
+            process = self._start(entry)
             self._running.add(process)
         assert process.stderr is not None and process.stdin is not None
         clock = Clock(process, self.timeout)
@@ -185,15 +177,33 @@ class Batch:
         said = lines[-1].removeprefix("robodyn: error: ") if lines else ""
         if code < 0:
             said = f"the process of this scene was ended by signal {-code} ({signal.strsignal(-code)})"
-            code = CRASHED
-        elif code not in (0, 1, 2, 3, 4, 5, 70, 74, 130):
+            code = INTERNAL
+        elif code not in exit_codes.ALL:
             said = f"the process of this scene ended with code {code}: {said}"
-            code = CRASHED
-        # a worker that was done as its time ran out is done
-        return code, said, clock.fired and code in (CRASHED, INTERRUPTED)
+            code = INTERNAL
+        # a worker that ended by itself as its time ran out counts as it ended
+        return code, said, clock.fired and code in (INTERNAL, INTERRUPTED)
+
+    def _start(self, entry: Entry) -> subprocess.Popen[bytes]:
+        """Start the worker of a scene."""
+        assert entry.directory is not None
+        environment = dict(os.environ)
+        single_thread(environment)
+        # a session of its own: an interrupt from the terminal reaches a worker through `interrupt` alone
+        own: dict[str, Any] = {"start_new_session": True}
+        if sys.platform == "win32":
+            own = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
+        return subprocess.Popen(
+            self.worker(entry.command, entry.path, entry.directory),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            env=environment,
+            **own,
+        )
 
     def _stop(self) -> None:
-        """End the workers: ask, wait, and do not ask again."""
+        """End the workers: interrupt them, wait, and kill what is left."""
         with self._lock:
             self._stopping = True
             running = list(self._running)

@@ -6,13 +6,11 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from robodyn_cli.errors import SceneError, did_you_mean
+from robodyn_cli.exit_codes import INTERNAL, OF_STATUS
 from robodyn_cli.expr.expectation import Expectation
 from robodyn_cli.record import record
 
-# exit code of a run by its status, where no error says more
-EXIT_OF_STATUS = {"ok": 0, "locked": 0, "no_lock": 1, "overload": 1}
-EXIT_CODE = "exit_code"
-FAILED = 1
+EXIT_CODE = "exit_code"  # the key of the exit code, which every run has
 _ABSENT: Any = object()
 
 
@@ -48,7 +46,7 @@ def exit_code(summary: Mapping[str, Any]) -> int:
     error = summary.get("error")
     if isinstance(error, Mapping) and isinstance(error.get("exit_code"), int):
         return int(error["exit_code"])
-    return EXIT_OF_STATUS.get(str(summary.get("status")), 70)
+    return OF_STATUS.get(str(summary.get("status")), INTERNAL)
 
 
 def judge(expect: Mapping[str, Expectation], summary: Mapping[str, Any], place: str = "") -> list[Outcome]:

@@ -1,91 +1,45 @@
-"""The scenes of a batch: what is to be run, whether it is finished, and what its criteria say of the run."""
+"""The scenes of a batch: loaded, found finished by an earlier run, judged by their criteria."""
 
 from __future__ import annotations
 
-import dataclasses
 import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from robodyn_cli.errors import RobodynError, SceneError
-from robodyn_cli.record import mutable_record
-from robodyn_cli.results.errors import ResultFileError
+from robodyn_cli.commands import SCENE_COMMANDS
+from robodyn_cli.errors import ResultFileError, RobodynError, SceneError
+from robodyn_cli.exit_codes import FAILED, worst
 from robodyn_cli.results.output_dir import RESULT_NAME, SUMMARY_NAME
 from robodyn_cli.results.provenance import sha256
 from robodyn_cli.results.summary import read_summary
-from robodyn_cli.run.batch.criteria import EXIT_CODE, FAILED, Outcome, exit_code, judge
-from robodyn_cli.run.batch.findings import worst
-from robodyn_cli.scene.commands import SCENE_COMMANDS
+from robodyn_cli.run.batch.criteria import EXIT_CODE, exit_code, judge
+from robodyn_cli.run.batch.entry import Entry
 from robodyn_cli.scene.load import load_scene
-from robodyn_cli.scene.types import Scene
 from robodyn_cli.version import __version__
 
 
-@mutable_record
-class Entry:
-    """One scene of a batch and what became of it.
-
-    ``verdict`` is ``ok``, ``failed`` (a criterion, or no lock), ``error`` or ``stopped``; ``unchanged`` says that
-    an earlier result was kept.
-    """
-
-    path: Path
-    name: str
-    directory: Path | None = None
-    scene: Scene | None = None
-    exit_code: int = 0
-    unchanged: bool = False
-    stopped: bool = False
-    seconds: float = 0.0
-    message: str = ""
-    criteria: list[Outcome] = dataclasses.field(default_factory=list)
-
-    @property
-    def command(self) -> str:
-        return (self.scene.command if self.scene is not None else None) or ""
-
-    @property
-    def verdict(self) -> str:
-        if self.stopped:
-            return "stopped"
-        return {0: "ok", FAILED: "failed"}.get(self.exit_code, "error")
-
-    @property
-    def problems(self) -> list[str]:
-        """What went wrong, in words."""
-        found = [str(outcome) for outcome in self.criteria if not outcome.holds]
-        return [self.message, *found] if self.message else found
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return what ``--json`` shows."""
-        return {
-            "scene": str(self.path), "name": self.name, "command": self.command or None, "verdict": self.verdict,
-            "exit_code": self.exit_code, "unchanged": self.unchanged, "seconds": round(self.seconds, 3),
-            "message": self.message or None, "criteria": [o.as_dict() for o in self.criteria],
-            "directory": str(self.directory) if self.directory is not None else None,
-        }  # fmt: skip
+def listed(paths: Sequence[Path]) -> list[Entry]:
+    """Return the scenes of a batch, of which nothing is done yet."""
+    return [Entry(path, name, stopped=True) for path, name in zip(paths, unique_names(paths))]
 
 
-def entries(paths: Sequence[Path], out: Path, overrides: Sequence[str] = ()) -> list[Entry]:
-    """Return the scenes loaded, each with its output directory; what is wrong with one is an error of its own.
+def load(entries: Sequence[Entry], out: Path, overrides: Sequence[str] = ()) -> None:
+    """Load the scenes and give each its output directory; what is wrong with one is an error of its own.
 
     ``overrides`` are ``key.path=value`` texts, applied to every scene.
     """
-    found = []
-    for path, name in zip(paths, unique_names(paths)):
-        entry = Entry(path, name)
+    for entry in entries:
         try:
-            entry.scene = load_scene(path, overrides)
+            entry.scene = load_scene(entry.path, overrides)
             if entry.scene.command is None:
                 raise SceneError(
-                    f"{path}: key 'command' is missing: it says what to run; allowed: {', '.join(SCENE_COMMANDS)}"
+                    f"{entry.path}: key 'command' is missing: it says what to run; allowed: "
+                    f"{', '.join(SCENE_COMMANDS)}"
                 )
-            entry.directory = out / name / entry.command
+            entry.directory = out / entry.name / entry.scene.command
         except RobodynError as error:
             entry.exit_code, entry.message = error.exit_code, error.message
-        found.append(entry)
-    return found
 
 
 def unique_names(paths: Sequence[Path]) -> list[str]:

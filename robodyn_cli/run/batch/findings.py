@@ -26,22 +26,14 @@ from robodyn_cli.run.inverse.inverse import torque_terms
 from robodyn_cli.run.inverse.motion import plan_motion, with_led_point
 from robodyn_cli.run.progress import no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
-from robodyn_cli.scene.check import Check
-from robodyn_cli.scene.collect import examine
-from robodyn_cli.scene.nodes import Node, dotted, located
+from robodyn_cli.scene.load import examine
+from robodyn_cli.scene.text.nodes import Node, dotted, located, nearest
 from robodyn_cli.scene.types import Scene
 
-# exit codes from good to bad; what is not listed is worse than all of them
-BADNESS = (0, 1, 3, 2, 4, 5, 74, 70)
-# commands that take no longer than trying them out would
+# commands so short that they are simply run
 AT_ONCE = ("assemble", "kinematics", "statics")
-# samples at which a trajectory is tried out
+# at most so many samples of a trajectory are tried
 TRIED = 501
-
-
-def worst(codes: Sequence[int]) -> int:
-    """Return the worst of several exit codes: 1 over 0, 3 over 1, 2 over 3, then 4, 5, 74, 70."""
-    return max(codes, key=lambda code: BADNESS.index(code) if code in BADNESS else len(BADNESS), default=0)
 
 
 @record
@@ -95,10 +87,7 @@ def _physical(scene: Scene, root: Node) -> list[SceneError]:
 
 def _at(root: Node, path: tuple[str | int, ...], message: str) -> SceneError:
     """Return an error at the node of a path, or at the nearest one above it."""
-    check, reach = Check(root), path
-    while (node := check.find(reach)) is None:
-        reach = reach[:-1]
-    return located(node, dotted(path), message)
+    return located(nearest(root, path), dotted(path), message)
 
 
 def _trial(scene: Scene, root: Node) -> list[RobodynError]:

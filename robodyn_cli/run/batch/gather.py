@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from robodyn_cli.errors import SceneError
-from robodyn_cli.scene.collect import is_part
+from robodyn_cli.scene.load import is_part
 
 SUFFIXES = (".yaml", ".yml")
 

@@ -4,12 +4,22 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from pathlib import Path
 from xml.etree import ElementTree
 
-from robodyn_cli.run.batch.entries import Entry
+from robodyn_cli.results.atomic import write_bytes
+from robodyn_cli.run.batch.entry import Entry
 
 # characters that XML 1.0 has no way to write
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+def write_reports(entries: Sequence[Entry], junit_file: Path | None, markdown_file: Path | None) -> None:
+    """Write the reports that are asked for."""
+    if junit_file is not None:
+        write_bytes(junit_file, junit(entries))
+    if markdown_file is not None:
+        write_bytes(markdown_file, markdown(entries).encode(errors="backslashreplace"))
 
 
 def tally(entries: Sequence[Entry]) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from robodyn_cli.results.errors import ResultFileError
+from robodyn_cli.errors import ResultFileError
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.results.output_dir import RESULT_NAME, SUMMARY_NAME
 from robodyn_cli.results.result import Result

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.integrators.runtime.integrator import Event, Grid, Integrator
+from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.writer import ResultWriter
 from robodyn_cli.run.deploy.lock_report import bifurcation, conclude, criteria, describe_lock, events
 from robodyn_cli.run.deploy.locked_motion import first_overload, follow_locked
 from robodyn_cli.run.deploy.scan import Deployment, Found

@@ -78,7 +78,7 @@ def assemble(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch
     c, _ = conditions.rates(assembled.q, assembled.v, 0.0)
     F, _ = conditions.at(assembled.q, 0.0)
     levels = {"position": F, "velocity": J @ assembled.v - c, "acceleration": J @ a - b}
-    summary["residual"] = {name: float(np.abs(x).max()) for name, x in levels.items()}
+    summary["residual"] = {name: float(np.abs(x).max(initial=0.0)) for name, x in levels.items()}
     summary["residual_by_loop"] = _by_loop(problem, F)
     summary["redundant_rows"] = list(assembled.redundant)
     loops = loop_rows(problem)

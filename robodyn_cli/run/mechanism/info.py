@@ -22,7 +22,7 @@ from robodyn_cli.model.model import UNKNOWN_GROUP
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.driver.prepare import prepare
 from robodyn_cli.run.observation.places import quaternions, world_pose
-from robodyn_cli.scene.check_robot import moving
+from robodyn_cli.scene.checks.robot import moving
 from robodyn_cli.scene.load import load_scene
 from robodyn_cli.scene.types import Scene
 

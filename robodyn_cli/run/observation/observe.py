@@ -9,12 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.expr.graph import Expr, Scalar
+from robodyn_cli.expr.calculus import jacobian
+from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
 from robodyn_cli.formulations.index1 import residuals
 from robodyn_cli.formulations.system import GROUPS, System
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.loops.base import Row
+from robodyn_cli.model.model import UNKNOWN_GROUP
 from robodyn_cli.record import record
+from robodyn_cli.run.observation.evaluation import without_idle_unknowns
 from robodyn_cli.run.observation.least_norm import LeastNorm, equations_of
 from robodyn_cli.run.observation.places import FORCES, place_dataset, place_outputs
 from robodyn_cli.run.observation.reactions import ReactionSamples
@@ -43,7 +46,7 @@ def observed(problem: Problem, accelerations: bool = True) -> dict[str, Sequence
     """Return what is evaluated at the samples of a simulation, by output."""
     outputs: dict[str, Sequence[Scalar]] = {
         "tau": _actuator_torques(problem),
-        "energy": [problem.kinetic, problem.potential],
+        "energy": [problem.kinetic, _potential(problem)],
     }
     if problem.model.forces:
         outputs["forces.potential"] = [effect.potential for effect in problem.elements.effects]
@@ -60,6 +63,18 @@ def observed(problem: Problem, accelerations: bool = True) -> dict[str, Sequence
         if len(problem.constraints.rows) <= MOST_ROWS:
             outputs["psi"] = list(problem.psi.ravel())
     return {**outputs, **place_outputs(problem)}
+
+
+def _potential(problem: Problem) -> Scalar:
+    """Return the potential energy; unknown data that only shift it by a constant count as zero.
+
+    Such are those that its gradient does without: the height of a cart's centre of mass, where it rolls on the flat.
+    """
+    energy = problem.potential
+    if all(symbol.value[1] != UNKNOWN_GROUP for symbol in free_symbols([energy])):
+        return energy
+    gradient = jacobian([energy], [q for q in problem.q if isinstance(q, Expr)])[0]
+    return without_idle_unknowns([energy], list(gradient.values()))[0]
 
 
 def _actuator_torques(problem: Problem) -> list[Scalar]:

@@ -18,7 +18,7 @@ from robodyn_cli.model.placement import axis_frame
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.observation.evaluation import SampleFunction
 from robodyn_cli.scene import types as sc
-from robodyn_cli.scene.points import has_dh, point_link
+from robodyn_cli.scene.points import point_link
 from robodyn_cli.spatial.algebra import Matrix, identity
 
 Array = NDArray[np.float64]
@@ -29,7 +29,7 @@ BASE_PATH = "base_wrench"
 
 def joint_axes(joint: sc.Joint) -> Matrix:
     """Return the axes (columns, body coordinates) of the joint's own frame, that of ``com_frame: joint``."""
-    return identity() if has_dh(joint) else axis_frame(joint).T
+    return identity() if joint.has_dh else axis_frame(joint).T
 
 
 class ReactionSamples:

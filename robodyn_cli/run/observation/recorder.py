@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.writer import ResultWriter
 from robodyn_cli.run.observation.observe import Column, Observer
 from robodyn_cli.run.observation.reactions import ReactionSamples, figures
 

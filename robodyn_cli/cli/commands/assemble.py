@@ -1,0 +1,90 @@
+"""``robodyn assemble``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+import typer
+
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, SceneFile, Strict, utf8
+from robodyn_cli.cli.runner import SceneRun, run_scene
+from robodyn_cli.cli.words import closure_text, mobility_lines, number, table
+
+
+def command(
+    scene: SceneFile,
+    branches: Annotated[
+        bool, typer.Option("--branches", help="Find and list all the ways in which the loops close.")
+    ] = False,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--at",
+            metavar="q.NAME=...",
+            parser=utf8,
+            help="Joints to hold, and where; rates as qd.NAME=... too.",
+        ),
+    ] = None,
+    out: OutDir = None,
+    overrides: Overrides = None,
+    no_plots: NoPlots = False,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+    strict: Strict = False,
+) -> int:
+    """Run the command; return its exit code."""
+    settings = list(overrides or ())
+    if at:
+        from robodyn_cli.run.mechanism.info import state_overrides
+        from robodyn_cli.scene.load import load_scene
+
+        settings += state_overrides(load_scene(scene, settings), at)
+    if branches:
+        settings.append("assemble.branches=true")
+    job = SceneRun("assemble", scene, out, settings, no_plots, strict)
+    return run_scene(job, Console(as_json, quiet), describe)
+
+
+def describe(summary: Mapping[str, Any]) -> str:
+    """Return the summary of an assembly."""
+    held = ", ".join(summary["held"]) or "none"
+    lines = [
+        f"{summary['title']}",
+        f"  closed             held: {held}; solved: {', '.join(summary['solved'])}",
+    ]
+    rows = [["coordinate", "position", "rate", "acceleration"]]
+    rates, accelerations = summary["rates"], summary["accelerations"]
+    same = set(rates) == set(summary["configuration"])
+    for name, q in summary["configuration"].items():
+        rows.append(
+            [
+                name,
+                number(q, 9),
+                number(rates[name]) if same else "",
+                number(accelerations[name]) if same else "",
+            ]
+        )
+    lines.append(table(rows))
+    lines.append("  residual           " + closure_text(summary["residual"]))
+    if summary["redundant_rows"]:
+        lines.append(f"  redundant rows     {', '.join(summary['redundant_rows'])}")
+    lines += mobility_lines(summary)
+    branches = summary.get("branches")
+    if branches:
+        names = list(branches[0]["configuration"])
+        head = ["branch", *names, "orientation", "singular ratio"]
+        listed = [head]
+        for k, branch in enumerate(branches, start=1):
+            sign = {1: "+", -1: "-", 0: "0"}.get(branch["orientation"], "?")
+            chosen = f"{k} (chosen)" if branch["chosen"] else str(k)
+            q = [number(x, 8) for x in branch["configuration"].values()]
+            listed.append([chosen, *q, sign, number(branch["singular_ratio"], 3)])
+        lines.append(table(listed))
+        found = summary["branch_search"]
+        lines.append(
+            f"  search             {found['found']} branches found from {found['starts']} starts, of which "
+            f"{found['closed']} closed; that there are no others is not proved"
+        )
+    return "\n".join(lines)

@@ -1,0 +1,56 @@
+"""``robodyn check``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.options import Quiet, ReportAsJson, StoredResult, file
+from robodyn_cli.exit_codes import FAILED
+
+
+def command(
+    result: StoredResult,
+    scene: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[SCENE.yaml]",
+            callback=file,
+            show_default=False,
+            help="Scene with the criteria; default: the result's own.",
+        ),
+    ] = None,
+    as_json: ReportAsJson = False,
+    quiet: Quiet = False,
+) -> int:
+    """Judge a stored result; return 1 where an expectation does not hold."""
+    from robodyn_cli.errors import SceneError
+    from robodyn_cli.run.batch.criteria import judge
+    from robodyn_cli.run.batch.stored import summary_and_scene
+    from robodyn_cli.scene.load import load_scene, load_scene_text
+
+    console = Console(as_json, quiet)
+    summary, text = summary_and_scene(result)
+    if scene is not None:
+        expect = load_scene(scene).expect
+    elif text is not None:
+        expect = load_scene_text(text, str(result)).expect
+    else:
+        raise SceneError(
+            f"{result}: there is no scene with it, only a summary; name the scene: check RESULT SCENE"
+        )
+    if not expect:
+        raise SceneError(
+            f"{scene or result}: there are no criteria; add 'expect' to the scene, or name one that has it"
+        )
+    outcomes = judge(expect, summary, f"{scene or result}: ")
+    failed = sum(not outcome.holds for outcome in outcomes)
+    for outcome in outcomes:
+        console.say(f"{'ok' if outcome.holds else 'failed':<7} {outcome}")
+    status = "failed" if failed else "ok"
+    report = {"status": status, "failed": failed, "criteria": [outcome.as_dict() for outcome in outcomes]}
+    console.data(report)
+    return FAILED if failed else 0

@@ -1,0 +1,89 @@
+"""``robodyn deploy``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.options import (
+    AsJson,
+    NoErrorEstimate,
+    NoPlots,
+    OutDir,
+    Overrides,
+    Quiet,
+    SceneFile,
+    Strict,
+)
+from robodyn_cli.cli.runner import SceneRun, run_scene
+from robodyn_cli.cli.words import cost_line, error_lines, number
+
+
+def command(
+    scene: SceneFile,
+    out: OutDir = None,
+    overrides: Overrides = None,
+    no_plots: NoPlots = False,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+    strict: Strict = False,
+    no_error_estimate: NoErrorEstimate = False,
+) -> int:
+    """Run the command; return its exit code."""
+    settings = [*(overrides or ()), *(["simulate.error_estimate=false"] if no_error_estimate else [])]
+    job = SceneRun("deploy", scene, out, settings, no_plots, strict)
+    return run_scene(job, Console(as_json, quiet), describe)
+
+
+def describe(summary: Mapping[str, Any]) -> str:
+    """Return the summary of a deployment."""
+    lock = summary.get("lock")
+    criteria = summary.get("criteria", {})
+    lines = [f"{summary['title']}"]
+    if lock:
+        error = lock.get("time_error")
+        bound = f" +- {error:.1e}" if error is not None else ""
+        verb = "overload" if lock["kind"] == "overload" else "locked"
+        lines.append(f"  {verb:<18} t = {lock['time']:.9g}{bound} s  ({lock['kind'].replace('_', ' ')})")
+        lines.append(f"  why                {summary['termination']['reason']}")
+        angles = ", ".join(f"{n} {x:.5f} deg" for n, x in lock["angles_deg"].items())
+        lines.append(f"  configuration      {angles}")
+        m = lock["multipliers"]
+        lines.append(
+            f"  multipliers        {m['start']:.5g} N at the start, {m['at_lock']:.6g} N at the last sample"
+            + (", diverging" if m["diverge"] else ", finite")
+        )
+        latch = lock.get("latch")
+        if latch:
+            lines.append(
+                f"  latch              energy lost {latch['energy_lost']:.8g} J, angular impulse "
+                f"{latch['angular_impulse']:.6g} N m s"
+            )
+        lines += _after_lock(summary)
+    else:
+        lines.append(f"  no lock            within {number(summary['termination'].get('time'))} s")
+    growth = criteria.get("growth_times", {})
+    fired = ", ".join(f"{k}x at {v:.3f} s" if v is not None else f"{k}x never" for k, v in growth.items())
+    dead = criteria.get("dead_point")
+    where = f"dead point at {dead:.9g} s" if dead is not None else "no dead point"
+    lines.append(f"  criteria           {where}; multipliers over their running median {fired}")
+    lines += [*error_lines(summary), cost_line(summary)]
+    return "\n".join(lines)
+
+
+def _after_lock(summary: Mapping[str, Any]) -> list[str]:
+    """Return what is said of the locked structure, and of loads beyond their limit."""
+    lines = []
+    after = summary.get("after_lock")
+    if after and after.get("latch"):
+        latch = after["latch"]
+        lines.append(
+            f"  locked structure   {after['degrees_of_freedom']} degrees of freedom, followed to t = "
+            f"{number(after['until'])} s; latch bears up to {number(latch['peak_moment'])} N m and "
+            f"{number(latch['peak_force'])} N"
+        )
+    over = summary.get("termination", {}).get("overload")
+    if over:
+        lines.append(f"  overload           {over}")
+    return lines

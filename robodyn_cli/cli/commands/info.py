@@ -1,0 +1,118 @@
+"""``robodyn info``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any
+
+import typer
+
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.interrupts import tidy_up_first
+from robodyn_cli.cli.options import NoPlots, OutDir, Overrides, Quiet, ReportAsJson, SceneFile, utf8
+from robodyn_cli.cli.runner import default_directory, publish
+
+
+def command(
+    scene: SceneFile,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--at",
+            metavar="q=[...], qd=[...]",
+            parser=utf8,
+            help="State, joints in their order or q.NAME=... each.",
+        ),
+    ] = None,
+    out: OutDir = None,
+    overrides: Overrides = None,
+    no_plots: NoPlots = False,
+    as_json: ReportAsJson = False,
+    quiet: Quiet = False,
+) -> int:
+    """Print what the scene is at a state, and draw it; return the exit code."""
+    from robodyn_cli.results.output_dir import OutputDirectory
+    from robodyn_cli.results.summary import jsonable
+    from robodyn_cli.run.mechanism.info import info
+
+    console = Console(as_json, quiet)
+    found, result = info(scene, overrides or (), at or ())
+    result.summary = {"status": "ok", "command": "info", **found}
+    if not no_plots:
+        tidy_up_first()
+        with OutputDirectory(out or default_directory(scene, "info")) as directory:
+            publish(result, directory, no_plots)
+    console.data(jsonable(result.summary))
+    console.say(describe(found))
+    if not no_plots:
+        console.say(f"results: {directory.path}  ({', '.join(directory.outputs)})")
+    return 0
+
+
+def describe(found: Mapping[str, Any]) -> str:
+    """Return the report for the terminal."""
+    from robodyn_cli.run.mechanism.info import tree
+
+    lines = [str(found["title"]), *("  " + line for line in tree(found["joints"], found["links"]))]
+    lines.append(f"  state              {state(found['state']['q'], units(found['joints'], 'q'))}")
+    lines.append(f"  rates              {state(found['state']['qd'], units(found['joints'], 'v'))}")
+    lines += ["  frames in the world (origin [m]; x, y and z axes)"]
+    for name, frame in found["frames"].items():
+        axes = "  ".join(vector(frame["rotation"][:, k]) for k in range(3))
+        lines.append(f"    {name:<12} {vector(frame['position'])}; {axes}")
+    lines += matrix("mass matrix M", found["mass_matrix"])
+    lines.append(f"    singular values  {values(found['mass_matrix_singular_values'])}")
+    lines += matrix("Coriolis matrix C", found["coriolis_matrix"])
+    gravity = found["gravity_torques"].items()
+    lines.append("  gravity torques G  " + ", ".join(f"{name} {cell(x)}" for name, x in gravity))
+    for name, point in found["points"].items():
+        lines.append(
+            f"  point {name:<12} at {vector(point['position'])} m, velocity {vector(point['velocity'])} m/s"
+        )
+        lines += matrix(f"Jacobian of {name}", point["jacobian"])
+        lines.append(f"    singular values  {values(point['singular_values'])}")
+    if "constraints" in found:
+        lines += matrix(
+            f"constraint Jacobian Psi ({', '.join(found['constraints']['rows'])})",
+            found["constraints"]["psi"],
+        )
+        lines.append(f"    singular values  {values(found['constraints']['singular_values'])}")
+    return "\n".join(lines)
+
+
+def state(values: Mapping[str, float], units: Sequence[str]) -> str:
+    """Return values with their units: who has given an angle in degrees sees it."""
+    texts = (f"{name} {x:.6g} {unit}".removesuffix(" 1") for (name, x), unit in zip(values.items(), units))
+    return ", ".join(texts)
+
+
+def units(joints: Sequence[Mapping[str, Any]], of: str) -> list[str]:
+    """Return the units of the columns of q or v."""
+    from robodyn_cli.joints.registry import joint_types
+
+    kinds = [joint_types[joint["type"]] for joint in joints]
+    if of == "q":
+        return [unit for kind in kinds for unit in kind.units]
+    return [f"{unit}/s" for kind in kinds for unit in kind.v_units]
+
+
+def cell(x: float) -> str:
+    """Return a number for reading; what is not known is a question mark."""
+    return "?" if x != x else f"{x + 0.0:.6g}" if abs(x) > 1e-12 else "0"
+
+
+def vector(x: Any) -> str:
+    """Return a vector in brackets."""
+    return "[" + ", ".join(cell(float(v)) for v in x) + "]"
+
+
+def values(x: list[float] | None) -> str:
+    """Return singular values, or why there are none."""
+    return "not known: data are missing" if x is None else ", ".join(cell(v) for v in x)
+
+
+def matrix(name: str, m: Any) -> list[str]:
+    """Return a matrix as aligned lines below its name."""
+    cells = [[cell(float(x)) for x in row] for row in m]
+    width = max((len(x) for row in cells for x in row), default=1)
+    return [f"  {name}", *("    " + "  ".join(x.rjust(width) for x in row) for row in cells)]

@@ -1,0 +1,69 @@
+"""``robodyn inverse``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, SceneFile, Strict
+from robodyn_cli.cli.runner import SceneRun, run_scene
+from robodyn_cli.cli.words import number, table
+
+
+def command(
+    scene: SceneFile,
+    out: OutDir = None,
+    overrides: Overrides = None,
+    no_plots: NoPlots = False,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+    strict: Strict = False,
+) -> int:
+    """Run the command; return its exit code."""
+    job = SceneRun("inverse", scene, out, overrides or (), no_plots, strict)
+    return run_scene(job, Console(as_json, quiet), describe)
+
+
+# of the table of an inverse run: heading, key in the summary, quantity that the unit belongs to, digits
+FIGURES = (
+    ("peak torque", "peak_torque", "torque", 6),
+    ("at t", "peak_torque_time", "time", 4),
+    ("RMS torque", "rms_torque", "torque", 6),
+    ("peak speed", "peak_speed", "speed", 4),
+    ("peak power", "peak_power", "power", 4),
+    ("energy", "energy", "energy", 4),
+)
+
+
+def _columns(joints: list[Mapping[str, Any]]) -> list[list[str]]:
+    """Return the columns of figures; units that differ between joints are printed beside each figure."""
+    columns = []
+    for heading, key, quantity, digits in FIGURES:
+        units = [{**joint.get("units", {}), "time": "s"}.get(quantity, "") for joint in joints]
+        figures = [number(joint.get(key), digits) for joint in joints]
+        if len(set(units)) > 1:
+            columns.append([heading, *(f"{x} {unit}" for x, unit in zip(figures, units))])
+        else:
+            columns.append([f"{heading} [{units[0]}]", *figures])
+    return columns
+
+
+def describe(summary: Mapping[str, Any]) -> str:
+    """Return the summary of an inverse run."""
+    lines = [f"{summary['title']}"]
+    joints: Mapping[str, Mapping[str, Any]] = summary.get("joints", {})
+    if joints:
+        lines.append(table(list(zip(["joint", *joints], *_columns(list(joints.values()))))))
+    for label, key, unit in (
+        ("path error", "ik_residual", "m"),
+        ("round trip error", "round_trip", "relative, forward dynamics after inverse"),
+    ):
+        value = summary.get(key)
+        if isinstance(value, float) and math.isfinite(value):
+            lines.append(f"  {label:<18} {value:.1e} {unit}")
+    times = summary.get("wall_time_s", {})
+    parts = ", ".join(f"{k} {1e3 * v:.3g}" for k, v in times.items() if k != "total" and v >= 5e-5)
+    lines.append(f"  cost               ms: {parts}; in all {1e3 * times.get('total', 0.0):.4g}")
+    return "\n".join(lines)

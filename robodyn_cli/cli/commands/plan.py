@@ -1,0 +1,35 @@
+"""``robodyn plan``."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.options import Overrides, Quiet, ReportAsJson, SceneFile
+from robodyn_cli.exit_codes import WRONG_USAGE
+
+
+def command(
+    scene: SceneFile,
+    overrides: Overrides = None,
+    for_command: Annotated[
+        str | None,
+        typer.Option("--for", metavar="COMMAND", help="Command to plan. [default: the scene's own]"),
+    ] = None,
+    as_json: ReportAsJson = False,
+    quiet: Quiet = False,
+) -> int:
+    """Print the plan; return 2 where data are missing that the command needs."""
+    from robodyn_cli.run.plan.plan import plan, render
+    from robodyn_cli.scene.load import load_scene
+
+    console = Console(as_json, quiet)
+    found = plan(load_scene(scene, list(overrides or ())), for_command)
+    console.data(found)
+    console.say(render(found))
+    if found.get("missing"):
+        console.error(f"{scene}: the equations need {', '.join(found['missing'])}, which is not given")
+        return WRONG_USAGE
+    return 0

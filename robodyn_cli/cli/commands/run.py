@@ -1,0 +1,98 @@
+"""``robodyn run``."""
+
+from __future__ import annotations
+
+import functools
+import math
+import os
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.interrupts import tidy_up_first
+from robodyn_cli.cli.options import NoPlots, Overrides, Quiet, ReportAsJson, SceneFiles, number
+from robodyn_cli.cli.worker import command_line
+from robodyn_cli.exit_codes import worst
+
+if TYPE_CHECKING:
+    from robodyn_cli.run.batch.entry import Entry
+
+
+def command(
+    scenes: SceneFiles,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            "--jobs",
+            "-j",
+            metavar="N",
+            parser=number("a whole number >= 1", lambda n: n >= 1, int),
+            help="Processes at a time. [default: one a core]",
+        ),
+    ] = None,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="DIR", help="Results go to DIR/<scene>/<command>.")
+    ] = Path("outputs"),
+    junit: Annotated[
+        Path | None, typer.Option("--junit", metavar="FILE", help="Write a JUnit XML report.")
+    ] = None,
+    markdown: Annotated[
+        Path | None, typer.Option("--markdown", metavar="FILE", help="Write a summary in Markdown.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Run again what is finished and unchanged.")] = False,
+    overrides: Overrides = None,
+    timeout: Annotated[
+        float | None,
+        typer.Option(
+            "--timeout",
+            metavar="SECONDS",
+            parser=number("a number > 0 [s]", lambda x: 0.0 < x < math.inf),
+            help="Time that each scene may take. [default: no limit]",
+        ),
+    ] = None,
+    no_plots: NoPlots = False,
+    as_json: ReportAsJson = False,
+    quiet: Quiet = False,
+) -> int:
+    """Run the batch, print a line a scene, write the reports; return the worst exit code."""
+    from robodyn_cli.run.batch.reports import tally, write_reports
+
+    start, console = time.perf_counter(), Console(as_json, quiet)
+    entries: list[Entry] = []
+    tidy_up_first()
+    try:
+        from robodyn_cli.run.batch.batch import Batch
+        from robodyn_cli.run.batch.entries import listed, load
+        from robodyn_cli.run.batch.gather import gather
+
+        settings = overrides or ()
+        entries += listed(gather(scenes))
+        load(entries, out, settings)
+        worker = functools.partial(command_line, no_plots, settings)
+        for entry in Batch(entries, jobs or _cores(), worker, not no_plots, force, timeout).run():
+            _tell(entry, max(len(e.name) for e in entries), console)
+    finally:
+        # interrupted too, there is a report of what was done
+        write_reports(entries, junit, markdown)
+    code = worst(e.exit_code for e in entries)
+    console.say(f"{tally(entries)}; {time.perf_counter() - start:.2f} s")
+    status = "ok" if code == 0 else "failed"
+    console.data({"status": status, "exit_code": code, "scenes": [e.as_dict() for e in entries]})
+    return code
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _tell(entry: Entry, width: int, console: Console) -> None:
+    """Print how a scene ended."""
+    time_taken = "unchanged" if entry.unchanged else f"{entry.seconds:.2f} s"
+    console.say(f"{entry.verdict:<7} {entry.name:<{width}}  {entry.command or '-':<8} {time_taken:>9}")
+    for problem in entry.problems if entry.verdict != "ok" else ():
+        console.say(f"        {problem}")
+    if console.quiet and entry.verdict == "error":
+        console.error(f"{entry.name}: {'; '.join(entry.problems)}")

@@ -1,0 +1,207 @@
+"""``robodyn stability``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.interrupts import tidy_up_first
+from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, file
+from robodyn_cli.cli.runner import SceneRun, publish, run_scene, show
+from robodyn_cli.cli.words import table
+from robodyn_cli.errors import SceneError
+from robodyn_cli.exit_codes import FAILED
+
+
+def command(
+    scene: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="SCENE.yaml",
+            callback=file,
+            show_default=False,
+            help="Scene to report on; none with --suite.",
+        ),
+    ] = None,
+    suite: Annotated[
+        bool, typer.Option("--suite", help="Run the suite of stiff and extreme cases instead of a scene.")
+    ] = False,
+    quick: Annotated[
+        bool,
+        typer.Option("--quick", help="Smaller budgets: one method a family, seconds instead of minutes."),
+    ] = False,
+    cases: Annotated[
+        str | None, typer.Option("--cases", metavar="A,B", help="Cases of the suite to run. [default: all]")
+    ] = None,
+    out: OutDir = None,
+    overrides: Overrides = None,
+    no_plots: NoPlots = False,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> int:
+    """Report on a scene, or run the suite; return the exit code."""
+    console = Console(as_json, quiet)
+    if suite == (scene is not None):
+        raise SceneError("stability: give either a scene or --suite")
+    if scene is not None:
+        if cases is not None:
+            raise SceneError("--cases: only with --suite")
+        job = SceneRun("stability", scene, out, overrides or (), no_plots, options={"quick": quick})
+        return run_scene(job, console, describe)
+    if overrides:
+        raise SceneError("--set: not with --suite, whose cases have their own settings")
+    return run_suite(cases.split(",") if cases else None, quick, out, no_plots, console)
+
+
+def run_suite(
+    cases: Sequence[str] | None, quick: bool, out: Path | None, no_plots: bool, console: Console
+) -> int:
+    """Run the suite; return 1 where a case misses its expectation."""
+    from robodyn_cli.report.registry import plot_files
+    from robodyn_cli.results.atomic import write_bytes
+    from robodyn_cli.results.hdf5 import write
+    from robodyn_cli.results.output_dir import OutputDirectory
+    from robodyn_cli.run.numerics.stability_suite import suite
+
+    tidy_up_first()
+    with OutputDirectory(out or Path("outputs") / "stability-suite", plot_files()) as directory:
+        try:
+            result = suite(quick, cases, console.progress, console.note)
+        finally:
+            console.clear()
+        result.summary = {"status": result.status, "command": "stability", **result.summary}
+        write(result, directory.result_path)
+        for case in result.summary["cases"]:
+            write_bytes(directory.path / f"{case['name']}.yaml", case.pop("scene").encode())
+        publish(result, directory, no_plots)
+        show(result, directory, console, describe_suite)
+    return 0 if result.summary["missed"] == 0 else FAILED
+
+
+def small(x: Any) -> str:
+    """Return a number in few characters."""
+    return "-" if x is None else f"{x:.2g}"
+
+
+def describe(summary: Mapping[str, Any]) -> str:
+    """Return the report for the terminal."""
+    wrong = [
+        f"  {m['method']}: {m['message']}"
+        for m in summary["methods"]
+        if m["message"] and m["status"] != "stable"
+    ]
+    lines = [*_reference_lines(summary), table(_method_rows(summary)), *wrong, *_gain_lines(summary)]
+    return "\n".join([str(summary["title"]), *lines])
+
+
+def _reference_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Return what is said of the reference and of the linearised motion."""
+    lines = []
+    ref, found = summary["reference"], summary["spectrum"]
+    if ref is None:
+        lines.append("  reference          none: no two methods get through at tight tolerance")
+    else:
+        lines.append(
+            f"  reference          {ref['methods'][0]} and {ref['methods'][1]} agree to {ref['digits']:.1f} digits "
+            f"up to t = {ref['until']:.4g} s"
+        )
+        if ref["ends_early"]:
+            lines.append(f"  the motion ends    {ref['ends_early']}")
+    if found is not None:
+        lines.append(
+            f"  spectrum           stiffness ratio up to {found['stiffness_ratio']:.3g}; fastest decay "
+            f"{found['fastest_decay']:.3g} 1/s, oscillation {found['fastest_oscillation']:.3g} rad/s, growth "
+            f"{found['fastest_growth']:.3g} 1/s"
+        )
+        limits = ", ".join(
+            f"{x['method']} {small(x['largest_step'])} s" for x in summary["step_limits"] if x["largest_step"]
+        )
+        lines.append(f"  largest steps      {limits or 'no limit'}")
+    return lines
+
+
+def _method_rows(summary: Mapping[str, Any]) -> list[list[str]]:
+    """Return the table of the methods."""
+    growth = {g["method"]: g for g in summary["energy_growth"]["methods"]}
+    rows = [
+        [
+            "method",
+            "status",
+            "error / range",
+            "estimate",
+            "steps",
+            "time [ms]",
+            "energy, 1000 periods",
+            "grows as",
+        ]
+    ]
+    for m in summary["methods"]:
+        g = growth.get(m["method"])
+        name = f"auto ({m['chosen']})" if m["method"] == "auto" and m["chosen"] else m["method"]
+        exponent = g["exponent"] if g else None
+        rows.append(
+            [
+                name,
+                m["status"].replace("_", " "),
+                small(m["relative"]),
+                small(m["estimate"]),
+                str(m["steps"]),
+                f"{1e3 * m['seconds']:.3g}",
+                _energy(g, summary["energy_growth"]["period"]["seconds"]),
+                "-" if exponent is None else f"t^{exponent:.1f}",
+            ]
+        )
+    return rows
+
+
+def _gain_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Return what is said of Baumgarte's gains."""
+    lines = []
+    for name, words in (("own", "as the scene asks"), ("fixed", "fixed step")):
+        found = (summary.get("baumgarte") or {}).get(name)
+        if found and "chosen" in found:
+            c = found["chosen"]
+            lines.append(
+                f"  Baumgarte          {words} ({found['method']}): alpha = beta = {c['alpha']:.3g} 1/s = "
+                f"{c['factor']:.3g}/h with h = {c['step']:.3g} s; drift {c['drift']:.1e}, error {c['error']:.1e}, "
+                f"of the projected run {c['integration_error']:.1e}"
+            )
+    return lines
+
+
+def _energy(found: Mapping[str, Any] | None, period: float) -> str:
+    """Return the largest error of the energy, and over how many periods where these are not all."""
+    if found is None:
+        return "-"
+    cut = "" if found["status"] == "ok" else f" ({found['until'] / period:.0f})"
+    return small(found["largest_relative"]) + cut
+
+
+def describe_suite(summary: Mapping[str, Any]) -> str:
+    """Return the suite's verdicts for the terminal."""
+    names = summary["methods"]
+    rows = [["case", "verdict", *names]]
+    for case in summary["cases"]:
+        marks = [_mark(case["methods"].get(n)) for n in names]
+        rows.append([case["name"], "ok" if case["holds"] else "MISSED", *marks])
+    lines = [table(rows), "  errors over the range; ! inaccurate, x diverged, >> too slow, - unsupported"]
+    lines += [f"  {case['name']}: {case['found']}" for case in summary["cases"] if not case["holds"]]
+    lines.append(
+        f"  {len(summary['cases']) - summary['missed']} of {len(summary['cases'])} cases as expected"
+    )
+    return "\n".join(lines)
+
+
+def _mark(trial: Mapping[str, Any] | None) -> str:
+    if trial is None:
+        return ""
+    status = trial["status"]
+    if status in ("stable", "inaccurate"):
+        return (small(trial["relative"]) if trial["relative"] is not None else "ran") + (
+            "!" if status == "inaccurate" else ""
+        )
+    return {"diverged": "x", "too_slow": ">>", "unsupported": "-"}[status]

@@ -1,0 +1,50 @@
+"""``robodyn statics``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, SceneFile, Strict
+from robodyn_cli.cli.runner import SceneRun, run_scene
+from robodyn_cli.cli.words import mobility_lines, number, table
+
+
+def command(
+    scene: SceneFile,
+    out: OutDir = None,
+    overrides: Overrides = None,
+    no_plots: NoPlots = False,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+    strict: Strict = False,
+) -> int:
+    """Run the command; return its exit code."""
+    job = SceneRun("statics", scene, out, overrides or (), no_plots, strict)
+    return run_scene(job, Console(as_json, quiet), describe)
+
+
+def describe(summary: Mapping[str, Any]) -> str:
+    """Return the summary of a static analysis."""
+    facts = summary["equilibrium"]
+    lines = [f"{summary['title']}"]
+    if summary["find"] == "balance":
+        stiffness = ", ".join(
+            str(complex(*x)) if isinstance(x, list) else number(x) for x in facts["stiffness"]
+        )
+        spread = f"; reduced stiffness {stiffness} N m/rad or N/m" if stiffness else ""
+        lines.append(f"  balanced           {facts['stability']}{spread}")
+    else:
+        lines.append(f"  held               by {', '.join(facts['actuated'])}; torques {facts['torques']}")
+    rows = [["coordinate", "position", "torque or force"]]
+    torques = summary["torques_of_joints"]
+    for name, q in summary["configuration"].items():
+        rows.append([name, number(q, 9), number(torques[name]) if name in torques else ""])
+    lines.append(table(rows))
+    multipliers = summary.get("multipliers")
+    if multipliers:
+        lines.append("  multipliers        " + ", ".join(f"{k} {number(x)}" for k, x in multipliers.items()))
+    lines.append(f"  residual           {facts['residual']:.1e} N m or N")
+    lines += mobility_lines(summary)
+    return "\n".join(lines)

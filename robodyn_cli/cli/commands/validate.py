@@ -1,0 +1,33 @@
+"""``robodyn validate``."""
+
+from __future__ import annotations
+
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.options import Quiet, ReportAsJson, SceneFiles, Strict
+from robodyn_cli.exit_codes import worst
+
+
+def command(
+    scenes: SceneFiles, as_json: ReportAsJson = False, quiet: Quiet = False, strict: Strict = False
+) -> int:
+    """List what is wrong with each scene; return the exit code of the worst finding."""
+    from robodyn_cli.run.batch.findings import findings
+    from robodyn_cli.run.batch.gather import gather
+
+    console = Console(as_json, quiet)
+    report, codes = [], []
+    for path in gather(scenes):
+        found = findings(path, strict)
+        codes.append(worst(f.exit_code for f in found))
+        report.append({"scene": str(path), "exit_code": codes[-1], "findings": [f.as_dict() for f in found]})
+        errors = sum(f.severity == "error" for f in found)
+        counts = {"error": errors, "warning": len(found) - errors}
+        words = [f"{n} {what}{'s' if n > 1 else ''}" for what, n in counts.items() if n]
+        console.say(f"{path}: {', '.join(words) or 'ok'}")
+        for finding in found:
+            console.say(f"  {finding.severity}: {finding.message}")
+            if quiet and finding.severity == "error":
+                console.error(finding.message)
+    code = worst(codes)
+    console.data({"status": "ok" if code == 0 else "failed", "exit_code": code, "scenes": report})
+    return code

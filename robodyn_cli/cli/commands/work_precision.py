@@ -1,0 +1,134 @@
+"""``robodyn work-precision``."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+import typer
+
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.interrupts import tidy_up_first
+from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, SceneFile, number
+from robodyn_cli.cli.runner import default_directory, publish, show
+from robodyn_cli.cli.words import table
+
+COLUMNS = (
+    "method", "formulation", "tolerance", "step", "error", "run_time_s", "compile_time_s", "evaluations", "steps",
+    "status",
+)  # fmt: skip
+
+
+def tolerances_of(text: str) -> list[float]:
+    """Return the tolerances given on the command line."""
+    read = number("numbers from 1e-15 to 0.1, for example 1e-6,1e-9", lambda x: 1e-15 <= x <= 0.1)
+    return [read(word) for word in text.split(",")]
+
+
+def command(
+    scene: SceneFile,
+    out: OutDir = None,
+    overrides: Overrides = None,
+    methods: Annotated[
+        str | None,
+        typer.Option("--methods", metavar="A,B", help="Methods to compare. [default: all that can]"),
+    ] = None,
+    tolerances: Annotated[
+        Any,  # a list of numbers
+        typer.Option(
+            "--tolerances",
+            metavar="T,T",
+            parser=tolerances_of,
+            help="Tolerances to run. [default: 1e-2 to 1e-13]",
+        ),
+    ] = None,
+    repeats: Annotated[
+        int,
+        typer.Option(
+            "--repeats",
+            metavar="N",
+            parser=number("a whole number from 1 to 1000", lambda n: 1 <= n <= 1000, int),
+            help="Runs that a median is taken of.",
+        ),
+    ] = 7,
+    no_plots: NoPlots = False,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> int:
+    """Compare the methods, write every run, print the best; return the exit code."""
+    from robodyn_cli.report.registry import plot_files
+    from robodyn_cli.results.atomic import write_bytes
+    from robodyn_cli.results.hdf5 import write
+    from robodyn_cli.results.output_dir import OutputDirectory
+    from robodyn_cli.run.numerics.work_precision import work_precision
+    from robodyn_cli.scene.load import load_scene
+
+    console = Console(as_json, quiet)
+    loaded = load_scene(scene, list(overrides or ()))
+    names = methods.split(",") if methods else None
+    tidy_up_first()
+    with OutputDirectory(out or default_directory(scene, "work-precision"), plot_files()) as directory:
+        try:
+            result = work_precision(loaded, names, tolerances, repeats, console.progress)
+        finally:
+            console.clear()
+        head = {"status": "ok", "command": "work-precision", "title": result.title}
+        result.summary = {**head, **result.summary}
+        write(result, directory.result_path)
+        write_bytes(directory.path / "runs.csv", as_csv(result.summary["runs"]).encode())
+        directory.record(["runs.csv"])
+        publish(result, directory, no_plots)
+        show(result, directory, console, describe)
+    return 0
+
+
+def as_csv(runs: list[Mapping[str, Any]]) -> str:
+    """Return the runs as CSV."""
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    for run in runs:
+        writer.writerow({k: "" if run[k] is None else run[k] for k in COLUMNS})
+    return stream.getvalue()
+
+
+def describe(summary: Mapping[str, Any]) -> str:
+    """Return the best method at each error level, for the terminal."""
+    until = summary["compared_until"]
+    lines = [
+        f"{summary['title']}",
+        f"  reference          {' and '.join(summary['reference_methods'])} agree to "
+        f"{summary['reference_digits']:.1f} digits up to t = {until:.4g} s",
+    ]
+    if not summary["compared_whole_duration"]:
+        lines.append(
+            f"  chaotic            a small change of the start has grown {summary['perturbation_growth']:.1e} times "
+            f"by then; nothing is compared after t = {until:.4g} s"
+        )
+    rows = [
+        [
+            "error below",
+            "best method",
+            "formulation",
+            "tolerance or step",
+            "error",
+            "time [ms]",
+            "evaluations",
+        ]
+    ]
+    for best in summary["best"]:
+        setting = best["tolerance"] if best["tolerance"] is not None else best["step"]
+        rows.append(
+            [f"{best['level']:.0e}", best["method"], best["formulation"], f"{setting:.1e}", f"{best['error']:.1e}",
+             f"{1e3 * best['run_time_s']:.4g}", str(best["evaluations"])]
+        )  # fmt: skip
+    lines.append(table(rows))
+    bad = [r for r in summary["runs"] if r["status"] not in ("ok", "unsupported")]
+    if bad:
+        kinds = ", ".join(
+            f"{sum(r['status'] == k for r in bad)} {k}" for k in sorted({r["status"] for r in bad})
+        )
+        lines.append(f"  not usable         {kinds} of {len(summary['runs'])} runs (see runs.csv)")
+    return "\n".join(lines)

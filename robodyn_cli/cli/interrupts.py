@@ -1,0 +1,115 @@
+"""Ctrl-C: exit code 130 and one line, at whatever moment it comes."""
+
+from __future__ import annotations
+
+import _thread
+import contextlib
+import os
+import signal
+import sys
+import threading
+from types import FrameType
+from typing import Any, NoReturn
+
+from robodyn_cli.exit_codes import INTERRUPTED
+
+MESSAGE = "interrupted"
+AS_JSON = f"""\
+{{
+  "status": "failed",
+  "error": {{
+    "kind": "KeyboardInterrupt",
+    "message": "{MESSAGE}",
+    "exit_code": {INTERRUPTED}
+  }}
+}}
+"""
+_seen = False
+
+
+def leave_at_once() -> None:
+    """End the process on an interrupt from now on: nothing has been begun that needs tidying up.
+
+    The default, an exception, is lost or turned into another error where it meets the import of a compiled module.
+    Nothing changes where the program that started this one had interrupts ignored.
+    """
+    try:
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            signal.signal(signal.SIGINT, _leave)
+    except KeyboardInterrupt:  # just now
+        _leave(signal.SIGINT, None)
+
+
+def tidy_up_first() -> None:
+    """Raise KeyboardInterrupt on an interrupt from now on: there are files or processes to tidy up."""
+    if signal.getsignal(signal.SIGINT) is _leave:
+        sys.unraisablehook = _unraisable
+        signal.signal(signal.SIGINT, _raise)
+
+
+def end(code: int) -> NoReturn:
+    """End the process with an exit code, at once: all files are closed, and nothing is left to tidy up.
+
+    What Python does on its way out takes as long as a tenth of a small run, and libraries that were interrupted may
+    crash in it. (A profiler, which writes then, should run ``cli.app.run``.)
+    """
+    if signal.getsignal(signal.SIGINT) in (_leave, _raise):
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError, AttributeError):  # full, closed, or none at all
+            stream.flush()
+    os._exit(code)
+
+
+def seen() -> bool:
+    """Tell whether an interrupt has been raised, perhaps to surface as another error."""
+    return _seen
+
+
+def _leave(number: int, frame: FrameType | None) -> NoReturn:
+    with contextlib.suppress(OSError):
+        if "--json" in sys.argv:
+            os.write(1, AS_JSON.encode())
+    with contextlib.suppress(OSError):
+        os.write(2, f"robodyn: error: {MESSAGE}\n".encode())
+    os._exit(INTERRUPTED)
+
+
+def _raise(number: int, frame: FrameType | None) -> None:
+    global _seen
+    _seen = True
+    if _importing(frame):
+        _again()
+    else:
+        raise KeyboardInterrupt
+
+
+def _importing(frame: FrameType | None) -> bool:
+    """Tell whether a module is being imported, where an exception may be lost or become another one."""
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            return True
+        frame = frame.f_back
+    return False
+
+
+def _unraisable(lost: Any) -> None:
+    """Raise an interrupt again that came where nothing can be raised, as in a callback."""
+    if lost.exc_type is KeyboardInterrupt:
+        _again()
+    else:
+        sys.__unraisablehook__(lost)
+
+
+def _again() -> None:
+    """Interrupt the main thread in a moment."""
+    later = threading.Timer(0.02, _interrupt)
+    later.daemon = True
+    later.start()
+
+
+def _interrupt() -> None:
+    if hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+    else:
+        _thread.interrupt_main()

@@ -1,0 +1,82 @@
+"""What summaries have in common when they are put into words for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+
+def table(rows: Sequence[Sequence[str]]) -> str:
+    """Return rows as aligned columns; the first row is the head, the first column is text."""
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    lines = []
+    for row in rows:
+        cells = [row[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(row[1:], widths[1:]))]
+        lines.append("  " + "  ".join(cells).rstrip())
+    return "\n".join(lines)
+
+
+def number(x: Any, digits: int = 6) -> str:
+    """Return a number for reading."""
+    if x is None:
+        return "-"
+    return f"{x:.{digits}g}" if isinstance(x, (int, float)) else str(x)
+
+
+def error_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Return what is said of the errors of an integration."""
+    estimate = summary.get("error_estimate")
+    lines = []
+    if isinstance(estimate, Mapping) and estimate.get("state_max") is not None:
+        note = ""
+        if estimate.get("at_rounding"):
+            note = f" (at rounding, whose floor is {estimate['rounding_floor']:.0e})"
+        elif estimate.get("meaningful_until") is not None:
+            note = f" (not meaningful after t = {estimate['meaningful_until']:.4g} s)"
+        if estimate.get("q_max") is not None:
+            lines.append(
+                f"  estimated error    q {estimate['q_max']:.1e}, qd {estimate['qd_max']:.1e} at the worst sample{note}"
+            )
+        else:
+            lines.append(f"  estimated error    {estimate['state_max']:.1e} at the worst sample{note}")
+    elif isinstance(estimate, Mapping) and estimate.get("reason"):
+        lines.append(f"  estimated error    none: {estimate['reason']}")
+    else:
+        lines.append("  estimated error    not asked for")
+    if summary.get("energy_drift") is not None:
+        balance = summary.get("energy_balance", "energy")
+        lines.append(f"  energy drift       {summary['energy_drift']:.1e} J ({balance})")
+    residual = summary.get("constraint_residual")
+    if isinstance(residual, Mapping):
+        lines.append(
+            f"  loop residual      {residual['position']:.1e} m, {residual['velocity']:.1e} m/s at the worst sample"
+        )
+    return lines
+
+
+def cost_line(summary: Mapping[str, Any]) -> str:
+    """Return what is said of steps and times."""
+    counters = summary.get("counters", {})
+    times = summary.get("wall_time_s", {})
+    steps = f"{counters.get('steps', 0)} steps, {counters.get('evaluations', 0)} evaluations"
+    parts = ", ".join(f"{k} {1e3 * v:.3g}" for k, v in times.items() if k != "total" and v >= 5e-5)
+    told = " without an error estimate" if summary.get("error_estimate", {}) is None else ""
+    return f"  cost               {steps}; ms: {parts}; in all {1e3 * times.get('total', 0.0):.4g}{told}"
+
+
+def mobility_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Return what is said about degrees of freedom."""
+    found = summary.get("mobility")
+    if not found:
+        return []
+    return [
+        f"  mobility           {found['actual']} (rank {found['rank']} of {found['rows']} rows over "
+        f"{found['coordinates']} coordinates); Gruebler's count {found['count']} in space, {found['planar_count']} "
+        "without vanishing rows"
+    ]
+
+
+def closure_text(closure: Mapping[str, float]) -> str:
+    """Return residuals of the loops in words."""
+    units = {"position": "m", "velocity": "m/s", "acceleration": "m/s^2"}
+    return ", ".join(f"{key} {closure[key]:.1e} {unit}" for key, unit in units.items() if key in closure)

@@ -1,0 +1,56 @@
+"""The commands of the program, one line each: data alone, below all layers that use them."""
+
+from __future__ import annotations
+
+from robodyn_cli.record import record
+
+
+@record
+class Command:
+    """One command.
+
+    help : one line for ``--help``.
+    run : for a command that a scene may name under ``command``, its function as ``module:function`` below ``run/``;
+    ``function(scene, progress=..., watch=...)`` returns a Result.
+    streamed : that function takes a ``writer`` too, which writes long runs block by block.
+    """
+
+    help: str
+    run: str = ""
+    streamed: bool = False
+
+
+# what the command line calls is the function ``command`` in cli/commands/NAME.py
+COMMANDS: dict[str, Command] = {
+    "inverse": Command("Torques that a motion needs (inverse dynamics).", "inverse.inverse:inverse"),
+    "simulate": Command(
+        "Motion that the torques give (forward dynamics).", "simulate:simulate", streamed=True
+    ),
+    "deploy": Command(
+        "Simulate a mechanism with loops until it locks.", "deploy.deploy:deploy", streamed=True
+    ),
+    "kinematics": Command(
+        "Motion without forces, mobility, transmission.", "mechanism.kinematics:kinematics"
+    ),
+    "assemble": Command(
+        "Close the loops, and find the ways in which they close.", "mechanism.assemble:assemble"
+    ),
+    "statics": Command(
+        "Balance and its stability, or torques that hold a pose.", "mechanism.statics:statics"
+    ),
+    "plan": Command("What a scene needs, what is left out, and operations."),
+    "check": Command("Check a result against what its scene expects."),
+    "compare": Command("Compare two results dataset by dataset."),
+    "info": Command("Tree, frames, M, C, G and Jacobians at a state."),
+    "new": Command("Write a commented scene to begin with."),
+    "run": Command("Run many scenes, each by its own command; check them."),
+    "schema": Command("Print the JSON Schema of scenes, for editors."),
+    "stability": Command(
+        "Stiffness, step limits, and what each method does.", "numerics.stability:stability"
+    ),
+    "validate": Command("Check scenes and list all that is wrong."),
+    "work-precision": Command("Error against run time, for every method."),
+}
+
+# the commands that a scene may name
+SCENE_COMMANDS: tuple[str, ...] = tuple(name for name, command in COMMANDS.items() if command.run)

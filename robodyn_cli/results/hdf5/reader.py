@@ -1,0 +1,171 @@
+"""Read a result file back into a Result."""
+
+from __future__ import annotations
+
+import json
+import stat
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.errors import ResultFileError
+from robodyn_cli.results.hdf5.trial import survive
+from robodyn_cli.results.hdf5.writer import FILETYPE, FORMAT_VERSION, JSON_ATTRIBUTES
+from robodyn_cli.results.result import Result, Variable
+
+# the time that a file gets to be read, beyond which it is taken for one that never ends
+SECONDS = 10.0
+BYTES_PER_SECOND = 5e6
+
+_FIELDS = ("filetype", "format_version", "command", "title", "status", "scene", "scene_sha256", "summary")
+_TEXT_ATTRIBUTES = ("robodyn_version", "cpu", "integrator")
+
+
+def read(path: str | Path, select: Callable[[str], bool] | None = None) -> Result:
+    """Return the result stored at ``path``; ``select`` chooses paths where not all are wanted.
+
+    Raises
+    ------
+    ResultFileError : the file is not a result of robodyn, is damaged, or is of a newer format.
+    """
+    path = Path(path)
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError) as error:
+        reason = "no such file" if isinstance(error, FileNotFoundError) else str(error)
+        raise ResultFileError(f"{path}: {reason}", path=str(path)) from None
+    if stat.S_ISDIR(mode):
+        raise ResultFileError(f"{path} is a directory; name the result.h5 in it", path=str(path))
+    if not stat.S_ISREG(mode):
+        raise ResultFileError(f"{path} is a pipe or a device; name a file", path=str(path))
+    try:
+        survive(partial(_read, path, select), SECONDS + path.stat().st_size / BYTES_PER_SECOND)
+        return _read(path, select)
+    except ResultFileError:
+        raise
+    except Exception as error:  # a damaged file can lead anywhere
+        message = f"{path} cannot be read as a result of robodyn: {error}"
+        raise ResultFileError(message, path=str(path)) from error
+
+
+def _read(path: Path, select: Callable[[str], bool] | None) -> Result:
+    import h5py
+
+    with h5py.File(path, "r", locking="best-effort") as file:
+        _check(file, path)
+        return _result(file, select)
+
+
+def _check(file: Any, path: Path) -> None:
+    if file.attrs.get("filetype") != FILETYPE:
+        raise ResultFileError(f"{path} is an HDF5 file, but not a result of robodyn", path=str(path))
+    version = int(file.attrs["format_version"])
+    if version > FORMAT_VERSION:
+        raise ResultFileError(
+            f"{path} has format {version}, written by robodyn {file.attrs.get('robodyn_version', '?')}; this"
+            f" version reads formats up to {FORMAT_VERSION}: update robodyn",
+            path=str(path),
+        )
+
+
+def _result(file: Any, select: Callable[[str], bool] | None) -> Result:
+    attributes = {name: _attribute(name, value) for name, value in file.attrs.items() if name not in _FIELDS}
+    result = Result(
+        command=str(file.attrs["command"]),
+        title=str(file.attrs["title"]),
+        status=str(file.attrs["status"]),
+        scene_text=str(file.attrs["scene"]),
+        events=_events(file),
+        summary=json.loads(file.attrs.get("summary", "{}")),
+        attributes=attributes,
+    )
+    _collect(file["/"], "", result, select)
+    return result
+
+
+def _attribute(name: str, value: Any) -> Any:
+    """Return a root attribute as Python has it; those that hold JSON are parsed."""
+    if isinstance(value, np.generic):
+        return value.item()
+    if not isinstance(value, str) or name in _TEXT_ATTRIBUTES:
+        return value
+    if name in JSON_ATTRIBUTES or value.startswith(("{", "[")):
+        try:
+            return json.loads(value)
+        except ValueError:
+            return value
+    return value
+
+
+def _collect(group: Any, prefix: str, result: Result, select: Callable[[str], bool] | None) -> None:
+    import h5py
+
+    for name in _members(group):
+        item, path = group[name], prefix + name
+        if isinstance(item, h5py.Group):
+            if path != "events":
+                _collect(item, path + "/", result, select)
+        elif _is_bare(item) or not (select is None or select(path)):
+            continue
+        elif item.dtype.kind not in "fiu":
+            if not item.is_scale:
+                result.others[path] = _entries(item)
+        else:
+            attributes = dict(item.attrs)
+            result.variables[path] = Variable(
+                np.asarray(item[()], dtype=float),
+                _dims(item, path),
+                str(attributes.get("units", "")),
+                str(attributes.get("long_name", "")),
+                tuple(str(label) for label in attributes.get("names", ())),
+                tuple(str(unit) for unit in attributes.get("column_units", ())),
+            )
+
+
+def _entries(dataset: Any) -> tuple[str, ...]:
+    """Return the entries of a dataset that holds no numbers, as text."""
+    data = dataset.asstr()[()] if dataset.dtype.kind in "OS" else dataset[()]
+    return tuple(str(entry) for entry in np.ravel(data))
+
+
+def _members(group: Any) -> list[str]:
+    """Return the names in a group in the order in which they were written, where the file knows it."""
+    import h5py
+
+    order = h5py.h5.INDEX_NAME
+    if group.id.get_create_plist().get_link_creation_order() & h5py.h5p.CRT_ORDER_INDEXED:
+        order = h5py.h5.INDEX_CRT_ORDER
+    names: list[bytes] = []
+    group.id.links.iterate(names.append, idx_type=order)
+    return [name.decode() for name in names]
+
+
+def _is_bare(dataset: Any) -> bool:
+    """Tell whether a dataset only carries the length of a dimension."""
+    return dataset.is_scale and bytes(dataset.attrs.get("NAME", b"")).startswith(
+        b"This is a netCDF dimension"
+    )
+
+
+def _dims(dataset: Any, path: str) -> tuple[str, ...]:
+    """Return the names of the dimensions from their scales; one that is a scale itself is its own."""
+    if dataset.is_scale:
+        return (path,)
+    names = [dimension[0].name if len(dimension) else f"dim_{k}" for k, dimension in enumerate(dataset.dims)]
+    if None in names:
+        raise ValueError(f"a dimension of {path} has no name")
+    return tuple(name.rsplit("/", 1)[-1] for name in names)
+
+
+def _events(file: Any) -> list[dict[str, Any]]:
+    group = file.get("events")
+    if group is None:
+        return []
+    names, kinds, details = (group[key].asstr()[()] for key in ("name", "kind", "details"))
+    return [
+        {"time": float(time), "name": name, "kind": kind, **json.loads(more)}
+        for time, name, kind, more in zip(group["time"][()], names, kinds, details)
+    ]

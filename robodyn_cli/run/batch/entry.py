@@ -1,0 +1,61 @@
+"""One scene of a batch: what is to be run, and what became of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from robodyn_cli.exit_codes import FAILED
+from robodyn_cli.record import mutable_record
+from robodyn_cli.run.batch.criteria import Outcome
+
+if TYPE_CHECKING:
+    from robodyn_cli.scene.types import Scene
+
+
+@mutable_record
+class Entry:
+    """One scene of a batch and what became of it.
+
+    ``stopped`` : not done, as all are at first. ``unchanged`` : an earlier result was kept. ``verdict`` is ``ok``,
+    ``failed`` (a criterion, or no lock), ``error`` or ``stopped``.
+    """
+
+    path: Path
+    name: str
+    directory: Path | None = None
+    scene: Scene | None = None
+    exit_code: int = 0
+    unchanged: bool = False
+    stopped: bool = False
+    seconds: float = 0.0
+    message: str = ""
+    criteria: list[Outcome] = dataclasses.field(default_factory=list)
+
+    @property
+    def command(self) -> str:
+        """The command of the scene, empty where there is none."""
+        return (self.scene.command if self.scene is not None else None) or ""
+
+    @property
+    def verdict(self) -> str:
+        """How the scene ended, in a word."""
+        if self.stopped:
+            return "stopped"
+        return {0: "ok", FAILED: "failed"}.get(self.exit_code, "error")
+
+    @property
+    def problems(self) -> list[str]:
+        """What went wrong, in words."""
+        found = [str(outcome) for outcome in self.criteria if not outcome.holds]
+        return [self.message, *found] if self.message else found
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what ``--json`` shows."""
+        return {
+            "scene": str(self.path), "name": self.name, "command": self.command or None, "verdict": self.verdict,
+            "exit_code": self.exit_code, "unchanged": self.unchanged, "seconds": round(self.seconds, 3),
+            "message": self.message or None, "criteria": [o.as_dict() for o in self.criteria],
+            "directory": str(self.directory) if self.directory is not None else None,
+        }  # fmt: skip

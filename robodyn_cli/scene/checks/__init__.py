@@ -1,0 +1,1 @@
+"""Checks of a scene that look at more than one key."""

@@ -1,0 +1,104 @@
+"""Checks of loops, couplers and forces, and of points that move by formulas."""
+
+from __future__ import annotations
+
+from robodyn_cli.joints.registry import joint_types
+from robodyn_cli.scene.checks.check import Check
+from robodyn_cli.scene.points import BASE, point_link, point_problem
+from robodyn_cli.scene.text.nodes import Path
+from robodyn_cli.scene.types import Robot, Scene
+
+
+def check_loops(scene: Scene, check: Check) -> None:
+    paths: list[Path] = [("loops", k) for k in range(len(scene.loops))]
+    check.unique([loop.name for loop in scene.loops], "loop", [(*path, "name") for path in paths])
+    for path, loop in zip(paths, scene.loops):
+        with check:
+            for k, reference in enumerate(loop.between):
+                problem = point_problem(scene.robot, reference)
+                if problem is not None:
+                    check.fail((*path, "between", k), problem)
+            first, second = (point_link(scene.robot, reference) for reference in loop.between)
+            if first == second:
+                check.fail((*path, "between"), f"both points are on {first!r}; a loop joins two links")
+
+
+def check_couplers(scene: Scene, check: Check) -> None:
+    """Joints exist and have one coordinate; coefficients are not zero; names appear once, among loops too."""
+    paths: list[Path] = [("couplers", k) for k in range(len(scene.couplers))]
+    names = [coupler.name for coupler in scene.couplers]
+    check.unique(names, "coupler", [(*path, "name") for path in paths])
+    kinds = {joint.name: joint.type for joint in scene.robot.joints}
+    joints = [name for name, kind in kinds.items() if kind in joint_types and joint_types[kind].nq == 1]
+    loops = [loop.name for loop in scene.loops]
+    for path, coupler in zip(paths, scene.couplers):
+        with check:
+            if coupler.name in loops:
+                check.fail((*path, "name"), f"{coupler.name!r} is the name of a loop already")
+        with check:
+            if len(coupler.terms) < 2:
+                check.fail(
+                    (*path, "terms"), "a coupler relates two joints or more; `prescribed` moves a single one"
+                )
+        for name, coefficient in coupler.terms.items():
+            here: Path = (*path, "terms", name)
+            with check:
+                if kinds.get(name, "") in joint_types and name not in joints:
+                    allowed = ", ".join(joints)
+                    text = f"joint {name!r} ({kinds[name]}) has more than one coordinate; allowed: {allowed}"
+                    check.fail(here, text, True)
+                check.known(name, joints, "joint", here, True)
+                if coefficient == 0.0:
+                    check.fail(here, "must not be zero (value 0)")
+
+
+def check_moving_points(scene: Scene, check: Check) -> None:
+    """Only points of the base move by formulas, and only loops join them."""
+    for name, point in scene.robot.points.items():
+        with check:
+            if point.motion is not None and point.link != BASE:
+                check.fail(
+                    ("robot", "points", name, "motion"),
+                    f"only points on 'base' move by formulas (this one is on {point.link!r}); let a prescribed joint "
+                    "move it",
+                )
+    moving = {name for name, point in scene.robot.points.items() if point.motion is not None}
+    moving |= {f"base.{name}" for name in moving}
+    for k, force in enumerate(scene.forces):
+        with check:
+            for reference in force.references:
+                if reference in moving:
+                    text = f"{reference!r} moves by formulas; forces act on fixed points, loops may join moving ones"
+                    check.fail(("forces", k), text)
+
+
+def check_forces(scene: Scene, check: Check) -> None:
+    """Refuse forces whose places are unknown or do nothing, and laws that do not fit together."""
+    paths: list[Path] = [("forces", k) for k in range(len(scene.forces))]
+    check.unique([force.name for force in scene.forces], "force", [(*path, "name") for path in paths])
+    for path, force in zip(paths, scene.forces):
+        with check:
+            _check_places(scene.robot, force, check, path)
+        for where, message in force.problems():
+            with check:
+                check.fail((*path, *where), message)
+
+
+def _check_places(robot: Robot, force: object, check: Check, path: Path) -> None:
+    references: tuple[str, ...] = force.references  # type: ignore[attr-defined]
+    one = len(references) == 1
+    for k, reference in enumerate(references):
+        problem = None if reference in robot.frames else point_problem(robot, reference)
+        if problem is not None:
+            named = f", {', '.join(robot.frames)}" if robot.frames else ""
+            check.fail((*path, "at") if one else (*path, "between", k), problem + named)
+    links = [carrier(robot, reference) for reference in references]
+    if one and links[0] == BASE:
+        check.fail((*path, "at"), f"{references[0]!r} is fixed to the ground, where a force does nothing")
+    if not one and links[0] == links[1]:
+        check.fail((*path, "between"), f"both places are on {links[0]!r}; a force acts between two links")
+
+
+def carrier(robot: Robot, reference: str) -> str:
+    """Return the link that carries a named frame or a point which resolves."""
+    return robot.frames[reference].link if reference in robot.frames else point_link(robot, reference)

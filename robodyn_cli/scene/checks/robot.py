@@ -1,0 +1,217 @@
+"""Checks of the robot that look at more than one key."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable
+
+from robodyn_cli.joints.base import Joint as JointKind
+from robodyn_cli.joints.registry import joint_types
+from robodyn_cli.scene.checks.check import Check
+from robodyn_cli.scene.points import BASE, BUILT_IN, joint_of, spot_problem
+from robodyn_cli.scene.robot_types import DH, Joint, Robot
+from robodyn_cli.scene.text.nodes import Path
+from robodyn_cli.schema.describe import describe
+
+ROBOT: Path = ("robot",)
+_DRIVE = ("gear_ratio", "rotor_inertia")
+# keys that some kinds of joint have beside an axis
+_OF_SOME = ("pitch", "axis2")
+Axis = tuple[float, ...]
+
+
+def moving(robot: Robot) -> tuple[str, ...]:
+    """Return the names of the joints that have a coordinate."""
+    return tuple(joint.name for joint in robot.joints if joint_types[joint.type].nv > 0)
+
+
+def columns(robot: Robot, quasi: bool | None = None, velocities: bool = False) -> tuple[str, ...]:
+    """Return the columns of q (or v) of the joints; of those with quasi-velocities, or of the others, if asked."""
+    found: list[str] = []
+    for joint in robot.joints:
+        kind = joint_types[joint.type]
+        if kind.nv and quasi in (None, kind.quasi):
+            found += kind.coordinates(joint.name, kind.v_names if velocities else kind.names)
+    return tuple(found)
+
+
+def check_robot(robot: Robot, check: Check) -> Robot:
+    """Return the robot with every joint's link and parent filled in, as far as they could be."""
+    joints = [(*ROBOT, "joints", k) for k in range(len(robot.joints))]
+    links = [(*ROBOT, "links", k) for k in range(len(robot.links))]
+    check.unique([j.name for j in robot.joints], "joint", [(*p, "name") for p in joints])
+    check.unique([link.name for link in robot.links], "link", [(*p, "name") for p in links])
+    for path, link in zip(links, robot.links):
+        with check:
+            if link.name == BASE:
+                check.fail((*path, "name"), "'base' is the ground; choose another name")
+    names = {link.name for link in robot.links}
+    if len(names) == len(robot.links) and BASE not in names:
+        with check:
+            robot = _connect(robot, check, joints, links)
+    for path, joint in zip(joints, robot.joints):
+        with check:
+            _check_placement(robot, joint, check, path)
+        with check:
+            _check_drive(joint, check, path)
+    for path, link in zip(links, robot.links):
+        owner = joint_of(robot, link.name)
+        ambiguous = robot.convention == "standard" and owner is not None and owner.has_dh
+        if ambiguous and link.com is not None and link.com_frame is None:
+            message = "key 'com_frame' is missing: with standard D-H the link frame is not at the joint"
+            with check:
+                check.fail(path, f"{message}; allowed: joint, link")
+    _check_points(robot, check)
+    return robot
+
+
+def _connect(robot: Robot, check: Check, joints: list[Path], links: list[Path]) -> Robot:
+    """Fill in which link each joint moves and which it hangs on; refuse what is not a tree."""
+    names = [link.name for link in robot.links]
+    moved: dict[str, str] = {}
+    connected: list[Joint] = []
+    failures = len(check.found)
+    for k, joint in enumerate(robot.joints):
+        with check:
+            link = _moved_link(joint, k, names, check, joints[k])
+            if link in moved:
+                check.fail((*joints[k], "link"), f"link {link!r} is moved by joint {moved[link]!r} already")
+            moved[link] = joint.name
+            parent = joint.parent or (connected[-1].link if connected else BASE)
+            check.known(str(parent), [BASE, *names], "link", (*joints[k], "parent"))
+            connected.append(dataclasses.replace(joint, link=link, parent=parent))
+    if len(check.found) > failures:
+        return robot
+    for path, name in zip(links, names):
+        with check:
+            if name not in moved:
+                check.fail(path, f"no joint moves link {name!r}; each link needs one joint")
+    _check_tree(connected, check, joints)
+    return dataclasses.replace(robot, joints=tuple(connected))
+
+
+def _moved_link(joint: Joint, k: int, names: list[str], check: Check, path: Path) -> str:
+    """Return the link that the k-th joint moves: by default the one at the same place in the list."""
+    if joint.link is None:
+        if k >= len(names):
+            check.fail(path, f"joint {joint.name!r} moves no link: there are only {len(names)} links")
+        return names[k]
+    if joint.link == BASE:
+        check.fail((*path, "link"), "a joint cannot move 'base'")
+    check.known(joint.link, names, "link", (*path, "link"))
+    return joint.link
+
+
+def _check_tree(connected: list[Joint], check: Check, joints: list[Path]) -> None:
+    """Refuse links that hang on each other and not on the base."""
+    owner = {str(joint.link): joint for joint in connected}
+    grounded = {BASE}
+    for k, joint in enumerate(connected):
+        chain: list[str] = []
+        link = str(joint.link)
+        while link not in grounded:
+            if link in chain:
+                loop = " -> ".join([*chain[chain.index(link) :], link])
+                check.fail((*joints[k], "parent"), f"parents form a cycle: {loop}; close loops with 'loops'")
+            chain.append(link)
+            link = str(owner[link].parent)
+        grounded.update(chain)
+
+
+def _check_placement(robot: Robot, joint: Joint, check: Check, path: Path) -> None:
+    kind = joint_types[joint.type]
+    _check_keys(joint, kind, check, path)
+    variable = kind.dh_variable
+    if variable and getattr(joint, variable) is not None:
+        message = f"{variable!r} of a {joint.type} joint is its coordinate; give a constant part as 'offset'"
+        check.fail((*path, variable), message, at_key=True)
+    if joint.has_dh:
+        if robot.convention is None:
+            message = f"is missing, and joint {joint.name!r} has D-H parameters; allowed: standard, modified"
+            check.fail((*ROBOT, "convention"), message)
+        if joint.axis is not None:
+            message = f"does not go with the D-H parameter {_dh_given(joint)!r}; give one or the other"
+            check.fail((*path, "axis"), message, at_key=True)
+    elif "axis" in kind.needs and joint.axis is None:
+        dh = "D-H parameters (a, alpha, d, theta) or " if kind.by_dh else ""
+        check.fail(path, f"joint {joint.name!r} needs {dh}an 'axis'")
+    if joint.axis2 is not None:
+        _check_second_axis(joint.axis or (0.0, 0.0, 1.0), joint.axis2, check, path)
+
+
+def _dh_given(joint: Joint) -> str:
+    return next(name for name in DH if getattr(joint, name) is not None)
+
+
+def _check_keys(joint: Joint, kind: JointKind, check: Check, path: Path) -> None:
+    """Check the keys that only some kinds of joint take."""
+    if joint.has_dh and not kind.by_dh:
+        described = _listed(name for name in joint_types if joint_types[name].by_dh)
+        message = (
+            f"D-H parameters describe {described} joints; place a {joint.type} joint by 'origin' and 'axis'"
+        )
+        check.fail((*path, _dh_given(joint)), message, at_key=True)
+    taken = (*kind.needs, *kind.takes)
+    if joint.axis is not None and "axis" not in taken and kind.nv > 0:
+        message = f"a {joint.type} joint has no axis; turn its frame by origin.rpy"
+        check.fail((*path, "axis"), message, at_key=True)
+    for name in _OF_SOME:
+        if name in kind.needs and getattr(joint, name) is None:
+            field = next(f for f in dataclasses.fields(Joint) if f.name == name)
+            allowed = describe(field.metadata["kind"], field.metadata["unit"])
+            message = f"joint {joint.name!r} is {joint.type}: key {name!r} is missing; allowed: {allowed}"
+            check.fail(path, message)
+        if name not in taken and getattr(joint, name) is not None:
+            kinds = _listed(x for x in joint_types if name in (*joint_types[x].needs, *joint_types[x].takes))
+            check.fail((*path, name), f"is for {kinds} joints only", at_key=True)
+
+
+def _listed(names: Iterable[str]) -> str:
+    *most, last = names
+    return f"{', '.join(most)} and {last}" if most else last
+
+
+def _check_second_axis(axis: Axis, axis2: Axis, check: Check, path: Path) -> None:
+    cosine = sum(a * b for a, b in zip(axis, axis2)) / (math.hypot(*axis) * math.hypot(*axis2))
+    if abs(cosine) > 1e-9:
+        check.fail((*path, "axis2"), f"must be at right angles to the axis (cosine {cosine:.3g})")
+
+
+def _check_drive(joint: Joint, check: Check, path: Path) -> None:
+    if joint.gear_ratio == 0.0:
+        check.fail((*path, "gear_ratio"), "must not be zero")
+    for name, force in joint.forces:
+        for where, message in getattr(force, "problems", tuple)():
+            with check:
+                check.fail((*path, name, *where), message)
+    for name in _not_taken(joint, joint_types[joint.type]):
+        with check:
+            if check.has((*path, name)):
+                message = f"joint {joint.name!r} is {joint.type}: it takes no {name!r}"
+                check.fail((*path, name), message, at_key=True)
+
+
+def _not_taken(joint: Joint, kind: JointKind) -> tuple[str, ...]:
+    """Return the keys that make no sense for a kind of joint."""
+    axis = ("axis",) if kind.nv == 0 else ()
+    offset = () if kind.dh_variable else ("offset",)
+    # which of several coordinates a spring or a gear belongs to is not said by the joint alone
+    drive = () if kind.nv == 1 else (*_DRIVE, *(name for name, _ in joint.forces))
+    return (*axis, *offset, *drive)
+
+
+def _check_points(robot: Robot, check: Check) -> None:
+    names = [BASE, *[link.name for link in robot.links]]
+    for group, points in (("points", robot.points), ("frames", robot.frames)):
+        for name, point in points.items():
+            path = (*ROBOT, group, name)
+            with check:
+                if name in BUILT_IN:
+                    check.fail(
+                        path, f"{name!r} is reserved, as in 'LINK.{name}'; choose another name", at_key=True
+                    )
+                check.known(point.link, names, "link", (*path, "link"))
+                problem = spot_problem(robot, point.link, point.at) if isinstance(point.at, str) else None
+                if problem is not None:
+                    check.fail((*path, "at"), problem)

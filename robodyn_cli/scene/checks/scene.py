@@ -1,0 +1,208 @@
+"""Checks of a scene that look at more than one key; each error is placed at the key that is wrong."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+
+from robodyn_cli.errors import SceneError
+from robodyn_cli.expr.formula import parse
+from robodyn_cli.joints.registry import joint_types
+from robodyn_cli.record import record
+from robodyn_cli.scene.checks.check import Check
+from robodyn_cli.scene.checks.elements import check_couplers, check_forces, check_loops, check_moving_points
+from robodyn_cli.scene.checks.robot import check_robot, columns, moving
+from robodyn_cli.scene.methods import FIXED_STEP
+from robodyn_cli.scene.points import BASE, point_problem
+from robodyn_cli.scene.text.nodes import Node, Path, Scalar, find
+from robodyn_cli.scene.types import Robot, Scene, Torque
+
+
+@record
+class _SceneNames:
+    """What a trajectory may ask."""
+
+    robot: Robot
+    closed: bool = False
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        return columns(self.robot, quasi=False)
+
+    @property
+    def quasi(self) -> tuple[str, ...]:
+        return tuple(joint.name for joint in self.robot.joints if joint_types[joint.type].quasi)
+
+    def point_problem(self, reference: str) -> str | None:
+        return point_problem(self.robot, reference)
+
+
+def check_scene(scene: Scene, check: Check) -> Scene:
+    """Return the scene with the robot's connections filled in; all that is wrong is in ``check.found``."""
+    robot = check_robot(scene.robot, check)
+    scene = dataclasses.replace(scene, robot=robot)
+    joints = {joint.name for joint in robot.joints}
+    for name in scene.parameters:
+        with check:
+            if name in joints:
+                message = f"{name!r} is a joint already; choose another name"
+                check.fail(("parameters", name), message, at_key=True)
+    check_loops(scene, check)
+    check_couplers(scene, check)
+    check_moving_points(scene, check)
+    check_forces(scene, check)
+    _check_drives(scene, check)
+    _check_initial(scene, check)
+    if scene.trajectory is not None:
+        for path, message in scene.trajectory.problems(
+            _SceneNames(robot, bool(scene.loops or scene.couplers))
+        ):
+            with check:
+                check.fail(("trajectory", *path), message)
+    _check_runs(scene, check)
+    return scene
+
+
+def _check_joints(scene: Scene, names: Iterable[tuple[str, Path]], check: Check, at_key: bool) -> None:
+    """Refuse names that are no joints, and joints without a coordinate."""
+    joints = moving(scene.robot)
+    fixed = [joint.name for joint in scene.robot.joints if joint.name not in joints]
+    for name, path in names:
+        with check:
+            if name in fixed:
+                message = f"joint {name!r} is fixed: it has no coordinate; allowed: {', '.join(joints)}"
+                check.fail(path, message, at_key)
+            check.known(name, joints, "joint", path, at_key)
+
+
+def _keys(names: Iterable[str], *path: str) -> list[tuple[str, Path]]:
+    """Return the joints of columns, and their places in the tree."""
+    joints = dict.fromkeys(name.partition(".")[0] for name in names)
+    return [(name, (*path, name)) for name in joints]
+
+
+def _items(names: Iterable[str], *path: str) -> list[tuple[str, Path]]:
+    return [(name, (*path, k)) for k, name in enumerate(names)]
+
+
+def _check_drives(scene: Scene, check: Check) -> None:
+    actuated = scene.actuated
+    _check_joints(scene, _items(actuated or (), "actuated"), check, at_key=False)
+    check.unique(actuated or (), "joint", [path for _, path in _items(actuated or (), "actuated")])
+    _check_joints(scene, _keys(scene.torques, "torques"), check, at_key=True)
+    _check_joints(scene, _keys(scene.prescribed, "prescribed"), check, at_key=True)
+    for name, path in _keys(scene.prescribed, "prescribed"):
+        with check:
+            if any(joint.name == name and joint_types[joint.type].quasi for joint in scene.robot.joints):
+                message = f"the motion of joint {name!r} cannot be prescribed, because its velocities are no rates of"
+                check.fail(
+                    path, f"{message} positions; prescribe joints of one axis in its place", at_key=True
+                )
+    for name, torque in scene.torques.items():
+        with check:
+            _check_torque(scene, name, torque, check)
+
+
+def _check_torque(scene: Scene, name: str, torque: object, check: Check) -> None:
+    joint, dot, coordinate = name.partition(".")
+    path: Path = ("torques", joint, *((coordinate,) if dot else ()))
+    if scene.actuated is not None and joint not in scene.actuated:
+        allowed = ", ".join(scene.actuated) or "none"
+        check.fail(path, f"joint {joint!r} is not in 'actuated'; allowed: {allowed}", at_key=True)
+    if name in scene.prescribed:
+        check.fail(path, f"the motion of {name!r} is prescribed, so its torque is a result", at_key=True)
+    if isinstance(torque, Torque):
+        for k in range(1, len(torque.table)):
+            time, before = torque.table[k][0], torque.table[k - 1][0]
+            if not time > before:
+                message = f"times must increase (value {time!r} after {before!r})"
+                check.fail((*path, "table", k, 0), message)
+
+
+def _check_initial(scene: Scene, check: Check) -> None:
+    initial = scene.initial
+    _check_joints(scene, _keys(initial.q, "initial", "q"), check, at_key=True)
+    _check_joints(scene, _keys(initial.qd, "initial", "qd"), check, at_key=True)
+    _check_joints(scene, _items(initial.hold, "initial", "hold"), check, at_key=False)
+    check.unique(initial.hold, "joint", [path for _, path in _items(initial.hold, "initial", "hold")])
+    for k, joint in enumerate(scene.robot.joints):
+        if joint_types[joint.type].units != ("m",):
+            continue
+        for path in (
+            ("robot", "joints", k, "offset"),
+            ("initial", "q", joint.name),
+            ("initial", "qd", joint.name),
+        ):
+            with check:
+                if _in_degrees(find(check.root, path)):
+                    message = (
+                        f"'deg' does not fit: joint {joint.name!r} is {joint.type}; allowed: a length in m"
+                    )
+                    check.fail(path, message)
+
+
+def _in_degrees(node: Node | None) -> bool:
+    if not isinstance(node, Scalar) or not isinstance(node.value, str):
+        return False
+    try:
+        return parse(node.value).degrees
+    except SceneError:
+        return False
+
+
+def _check_runs(scene: Scene, check: Check) -> None:
+    options = scene.simulate
+    with check:
+        fixed = options.integrator in FIXED_STEP
+        if fixed and options.step is None:
+            message = f"has a fixed step: key 'step' is missing beside it (value {options.integrator!r})"
+            check.fail(("simulate", "integrator"), f"{message}; allowed: a number > 0 [s]")
+        if not fixed and options.step is not None:
+            message = f"does not go with integrator {options.integrator!r}, which chooses its own"
+            check.fail(("simulate", "step"), f"{message}; allowed: with {', '.join(FIXED_STEP)}")
+    _check_kinematics(scene, check)
+    _check_deploy(scene, check)
+    if scene.deploy.latch is not None:
+        between = scene.deploy.latch.between
+        links = [link.name for link in scene.robot.links]
+        for name, path in _items(between, "deploy", "latch", "between"):
+            with check:
+                check.known(name, [*links, BASE], "link", path)
+        with check:
+            if between[0] == between[1]:
+                check.fail(
+                    ("deploy", "latch", "between"), f"both are {between[0]!r}; a latch joins two links"
+                )
+
+
+def _check_deploy(scene: Scene, check: Check) -> None:
+    options = scene.deploy
+    with check:
+        if options.after == "continue" and options.latch is None:
+            check.fail(
+                ("deploy", "after"), "needs a latch that holds the structure together: key 'latch' beside it"
+            )
+    known = [*moving(scene.robot), *(loop.name for loop in scene.loops), "latch"]
+    for name in options.loads:
+        with check:
+            check.known(name, known, "joint or closure", ("deploy", "loads", name), at_key=True)
+
+
+def _check_kinematics(scene: Scene, check: Check) -> None:
+    options = scene.kinematics
+    if options.sweep is not None:
+        joint: Path = ("kinematics", "sweep", "joint")
+        _check_joints(scene, [(options.sweep.joint, joint)], check, at_key=False)
+        with check:
+            if options.sweep.start == options.sweep.stop:
+                check.fail(
+                    ("kinematics", "sweep", "stop"), "is where the sweep begins; allowed: another position"
+                )
+        with check:
+            if options.sweep.joint in scene.prescribed:
+                check.fail(joint, f"the motion of {options.sweep.joint!r} is prescribed; sweep another joint")
+    for k, reference in enumerate(options.transmission or ()):
+        with check:
+            problem = point_problem(scene.robot, reference)
+            if problem is not None:
+                check.fail(("kinematics", "transmission", k), problem)

@@ -1,0 +1,195 @@
+"""Read scalars of a tree: numbers, words, names and formulas; every complaint names file, line, column and key."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Callable
+from typing import Any
+
+from robodyn_cli.errors import SceneError, did_you_mean
+from robodyn_cli.expr import formula as fm
+from robodyn_cli.record import record
+from robodyn_cli.scene.text.faults import Faults
+from robodyn_cli.scene.text.nodes import Node, Path, Scalar, describe_node, dotted, located, shown
+from robodyn_cli.schema.describe import describe
+from robodyn_cli.schema.fields import Boolean, Choice, CsvFile, Formula, Integer, Kind, Name, Number, Text
+
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
+_IN_FORMULAS = ("joint", "parameter")
+# what stands for a value that could not be read
+BROKEN: Any = object()
+
+
+@record
+class Names:
+    """What formulas may refer to."""
+
+    joints: tuple[str, ...] = ()
+    parameters: tuple[str, ...] = ()
+    fixed: tuple[str, ...] = ()  # joints without a coordinate, for a better message
+    rates: tuple[str, ...] = ()  # columns of v, where they differ from those of q
+    types: dict[str, str] = dataclasses.field(default_factory=dict)  # of the joints
+
+
+class ScalarReader:
+    """Reads scalars; ``names`` are those that formulas may use, ``faults`` takes what is wrong."""
+
+    def __init__(self, names: Names, faults: Faults) -> None:
+        self.names = names
+        self.faults = faults
+        # looked up once a formula: as sets, but in the order of the scene
+        self.joints = dict.fromkeys(names.joints)
+        self.rates = dict.fromkeys(names.rates or names.joints)
+        self.parameters = dict.fromkeys(names.parameters)
+        self.handlers: dict[type[Kind], Callable[[Any, Node, Path, str], Any]] = {
+            Number: self.number,
+            Integer: self.integer,
+            Boolean: self.boolean,
+            Text: self.text,
+            Name: self.name,
+            Choice: self.choice,
+            Formula: self.formula,
+            CsvFile: self.text,
+        }
+
+    def value(self, kind: Kind, node: Node, path: Path, unit: str = "") -> Any:
+        """Return what ``node`` says, as ``kind`` wants it; BROKEN, and a fault, where it cannot be read."""
+        with self.faults:
+            return self.handlers[type(kind)](kind, node, path, unit)
+        return BROKEN
+
+    def wrong(self, kind: Kind, node: Node, path: Path, unit: str, what: str = "") -> SceneError:
+        """Return the error of a value that ``kind`` does not allow."""
+        allowed = describe(kind, unit)
+        if isinstance(node, Scalar) and node.value is None and not what:
+            return located(node, dotted(path), f"has no value; allowed: {allowed}")
+        what = what or "is not allowed here"
+        return located(node, dotted(path), f"{what} (value {describe_node(node)}); allowed: {allowed}")
+
+    @staticmethod
+    def unknown(kind: Kind, node: Scalar, path: Path, hint: str) -> SceneError:
+        """Return the error of a word that is none of the choices."""
+        return located(
+            node, dotted(path), f"unknown choice {shown(node.text)}{hint}; allowed: {describe(kind)}"
+        )
+
+    def number(self, kind: Number, node: Node, path: Path, unit: str) -> float:
+        value = self.plain_number(kind, node, path, unit, kind.angle)
+        self.check_range(kind, value, node, path, unit)
+        return value
+
+    def plain_number(self, kind: Kind, node: Node, path: Path, unit: str, angle: bool) -> float:
+        """Return a finite number, from a number or from text that is a constant formula."""
+        if not isinstance(node, Scalar) or node.value is None or isinstance(node.value, bool):
+            raise self.wrong(kind, node, path, unit)
+        if not isinstance(node.value, str):
+            return self.finite(node, path)
+        tree = self.parse(node, path, describe(kind, unit))
+        if tree.constant is None:
+            name = sorted(tree.names)[0]
+            raise self.wrong(kind, node, path, unit, f"is not a number: {name!r} is part of it")
+        if tree.degrees and not angle:
+            raise self.wrong(kind, node, path, unit, "'deg' does not fit: this is not an angle")
+        return tree.constant
+
+    def finite(self, node: Scalar, path: Path) -> float:
+        value = float(node.value) if isinstance(node.value, (int, float)) else math.nan
+        if not math.isfinite(value):
+            raise located(
+                node, dotted(path), f"is not finite (value {describe_node(node)}); allowed: a finite number"
+            )
+        return value
+
+    def check_range(self, kind: Number | Integer, value: float, node: Node, path: Path, unit: str) -> None:
+        low, high = kind.minimum, kind.maximum
+        strict = isinstance(kind, Number) and kind.exclusive
+        if low is not None and (value < low or (strict and value == low)):
+            raise self.wrong(kind, node, path, unit, "is too small")
+        if high is not None and (value > high or (strict and value == high)):
+            raise self.wrong(kind, node, path, unit, "is too large")
+
+    def integer(self, kind: Integer, node: Node, path: Path, unit: str) -> int:
+        value = self.plain_number(kind, node, path, unit, False)
+        if not value.is_integer():
+            raise self.wrong(kind, node, path, unit, "is not a whole number")
+        self.check_range(kind, value, node, path, unit)
+        return int(value)
+
+    def boolean(self, kind: Boolean, node: Node, path: Path, unit: str) -> bool:
+        if not isinstance(node, Scalar) or not isinstance(node.value, bool):
+            raise self.wrong(kind, node, path, unit)
+        return node.value
+
+    def text(self, kind: Kind, node: Node, path: Path, unit: str) -> str:
+        if isinstance(node, Scalar) and isinstance(node.value, str):
+            return node.value
+        what = "is not text; put it in quotes" if isinstance(node, Scalar) and node.value is not None else ""
+        raise self.wrong(kind, node, path, unit, what)
+
+    def name(self, kind: Name, node: Node, path: Path, unit: str) -> str:
+        if not isinstance(node, Scalar) or node.value is None:
+            raise self.wrong(kind, node, path, unit)
+        try:
+            self.check_name(kind.of, node, path)
+        except SceneError as error:
+            if not isinstance(node.value, str):
+                raise
+            # a bad name still tells things apart, and without it nothing of the list could be checked
+            self.faults.report(error)
+        return node.text
+
+    def check_name(self, of: str, node: Scalar, path: Path) -> None:
+        """Refuse what cannot be a name, and words that mean something else in formulas."""
+        if not _NAME.fullmatch(node.text):
+            what = (
+                f"{shown(node.text)} cannot be the name of a {of}" if of else f"{shown(node.text)} is no name"
+            )
+            raise located(node, dotted(path), f"{what}; allowed: letters, digits, _ and -, not first a digit")
+        if of in _IN_FORMULAS and "-" in node.text:
+            message = f"{shown(node.text)}: '-' is a sign in formulas; allowed: letters, digits, _"
+            raise located(node, dotted(path), message)
+        if of in _IN_FORMULAS and node.text in fm.RESERVED:
+            raise located(
+                node, dotted(path), f"{shown(node.text)} has a meaning in formulas; choose another name"
+            )
+
+    def choice(self, kind: Choice, node: Node, path: Path, unit: str) -> str:
+        if not isinstance(node, Scalar):
+            raise self.wrong(kind, node, path, unit)
+        if node.text not in kind.options or not isinstance(node.value, str):
+            hint = did_you_mean(node.text, kind.options)
+            if not node.text:
+                raise self.wrong(kind, node, path, unit)
+            raise self.unknown(kind, node, path, hint)
+        return node.text
+
+    def formula(self, kind: Formula, node: Node, path: Path, unit: str) -> fm.Formula:
+        if not isinstance(node, Scalar) or node.value is None or isinstance(node.value, bool):
+            raise self.wrong(kind, node, path, unit)
+        if not isinstance(node.value, str):
+            return fm.Formula.number(self.finite(node, path))
+        tree = self.parse(node, path, describe(kind, unit))
+        self.check_moving(tree, node, path)
+        try:
+            tree = tree.resolve(self.joints, self.parameters, kind.variables, self.rates)
+        except SceneError as error:
+            raise located(node, dotted(path), error.message) from None
+        where = str(located(node, dotted(path), "").message).removesuffix(": ")
+        return dataclasses.replace(tree, where=where)
+
+    def check_moving(self, tree: fm.Formula, node: Node, path: Path) -> None:
+        """Refuse the names of joints without a coordinate."""
+        for name in tree.names:
+            parts = name.split(".")
+            joint = parts[1] if len(parts) > 1 else name
+            if joint in self.names.fixed:
+                message = f"joint {joint!r} is fixed: it has no coordinate for a formula"
+                raise located(node, dotted(path), f"{message} (value {describe_node(node)})")
+
+    def parse(self, node: Scalar, path: Path, allowed: str) -> fm.Formula:
+        try:
+            return fm.parse(node.text)
+        except SceneError as error:
+            raise located(node, dotted(path), f"{error.message}; allowed: {allowed}") from None

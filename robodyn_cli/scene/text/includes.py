@@ -1,0 +1,242 @@
+"""Bring other files into the tree where the schema allows it: YAML files and CSV tables."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import os
+from collections.abc import Iterator
+
+from robodyn_cli.errors import SceneError
+from robodyn_cli.scene.text.faults import Faults
+from robodyn_cli.scene.text.nodes import (
+    Mapping,
+    Node,
+    Path,
+    Scalar,
+    Sequence,
+    Source,
+    dotted,
+    located,
+    mapping,
+    scalar,
+    sequence,
+    shown,
+)
+from robodyn_cli.scene.text.scalars import resolve
+from robodyn_cli.scene.text.yaml_nodes import compose, read_text
+from robodyn_cli.schema.fields import (
+    CsvFile,
+    Either,
+    Inline,
+    Kind,
+    ListOf,
+    MapOf,
+    OrFile,
+    Section,
+    Tagged,
+    Vector,
+)
+
+INCLUDE = "include"
+MAX_CHAIN = 20
+
+
+def fits(kind: Kind, node: Node) -> bool:
+    """Tell whether the shape of a node (scalar, list, map) is that of a kind."""
+    if isinstance(kind, OrFile):
+        return fits(kind.item, node) or isinstance(node, Scalar)
+    if isinstance(kind, Either):
+        return any(fits(k, node) for k in kind.kinds)
+    if isinstance(kind, (Section, Tagged, MapOf)):
+        return isinstance(node, Mapping)
+    if isinstance(kind, (ListOf, Vector)):
+        return isinstance(node, Sequence)
+    return isinstance(node, Scalar)
+
+
+def concrete(kind: Kind, node: Node) -> Kind | None:
+    """Return the section, list, map or scalar kind that a node is to be read as, or None if none fits."""
+    if isinstance(kind, OrFile):
+        return concrete(kind.item, node)
+    if isinstance(kind, Either):
+        found = next((k for k in kind.kinds if fits(k, node)), None)
+        return concrete(found, node) if found is not None else None
+    if isinstance(kind, Tagged) and isinstance(node, Mapping):
+        tag = node.get(kind.tag)
+        cls = kind.registry().get(tag.text) if isinstance(tag, Scalar) else None
+        return Section(cls) if cls is not None else None
+    return kind
+
+
+def child_kind(kind: Kind | None, step: str) -> Kind | None:
+    """Return what a section, list or map expects under one step of a path, or None if it does not know it."""
+    if isinstance(kind, Section):
+        for field in dataclasses.fields(kind.cls):
+            if field.name == step and not isinstance(field.metadata.get("kind"), Inline):
+                return field.metadata.get("kind")
+            if isinstance(field.metadata.get("kind"), Inline) and step in field.metadata["kind"].registry():
+                return Section(field.metadata["kind"].registry()[step])
+    if isinstance(kind, (MapOf, ListOf)):
+        return kind.item
+    return None
+
+
+class Includer:
+    """Brings in files and remembers which; a value whose file cannot be brought in stays as it is."""
+
+    def __init__(self, faults: Faults) -> None:
+        self.faults = faults
+        self.sources: list[str] = []
+
+    def open_root(self, path: str) -> Node:
+        """Return the tree of the scene file itself."""
+        text = read_text(path, None, "", path)
+        self.sources.append(path)
+        source = Source(path, os.path.dirname(path) or ".", os.path.realpath(path))
+        return compose(text, source, self.faults)
+
+    def whole(self, kind: Kind, node: Node, path: Path = ()) -> Node:
+        """Return the tree with every file that ``kind`` allows brought in."""
+        if isinstance(kind, OrFile):
+            node = self.here(kind, node, path)
+        inner = concrete(kind, node)
+        if isinstance(node, Sequence) and isinstance(inner, ListOf):
+            if isinstance(inner.item, (Section, Tagged, ListOf, MapOf, Either, OrFile)):
+                return sequence(
+                    node, [self.whole(inner.item, x, (*path, k)) for k, x in enumerate(node.items)]
+                )
+            return node
+        if not isinstance(node, Mapping) or not isinstance(inner, (Section, MapOf)):
+            return node
+        entries = []
+        for key, value in node.entries:
+            below = child_kind(inner, key.text)
+            entries.append((key, value if below is None else self.whole(below, value, (*path, key.text))))
+        result = mapping(node, entries)
+        if isinstance(inner, Section):
+            for field in dataclasses.fields(inner.cls):
+                if isinstance(field.metadata.get("kind"), CsvFile):
+                    with self.collecting((*path, field.name)):
+                        result = self.csv(field.metadata["kind"], field.name, result, path)
+        return result
+
+    def here(self, kind: Kind, node: Node, path: Path) -> Node:
+        """Return the node, or what the file that it names contains; the node itself if that is at fault."""
+        with self.collecting(path):
+            return self.found(kind, node, path)
+        return node
+
+    @contextlib.contextmanager
+    def collecting(self, path: Path) -> Iterator[None]:
+        """Report an error of the block; that the value at ``path`` is missing follows from it."""
+        try:
+            yield
+        except SceneError as error:
+            self.faults.report(error)
+            self.faults.lost.append(dotted(path))
+
+    def found(self, kind: Kind, node: Node, path: Path) -> Node:
+        """Return the node, or what the file that it names contains.
+
+        Raises
+        ------
+        SceneError : the file cannot be read, is no YAML, includes itself or does not fit.
+        """
+        if not isinstance(kind, OrFile):
+            return node
+        if isinstance(node, Scalar) and isinstance(node.value, str):
+            return self.found(kind, self.include(node, path), path)
+        if isinstance(node, Mapping) and node.get(INCLUDE) is not None:
+            name = node.get(INCLUDE)
+            if not isinstance(name, Scalar) or not isinstance(name.value, str):
+                raise located(name or node, dotted((*path, INCLUDE)), "must be the path of a YAML file")
+            base = self.found(kind, self.include(name, path), path)
+            if not isinstance(base, Mapping):
+                raise located(base, dotted(path), "an included file must contain a map")
+            for key, value in node.entries:
+                if key.text != INCLUDE:
+                    base = base.replaced(key, value)
+            return base
+        return node
+
+    def include(self, node: Scalar, path: Path) -> Node:
+        """Return the tree of the YAML file that a scalar names."""
+        name, real = self.locate(node)
+        chain = [source.name for source in node.source.chain()][::-1]
+        if any(source.real == real for source in node.source.chain()):
+            raise located(node, dotted(path), f"includes form a cycle: {' -> '.join([*chain, name])}")
+        if len(chain) > MAX_CHAIN:
+            raise located(node, dotted(path), f"includes are nested more than {MAX_CHAIN} deep")
+        text = read_text(self.opened(node), node, dotted(path), name)
+        self.sources.append(name)
+        return compose(text, Source(name, os.path.dirname(name) or ".", real, node.source), self.faults, path)
+
+    def locate(self, node: Scalar) -> tuple[str, str]:
+        """Return the path to show and the resolved path of the file that a scalar names."""
+        opened = self.opened(node)
+        try:
+            return os.path.normpath(opened), os.path.realpath(opened)
+        except ValueError:  # a zero byte in the name
+            return opened, opened
+
+    @staticmethod
+    def opened(node: Scalar) -> str:
+        return os.path.join(node.source.directory, node.text)
+
+    def csv(self, kind: CsvFile, key: str, section: Mapping, path: Path) -> Mapping:
+        """Return a section with the CSV file that it names replaced by the file's columns and rows."""
+        node = section.get(key)
+        if node is None or (isinstance(node, Scalar) and node.value is None):
+            return section
+        here = dotted((*path, key))
+        if not isinstance(node, Scalar) or not isinstance(node.value, str):
+            raise located(node, here, "must be the path of a CSV file")
+        for other in (kind.columns, kind.rows):
+            if section.get(other) is not None:
+                raise located(section.key(key) or node, here, f"give either {key!r} or {other!r}, not both")
+        name, real = self.locate(node)
+        text = read_text(self.opened(node), node, here, name)
+        self.sources.append(name)
+        source = Source(name, os.path.dirname(name) or ".", real, node.source)
+        columns, rows = _table(text, source, dotted((*path, kind.rows)))
+        entries = [(k, v) for k, v in section.entries if k.text != key]
+        entries += [(scalar(columns, kind.columns), columns), (scalar(rows, kind.rows), rows)]
+        return mapping(section, entries)
+
+
+def _table(text: str, source: Source, key: str) -> tuple[Sequence, Sequence]:
+    """Return header and rows of a CSV text; blank lines and lines that start with ``#`` are skipped."""
+    header: list[Node] = []
+    rows: list[Node] = []
+    start = Scalar(source, 1, 1, "", None)
+    for number, line in enumerate(text.splitlines(), start=1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        cells: list[Node] = []
+        column = 1
+        for cell in line.split(","):
+            place = Scalar(source, number, column + len(cell) - len(cell.lstrip()), "", None)
+            cells.append(_cell(cell.strip(), place, bool(header), key))
+            column += len(cell) + 1
+        if header:
+            rows.append(sequence(cells[0], cells))
+        else:
+            header = cells
+    if not header:
+        raise located(
+            start, key, "there is no header row; allowed: a row of column names, then rows of numbers"
+        )
+    return sequence(header[0], header), sequence(start, rows)
+
+
+def _cell(text: str, place: Scalar, is_number: bool, key: str) -> Scalar:
+    if not is_number:
+        return scalar(place, text)
+    try:
+        value = resolve(text)
+    except ValueError:
+        value = text
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise located(place, key, f"must be a number (value {shown(text)})")
+    return scalar(place, value)

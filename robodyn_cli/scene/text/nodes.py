@@ -1,0 +1,170 @@
+"""The YAML tree: immutable nodes that remember the file, line and column they come from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from robodyn_cli.errors import SceneError
+from robodyn_cli.record import record
+from robodyn_cli.scene.text.scalars import Value
+
+Path = tuple[str | int, ...]
+
+
+@record
+class Source:
+    """Where text comes from.
+
+    name : shown in errors.
+    directory : relative paths inside start here.
+    real : resolved path, to recognise a file that includes itself; empty for text that is no file.
+    parent : the source that includes this one.
+    positions : whether line and column mean something (not for the text of an option).
+    """
+
+    name: str
+    directory: str
+    real: str = ""
+    parent: Source | None = None
+    positions: bool = True
+
+    def chain(self) -> Iterator[Source]:
+        """Yield this source and those that include it, innermost first."""
+        source: Source | None = self
+        while source is not None:
+            yield source
+            source = source.parent
+
+
+@record
+class Node:
+    """Base of the nodes; line and column count from 1."""
+
+    source: Source
+    line: int
+    column: int
+
+    @property
+    def size(self) -> int:
+        """Number of nodes in this subtree, shared ones counted wherever they are used."""
+        return 1
+
+
+@record
+class Scalar(Node):
+    """A scalar: the text as written, and the value that YAML 1.2 gives it."""
+
+    text: str
+    value: Value
+
+
+@record
+class Sequence(Node):
+    items: tuple[Node, ...]
+    count: int
+
+    @property
+    def size(self) -> int:
+        return self.count
+
+
+@record
+class Mapping(Node):
+    entries: tuple[tuple[Scalar, Node], ...]
+    count: int
+
+    @property
+    def size(self) -> int:
+        return self.count
+
+    def get(self, key: str) -> Node | None:
+        """Return the value under ``key``."""
+        return next((value for k, value in self.entries if k.text == key), None)
+
+    def key(self, key: str) -> Scalar | None:
+        """Return the node of the key itself."""
+        return next((k for k, _ in self.entries if k.text == key), None)
+
+    def replaced(self, key: Scalar, value: Node) -> Mapping:
+        """Return the map with the value under a key replaced, or a new entry at its end."""
+        if self.key(key.text) is None:
+            return mapping(self, [*self.entries, (key, value)])
+        return mapping(self, [(k, value if k.text == key.text else v) for k, v in self.entries])
+
+    def without(self, key: str) -> Mapping:
+        """Return the map without a key."""
+        return mapping(self, [(k, v) for k, v in self.entries if k.text != key])
+
+
+def sequence(place: Node, items: list[Node]) -> Sequence:
+    """Return a list at the place of another node."""
+    return Sequence(place.source, place.line, place.column, tuple(items), 1 + sum(x.size for x in items))
+
+
+def mapping(place: Node, entries: list[tuple[Scalar, Node]]) -> Mapping:
+    """Return a map at the place of another node."""
+    count = 1 + sum(1 + v.size for _, v in entries)
+    return Mapping(place.source, place.line, place.column, tuple(entries), count)
+
+
+def scalar(place: Node, value: Value) -> Scalar:
+    """Return a scalar at the place of another node."""
+    return Scalar(place.source, place.line, place.column, "" if value is None else str(value), value)
+
+
+def find(root: Node, path: Path) -> Node | None:
+    """Return the node at ``path``, if there is one."""
+    node: Node | None = root
+    for step in path:
+        if isinstance(node, Mapping):
+            node = node.get(str(step))
+        elif isinstance(node, Sequence) and isinstance(step, int) and step < len(node.items):
+            node = node.items[step]
+        else:
+            return None
+    return node
+
+
+def nearest(root: Node, path: Path) -> Node:
+    """Return the node at ``path``, or the nearest one above it."""
+    return next((node for k in range(len(path), 0, -1) if (node := find(root, path[:k]))), root)
+
+
+def dotted(path: Path) -> str:
+    """Return a path as in messages and in ``--set``: ``robot.joints.0.a``."""
+    return ".".join(str(step) for step in path)
+
+
+def located(node: Node, key: str, message: str, **details: Any) -> SceneError:
+    """Return the error at a node: ``FILE:LINE:COL: key.path: message``, on one line."""
+    source = node.source
+    place = f"{source.name}:{node.line}:{node.column}" if source.positions else source.name
+    text = f"{place}: {key}: {message}" if key else f"{place}: {message}"
+    return SceneError(
+        " ".join(text.split("\n")),
+        file=source.name,
+        line=node.line if source.positions else None,
+        column=node.column if source.positions else None,
+        key=key,
+        **details,
+    )
+
+
+def shown(value: Any) -> str:
+    """Return a value as quoted in messages: one line, not long."""
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def describe_node(node: Node) -> str:
+    """Return what a node is, as quoted in messages."""
+    if isinstance(node, Scalar):
+        if node.value is None:
+            return "nothing"
+        if isinstance(node.value, str):
+            return shown(node.value)
+        return node.text if len(node.text) <= 60 else node.text[:57] + "..."
+    if isinstance(node, Sequence):
+        return f"a list of {len(node.items)}"
+    return "a map"

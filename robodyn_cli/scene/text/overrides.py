@@ -1,0 +1,126 @@
+"""``--set key.path=value``: replace or remove values in the tree before it is read."""
+
+from __future__ import annotations
+
+from robodyn_cli.errors import SceneError, did_you_mean
+from robodyn_cli.scene.text.includes import Includer, child_kind, concrete
+from robodyn_cli.scene.text.nodes import (
+    Mapping,
+    Node,
+    Path,
+    Scalar,
+    Sequence,
+    Source,
+    describe_node,
+    dotted,
+    located,
+    mapping,
+    sequence,
+    shown,
+)
+from robodyn_cli.scene.text.yaml_nodes import compose
+from robodyn_cli.schema.fields import Kind, ListOf, Section
+
+HELP = "allowed: key.path=value, list items by index or by name, as in robot.joints.theta1.a=0.5"
+
+
+def apply(root: Node, kind: Kind, override: str, directory: str, includer: Includer) -> Node:
+    """Return the tree with one value set, or removed where the value is null.
+
+    Parameters
+    ----------
+    root, kind : the tree and what it is.
+    override : ``key.path=value``; the value is YAML 1.2.
+    directory : where relative paths in the value start.
+    includer : loads the files that the path leads through.
+    """
+    quoted = " ".join(override.split()) or "''"
+    label = "--set " + (quoted if len(quoted) <= 100 else quoted[:97] + "...")
+    source = Source(label, directory, positions=False)
+    place = Scalar(source, 1, 1, "", None)
+    key, sign, text = override.partition("=")
+    steps = key.strip().split(".")
+    if not sign:
+        raise located(place, "", f"has no '='; {HELP}")
+    if not all(step.strip() == step and step for step in steps):
+        raise located(place, "", f"{shown(key)} is not a path of keys; {HELP}")
+    if not text.strip():
+        raise located(
+            place, key.strip(), "has no value; write null to remove a key, '\"\"' for an empty text"
+        )
+    value = compose(text.strip(), source, includer.faults, tuple(steps), empty=True)
+    return _Setter(place, value, includer).set(root, kind, steps, ())
+
+
+class _Setter:
+    def __init__(self, place: Scalar, value: Node, includer: Includer) -> None:
+        self.place = place
+        self.value = value
+        self.includer = includer
+        self.removes = isinstance(value, Scalar) and value.value is None
+
+    def set(self, node: Node, kind: Kind | None, steps: list[str], done: Path) -> Node:
+        """Return ``node`` with the value at ``steps`` below it replaced."""
+        if not steps:
+            return self.value
+        if kind is not None:
+            node = self.includer.here(kind, node, done)
+            kind = concrete(kind, node)
+        step, rest = steps[0], steps[1:]
+        if isinstance(node, Sequence):
+            index = self.index(node, step, done)
+            items = list(node.items)
+            if self.removes and not rest:
+                return sequence(node, items[:index] + items[index + 1 :])
+            items[index] = self.set(items[index], child_kind(kind, step), rest, (*done, index))
+            return sequence(node, items)
+        if isinstance(node, Mapping):
+            key = node.key(step) or Scalar(self.place.source, 1, 1, step, step)
+            below = child_kind(kind, step)
+            old = node.get(step)
+            # a key that the schema does not know is left to the reader, here too
+            known = old is not None or below is not None or not isinstance(kind, Section)
+            if self.removes and not rest and known:
+                return self.without(node, kind, step, done)
+            if old is None or (isinstance(old, Scalar) and old.value is None and rest):
+                if rest and isinstance(below, ListOf):
+                    raise self.error((*done, step), "is empty, so it has no items; set the whole list")
+                # what the schema does not know is refused by the reader, which names this option
+                old = mapping(self.place, [])
+            new = self.set(old, below, rest, (*done, step))
+            # where nothing was removed, nothing is added
+            return node if new is old else node.replaced(key, new)
+        what = f"is {describe_node(node)}" if done else f"the scene is {describe_node(node)}"
+        raise self.error(done, f"{what}, so it has no key {shown(step)}")
+
+    def without(self, node: Mapping, kind: Kind | None, step: str, done: Path) -> Node:
+        """Return a map without a key; a key of the schema that is not there is removed already."""
+        if node.get(step) is not None:
+            return node.without(step)
+        if not isinstance(kind, Section):
+            names = [key.text for key, _ in node.entries]
+            allowed = f"allowed: {', '.join(names)}" if names else "it is empty"
+            raise self.error(
+                done, f"has no key {shown(step)} to remove{did_you_mean(step, names)}; {allowed}"
+            )
+        return node
+
+    def index(self, node: Sequence, step: str, done: Path) -> int:
+        """Return the index of a list item, given by index or by its ``name``."""
+        if step.isdecimal() and step.isascii() and len(step) < 10:
+            if int(step) < len(node.items):
+                return int(step)
+            last = f"allowed: 0 to {len(node.items) - 1}" if node.items else "the list is empty"
+            raise self.error(done, f"has no item {step}; {last}")
+        names = []
+        for index, item in enumerate(node.items):
+            name = item.get("name") if isinstance(item, Mapping) else None
+            if isinstance(name, Scalar):
+                names.append(name.text)
+                if name.text == step:
+                    return index
+        allowed = f"; allowed: {', '.join(names)} or an index" if names else "; allowed: an index"
+        raise self.error(done, f"has no item named {shown(step)}{did_you_mean(step, names)}{allowed}")
+
+    def error(self, path: Path, message: str) -> SceneError:
+        return located(self.place, dotted(path), message)
