@@ -17,7 +17,7 @@ import measure
 import numpy as np
 
 from robodyn_cli.errors import NumericalError
-from robodyn_cli.formulations.index1 import index1
+from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
@@ -65,7 +65,7 @@ class Point:
 
 def motion(title: str, scene: Any, end: float, reference: tuple[str, float]) -> Motion:
     setup = prepare(scene)
-    system = index1(setup.problem, work=False)
+    system = build_system(setup.problem, work=False)
     return Motion(title, system, system.join(setup.assembled.q, setup.assembled.v), end, reference)
 
 

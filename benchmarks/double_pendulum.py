@@ -27,7 +27,7 @@ from lock_time import LOCK  # noqa: E402
 from peers.robodyn import four_bar_system, swing, to_lock  # noqa: E402
 
 from robodyn_cli import load_scene  # noqa: E402
-from robodyn_cli.formulations.index1 import index1  # noqa: E402
+from robodyn_cli.formulations.build import build_system  # noqa: E402
 from robodyn_cli.formulations.system import System  # noqa: E402
 from robodyn_cli.integrators.runtime.integrator import Integrator, Options  # noqa: E402
 from robodyn_cli.run.driver.prepare import prepare  # noqa: E402
@@ -69,7 +69,7 @@ def options_of(method: str, quick: bool) -> Iterator[tuple[str, Options]]:
 def pendulum() -> tuple[System, np.ndarray]:
     """Return the system and its state at t = 0."""
     setup = prepare(load_scene(CONFIGS / "double_pendulum.yaml"))
-    return index1(setup.problem, work=False), np.concatenate([setup.assembled.q, setup.assembled.v])
+    return build_system(setup.problem, work=False), np.concatenate([setup.assembled.q, setup.assembled.v])
 
 
 def error_at_end(y: np.ndarray) -> float:

@@ -26,6 +26,7 @@ from peers.exudyn_loops import Mechanism, Unsupported, solve  # noqa: E402
 from robodyn_cli import load_scene  # noqa: E402
 from robodyn_cli.errors import CapabilityError, NumericalError, RobodynError  # noqa: E402
 from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options  # noqa: E402
+from robodyn_cli.run.driver.build import projected_motion  # noqa: E402
 from robodyn_cli.run.driver.prepare import prepare  # noqa: E402
 from robodyn_cli.run.numerics.trial import Reference, agreed  # noqa: E402
 from robodyn_cli.run.numerics.work_precision import LONGEST, formulations, reference  # noqa: E402
@@ -56,7 +57,7 @@ def measured(name: str, scene: Any, quick: bool) -> list[dict[str, Any]]:
     setup = prepare(scene)
     problem = setup.problem
     duration = scene.simulate.duration
-    systems, _ = formulations(scene, setup)
+    systems, _ = formulations(projected_motion(scene), scene.simulate.stabilisation)
     main = next(iter(systems.values()))
     start = main.join(setup.assembled.q, setup.assembled.v)
     passing = scene.simulate.singular == "pass"

@@ -68,13 +68,13 @@ def measure(n: int) -> dict[str, Any]:
     import numpy as np
 
     from robodyn_cli import load_scene_text
-    from robodyn_cli.formulations.index1 import index1
+    from robodyn_cli.formulations.build import build_system
     from robodyn_cli.integrators.runtime.integrator import Integrator, Options
     from robodyn_cli.run.driver.prepare import prepare
 
     start = time.process_time()
     setup = prepare(load_scene_text(scene(n)))
-    system = index1(setup.problem)
+    system = build_system(setup.problem)
     program, positions, velocities = system.dynamics.program, system.positions, system.velocities
     assert positions is not None and velocities is not None
     equations = time.process_time() - start

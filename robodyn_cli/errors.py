@@ -12,10 +12,12 @@ from typing import Any
 class RobodynError(Exception):
     """Base of all errors that robodyn raises on purpose.
 
-    ``exit_code`` is what the command line returns; ``details`` are machine-readable facts for ``--json``.
+    ``exit_code`` is what the command line returns; ``details`` are machine-readable facts for ``--json``. ``result`` is
+    what a command had computed until then (a ``results.result.Result``), None where there is nothing to show.
     """
 
     exit_code = 70
+    result: object | None = None
 
     def __init__(self, message: str, **details: Any) -> None:
         super().__init__(message)

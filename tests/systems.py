@@ -14,9 +14,10 @@ from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr import functions as f
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.formulations.dynamics import Expanded
-from robodyn_cli.formulations.system import EventFunction, System
+from robodyn_cli.formulations.events import GO_ON, STOP, Event, EventFunction, Outcome
+from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods
-from robodyn_cli.integrators.runtime.integrator import Counters, Event, Grid, Integrator, Options
+from robodyn_cli.integrators.runtime.integrator import Counters, Grid, Integrator, Options
 
 Array = np.ndarray
 
@@ -230,20 +231,35 @@ def samples(
     **options: Any,
 ) -> tuple[Array, Array, Integrator]:
     """Integrate over a grid; returns times, states and the integrator."""
-    integrator = Integrator(body, method, parameters)
+    integrator = Integrator(body if on_event is None else told(body, on_event), method, parameters)
     integrator.reset(grid.start, start, settings(method, **options))
-    times, states = collect(
-        integrator, grid.times(0, grid.count)[-1] if end is None else end, grid, block, on_event
-    )
+    times, states = collect(integrator, grid.times(0, grid.count)[-1] if end is None else end, grid, block)
     return times, states, integrator
 
 
-def collect(
-    integrator: Integrator, end: float, grid: Grid, block: int = 65536, on_event: Any = None
-) -> tuple[Array, Array]:
+class Telling:
+    """Owns event functions and tells a function of each event, which returns whether the run is to go on."""
+
+    def __init__(self, react: Callable[[Event], bool]) -> None:
+        self.react = react
+
+    def handle(self, event: Event) -> Outcome:
+        return GO_ON if self.react(event) else STOP
+
+    def again(self) -> Telling:
+        return self
+
+
+def told(body: System, react: Callable[[Event], bool]) -> System:
+    """Return a system whose events are told to a function."""
+    owner = Telling(react)
+    return body.watched_by(lambda function: owner)
+
+
+def collect(integrator: Integrator, end: float, grid: Grid, block: int = 65536) -> tuple[Array, Array]:
     """Run and gather what is emitted."""
     blocks: list[tuple[Array, Array]] = []
-    integrator.run(end, grid, lambda t, x: blocks.append((t, x)), on_event, block)
+    integrator.run(end, grid, lambda t, x: blocks.append((t, x)), block)
     if not blocks:
         return np.zeros(0), np.zeros((0, integrator.system.size))
     return np.concatenate([t for t, _ in blocks]), np.concatenate([x for _, x in blocks])
@@ -259,20 +275,20 @@ def events_of(
     **options: Any,
 ) -> tuple[list[Event], Integrator]:
     """Integrate and gather the events; they do not stop the run unless ``react`` returns False."""
-    integrator = Integrator(body, method)
-    integrator.reset(at, start, settings(method, **options))
     found: list[Event] = []
 
     def on_event(event: Event) -> bool:
         found.append(event)
         return react(integrator, event) if react else True
 
-    integrator.run(end, Grid(at, 2 * (end - at), 1), lambda t, x: None, on_event)
+    integrator = Integrator(told(body, on_event), method)
+    integrator.reset(at, start, settings(method, **options))
+    integrator.run(end, Grid(at, 2 * (end - at), 1), lambda t, x: None)
     return found, integrator
 
 
 __all__ = ["CASES", "Case", "EventFunction", "Grid", "Integrator", "Options", "advance", "collect", "events_of",
-           "samples", "system"]  # fmt: skip
+           "samples", "system", "told"]  # fmt: skip
 
 
 def integrate(

@@ -17,25 +17,27 @@ TOLERANCES = {
 
 def chain_system(case: Chain) -> tuple[Any, np.ndarray]:
     """Return the system and its state at t = 0."""
-    from robodyn_cli.formulations.index1 import index1
+    from robodyn_cli.formulations.build import build_system
     from robodyn_cli.run.driver.prepare import prepare
     from robodyn_cli.scene.load import load_scene_text
 
     setup = prepare(load_scene_text(case.scene_text()))
-    return index1(setup.problem, work=False), np.concatenate([setup.assembled.q, setup.assembled.v])
+    return build_system(setup.problem, work=False), np.concatenate([setup.assembled.q, setup.assembled.v])
 
 
 def four_bar_system() -> tuple[Any, np.ndarray]:
     """Return the system, with the dead point as its event, and the closed state at t = 0."""
     from robodyn_cli import load_scene
-    from robodyn_cli.formulations.index1 import index1
-    from robodyn_cli.formulations.system import EventFunction
+    from robodyn_cli.formulations.build import build_system
+    from robodyn_cli.formulations.events import EventFunction, Stopping
     from robodyn_cli.run.driver.prepare import passive_coordinates, prepare
     from robodyn_cli.run.driver.singularity import passive_determinant
 
     setup = prepare(load_scene(CONFIGS / "four_bar_deploy.yaml"))
     determinant = passive_determinant(setup.problem, passive_coordinates(setup.problem) or [])
-    system = index1(setup.problem, events=(EventFunction("dead_point", determinant),), work=False)
+    system = build_system(
+        setup.problem, events=(EventFunction("dead_point", determinant, owner=Stopping()),), work=False
+    )
     return system, np.concatenate([setup.assembled.q, setup.assembled.v])
 
 
@@ -65,15 +67,9 @@ def to_lock(integrator: Any, start: np.ndarray, options: Any) -> Any:
     grid = Grid(0.0, 20.0, 2)
 
     def run() -> tuple[float, int]:
-        times: list[float] = []
-
-        def on_event(event: Any) -> bool:
-            times.append(event.time)
-            return False
-
         integrator.reset(0.0, start, options)
-        integrator.run(20.0, grid, lambda t, x: None, on_event)
-        return times[0], integrator.counters.steps
+        integrator.run(20.0, grid, lambda t, x: None)
+        return integrator.time, integrator.counters.steps
 
     return run
 

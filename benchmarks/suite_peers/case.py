@@ -61,7 +61,7 @@ class Mechanism:
         self.name = case.name
         self.scene = load_scene_text(whole, "case.yaml")
         try:
-            setup = prepare(self.scene, modes=True)
+            setup = prepare(self.scene)
             self.problem = setup.problem
             self.q, self.v = setup.assembled.q, setup.assembled.v
         except SingularConfigurationError:

@@ -141,16 +141,16 @@ def _compute(
     job: SceneRun, scene: Scene, writer: ResultWriter | None, watch: Stopwatch, console: Console
 ) -> tuple[Result, RobodynError | None]:
     """Return the result with its whole summary, and the error that ended a run half way."""
+    from robodyn_cli.results.result import Result
     from robodyn_cli.run.commands import execute
 
     failure: RobodynError | None = None
     try:
         result = execute(job.command, scene, console.progress, watch, writer, **job.options)
     except RobodynError as error:
-        if getattr(error, "result", None) is None:
+        if not isinstance(error.result, Result):
             raise
-        failure = error
-        result = error.result  # type: ignore[attr-defined]
+        failure, result = error, error.result
     finally:
         console.clear()
     for text in result.summary.get("warnings", ()):

@@ -48,8 +48,29 @@ def error_lines(summary: Mapping[str, Any]) -> list[str]:
         lines.append(f"  energy drift       {summary['energy_drift']:.1e} J ({balance})")
     residual = summary.get("constraint_residual")
     if isinstance(residual, Mapping):
+        # of loops, and of prescribed joints where there are no loops
         lines.append(
-            f"  loop residual      {residual['position']:.1e} m, {residual['velocity']:.1e} m/s at the worst sample"
+            f"  constraints        off by {residual['position']:.1e} m or rad, {residual['velocity']:.1e} m/s or rad/s "
+            "at the worst sample"
+        )
+    return lines + multiplier_lines(summary)
+
+
+def multiplier_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Return what is said where loops, or actuators, could share the load in another way."""
+    found, shared = summary.get("multipliers", {}), summary.get("mechanism", {})
+    lines = []
+    if shared.get("torques", "unique") != "unique":
+        lines.append(f"  not unique         torques are those of {shared['torques']}")
+    dependent = shared.get("multipliers", "unique") != "unique" or (
+        "equilibrium" in summary and summary.get("mobility", {}).get("redundant_rows", 0) > 0
+    )
+    if dependent or found.get("unique") is False:
+        loops = sorted({loop for group in found.get("dependent", ()) for loop in group["loops"]})
+        where = f" of {', '.join(loops)}" if loops else ""
+        lines.append(
+            f"  not unique         rows{where} depend on each other: multipliers, and reactions that follow from them, "
+            "are those of least norm"
         )
     return lines
 

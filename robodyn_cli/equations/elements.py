@@ -8,8 +8,7 @@ from typing import Any
 
 from robodyn_cli.algorithms.external import PathKinematics, path_torques, turn_about
 from robodyn_cli.algorithms.rnea import Wrench
-from robodyn_cli.equations.kinks import switches
-from robodyn_cli.expr.graph import Expr, Scalar
+from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.forces.element import Effect, End, Setting
 from robodyn_cli.model.model import BASE, FixedFrame, Force, Model
 from robodyn_cli.spatial.algebra import Transform, Values, Vector, cross
@@ -126,15 +125,14 @@ class Elements:
 
     @property
     def breakpoints(self) -> set[float]:
-        """Times at which tabulated forces have kinks."""
+        """Times at which the slope of tabulated forces jumps."""
         return {t for force in self.model.forces for t in getattr(force.element, "breakpoints", ())}
 
     @cached_property
-    def switches(self) -> list[tuple[str, Expr]]:
-        """What formulas of the elements switch on, with the key of the element (see ``kinks``)."""
-        found = []
-        for force, effect in zip(self.model.forces, self.effects):
-            if force.element.term == "external":
-                entries = [x for a in effect.actions for x in (*a.force, *a.moment)]
-                found += [(f"forces.{force.name}", switch) for switch in switches(entries)]
-        return found
+    def formulas(self) -> list[tuple[str, list[Scalar]]]:
+        """What formulas of the elements come to, with the key of the element."""
+        return [
+            (f"forces.{force.name}", [x for a in effect.actions for x in (*a.force, *a.moment)])
+            for force, effect in zip(self.model.forces, self.effects)
+            if force.element.term == "external"
+        ]

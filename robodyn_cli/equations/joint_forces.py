@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from robodyn_cli.equations.modes import Gate
+from robodyn_cli.equations.contact_joints import ContactJoint
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.forces.gear import Gear
@@ -13,18 +13,18 @@ from robodyn_cli.spatial.algebra import Values, Vector, zeros
 
 
 class JointForces:
-    """What the elements in the joints of a model do at q, v; ``gates`` : the joints with modes."""
+    """What the elements in the joints of a model do at q, v; ``contacts`` : the joints with a contact state."""
 
-    def __init__(self, model: Model, q: Values, v: Values, gates: Sequence[Gate]) -> None:
+    def __init__(self, model: Model, q: Values, v: Values, contacts: Sequence[ContactJoint]) -> None:
         self.model, self.q, self.v = model, q, v
-        self.gates = {id(gate.friction): gate for gate in gates if gate.friction is not None}
+        self.sliding = {id(joint.friction): joint for joint in contacts if joint.friction is not None}
 
     def torque(self, body: Body, force: JointForce, smooth: bool) -> Scalar:
         """Return one element's torque; ``smooth`` as a simulation has it, else with the exact sign of the rate."""
         rate, gear = self.v[body.v], body.gear_ratio
         torque: Scalar
-        if smooth and (gate := self.gates.get(id(force.element))) is not None:
-            torque = force.element.slip_torque(rate, gear, gate.direction)
+        if smooth and (joint := self.sliding.get(id(force.element))) is not None:
+            torque = force.element.slip_torque(rate, gear, joint.direction)
             return torque
         try:
             torque = force.element.torque(self.q[body.q], rate, gear, smooth)

@@ -22,6 +22,7 @@ from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.equations.constraints import Constraints as Constraints
 from robodyn_cli.equations.constraints import coordinate_row
+from robodyn_cli.equations.contact_joints import ContactJoint, contact_joints
 from robodyn_cli.equations.dependence import (
     Combination,
     Dependence,
@@ -29,11 +30,11 @@ from robodyn_cli.equations.dependence import (
     multipliers_of_rows,
     working_rows,
 )
+from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
 from robodyn_cli.equations.elements import Elements
 from robodyn_cli.equations.gears import geared, losses_of_drive, losses_of_load
 from robodyn_cli.equations.joint_forces import JointForces
-from robodyn_cli.equations.kinks import is_of_time, switches, switching_times
-from robodyn_cli.equations.modes import Gate, gates
+from robodyn_cli.equations.time_structure import Structure, beside, functions_of_time, structure
 from robodyn_cli.expr.functions import interpolate
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations
 from robodyn_cli.loops.base import Row
@@ -43,6 +44,7 @@ from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, vector, zeros
 
 GROUPS = ("t", "q", "v", "a", "p")
+DENSE_LIMIT = 12  # velocities up to which the factored mass matrix is tried: it grows with their cube
 
 
 class Problem:
@@ -140,21 +142,36 @@ class Problem:
         return tau
 
     @cached_property
-    def switches(self) -> list[tuple[str, Expr]]:
-        """What the scene's formulas switch on, with the key of the formula (see ``kinks``)."""
-        outputs: list[tuple[str, list[Scalar]]] = []
+    def formulas(self) -> list[tuple[str, list[Scalar]]]:
+        """What the scene's formulas come to in the equations, with the key of each."""
+        found: list[tuple[str, list[Scalar]]] = []
         for name, torque in (self.scene.torques or {}).items():
             if not isinstance(torque, sc.Torque):
-                outputs.append((f"torques.{name}", [self.actuator_torques[self.model.v_names.index(name)]]))
+                found.append((f"torques.{name}", [self.actuator_torques[self.model.v_names.index(name)]]))
         for row in (self.constraints.rows[i] for i in self.constraints.rheonomic):
-            outputs.append((row.name, [row.eta, row.eta_t, row.gamma]))
-        outputs += [("gear", [torque]) for torque in self.gear_losses(smooth=True).values()]
-        found = [(key, switch) for key, entries in outputs for switch in switches(entries)]
-        return [*found, *self.elements.switches, *self._joint_forces.switches()]
+            found.append((row.name, [row.eta, row.eta_t, row.gamma]))
+        return [*found, *self.elements.formulas]
+
+    @cached_property
+    def switches(self) -> list[tuple[str, Expr]]:
+        """What the equations switch on, with the key of what switches (see ``discontinuities``)."""
+        gears = [("gear", [torque]) for torque in self.gear_losses(smooth=True).values()]
+        found = [(key, switch) for key, entries in [*self.formulas, *gears] for switch in switches(entries)]
+        return [*found, *self._joint_forces.switches()]
+
+    @cached_property
+    def time_structures(self) -> list[tuple[str, Structure]]:
+        """Where the scene's formulas of time are not smooth or have short features, with the key of each."""
+        duration = self.scene.simulate.duration
+        return [
+            (key, structure(function, self.t, duration))
+            for key, entries in self.formulas
+            for function in functions_of_time(entries, self.t)
+        ]
 
     @cached_property
     def breakpoints(self) -> tuple[float, ...]:
-        """Times within the simulation at which tabulated torques have kinks and formulas of time switch."""
+        """Times at which a step has to end: tables and formulas of time switch there, or change their time scale."""
         duration = self.scene.simulate.duration
         times = {
             float(row[0])
@@ -166,7 +183,9 @@ class Problem:
         for _, switch in self.switches:
             if is_of_time(switch, self.t):
                 times.update(switching_times(switch, self.t, duration))
-        return tuple(sorted(times))
+        return tuple(
+            sorted(times.union(*(beside(found, times, duration) for _, found in self.time_structures)))
+        )
 
     @property
     def state_switches(self) -> list[tuple[str, Expr]]:
@@ -174,9 +193,9 @@ class Problem:
         return [(key, switch) for key, switch in self.switches if not is_of_time(switch, self.t)]
 
     @cached_property
-    def gates(self) -> tuple[Gate, ...]:
+    def contact_joints(self) -> tuple[ContactJoint, ...]:
         """Joints that a simulation holds and lets go by events."""
-        return gates(self.model)
+        return contact_joints(self.model)
 
     @cached_property
     def elements(self) -> Elements:
@@ -211,7 +230,7 @@ class Problem:
 
     @cached_property
     def _joint_forces(self) -> JointForces:
-        return JointForces(self.model, self.q, self.v, self.gates)
+        return JointForces(self.model, self.q, self.v, self.contact_joints)
 
     def joint_forces(self, smooth: bool) -> dict[str, Vector]:
         """Return the torques of springs, dampers (``passive``), ``friction`` and ``stops`` in the joints.
@@ -314,7 +333,7 @@ class Problem:
 
     @cached_property
     def holding(self) -> list[Scalar]:
-        """Multipliers of the joints with modes: what holds them, zero where nothing does."""
+        """Multipliers of the joints with a contact state: what holds them, zero where nothing does."""
         return self._solved[1]
 
     @cached_property
@@ -324,20 +343,20 @@ class Problem:
     def solution(self, gamma: Sequence[Scalar]) -> tuple[Multipliers, list[Scalar]]:
         """Return accelerations and multipliers for ``gamma`` of the working rows, and multipliers of held joints."""
         f = self.applied - self.bias
-        held = self.gates
+        held = self.contact_joints
         if not self.constraints.rows and not held:
             return Multipliers(self.free_accelerations(f), zeros(0)), []
         factor = LdlFactor.of(self.mass_matrix, self.elimination_order)
         units = zeros(len(held), self.model.nv)
-        for k, gate in enumerate(held):
-            units[k, gate.v] = 1.0
+        for k, joint in enumerate(held):
+            units[k, joint.v] = 1.0
         psi = np.concatenate([self.working.psi(self.model.nv), units])
         found = solve_with_multipliers(
-            factor, f, psi, [*gamma, *(0.0 for _ in held)], [gate.hold for gate in held]
+            factor, f, psi, [*gamma, *(0.0 for _ in held)], [joint.hold for joint in held]
         )
-        for gate in held:
+        for joint in held:
             # rounding must not set a held joint in motion
-            found.qdd[gate.v] = found.qdd[gate.v] * (1.0 - gate.hold)
+            found.qdd[joint.v] = found.qdd[joint.v] * (1.0 - joint.hold)
         rows = len(gamma)
         lam = multipliers_of_rows(self.constraints, self.combinations, found.lam[:rows])
         return Multipliers(found.qdd, lam), list(found.lam[rows:])
@@ -345,7 +364,7 @@ class Problem:
     def free_accelerations(self, f: Values) -> Vector:
         """Return M^-1 f for the open tree: articulated bodies, or factored mass matrix where that is shorter."""
         articulated = ArticulatedFactor(self.model, self.q, self.X).solve(f)
-        if self.model.nv > 12:  # the dense factorisation grows with the cube
+        if self.model.nv > DENSE_LIMIT:
             return articulated
         dense = LdlFactor.of(self.mass_matrix, self.elimination_order).solve(f)
         return min((dense, articulated), key=count_operations)
@@ -362,14 +381,19 @@ class Problem:
         return own + self.elements.potential
 
     @cached_property
-    def power(self) -> Scalar:
-        """Power of everything that the potential energy does not cover: actuators, damping, prescribed joints."""
+    def applied_power(self) -> Scalar:
+        """Power of actuators, damping and forces between bodies that the potential energy does not cover."""
         total: Scalar = 0.0
         for tau, v in zip(self.actuator_torques, self.v):
             total = total + tau * v
         for place, torque in self.dissipated:
             total = total + torque * self.v[place]
-        total = total + self.elements.power
+        return total + self.elements.power
+
+    @cached_property
+    def power(self) -> Scalar:
+        """Power of everything that the potential energy does not cover: ``applied_power`` and prescribed motion."""
+        total = self.applied_power
         for i in self.constraints.rheonomic:
             # Psi^T lambda does work at the rate -lambda eta_t on a row that depends on time
             total = total - self.forward.lam[i] * self.constraints.rows[i].eta_t

@@ -65,13 +65,22 @@ class Evaluator:
 
     def __call__(self, inputs: Mapping[str, Any]) -> list[Any]:
         """Return the values of the outputs; see ``evaluate``."""
+        try:
+            return self._values(inputs, lambda x: x)
+        except (ArithmeticError, ValueError):
+            # plain numbers raise where arrays have an infinity or no value, which another branch may not use
+            with np.errstate(all="ignore"):
+                found = self._values(inputs, np.atleast_1d)
+            return [float(x[0]) if isinstance(x, np.ndarray) else x for x in found]
+
+    def _values(self, inputs: Mapping[str, Any], taken: Callable[[Any], Any]) -> list[Any]:
         value: dict[int, Any] = {}
         for node in self.nodes:
             if node.op == "sym":
                 _, group, position = node.value
-                value[node.index] = inputs[group][position]
+                value[node.index] = taken(inputs[group][position])
             elif node.op == "const":
-                value[node.index] = node.value
+                value[node.index] = taken(node.value)
             else:
                 value[node.index] = apply(node, [value[a.index] for a in node.args])
         return [value[e.index] if isinstance(e, Expr) else e for e in self.outputs]
@@ -79,6 +88,8 @@ class Evaluator:
 
 def evaluate(outputs: Sequence[Scalar], inputs: Mapping[str, Any]) -> list[Any]:
     """Evaluate the outputs on numbers; the slow, compiler-free path and the oracle of the compiled one.
+
+    Where there is no value the result is an infinity or NaN, as it is in compiled code.
 
     Parameters
     ----------

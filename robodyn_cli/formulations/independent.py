@@ -24,42 +24,48 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.expr.rebuild import Evaluator, evaluate
-from robodyn_cli.formulations.system import EventFunction
+from robodyn_cli.formulations.dynamics import Expanded
+from robodyn_cli.formulations.events import REPARTITION, Event, EventFunction, EventKind, Outcome, Owner
+from robodyn_cli.formulations.formulated import Formulated
+from robodyn_cli.formulations.projection import projection
+from robodyn_cli.formulations.system import Corrections
 from robodyn_cli.model.model import PARAMETER_GROUP
-from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Matrix, vector, zeros
 
 Array = NDArray[np.float64]
 NEWTON_STEPS = 2
-RENEW = 0.1  # of the closeness to losing rank at the choice, at which it is made anew
+WORN = 0.1  # of the closeness to losing rank at the choice, at which it is made anew
 FLOOR = 1e-12  # closeness below which the loops themselves have lost rank
 
 
-@record
-class Partition:
-    """What the formulation makes of a problem.
+class CoordinatePartition:
+    """Chooses the dependent coordinates at a pose (see ``formulations.system.Partition``).
 
-    acceleration, z_rate : with the dependent coordinates solved for. position, velocity : one step of the solution,
-    after each step of the integration.
+    w : 1 for a dependent coordinate (nv,), as parameters. masked : Psi diag(w).
     """
-
-    acceleration: list[Scalar]
-    z_rate: list[Scalar]
-    position: list[Scalar]
-    velocity: list[Scalar]
-    renewal: EventFunction
-
-
-class PartitionChart:
-    """Chooses the dependent coordinates at a pose (see ``formulations.system.Chart``)."""
 
     def __init__(self, problem: Problem) -> None:
         nv = problem.model.nv
         self.first = len(problem.model.parameters)
         self.count = nv + 1
-        psi = problem.working.psi(nv)
-        self.shape = psi.shape
-        self.psi = Evaluator(list(psi.ravel()))
+        self.rows = problem.working.psi(nv)
+        self.shape = self.rows.shape
+        self.psi = Evaluator(list(self.rows.ravel()))
+        w = [problem.graph.symbol(f"w[{k}]", PARAMETER_GROUP, self.first + k) for k in range(nv)]
+        self.threshold = problem.graph.symbol(f"w[{nv}]", PARAMETER_GROUP, self.first + nv)
+        self.masked = _masked(self.rows, w)
+
+    @property
+    def functions(self) -> tuple[EventFunction, ...]:
+        """The event at which the coordinates are chosen anew: closeness of Psi_w to losing rank, at its threshold."""
+        value = closeness(self.masked, self.rows) - self.threshold
+        return (EventFunction("repartition", value, kind=EventKind.REPARTITION, owner=self),)
+
+    def handle(self, event: Event) -> Outcome:
+        return REPARTITION
+
+    def again(self) -> Owner:
+        return self
 
     def choose(self, t: float, q: Array, before: Array | None) -> Array:
         """Return w (nv,) and the threshold of closeness at which the choice is made anew."""
@@ -78,37 +84,42 @@ class PartitionChart:
                 rest -= np.outer(axis, axis @ rest)
         s = np.linalg.svd(psi[:, w > 0.0], compute_uv=False)
         close = 1.0 / ((psi**2).sum() * (1.0 / np.maximum(s, 1e-150) ** 2).sum())
-        return np.append(w, RENEW * close if close > FLOOR else 2.0 * FLOOR)
+        return np.append(w, WORN * close if close > FLOOR else 2.0 * FLOOR)
 
 
-def partition(problem: Problem, z_rate: Sequence[Scalar]) -> Partition:
+def independent(problem: Problem, z_rate: Sequence[Scalar], asked: object = None) -> Formulated:
     """Return the equations in independent coordinates.
 
     Raises
     ------
     CapabilityError : rows depend on each other, or joints stick and slip, whose own parameters change along the motion.
     """
-    if problem.dependent or problem.gates:
+    if problem.dependent or problem.contact_joints:
         why = "redundant rows" if problem.dependent else "joints that stick or meet rigid stops"
         raise CapabilityError(
             f"simulate.stabilisation: independent coordinates do not go with {why}; allowed: projection, none, "
             "Baumgarte's {alpha, beta}"
         )
-    nv, first = problem.model.nv, len(problem.model.parameters)
-    w = [problem.graph.symbol(f"w[{k}]", PARAMETER_GROUP, first + k) for k in range(nv)]
-    threshold = problem.graph.symbol(f"w[{nv}]", PARAMETER_GROUP, first + nv)
-    psi = problem.working.psi(nv)
-    masked = _masked(psi, w)
-    q_step = problem.moved(correction(masked, problem.working.eta))
+    nv, choice = problem.model.nv, CoordinatePartition(problem)
+    q_step = problem.moved(correction(choice.masked, problem.working.eta))
     rate = problem.working.velocity_residual(problem.v)
-    v_step: list[Scalar] = [x - d for x, d in zip(problem.v, correction(masked, rate))]
+    v_step: list[Scalar] = [x - d for x, d in zip(problem.v, correction(choice.masked, rate))]
     q: list[Any] = list(problem.q)
     for _ in range(NEWTON_STEPS):
         q = _at(problem, q_step, q, problem.v)
     v = _at(problem, v_step, q, problem.v)
-    outputs = _at(problem, [*problem.forward.qdd, *z_rate], q, v)
-    event = EventFunction("repartition", closeness(masked, psi) - threshold, terminal=False, renewal=True)
-    return Partition(outputs[:nv], outputs[nv:], q_step, v_step, event)
+    rates = _at(problem, [*problem.forward.qdd, *z_rate], q, v)
+    samples = projection(problem)
+    return Formulated(
+        Expanded(tuple(rates[:nv]), tuple(rates[nv:])),
+        Corrections(
+            position=tuple(q_step),
+            velocity=tuple(v_step),
+            sample_position=tuple(samples[0]),
+            sample_velocity=tuple(samples[1]),
+        ),
+        partition=choice,
+    )
 
 
 def _masked(psi: Matrix, w: Sequence[Expr]) -> Matrix:

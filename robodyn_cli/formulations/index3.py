@@ -16,19 +16,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 from robodyn_cli.algorithms.linear import LuFactor
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import Expr, Graph, Scalar, free_symbols
+from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.kernels.program import Program, make_program
 from robodyn_cli.spatial.algebra import Matrix, identity, zeros
 
-if TYPE_CHECKING:
-    from robodyn_cli.formulations.system import System
-
-GROUPS = ("t", "q", "v", "z", "p", "a", "l", "g")
+INPUTS = (*GROUPS, "a", "l", "g")
 Column = tuple[Expr, int, Scalar]  # a state, the unknown it moves with, and how far
 
 
@@ -61,13 +58,15 @@ class Index3:
         )
 
 
-def first_order_step(system: System) -> Program:
-    """Return a step of Newton's iteration for v-dot and z-dot of a system without constraints; see ``newton_step``."""
-    f = [*system.acceleration, *system.z_rate]
+def first_order_step(f: Sequence[Scalar], nv: int) -> Program:
+    """Return a step of Newton's iteration without constraints; see ``newton_step``.
+
+    f : v-dot (nv,), then z-dot, as expressions.
+    """
     graph = next((e.graph for e in f if isinstance(e, Expr)), Graph())
     rates = graph.symbols([f"rate{k}" for k in range(len(f))], "a")
     g = dict(zip("qvz", weights(graph)))
-    first = {"q": 0, "v": 0, "z": system.nv}
+    first = {"q": 0, "v": 0, "z": nv}
     columns: list[Column] = []
     for e in free_symbols(f):
         _, group, place = e.value
@@ -121,4 +120,4 @@ def newton_step(
     changes = zeros(n)
     for i, here in enumerate(order):
         changes[here] = x[i]
-    return make_program({"a": list(changes), "l": [-value for value in x[n:]]}, GROUPS)
+    return make_program({"a": list(changes), "l": [-value for value in x[n:]]}, INPUTS)

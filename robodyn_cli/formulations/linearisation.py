@@ -6,21 +6,19 @@ before those of the rates: where q-dot = v this is the usual elimination B = g E
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.complex import Complex
 from robodyn_cli.algorithms.linear import LuFactor
 from robodyn_cli.expr.calculus import jacobian
-from robodyn_cli.expr.graph import Expr, Graph, free_symbols
+from robodyn_cli.expr.graph import Expr, Graph, Scalar, free_symbols
 from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.kernels.program import Program, make_program
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import zeros
-
-if TYPE_CHECKING:
-    from robodyn_cli.formulations.system import System
 
 
 @record
@@ -32,17 +30,14 @@ class Jacobian:
     graph: Graph
 
 
-def differentiate(system: System) -> Jacobian:
+def differentiate(f: Sequence[Scalar], nq: int, nv: int) -> Jacobian:
     """Return the exact Jacobian of the whole state.
 
-    Raises
-    ------
-    CapabilityError : the rates are no expressions.
+    f : v-dot (nv,), then z-dot, as expressions; q-dot = v.
     """
-    f = [*system.acceleration, *system.z_rate]
-    nq, size = system.nq, system.size
+    size = nq + len(f)
     found = {e.value[1:]: e for e in free_symbols(f)}
-    first = {"q": 0, "v": nq, "z": nq + system.nv}
+    first = {"q": 0, "v": nq, "z": nq + nv}
     columns = [(first[group] + k, e) for (group, k), e in found.items() if group in first]
     if ("t", 0) in found:
         columns.append((size, found["t", 0]))
@@ -56,23 +51,24 @@ def differentiate(system: System) -> Jacobian:
     return Jacobian(wide[:, :size], wide[:, size], graph)
 
 
-def real_factors(system: System) -> Program:
+def real_factors(f: Sequence[Scalar], nq: int, nv: int) -> Program:
     """Return outputs ``lu`` (n n): g E - J factored, row by row, and ``ft`` = df/dt (n,); input group ``g`` (1,)."""
-    found = differentiate(system)
+    found = differentiate(f, nq, nv)
     g = found.graph.symbol("g", "g")
     B = -found.J
-    for i in range(system.size):
+    for i in range(len(B)):
         B[i, i] = B[i, i] + g
     return make_program({"lu": list(LuFactor.of(B).entries.ravel()), "ft": list(found.t)}, (*GROUPS, "g"))
 
 
-def complex_factors(system: System) -> Program:
+def complex_factors(f: Sequence[Scalar], nq: int, nv: int) -> Program:
     """Return outputs ``re``, ``im`` (n n): g E - J factored for a complex g; input group ``g`` = (re, im)."""
-    found = differentiate(system)
+    found = differentiate(f, nq, nv)
     g = Complex(found.graph.symbol("g.re", "g", 0), found.graph.symbol("g.im", "g", 1))
-    B = zeros(system.size, system.size)
-    for i in range(system.size):
-        for k in range(system.size):
+    size = len(found.J)
+    B = zeros(size, size)
+    for i in range(size):
+        for k in range(size):
             B[i, k] = Complex(-found.J[i, k]) + g if i == k else Complex(-found.J[i, k])
     lu = LuFactor.of(B).entries.ravel()
     return make_program({"re": [e.re for e in lu], "im": [e.im for e in lu]}, (*GROUPS, "g"))

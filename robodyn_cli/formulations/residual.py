@@ -19,13 +19,13 @@ from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.formulations.dynamics import GROUPS as STATE
+from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.kernels.program import Program, make_program
 from robodyn_cli.model.model import Model
 from robodyn_cli.model.regroup import regrouped
 from robodyn_cli.spatial.algebra import Vector
 
-GROUPS = (*STATE, "a", "l")
+INPUTS = (*GROUPS, "a", "l")
 LARGEST = 12  # velocities up to which M is factored as a dense matrix
 
 
@@ -35,8 +35,8 @@ class Residual:
     ``factors`` has the output ``l``, M(q) factored; ``correction`` has ``d`` (nv,), what to add to the accelerations
     ``a`` with factors ``l``, and ``z``, the rates of the further states.
 
-    Limits: no constraints, for their multipliers would have to be iterated as well; no joints with modes, whose
-    accelerations are those of a constraint at times.
+    Limits: no constraints, for their multipliers would have to be iterated as well; no joints with a
+    contact state, whose accelerations are those of a constraint at times.
     """
 
     def __init__(self, problem: Problem, z_rate: Sequence[Scalar] = ()) -> None:
@@ -46,7 +46,7 @@ class Residual:
     @staticmethod
     def fits(problem: Problem) -> bool:
         """Tell whether a mechanism's equations can be written so."""
-        return not problem.working.rows and not problem.gates and problem.model.nv <= LARGEST
+        return not problem.working.rows and not problem.contact_joints and problem.model.nv <= LARGEST
 
     @cached_property
     def _model(self) -> Model:
@@ -72,12 +72,12 @@ class Residual:
 
     @cached_property
     def factors(self) -> Program:
-        return make_program({"l": self.entries}, STATE)
+        return make_program({"l": self.entries}, GROUPS)
 
     @cached_property
     def correction(self) -> Program:
         outputs: dict[str, Sequence[Scalar]] = {"d": list(self.corrections), "z": self.z_rate}
-        return make_program({k: v for k, v in outputs.items() if len(v)}, GROUPS)
+        return make_program({k: v for k, v in outputs.items() if len(v)}, INPUTS)
 
     @property
     def digest(self) -> str:

@@ -8,10 +8,12 @@ from functools import cached_property
 import numpy as np
 
 from robodyn_cli.algorithms.aba import aba
+from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.dynamics import GROUPS, LANES, Emission, Groups, Numbers
+from robodyn_cli.formulations.formulated import Formulated
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import RELAXED, Function, Value
 from robodyn_cli.kernels.lower import lower
@@ -121,3 +123,8 @@ class Rolled:
         except ArithmeticError:
             return np.full(len(numbers), np.nan)
         return np.array([*(float(x) for x in a), *numbers[nv:]])
+
+
+def rolled(problem: Problem, z_rate: Sequence[Scalar], asked: object = None) -> Formulated:
+    """Return the equations of a long open tree, by loops over its bodies."""
+    return Formulated(Rolled(problem.model, list(problem.applied), z_rate))

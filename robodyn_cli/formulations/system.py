@@ -5,7 +5,8 @@ A formulation turns the equations of a mechanism into a ``System``. Integrators 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.formulations.dynamics import GROUPS as GROUPS
 from robodyn_cli.formulations.dynamics import Dynamics
+from robodyn_cli.formulations.events import EventFunction, Owner
 from robodyn_cli.formulations.layout import Layout
 from robodyn_cli.kernels.program import Program, make_program
 from robodyn_cli.record import record
@@ -24,36 +26,53 @@ if TYPE_CHECKING:
     from robodyn_cli.formulations.residual import Residual
 
 
-@record
-class EventFunction:
-    """A scalar whose sign change is an event.
-
-    direction : +1 for rising, -1 for falling, 0 for both. terminal : whether the run ends there.
-    kink : the right-hand side is not smooth there; nothing happens but that a step ends.
-    renewal : the system's chart is chosen anew there.
-    mode : a joint is held or let go there, by whoever drives the run.
-    """
-
-    name: str
-    value: Scalar
-    direction: int = 0
-    terminal: bool = True
-    kink: bool = False
-    renewal: bool = False
-    mode: bool = False
-
-
-class Chart(Protocol):
+class Partition(Owner, Protocol):
     """Parameters of the equations that fit a part of the motion only, and are chosen anew where they fit no more.
 
-    first, count : their places among the parameters p.
+    first, count : their places among the parameters p. functions : the events at which they are chosen anew.
     """
 
     first: int
     count: int
 
+    @property
+    def functions(self) -> tuple[EventFunction, ...]: ...
+
     def choose(self, t: float, q: NDArray[Any], before: NDArray[Any] | None) -> NDArray[Any]:
         """Return the parameters (count,) for the motion through (t, q); ``before`` : those in use so far."""
+
+
+@record
+class Corrections:
+    """What puts a state back onto the joints' manifolds and the constraints, after each step and at samples.
+
+    position : the mechanism's q corrected once onto the position constraints (one Newton step), or empty.
+    velocity : its v corrected onto the velocity constraints, or empty.
+    normalisation : the entries at ``normalised`` places of x, put back on their joints' manifolds.
+    sample_position, sample_velocity : corrections of samples, where those of steps depend on the partition.
+    """
+
+    position: tuple[Scalar, ...] = ()
+    velocity: tuple[Scalar, ...] = ()
+    normalisation: tuple[Scalar, ...] = ()
+    normalised: tuple[int, ...] = ()
+    sample_position: tuple[Scalar, ...] = ()
+    sample_velocity: tuple[Scalar, ...] = ()
+
+
+NO_CORRECTIONS = Corrections()
+
+
+class Forms(Protocol):
+    """The same motion in forms that some methods step instead of the rates."""
+
+    @property
+    def index3(self) -> Index3 | None:
+        """Positions and multipliers as unknowns."""
+
+    @property
+    def residual(self) -> Residual | None:
+        """Accelerations as corrections of a guess, None where the equations cannot be written so."""
 
 
 @record
@@ -64,35 +83,23 @@ class System:
     the mechanism, and ``layout`` says where those lie: integrators need not look at it, whoever wants positions and
     velocities of joints takes ``split``, ``join`` and ``groups``.
 
-    position_correction : the mechanism's q corrected once onto the position constraints (one Newton step), or empty.
-    velocity_correction : its v corrected onto the velocity constraints, or empty.
-    normalisation : the entries at ``normalised`` places of x, put back on their joints' manifolds.
-    breakpoints : times at which the right-hand side has a kink; steps end there.
-    parameters : values of p that a run starts with.
+    breakpoints : times at which the right-hand side jumps or has a kink; steps end there.
+    parameters : values of p that a run starts with, but for those that the ``partition`` chooses.
     layout : None where q, v, z are the mechanism's.
-    chart : chooses some of the parameters, at the start and at events that are renewals.
-    sample_positions, sample_velocities : corrections of samples, where those of steps depend on the chart.
-    index3 : the same motion as equations with multipliers, where there are such; built when asked for.
-    residual : the same rates as corrections of a guess, where there are such; built when asked for.
+    forms : the same motion in forms that some methods step instead of the rates.
     """
 
     nq: int
     nv: int
     dynamics: Dynamics
     nz: int = 0
-    position_correction: tuple[Scalar, ...] = ()
-    velocity_correction: tuple[Scalar, ...] = ()
+    corrections: Corrections = NO_CORRECTIONS
     events: tuple[EventFunction, ...] = ()
     breakpoints: tuple[float, ...] = ()
     parameters: tuple[float, ...] = ()
+    partition: Partition | None = None
     layout: Layout | None = None
-    normalisation: tuple[Scalar, ...] = ()
-    normalised: tuple[int, ...] = ()
-    chart: Chart | None = None
-    sample_positions: tuple[Scalar, ...] = ()
-    sample_velocities: tuple[Scalar, ...] = ()
-    index3: Index3 | None = None
-    residual: Residual | None = None
+    forms: Forms | None = None
 
     @property
     def size(self) -> int:
@@ -140,6 +147,12 @@ class System:
         q, v, z = np.split(x, [self.nq, self.nq + self.nv], axis=-1)
         return {"t": t, "q": q, "v": v, "z": z, "p": p}
 
+    def watched_by(self, owner_of: Callable[[EventFunction], Owner | None]) -> System:
+        """Return the system with other owners of its events, without those that ``owner_of`` gives none for."""
+        owners = [(e, owner_of(e)) for e in self.events]
+        events = tuple(dataclasses.replace(e, owner=owner) for e, owner in owners if owner is not None)
+        return dataclasses.replace(self, events=events)
+
     # -- programs -------------------------------------------------------------------------------------
     @property
     def acceleration(self) -> tuple[Scalar, ...]:
@@ -151,20 +164,28 @@ class System:
         """z-dot as expressions, where there are such."""
         return self.dynamics.expressions()[1]
 
+    @property
+    def rates(self) -> list[Scalar]:
+        """v-dot, then z-dot, as expressions, where there are such."""
+        return [*self.acceleration, *self.z_rate]
+
     @cached_property
     def positions(self) -> Program | None:
         """Output ``q``: the corrected positions, at ``q_places``."""
-        return _program(q=self.position_correction) if self.position_correction else None
+        found = self.corrections.position
+        return _program(q=found) if found else None
 
     @cached_property
     def velocities(self) -> Program | None:
         """Output ``v``: the corrected velocities, at ``v_places``."""
-        return _program(v=self.velocity_correction) if self.velocity_correction else None
+        found = self.corrections.velocity
+        return _program(v=found) if found else None
 
     @cached_property
     def normal_form(self) -> Program | None:
-        """Output ``n``: the entries at ``normalised`` places, on their manifolds."""
-        return _program(n=self.normalisation) if self.normalisation else None
+        """Output ``n``: the entries at ``corrections.normalised`` places, on their manifolds."""
+        found = self.corrections.normalisation
+        return _program(n=found) if found else None
 
     @cached_property
     def switching(self) -> Program | None:
@@ -176,14 +197,24 @@ class System:
         """What a linearly implicit method needs at a point: see ``real_factors``."""
         from robodyn_cli.formulations.linearisation import real_factors
 
-        return real_factors(self)
+        return real_factors(self.rates, self.nq, self.nv)
 
     @cached_property
     def complex_linearisation(self) -> Program:
         """The same for complex g: see ``complex_factors``."""
         from robodyn_cli.formulations.linearisation import complex_factors
 
-        return complex_factors(self)
+        return complex_factors(self.rates, self.nq, self.nv)
+
+    @property
+    def index3(self) -> Index3 | None:
+        """The same motion as equations with multipliers, where there are such."""
+        return None if self.forms is None else self.forms.index3
+
+    @property
+    def residual(self) -> Residual | None:
+        """The same rates as corrections of a guess, where there are such."""
+        return None if self.forms is None else self.forms.residual
 
     @property
     def digest(self) -> str:
@@ -195,7 +226,7 @@ class System:
             code += [
                 self.normal_form.digest if self.normal_form else "-",
                 str(self.layout),
-                str(self.normalised),
+                str(self.corrections.normalised),
             ]
         return " ".join([size, str(self.nz), *code, *(str(e.direction) for e in self.events)])
 

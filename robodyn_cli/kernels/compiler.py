@@ -5,19 +5,15 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import hashlib
-import os
-import platform
-import tempfile
 import time
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from robodyn_cli.kernels.cache import ObjectFile, cache_directory
 from robodyn_cli.kernels.report import REPORT
 from robodyn_cli.record import record
-
-CACHE_FILES = 400  # about 10 kB each; the oldest go first
 
 
 @record
@@ -74,53 +70,6 @@ def code_version() -> str:
     return hasher.hexdigest()
 
 
-def cache_directory() -> Path | None:
-    """Return where compiled code is kept, or None where nothing can be kept (``ROBODYN_CACHE`` = path or ``off``)."""
-    setting = os.environ.get("ROBODYN_CACHE")
-    if setting == "off":
-        return None
-    if setting:
-        root = Path(setting)
-    elif platform.system() == "Windows":
-        root = Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local")) / "robodyn"
-    elif platform.system() == "Darwin":
-        root = Path.home() / "Library" / "Caches" / "robodyn"
-    else:
-        root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "robodyn"
-    try:
-        root.mkdir(parents=True, exist_ok=True, mode=0o700)
-    except (OSError, RuntimeError):
-        return None
-    return root
-
-
-def _read(path: Path) -> bytes | None:
-    """Return a cached object if it is whole: the file starts with the digest of the rest."""
-    try:
-        data = path.read_bytes()
-    except OSError:
-        return None
-    if len(data) <= 32 or hashlib.sha256(data[32:]).digest() != data[:32]:
-        return None
-    return data[32:]
-
-
-def _write(path: Path, code: bytes) -> None:
-    """Keep an object; losing a race or having no space is no error."""
-    with contextlib.suppress(OSError):
-        handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
-        try:
-            with os.fdopen(handle, "wb") as stream:
-                stream.write(hashlib.sha256(code).digest() + code)
-            os.replace(name, path)
-        except BaseException:
-            os.unlink(name)
-            raise
-        files = sorted(path.parent.glob("*.o"), key=lambda p: p.stat().st_mtime)
-        for old in files[:-CACHE_FILES]:
-            old.unlink()
-
-
 _loaded: dict[str, CompiledModule] = {}
 
 
@@ -161,12 +110,12 @@ def compile_module(key: str, write: Callable[[], str], level: int = 1) -> Compil
         cpu=m.cpu, features=m.features, opt=level
     )
     folder = cache_directory()
-    path = folder / f"{digest[:40]}.o" if folder else None
-    code = _read(path) if path else None
+    kept = ObjectFile(folder, digest) if folder else None
+    code = kept.read() if kept else None
     if code is None:
         code = _compile(llvm, target, write())
-        if path:
-            _write(path, code)
+        if kept:
+            kept.write(code)
         REPORT.compiled += 1
     else:
         REPORT.cached += 1

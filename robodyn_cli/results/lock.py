@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import stat
 import sys
 import warnings
 from pathlib import Path
@@ -43,7 +44,12 @@ class DirectoryLock:
 
     def __init__(self, directory: Path) -> None:
         """Take the lock; raises DirectoryInUseError if another run holds it."""
-        self._descriptor: int | None = os.open(directory / LOCK_NAME, os.O_RDWR | os.O_CREAT, 0o666)
+        # no link is followed: what it points to would be cut to the process number
+        flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+        self._descriptor: int | None = os.open(directory / LOCK_NAME, flags, 0o666)
+        if not stat.S_ISREG(os.fstat(self._descriptor).st_mode):
+            self.release()
+            raise OSError(errno.EINVAL, "not a regular file", str(directory / LOCK_NAME))
         try:
             _take(self._descriptor)
         except OSError as error:

@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from robodyn_cli.record import record
 from robodyn_cli.results.atomic import write_bytes
 
 # Keys of the contract come first and in this order; a command's own results follow in the order given.
@@ -35,6 +36,23 @@ class Absent(enum.Enum):
 
 
 ABSENT: Final = Absent.ABSENT
+
+
+@record
+class Termination:
+    """Why a run ended, and when [s]."""
+
+    reason: str
+    time: float
+
+
+@record
+class Residual:
+    """Largest residuals of the loops, at position level and below where they are known."""
+
+    position: float
+    velocity: float | Absent = ABSENT
+    acceleration: float | Absent = ABSENT
 
 
 def as_keys(summary: Any) -> dict[str, Any]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from robodyn_cli.commands import COMMANDS, SCENE_COMMANDS
 from robodyn_cli.registry import Registry
 
@@ -41,4 +43,5 @@ def execute(
     """Run a command on a scene; ``options`` are those that it has of its own."""
     if writer is not None:
         options["writer"] = writer
-    return functions[command](scene, progress=progress, watch=watch, **options)
+    with np.errstate(all="ignore"):  # results are looked at; a user gets no warning of numpy's
+        return functions[command](scene, progress=progress, watch=watch, **options)

@@ -133,6 +133,12 @@ class SimulateOptions:
         unit="s",
         doc="Step of the methods with a fixed step.",
     )
+    max_step: float | None = key(
+        Number(minimum=0.0, exclusive=True),
+        default=None,
+        unit="s",
+        doc="Longest step of the methods that choose their own.",
+    )
     max_steps: int = key(Integer(minimum=1), default=10_000_000, doc="Steps after which the run is stopped.")
     stabilisation: Any = key(
         Either((Choice(("projection", "independent", "baumgarte", "none")), Section(Baumgarte))),

@@ -135,6 +135,8 @@ class Follower:
         self.steps += 1
         h = t - now.t
         guess, error = extrapolate(before, now, h)
+        # nothing corrects a joint that does not move the point, so extrapolating it would amplify rounding
+        guess = np.where(self.solver.moving, guess, now.q)
         found = self.solver.solve(target[0], guess)
         if not self.reached(found.residual):
             return None

@@ -86,14 +86,18 @@ def balance(conditions: Conditions, forces: Forces, q: Array) -> Balance:
         K = here.N.T @ forces.stiffness(here.q, here.lam) @ here.N
         scale = conditions.lengths
         step = _downhill(K, here.free)
+        if not np.all(np.isfinite(step)):
+            break
         length = float(np.abs(here.N @ step / scale).max())
         if length < BALANCED or not np.any(here.free):
             converged = True
             break
         step = step * min(1.0, bound / length)
-        slope = float(here.free @ step)
+        slope, there = float(here.free @ step), here
         for _ in range(30):
             moved, residual = close(conditions, conditions.step(here.q, here.N @ step), range(len(scale)))
+            if not np.all(np.isfinite(moved)):
+                break
             there = _at(conditions, forces, moved)
             # the force along the step, carried over to the new tangent space
             ahead = float((there.N.T @ (here.N @ step)) @ there.free)
@@ -102,7 +106,7 @@ def balance(conditions: Conditions, forces: Forces, q: Array) -> Balance:
             step = 0.5 * step
             slope *= 0.5
         bound = min(MOST_STEP, 2.0 * float(np.abs(here.N @ step / scale).max()))
-        if not np.all(np.isfinite(there.free)):
+        if there is here or not np.all(np.isfinite(there.free)):
             break
         at_rounding = float(np.abs(there.free).max()) >= float(np.abs(here.free).max()) and length < 1e-9
         here = there

@@ -61,6 +61,12 @@ class Shared:
         total: Array = np.sum(list(self.terms.values()), axis=0)
         return total
 
+    @property
+    def uniqueness(self) -> tuple[str, str]:
+        """In words, whether the torques, and the multipliers, are the only ones that bear the load."""
+        torques = "unique" if self.unique_torques else "least norm: more actuators than degrees of freedom"
+        return torques, "unique" if self.unique_multipliers else "least norm: redundant rows"
+
 
 def allowed_motions(psi: Array) -> tuple[Array, int]:
     """Return N (T, nv, f), orthonormal columns that Psi (T, m, nv) leaves free, and the rank of Psi.

@@ -65,16 +65,22 @@ class PointSolver:
         self.iterations = 0
         some = np.random.default_rng(1).uniform(-2.0, 2.0, size=(16, n))
         p, J, _ = function(some, np.zeros_like(some))
-        values = np.linalg.svd(J, compute_uv=False)
+        influence = np.abs(J).max(axis=(0, 1))
+        self.moving = influence > RANK * max(float(influence.max()), 1e-300)  # joints that move the point
+        values = np.linalg.svd(J * self.moving, compute_uv=False)
         self.rank = int((values > RANK * max(float(values.max()), 1e-300)).sum(axis=1).max())
-        self.moving = np.any(J != 0.0, axis=(0, 1))  # joints that move the point
         self.redundant = int(self.moving.sum()) > self.rank
         # rounding of p, below which no tolerance can be met
         self.floor = 16.0 * float(np.finfo(float).eps) * float(np.abs(p).max())
 
+    def kinematics(self, q: Array, v: Array) -> tuple[Array, Array, Array]:
+        """Return p, J and J-dot at q and v (T, n); columns of joints that do not move the point are exactly zero."""
+        p, J, J_rate = self.function(q, v)
+        return p, J * self.moving, J_rate * self.moving
+
     def position(self, q: Array) -> tuple[Array, Array]:
         """Return p (m,) and J (m, n) at q (n,)."""
-        p, J, _ = self.function(q[None, :], np.zeros((1, self.n)))
+        p, J, _ = self.kinematics(q[None, :], np.zeros((1, self.n)))
         return p[0], J[0]
 
     def solve(self, target: Array, q: Array) -> Solution:
@@ -98,6 +104,7 @@ class PointSolver:
                 largest = float(np.abs(step).max())
                 if largest > MOST_STEP:
                     step *= MOST_STEP / largest
+                step = np.where(self.moving, step, 0.0)
                 p, J_new = self.position(q + step)
                 e_new = target - p
                 r_new = _length(e_new)
@@ -115,18 +122,18 @@ class PointSolver:
     def rates(self, q: Array, pd: Array, pdd: Array, J: Array | None = None) -> Rates:
         """Return rates and accelerations at q (T, n) for pd, pdd (T, m); J (T, m, n) where it is known."""
         if J is None:
-            _, J, _ = self.function(q, np.zeros_like(q))
+            _, J, _ = self.kinematics(q, np.zeros_like(q))
         U, s, Vt = np.linalg.svd(J, full_matrices=False)
         U, s, Vt = U[:, :, : self.rank], s[:, : self.rank], Vt[:, : self.rank]
         with np.errstate(divide="ignore", invalid="ignore"):  # the caller looks at the measure first
             V, Ut = np.swapaxes(Vt, 1, 2), np.swapaxes(U, 1, 2)
             qd = _apply(V, _apply(Ut, pd) / s)
-            _, _, J_rate = self.function(q, qd)
+            _, _, J_rate = self.kinematics(q, qd)
             qdd = _apply(V, _apply(Ut, pdd - _apply(J_rate, qd)) / s)
             if self.redundant:
                 turn = _apply(np.swapaxes(J_rate, 1, 2), _apply(U, _apply(Vt, qd) / s))
                 qdd += turn - _apply(V, _apply(Vt, turn))
-            return Rates(qd, qdd, s[:, -1] / s[:, 0], U, Vt)
+            return Rates(qd * self.moving, qdd * self.moving, s[:, -1] / s[:, 0], U, Vt)
 
 
 def _apply(A: Array, x: Array) -> Array:

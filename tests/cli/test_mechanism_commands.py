@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from robodyn_cli.results.hdf5 import read
 from robodyn_cli.run.batch.criteria import judge
 from robodyn_cli.scene.load import load_scene
 from tests.cli.tool import invoke
@@ -65,3 +66,33 @@ def test_a_sweep_that_ends_keeps_its_results(tmp_path: Path) -> None:
     assert done.code == 4 and "loop pin lets joint" in done.err
     assert json.loads((tmp_path / "summary.json").read_text())["status"] == "failed"
     assert (tmp_path / "result.h5").exists()
+
+
+@pytest.mark.parametrize("command", ["simulate", "statics", "inverse"])
+def test_multipliers_that_are_not_unique_are_said_to_be_so(command: str, tmp_path: Path) -> None:
+    """On the terminal and in the file; nothing is said of a four-bar whose rows are independent."""
+    settings = ["statics.find=hold", "simulate.duration=0.2", "simulate.samples=5", "inverse.samples=5"]
+    options = [word for setting in settings for word in ("--set", setting)]
+    trajectory = "trajectory={type: joint, duration: 0.1, q: {t1: 80 deg + 10 deg * t}}"
+    if command == "inverse":
+        options += ["--set", trajectory]
+    benchmarks = ROOT / "configs" / "benchmarks"
+    out = ("--out", tmp_path, "--no-plots")
+    done = invoke(command, benchmarks / "bennett.yaml", *options, *out)
+    assert done.code == 0 and "depend on each other" in done.out and "least norm" in done.out
+    stored = read(tmp_path / "result.h5").variables["constraints/multipliers"]
+    assert "least norm" in stored.long_name
+    if command == "simulate":
+        done = invoke(command, ROOT / "configs" / "four_bar_prescribed.yaml", *options, *out)
+        assert done.code == 0 and "least norm" not in done.out
+
+
+def test_residuals_of_prescribed_joints_are_not_called_those_of_loops(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(
+        "schema: 1\ngravity: [0, -9.81, 0]\nrobot: {joints: [{name: a, type: revolute, axis: [0, 0, 1]}], "
+        "links: [{name: l, mass: 1, com: [1, 0, 0], inertia: {zz: 0.1}}]}\n"
+        "prescribed: {a: sin(t)}\nsimulate: {duration: 1, samples: 5}\n"
+    )
+    done = invoke("simulate", scene, "--out", tmp_path / "out", "--no-plots")
+    assert done.code == 0 and "constraints        off by" in done.out and "loop residual" not in done.out

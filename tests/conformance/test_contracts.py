@@ -12,15 +12,17 @@ from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.dynamics import Expanded
-from robodyn_cli.formulations.index1 import index1
-from robodyn_cli.formulations.system import EventFunction, System
-from robodyn_cli.integrators.runtime.integrator import Event, Grid, Integrator, Options
+from robodyn_cli.formulations.events import Event, EventFunction
+from robodyn_cli.formulations.system import System
+from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
 from robodyn_cli.kernels.compiler import REPORT
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.scene.load import load_scene
 from robodyn_cli.scene.types import Baumgarte
 from robodyn_cli.solve.assembly import assemble
+from tests.systems import told
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 SYMBOLIC = ["links.link2.mass", "joints.theta1.a", "gravity.1"]
@@ -83,14 +85,16 @@ def test_constants_may_stay_parameters() -> None:
 
 def test_parameters_reach_the_stepping_loop() -> None:
     path = CONFIGS / "double_pendulum.yaml"
-    system = index1(Problem(load_scene(path), ["gravity.1"]), work=False)
+    system = build_system(Problem(load_scene(path), ["gravity.1"]), work=False)
     start = [-1.2, 0.4, 0.0, 0.0]
     ends = []
     for gravity in (-9.81, -1.62):
         integrator = Integrator(system, parameters=[gravity])
         integrator.reset(0.0, start, Options(1e-12, 1e-13))
         integrator.advance(2.0)
-        folded = Integrator(index1(Problem(load_scene(path, [f"gravity=[0, {gravity}, 0]"])), work=False))
+        folded = Integrator(
+            build_system(Problem(load_scene(path, [f"gravity=[0, {gravity}, 0]"])), work=False)
+        )
         folded.reset(0.0, start, Options(1e-12, 1e-13))
         folded.advance(2.0)
         assert np.abs(integrator.state - folded.state).max() < 1e-9
@@ -108,10 +112,7 @@ def test_discrete_memory_changes_at_scheduled_events() -> None:
     graph = Graph()
     t, force = graph.symbol("t", "t"), graph.symbol("force", "p", 0)
     times = (0.5, 1.25)
-    events = tuple(EventFunction(f"at {x}", t - x, +1, terminal=False) for x in times)
-    system = System(1, 1, Expanded((force,)), events=events)
-    integrator = Integrator(system, parameters=[2.0])
-    integrator.reset(0.0, [0.0, 0.0])
+    events = tuple(EventFunction(f"at {x}", t - x, +1) for x in times)
     seen: list[float] = []
     rows: list[np.ndarray] = []
 
@@ -120,7 +121,9 @@ def test_discrete_memory_changes_at_scheduled_events() -> None:
         integrator.p[0] = -integrator.p[0]
         return True
 
-    integrator.run(2.0, Grid.over(2.0, 9), lambda time, x: rows.append(x), switch)
+    integrator = Integrator(told(System(1, 1, Expanded((force,)), events=events), switch), parameters=[2.0])
+    integrator.reset(0.0, [0.0, 0.0])
+    integrator.run(2.0, Grid.over(2.0, 9), lambda time, x: rows.append(x))
     assert np.abs(np.array(seen) - times).max() < 1e-15
     q, v, clock = 0.0, 0.0, 0.0
     for until, a in ((0.5, 2.0), (1.25, -2.0), (2.0, 2.0)):
@@ -135,15 +138,15 @@ def test_formulations_agree_on_the_constraints(stabilisation: str | Baumgarte) -
     """Where the loops are closed, every formulation gives the acceleration of equation (36)."""
     problem = Problem(load_scene(CONFIGS / "four_bar_deploy.yaml"))
     closed = assemble(problem, {"theta1": 1.1, "phi1": 1.4}, {"theta1": -0.8}, ["theta1"])
-    system = index1(problem, stabilisation, work=False)
+    system = build_system(problem, stabilisation, work=False)
     values = {"t": [0.0], "q": closed.q.tolist(), "v": closed.v.tolist(), "p": []}
     expected = np.array(evaluate(list(problem.forward.qdd), values), dtype=float)
     found = np.array(evaluate(list(system.acceleration), values), dtype=float)
     assert np.abs(found - expected).max() < 1e-12
-    assert bool(system.position_correction) == (stabilisation == "projection")
+    assert bool(system.corrections.position) == (stabilisation == "projection")
 
 
 def test_the_work_is_a_state_only_where_something_works() -> None:
-    free = index1(Problem(load_scene(CONFIGS / "double_pendulum.yaml")))
-    driven = index1(Problem(load_scene(CONFIGS / "four_bar_deploy.yaml")))
+    free = build_system(Problem(load_scene(CONFIGS / "double_pendulum.yaml")))
+    driven = build_system(Problem(load_scene(CONFIGS / "four_bar_deploy.yaml")))
     assert (free.nz, driven.nz) == (0, 1)

@@ -10,7 +10,8 @@ import pytest
 
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr import functions as f
-from robodyn_cli.formulations.system import EventFunction
+from robodyn_cli.formulations.events import EventFunction
+from robodyn_cli.formulations.system import Corrections
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime import engine
 from robodyn_cli.integrators.runtime import integrator as module
@@ -766,8 +767,7 @@ def constrained_pendulum() -> Any:
     drift = (x * u + y * w) / r2
     return dataclasses.replace(
         body,
-        position_correction=(x - gap * x, y - gap * y),
-        velocity_correction=(u - drift * x, w - drift * y),
+        corrections=Corrections(position=(x - gap * x, y - gap * y), velocity=(u - drift * x, w - drift * y)),
     )
 
 
@@ -849,15 +849,13 @@ def test_long_equations_are_called_and_give_the_same(method: str, monkeypatch: p
     monkeypatch.setenv("ROBODYN_CACHE", "off")
     body = dataclasses.replace(constrained_pendulum())
     x = body.acceleration[0].graph.symbol("q0", "q", 0)
-    body = dataclasses.replace(body, events=(EventFunction("middle", x, 0, False),))
+    body = dataclasses.replace(body, events=(EventFunction("middle", x),))
     grid = Grid(0.0, 0.02, 101)
     runs = []
     for limit in (writer.INLINE_LIMIT, 0):
         monkeypatch.setattr(writer, "INLINE_LIMIT", limit)
         monkeypatch.setattr(compiler, "_loaded", {})
-        runs.append(
-            samples(body, method, (-1.0, 0.0, 0.0, 0.0), grid, on_event=lambda e: True, **fine(method))
-        )
+        runs.append(samples(body, method, (-1.0, 0.0, 0.0, 0.0), grid, **fine(method)))
     (_, inline, a), (_, called, b) = runs
     np.testing.assert_allclose(called, inline, rtol=0, atol=1e-11)
     assert a.counters.events == b.counters.events == 2

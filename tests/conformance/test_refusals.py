@@ -8,11 +8,14 @@ import pytest
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.formulations.index1 import index1
+from robodyn_cli.formulations.build import build_system
+from robodyn_cli.formulations.events import Stopping
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.integrator import Integrator
 from robodyn_cli.kernels import crossover
+from robodyn_cli.run.driver.contact_events import contact_functions
 from robodyn_cli.scene.load import load_scene, load_scene_text
+from robodyn_cli.scene.types import Scene
 from tests import systems
 from tests.mechanisms import CONFIGS
 from tests.methods import METHODS, REFUSALS, obstacle
@@ -39,12 +42,17 @@ simulate: {duration: 1, samples: 11}
 """
 
 
+def system_of(scene: Scene) -> System:
+    problem = Problem(scene)
+    return build_system(problem, events=contact_functions(problem, Stopping()))
+
+
 def of_scene(text: str) -> System:
-    return index1(Problem(load_scene_text(text)))
+    return system_of(load_scene_text(text))
 
 
 def of_file(name: str) -> System:
-    return index1(Problem(load_scene(CONFIGS / f"{name}.yaml")))
+    return system_of(load_scene(CONFIGS / f"{name}.yaml"))
 
 
 def long_chain() -> System:
@@ -65,7 +73,7 @@ KINDS: dict[str, Callable[[], System]] = {
     ),
     "a closed loop": lambda: of_file("four_bar_deploy"),
     "a ball joint": lambda: of_file("spinning_top"),
-    "independent coordinates": lambda: index1(
+    "independent coordinates": lambda: build_system(
         Problem(load_scene(CONFIGS / "four_bar_deploy.yaml")), stabilisation="independent"
     ),
     "set-valued friction": lambda: of_scene(

@@ -14,8 +14,10 @@ import robodyn_cli
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.formulations.index1 import index1, residuals
-from robodyn_cli.formulations.system import EventFunction, System
+from robodyn_cli.formulations.build import build_system
+from robodyn_cli.formulations.events import EventFunction, Stopping
+from robodyn_cli.formulations.projection import residuals
+from robodyn_cli.formulations.system import Corrections, System
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
 from robodyn_cli.scene.load import load_scene, load_scene_text
@@ -60,7 +62,7 @@ initial: {q: {hinge: 180 deg}, qd: {hinge: 0}}
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-7, 1e-10])
 def test_simple_pendulum_against_elliptic_functions(method: str, tolerance: float) -> None:
     """Released horizontal at (-1, 0); theta from the downward vertical, sin(theta/2) = k sn(K - w t)."""
-    body = index1(Problem(load_scene_text(PENDULUM)))
+    body = build_system(Problem(load_scene_text(PENDULUM)))
     states, _ = run(body, method, (np.pi, 0.0), Grid(0.0, 0.01, 1001), options(method, tolerance))
     tolerance = within_reach(method, tolerance)
     w, t = np.sqrt(GRAVITY), np.arange(1001) * 0.01
@@ -103,9 +105,11 @@ ROD_TABLE = {
 
 def rods(stop: bool = False) -> System:
     problem = Problem(load_scene_text(RODS))
-    body = index1(problem)
+    body = build_system(problem)
     return (
-        dataclasses.replace(body, events=(EventFunction("stop", problem.t - 5.5, 0, True),)) if stop else body
+        dataclasses.replace(body, events=(EventFunction("stop", problem.t - 5.5, owner=Stopping()),))
+        if stop
+        else body
     )
 
 
@@ -145,7 +149,7 @@ def test_double_pendulum_of_rods_to_the_last_digits() -> None:
 def test_rods_keep_their_energy(method: str) -> None:
     """Released horizontal and at rest, the energy about the pivot is exactly zero."""
     problem = Problem(load_scene_text(RODS))
-    body = index1(problem)
+    body = build_system(problem)
     states, _ = run(body, method, np.zeros(4), Grid(0.0, 0.1, 201), options(method, 1e-11))
     groups = {"t": [0.0], "q": states[:, :2].T, "v": states[:, 2:].T}
     kinetic, potential = evaluate([problem.kinetic, problem.potential], groups)
@@ -164,7 +168,7 @@ def test_the_lectures_double_pendulum(rtol: float, atol: float, bound: float) ->
     scene = load_scene(CONFIGS / "double_pendulum.yaml")
     start = (-np.pi / 2, np.pi / 4, 0.0, 0.0)
     states, integrator = run(
-        index1(Problem(scene)), "gauss", start, Grid(0.0, 0.01, 1001), Options(rtol, atol)
+        build_system(Problem(scene)), "gauss", start, Grid(0.0, 0.01, 1001), Options(rtol, atol)
     )
     assert largest(integrator.state - LECTURE) < bound
     assert largest(states[-1] - LECTURE) < bound
@@ -174,7 +178,7 @@ def test_the_lectures_double_pendulum(rtol: float, atol: float, bound: float) ->
 @pytest.mark.parametrize("method", taking("accelerations from velocities"))
 def test_every_method_finds_the_lectures_end(method: str) -> None:
     scene = load_scene(CONFIGS / "double_pendulum.yaml")
-    integrator = Integrator(index1(Problem(scene)), method)
+    integrator = Integrator(build_system(Problem(scene)), method)
     integrator.reset(0.0, (-np.pi / 2, np.pi / 4, 0.0, 0.0), options(method, 1e-12))
     integrator.advance(10.0)
     assert largest(integrator.state - LECTURE) < max(5e-8, 1e3 * within_reach(method, 1e-12))
@@ -187,7 +191,7 @@ def test_a_loop_stays_closed_and_all_methods_agree(method: str) -> None:
     problem = Problem(scene)
     closed = assemble(problem, dict(scene.initial.q or {}), {}, list(scene.initial.hold))
     start = np.concatenate([closed.q, closed.v, [0.0]])
-    body = index1(problem)
+    body = build_system(problem)
     assert body.nz == 1, "the spring's work"
     integrator = Integrator(body, method)
     reference = Integrator(body, "gauss")
@@ -214,7 +218,7 @@ def test_a_loop_stays_closed_and_all_methods_agree(method: str) -> None:
 # -- what a System promises -----------------------------------------------------------------------------------
 def test_equal_systems_share_code_and_different_ones_do_not() -> None:
     def make(**changes: Any) -> System:
-        more = {"events": lambda t, q, v, z, p: [EventFunction("e", q[0], changes.get("direction", 0), True)]}
+        more = {"events": lambda t, q, v, z, p: [EventFunction("e", q[0], changes.get("direction", 0))]}
         return system(1, lambda t, q, v, z, p: [-changes.get("stiffness", 2.0) * q[0]], **more)
 
     digest = make().digest
@@ -222,11 +226,14 @@ def test_equal_systems_share_code_and_different_ones_do_not() -> None:
     assert make(direction=1).digest != digest
     assert make(stiffness=3.0).digest != digest
     assert dataclasses.replace(make(), events=()).digest != digest
-    # times of kinks and what an event is called are no business of the code
+    # times of discontinuities and what an event is called are no business of the code
     assert dataclasses.replace(make(), breakpoints=(1.0,)).digest == digest
-    renamed = tuple(dataclasses.replace(e, name="other", terminal=False) for e in make().events)
+    renamed = tuple(dataclasses.replace(e, name="other", owner=Stopping()) for e in make().events)
     assert dataclasses.replace(make(), events=renamed).digest == digest
-    assert dataclasses.replace(make(), velocity_correction=(Graph().symbol("v", "v"),)).digest != digest
+    assert (
+        dataclasses.replace(make(), corrections=Corrections(velocity=(Graph().symbol("v", "v"),))).digest
+        != digest
+    )
 
 
 @each_family
@@ -237,7 +244,9 @@ def test_systems_that_differ_only_in_python_get_their_own_treatment(method: str)
     plain = system(1, lambda t, q, v, z, p: [-q[0]])
     ends = []
     for terminal in (True, False):
-        body = dataclasses.replace(plain, events=(EventFunction("zero", q, -1, terminal),))
+        body = dataclasses.replace(
+            plain, events=(EventFunction("zero", q, -1, owner=Stopping() if terminal else None),)
+        )
         integrator = Integrator(body, method)
         integrator.reset(0.0, (0.0, 1.0), options(method, 1e-8))
         integrator.run(4.0, Grid(0.0, 9.0, 1), lambda t, x: None)

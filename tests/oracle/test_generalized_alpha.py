@@ -16,7 +16,7 @@ from robodyn_cli import load_scene, simulate
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.formulations.index1 import index1
+from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.index3 import Index3
 from robodyn_cli.integrators.methods import generalized_alpha as module
 from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
@@ -109,7 +109,7 @@ def test_positions_velocities_and_multipliers_are_of_order_2(name: str, stabilis
 
 def test_steps_keep_loops_closed_by_themselves() -> None:
     setup = prepare(load_scene(CONFIGS / "benchmarks" / "andrews.yaml"))
-    body = index1(setup.problem, "none", work=False)
+    body = build_system(setup.problem, "none", work=False)
     integrator = Integrator(body, NAME)
     integrator.reset(0.0, np.concatenate([setup.assembled.q, setup.assembled.v]), Options(step=1e-4))
     for stop in np.linspace(1e-3, 0.03, 30):
@@ -162,7 +162,7 @@ def test_events_and_stops_are_of_order_2() -> None:
     """Where a run stops, goes on, or steps are cut short, a is set for the step at hand."""
     text, exact = pendulum()
     setup = prepare(load_scene_text(text))
-    body = index1(setup.problem)
+    body = build_system(setup.problem)
     start = body.join(setup.assembled.q, setup.assembled.v)
     errors = []
     for step in (0.004, 0.002):
@@ -183,7 +183,7 @@ def test_the_index_3_form_agrees_with_the_accelerations() -> None:
     assert len(program.outputs["a"]) == 7 and len(program.outputs["l"]) == 6
     assert set(program.inputs) >= {"q", "v", "a", "l", "g"}
     setup = prepare(load_scene(CONFIGS / "benchmarks" / "andrews.yaml"))
-    body = index1(setup.problem, "none", work=False)
+    body = build_system(setup.problem, "none", work=False)
     assert body.index3 is not None and body.index3.rows == 6
 
 

@@ -10,7 +10,7 @@ from scipy.special import ellipj, ellipk
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import NumericalError
-from robodyn_cli.formulations.index1 import index1
+from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.integrator import Integrator, Options
@@ -179,7 +179,7 @@ TUMBLING = FREE.format(
 
 def start_of(scene: Scene) -> tuple[System, np.ndarray]:
     problem = Problem(scene)
-    body = index1(problem)
+    body = build_system(problem)
     q = [scene.initial.q[name] for name in problem.model.q_names]
     v = [scene.initial.qd.get(name, 0.0) for name in problem.model.v_names]
     return body, body.join(np.array(q), np.array(v))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from robodyn_cli.expr import functions as f
-from robodyn_cli.formulations.index1 import index1
+from robodyn_cli.formulations.build import build_system
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
 from robodyn_cli.run.driver.prepare import prepare
@@ -59,7 +59,7 @@ PENDULUM = stiff_arm("stiff arm", 10.0, rest="0", start=HANGING)
 def test_a_double_pendulum_on_a_stiff_spring(method: str) -> None:
     """The largest error along the whole run, transient included, against an explicit method in tiny steps."""
     setup = prepare(load_scene_text(PENDULUM))
-    body = index1(setup.problem, work=False)
+    body = build_system(setup.problem, work=False)
     start = np.concatenate([setup.assembled.q, setup.assembled.v])
     grid = Grid(0.0, 1.0 / 128, 129)
     _, exact, _ = samples(body, "dop853", start, grid, rtol=1e-12, atol=1e-13)

@@ -16,6 +16,7 @@ import pytest
 import robodyn_cli
 from robodyn_cli.expr import functions as f
 from robodyn_cli.expr.graph import Graph
+from robodyn_cli.kernels import cache as cache_module
 from robodyn_cli.kernels import compiler
 from robodyn_cli.kernels.samples import SampleKernel
 
@@ -186,15 +187,18 @@ def test_many_processes_at_once_do_not_disturb_each_other(tmp_path: Path) -> Non
     assert all(compiled + cached == 6 for compiled, cached, _ in results)
     assert len({tuple(values) for *_, values in results}) == 1
     files = list(tmp_path.iterdir())
-    assert len(files) == 6 and all(compiler._read(p) is not None for p in files)
+    assert len(files) == 6
     assert finish(start(tmp_path, 6))[:2] == (0, 6)
 
 
 def test_the_newest_files_are_kept(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compiler, "CACHE_FILES", 3)
+    build(0.0)
+    size = next(cache.glob("*.o")).stat().st_size
+    monkeypatch.setattr(cache_module, "MOST_BYTES", int(3.5 * size))
     now = time.time()
-    names = []
-    for k in range(6):
+    names: list[Path] = list(cache.glob("*.o"))
+    os.utime(names[0], (now - 200, now - 200))
+    for k in range(1, 6):
         build(float(k))
         (new,) = set(cache.glob("*.o")) - set(names)
         names.append(new)
@@ -202,6 +206,60 @@ def test_the_newest_files_are_kept(cache: Path, monkeypatch: pytest.MonkeyPatch)
     assert set(cache.glob("*.o")) == set(names[-3:])
     forget(monkeypatch)
     assert build(5.0) == (0, 1) and build(0.0) == (1, 0)
+
+
+def test_files_of_processes_that_were_killed_are_swept(cache: Path) -> None:
+    cache.mkdir()
+    old, fresh = cache / "a.part", cache / "b.part"
+    for path in (old, fresh):
+        path.write_bytes(b"half")
+    os.utime(old, (0, 0))
+    build()
+    assert not old.exists() and fresh.exists()
+
+
+def test_code_of_another_key_is_not_run(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two whole files that change places, as a bad copy of a cache would have them."""
+    build(1.0)
+    (first,) = cache.glob("*.o")
+    build(2.0)
+    (second,) = set(cache.glob("*.o")) - {first}
+    a, b = first.read_bytes(), second.read_bytes()
+    first.write_bytes(b)
+    second.write_bytes(a)
+    forget(monkeypatch)
+    assert build(1.0) == (1, 0) and build(2.0) == (1, 0)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="rights as POSIX has them")
+@pytest.mark.parametrize("place", ["directory", "file"])
+@pytest.mark.parametrize("mode", [0o020, 0o002])
+def test_what_others_may_write_is_not_run(
+    place: str, mode: int, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    build()
+    (path,) = cache.glob("*.o")
+    target = cache if place == "directory" else path
+    target.chmod(target.stat().st_mode | mode)
+    forget(monkeypatch)
+    monkeypatch.setattr(compiler.REPORT, "warnings", [])
+    assert build() == (1, 0)
+    assert len(compiler.REPORT.warnings) == (place == "directory")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="links and pipes as POSIX has them")
+@pytest.mark.parametrize("kind", ["link", "pipe"])
+def test_links_and_pipes_are_not_followed(
+    kind: str, cache: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    build()
+    (path,) = cache.glob("*.o")
+    moved = tmp_path / "elsewhere.o"
+    path.rename(moved)
+    os.symlink(moved, path) if kind == "link" else os.mkfifo(path)
+    forget(monkeypatch)
+    assert build() == (1, 0)
+    assert moved.exists() and not path.is_symlink() and path.is_file()
 
 
 def test_another_version_of_the_writer_does_not_use_old_code(tmp_path: Path) -> None:
@@ -222,7 +280,7 @@ def test_another_processor_does_not_use_it_either(
     import dataclasses
 
     keys: list[str] = []
-    monkeypatch.setattr(compiler, "_read", lambda path: keys.append(path.name))
+    monkeypatch.setattr(cache_module.ObjectFile, "read", lambda file: keys.append(file.key))
     build()
     host = compiler.machine()
     value = {

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from robodyn_cli.expr import functions as f
-from robodyn_cli.formulations.system import EventFunction
+from robodyn_cli.formulations.events import Event, EventFunction, Stopping
 from robodyn_cli.integrators.event_location.events import Found, Root, crosses, first_roots
 from robodyn_cli.integrators.registry import methods
-from robodyn_cli.integrators.runtime.integrator import Event, Grid, Integrator
+from robodyn_cli.integrators.runtime.integrator import Grid, Integrator
 from robodyn_cli.integrators.runtime.layout import Status
 from tests.methods import each_adaptive_family, each_family
-from tests.systems import collect, events_of, is_low, settings, system, within_reach
+from tests.systems import collect, events_of, is_low, settings, system, told, within_reach
 
 
 def options(method: str, tolerance: float = 1e-10) -> dict[str, Any]:
@@ -38,7 +38,7 @@ def oscillator(*events: Any) -> Any:
     return system(
         1, lambda t, q, v, z, p: [-q[0]],
         events=lambda t, q, v, z, p: [
-            EventFunction(f"e{k}", value(t, q[0], v[0]), direction, False) for k, (value, direction) in enumerate(events)
+            EventFunction(f"e{k}", value(t, q[0], v[0]), direction) for k, (value, direction) in enumerate(events)
         ],
     )  # fmt: skip
 
@@ -48,7 +48,7 @@ def ball(*heights: float, floor: Any = None) -> Any:
     n = len(heights)
     return system(
         n, lambda t, q, v, z, p: [-10.0 + 0.0 * q[0]] * n,
-        events=lambda t, q, v, z, p: [EventFunction(f"ball {k}", q[k], -1, False) for k in range(n)],
+        events=lambda t, q, v, z, p: [EventFunction(f"ball {k}", q[k], -1) for k in range(n)],
     )  # fmt: skip
 
 
@@ -159,22 +159,20 @@ def test_a_bouncing_ball_follows_the_closed_form(method: str, restitution: float
 @each_family
 def test_samples_around_a_jump_belong_to_their_side(method: str) -> None:
     body = oscillator((lambda t, q, v: t - 1.05, 0))
-    integrator = Integrator(body, method)
-    integrator.reset(0.0, (0.0, 1.0), settings(method, **options(method)))
 
     def jump(event: Event) -> bool:
         integrator.set_state(event.state + [0.0, 10.0])
         return True
 
-    times, states = collect(integrator, 2.0, Grid(0.0, 0.1, 21), block=4, on_event=jump)
+    integrator = Integrator(told(body, jump), method)
+    integrator.reset(0.0, (0.0, 1.0), settings(method, **options(method)))
+    times, states = collect(integrator, 2.0, Grid(0.0, 0.1, 21), block=4)
     np.testing.assert_array_equal(times, np.arange(21) * 0.1)
     expected = np.sin(times) + np.where(times > 1.05, 10.0 * np.sin(times - 1.05), 0.0)
     np.testing.assert_allclose(states[:, 0], expected, atol=accuracy(method))
-    late = Integrator(body, method)
+    late = Integrator(told(body, lambda e: (late.set_state(e.state + [1.0, 0.0]), True)[1]), method)
     late.reset(0.0, (0.0, 1.0), settings(method, **options(method)))
-    times, states = collect(
-        late, 2.0, Grid(0.0, 0.35, 6), on_event=lambda e: (late.set_state(e.state + [1.0, 0.0]), True)[1]
-    )
+    times, states = collect(late, 2.0, Grid(0.0, 0.35, 6))
     # the sample at the very time of the jump shows the state before it
     assert states[3, 0] == pytest.approx(np.sin(1.05), abs=1e-7)
     assert states[4, 0] == pytest.approx(np.sin(1.4) + np.cos(0.35), abs=1e-7)
@@ -217,13 +215,12 @@ def test_staying_at_zero_is_no_event(method: str) -> None:
 def test_an_event_exactly_at_the_end_is_told_once(method: str, at: float) -> None:
     body = system(
         1, lambda t, q, v, z, p: [0.0 * q[0] + 0.0],
-        events=lambda t, q, v, z, p: [EventFunction("end", t - (at + 2.0), +1, False)],
+        events=lambda t, q, v, z, p: [EventFunction("end", t - (at + 2.0), +1)],
     )  # fmt: skip
     found, integrator = events_of(body, method, (0.0, 1.0), at + 2.0, at, **options(method))
     assert [e.time for e in found] == [at + 2.0]
-    again: list[Event] = []
-    integrator.run(at + 3.0, Grid(at, 100.0, 1), lambda t, x: None, lambda e: (again.append(e), True)[1])
-    assert again == [], "and not again by the run that goes on from there"
+    integrator.run(at + 3.0, Grid(at, 100.0, 1), lambda t, x: None)
+    assert len(found) == 1, "and not again by the run that goes on from there"
     before, _ = events_of(body, method, (0.0, 1.0), at + 1.9, at, **options(method))
     assert before == []
 
@@ -234,21 +231,21 @@ def test_an_event_at_a_breakpoint_or_where_a_run_resumes_is_not_lost(method: str
     body = system(
         1, lambda t, q, v, z, p: [0.0 * q[0] + 0.0], breakpoints=(1.0, 2.0),
         events=lambda t, q, v, z, p: [
-            EventFunction("rises", t - 1.0, 0, False), EventFunction("touches", -(t - 2.0) * (t - 2.0), 0, False),
-            EventFunction("is passed over", t - 0.5, -1, False),
+            EventFunction("rises", t - 1.0, 0), EventFunction("touches", -(t - 2.0) * (t - 2.0), 0),
+            EventFunction("is passed over", t - 0.5, -1),
         ],
     )  # fmt: skip
     found, _ = events_of(body, method, (0.0, 1.0), 3.0, **options(method))
     assert [(e.name, e.time) for e in found] == [("rises", 1.0)]
     plain = system(
         1, lambda t, q, v, z, p: [0.0 * q[0] + 0.0],
-        events=lambda t, q, v, z, p: [EventFunction("pass", q[0] - 0.75, +1, False)],
+        events=lambda t, q, v, z, p: [EventFunction("pass", q[0] - 0.75, +1)],
     )  # fmt: skip
-    integrator = Integrator(plain, method)
-    integrator.reset(0.0, (0.0, 1.0), settings(method, **options(method)))
     times: list[float] = []
+    integrator = Integrator(told(plain, lambda e: (times.append(e.time), True)[1]), method)
+    integrator.reset(0.0, (0.0, 1.0), settings(method, **options(method)))
     for end in (0.25, 0.5, 0.75, 1.0):
-        integrator.run(end, Grid(0.0, 9.0, 1), lambda t, x: None, lambda e: (times.append(e.time), True)[1])
+        integrator.run(end, Grid(0.0, 9.0, 1), lambda t, x: None)
     assert times == pytest.approx([0.75], abs=1e-13)
 
 
@@ -281,11 +278,13 @@ def test_a_jumping_event_function_is_located_too(method: str) -> None:
 # -- stops -------------------------------------------------------------------------------------------------
 @each_family
 @pytest.mark.parametrize("terminal", [True, False])
-def test_terminal_events_end_the_run_unless_someone_says_otherwise(method: str, terminal: bool) -> None:
+def test_an_event_ends_the_run_if_its_owner_says_so(method: str, terminal: bool) -> None:
     body = system(
         1,
         lambda t, q, v, z, p: [-q[0]],
-        events=lambda t, q, v, z, p: [EventFunction("zero", q[0], -1, terminal)],
+        events=lambda t, q, v, z, p: [
+            EventFunction("zero", q[0], -1, owner=Stopping() if terminal else None)
+        ],
     )
     integrator = Integrator(body, method)
     integrator.reset(0.0, (0.0, 1.0), settings(method, **options(method)))
@@ -298,27 +297,18 @@ def test_terminal_events_end_the_run_unless_someone_says_otherwise(method: str, 
         times, states = collect(integrator, 9.0, Grid(0.0, 0.5, 19))
         assert times[0] == 3.5 and times[-1] == 9.0
         assert integrator.counters.events == 1
-    for answer in (True, False):
-        integrator.reset(0.0, (0.0, 1.0), settings(method, **options(method)))
-        integrator.run(5.0, Grid(0.0, 9.0, 1), lambda t, x: None, lambda e, a=answer: a)
-        assert integrator.time == pytest.approx(5.0 if answer else np.pi, abs=accuracy(method))
 
 
 @each_family
 def test_events_can_be_left_unwatched(method: str) -> None:
     body = oscillator((lambda t, q, v: q, 0))
-    integrator = Integrator(body, method)
-    integrator.reset(0.0, (0.0, 1.0), settings(method, **options(method)))
     seen: list[float] = []
-
-    def on_event(event: Event) -> bool:
-        seen.append(event.time)
-        return True
-
-    integrator.run(4.0, Grid(0.0, 9.0, 1), lambda t, x: None, on_event, watch=False)
-    integrator.run(7.0, Grid(0.0, 9.0, 1), lambda t, x: None, on_event)
+    integrator = Integrator(told(body, lambda e: (seen.append(e.time), True)[1]), method)
+    integrator.reset(0.0, (0.0, 1.0), settings(method, **options(method)))
+    integrator.run(4.0, Grid(0.0, 9.0, 1), lambda t, x: None, watch=False)
+    integrator.run(7.0, Grid(0.0, 9.0, 1), lambda t, x: None)
     integrator.advance(10.0)
-    integrator.run(13.0, Grid(0.0, 9.0, 1), lambda t, x: None, on_event)
+    integrator.run(13.0, Grid(0.0, 9.0, 1), lambda t, x: None)
     np.testing.assert_allclose(seen, [2 * np.pi, 4 * np.pi], atol=10 * accuracy(method))
 
 
@@ -339,7 +329,7 @@ def test_trials_are_counted_too(method: str) -> None:
 
     for name in ("drive", "trial"):
         setattr(integrator.engine, name, counting(getattr(integrator.engine, name)))
-    integrator.run(10.0, Grid(0.0, 0.5, 21), lambda t, x: None, lambda e: True)
+    integrator.run(10.0, Grid(0.0, 0.5, 21), lambda t, x: None)
     assert list(integrator.counters.as_dict().values())[:3] == spent.tolist()
 
 
@@ -359,7 +349,7 @@ def test_what_lies_before_a_failure_is_still_found(method: str) -> None:
     """q = 1 / (1 - t) passes 50 before it blows up."""
     body = system(
         1, lambda t, q, v, z, p: [2.0 * q[0] * q[0] * q[0]],
-        events=lambda t, q, v, z, p: [EventFunction("fifty", q[0] - 50.0, 0, True)],
+        events=lambda t, q, v, z, p: [EventFunction("fifty", q[0] - 50.0, 0)],
     )  # fmt: skip
     found, integrator = events_of(body, method, (1.0, 1.0), 2.0, react=lambda i, e: False, **options(method))
     assert [e.time for e in found] == [pytest.approx(1.0 - 1 / 50, abs=1e-7)]

@@ -10,7 +10,7 @@ import pytest
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.formulations.index1 import index1, is_rolled
+from robodyn_cli.formulations.build import build_system, is_rolled
 from robodyn_cli.integrators.runtime.integrator import Grid, Options
 from robodyn_cli.run.deploy.deploy import deploy
 from robodyn_cli.run.inverse.dynamics import ForwardDynamics, InverseDynamics
@@ -206,7 +206,7 @@ simulate: {{duration: 0.2, samples: 5}}
     assert is_rolled(problem)
     found = simulate(scene)
     assert found.summary["energy_drift_relative"] < 1e-8
-    system = index1(problem, expanded=True)
+    system = build_system(problem, expanded=True)
     first = np.concatenate([found["q"][0], found["qd"][0], [0.0]])
     _, states, _ = integrate(system, "gauss", first, Grid.over(0.2, 5), Options(1e-10, 1e-12))
     assert np.abs(states[:, :n] - found["q"]).max() < 1e-9

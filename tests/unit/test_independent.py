@@ -7,7 +7,7 @@ import pytest
 
 from robodyn_cli import deploy, load_scene, load_scene_text, simulate
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.formulations.index1 import index1
+from robodyn_cli.formulations.build import build_system
 from robodyn_cli.run.driver.prepare import prepare
 from tests import mechanisms
 from tests.mechanisms import CONFIGS, SIX_BAR, close, failure, run
@@ -28,9 +28,9 @@ def test_the_motion_is_that_of_projection(method: str) -> None:
 def test_dependent_coordinates_are_a_first_guess_and_nothing_else() -> None:
     setup = prepare(load_scene_text("schema: 1\n" + SIX_BAR))
     problem, q, v = setup.problem, setup.assembled.q, setup.assembled.v + 0.0
-    system = index1(problem, "independent")
-    assert system.chart is not None
-    p = system.chart.choose(0.0, q, None)
+    system = build_system(problem, "independent")
+    assert system.partition is not None
+    p = system.partition.choose(0.0, q, None)
     w = p[:-1]
     assert sorted(set(w)) == [0.0, 1.0] and w.sum() == len(problem.constraints.rows)
 

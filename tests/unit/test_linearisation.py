@@ -70,7 +70,7 @@ def product(lu: np.ndarray) -> np.ndarray:
 
 
 def test_the_jacobian_is_exact() -> None:
-    found = differentiate(BODY)
+    found = differentiate(BODY.rates, BODY.nq, BODY.nv)
     groups: dict[str, Any] = {"t": [T], "q": X[:2], "v": X[2:4], "z": X[4:], "p": [0.0] * 4}
     entries = list(found.J.ravel())
     values = np.array(evaluate(entries, groups), dtype=float).reshape(5, 5)

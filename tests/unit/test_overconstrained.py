@@ -10,7 +10,7 @@ import pytest
 from robodyn_cli import load_scene_text, simulate
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.formulations.index1 import index1
+from robodyn_cli.formulations.build import build_system
 from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.driver.prepare import prepare
@@ -195,7 +195,7 @@ def test_a_crank_that_is_prescribed_gets_its_torque() -> None:
 def test_combinations_are_renewed_whoever_drives(kind: str) -> None:
     """Without samples or events too: what is integrated must not depend on who looks."""
     setup = prepare(load_scene_text("schema: 1\n" + BENNETT))
-    system = index1(setup.problem)
+    system = build_system(setup.problem)
     integrator = Integrator(system, "gauss")
     integrator.reset(0.0, system.join(setup.assembled.q, setup.assembled.v), Options(1e-9, 1e-11))
     if kind == "advance":
@@ -203,5 +203,5 @@ def test_combinations_are_renewed_whoever_drives(kind: str) -> None:
     else:
         integrator.run(2.0, Grid.over(2.0, 3), lambda t, x: None, watch=False)
     q = system.split(integrator.state)[0]
-    assert abs(q[0]) > 4 * np.pi and integrator.parameters.renewals > 4
+    assert abs(q[0]) > 4 * np.pi and integrator.parameters.repartitions > 4
     assert np.abs(evaluate(setup.problem.constraints.eta, {"q": q.tolist()})).max() < 1e-13

@@ -119,10 +119,10 @@ def test_building_a_system_imports_neither_results_nor_runs() -> None:
     code = (
         "import sys\n"
         "from robodyn_cli import load_scene\n"
-        "from robodyn_cli.formulations.index1 import index1\n"
+        "from robodyn_cli.formulations.build import build_system\n"
         "from robodyn_cli.integrators.runtime.integrator import Integrator\n"
         "from robodyn_cli.run.driver.prepare import prepare\n"
-        "Integrator(index1(prepare(load_scene('configs/double_pendulum.yaml')).problem), 'gauss')\n"
+        "Integrator(build_system(prepare(load_scene('configs/double_pendulum.yaml')).problem), 'gauss')\n"
         "print(*sys.modules)\n"
     )
     ended = subprocess.run(

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+from robodyn_cli import inverse, load_scene
 from robodyn_cli.errors import OutputError
 from robodyn_cli.report import draw, draw_all, plot_files
 from robodyn_cli.report.decimate import crest, envelope, finite, thin_path
@@ -119,12 +120,21 @@ def test_a_failed_run_says_so_on_every_drawing() -> None:
         assert "Run failed at t = 4.25 s: step size underflow" in texts(result, name)
 
 
+def test_the_root_mean_square_in_the_drawing_is_that_of_the_summary() -> None:
+    """Few samples, so that other averages of them (not over time) would show."""
+    result = inverse(load_scene("configs/2r_circle.yaml"), samples=12)
+    drawn = texts(result, "torques")
+    for name, figures in result.summary["joints"].items():
+        mean = float(np.sqrt(np.mean(result["tau"][:, result.variables["tau"].names.index(name)] ** 2)))
+        assert number(figures["rms_torque"], 4) != number(mean, 4)
+        assert f"RMS {number(figures['rms_torque'], 4)} N·m" in drawn
+
+
 def test_captions_state_the_figures() -> None:
     drawn = texts(inverse_result(), "torques")
-    tau = inverse_result()["tau"][:, 0]
-    assert (
-        f"theta1: peak {number(tau.max(), 4)}, RMS {number(float(np.sqrt(np.mean(tau**2))), 4)} N·m" in drawn
-    )
+    time, tau = inverse_result().time, inverse_result()["tau"][:, 0]
+    average = float(np.sum(np.diff(time) * (tau[1:] ** 2 + tau[:-1] ** 2)) / 2 / (time[-1] - time[0]))
+    assert f"theta1: peak {number(tau.max(), 4)}, RMS {number(average**0.5, 4)} N·m" in drawn
     result = pendulum_result(201)
     total = result["energy/total"]
     assert f"largest {number(float(np.abs(total - total[0]).max()))} J" in texts(result, "energy_drift")

@@ -10,7 +10,7 @@ import pytest
 
 from robodyn_cli import load_scene, load_scene_text
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.formulations.index1 import index1
+from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.residual import Residual
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.methods.gauss import Gauss
@@ -61,7 +61,7 @@ def tree() -> str:
 
 def built() -> tuple[Residual, System, np.ndarray]:
     setup = prepare(load_scene_text(tree()))
-    system = index1(setup.problem)
+    system = build_system(setup.problem)
     assert system.residual is not None
     return system.residual, system, np.concatenate([setup.assembled.q, setup.assembled.v])
 
@@ -110,13 +110,13 @@ def test_gauss_takes_corrections_where_they_are_shorter() -> None:
     assert Gauss().residual_of(system) is residual
     assert residual.correction.operations < 0.7 * system.dynamics.program.operations
     pendulum = prepare(load_scene(CONFIGS / "double_pendulum.yaml")).problem
-    assert Gauss().residual_of(index1(pendulum)) is None
+    assert Gauss().residual_of(build_system(pendulum)) is None
 
 
 @pytest.mark.parametrize("name", ["four_bar_deploy", "stick_slip"])
 def test_constraints_and_modes_have_none(name: str) -> None:
-    problem = prepare(load_scene(CONFIGS / f"{name}.yaml", ["command=simulate"]), modes=True).problem
-    assert index1(problem).residual is None
+    problem = prepare(load_scene(CONFIGS / f"{name}.yaml", ["command=simulate"])).problem
+    assert build_system(problem).residual is None
 
 
 @pytest.mark.parametrize("method", ["gauss", "gauss8"])
@@ -124,7 +124,7 @@ def test_runs_end_where_those_of_forward_dynamics_end(method: str) -> None:
     """The same steps, rounds and samples, but for rounding; the work done is carried as well."""
     _, system, start = built()
     assert system.nz == 1
-    plain = dataclasses.replace(system, residual=None)
+    plain = dataclasses.replace(system, forms=None)
     ends, samples, counts = [], [], []
     for one in (system, plain):
         integrator = Integrator(one, method)
@@ -144,7 +144,7 @@ def test_smoothed_friction_does_not_multiply_steps_at_tight_tolerances() -> None
     """Rounding at the ends of a step, through M^-1, used to pass for a front there: 1e5 steps at rtol 1e-13."""
     smooth = "friction: {viscous: 0.1, coulomb: 0.2, transition_speed: 0.1}}"
     setup = prepare(load_scene_text(tree().replace("damper: {damping: 0.1}}", smooth)))
-    system = index1(setup.problem, work=False)
+    system = build_system(setup.problem, work=False)
     integrator, steps = Integrator(system, "gauss"), []
     for rtol in (1e-11, 1e-13):
         integrator.reset(0.0, np.concatenate([setup.assembled.q, setup.assembled.v]), Options(rtol, 1e-16))

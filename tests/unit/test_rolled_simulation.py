@@ -11,10 +11,11 @@ import pytest
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError
+from robodyn_cli.formulations.build import build_system, is_rolled
 from robodyn_cli.formulations.dynamics import Expanded
-from robodyn_cli.formulations.index1 import index1, is_rolled
+from robodyn_cli.formulations.events import EventFunction
 from robodyn_cli.formulations.rolled import Rolled
-from robodyn_cli.formulations.system import EventFunction, System
+from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
 from robodyn_cli.kernels import compiler, crossover
 from robodyn_cli.kernels.rolled_tables import RolledPlan
@@ -24,6 +25,7 @@ from robodyn_cli.run.plan.plan import plan as make_plan
 from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene import load_scene_text
 from robodyn_cli.scene.types import Scene
+from tests.systems import told
 
 METHODS = {
     "gauss": Options(1e-10, 1e-12),
@@ -80,7 +82,7 @@ def systems(source: Scene, monkeypatch: pytest.MonkeyPatch) -> tuple[System, Sys
     """The system of a scene in both shapes, and its start."""
     monkeypatch.setattr(crossover, "CROSSOVER", 2)
     setup = prepare(source)
-    loops, graph = index1(setup.problem), index1(setup.problem, expanded=True)
+    loops, graph = build_system(setup.problem), build_system(setup.problem, expanded=True)
     assert isinstance(loops.dynamics, Rolled) and isinstance(graph.dynamics, Expanded)
     return loops, graph, np.concatenate([setup.assembled.q, setup.assembled.v, np.zeros(loops.nz)])
 
@@ -151,21 +153,21 @@ def test_events_are_found_in_either_shape(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(crossover, "CROSSOVER", 2)
     setup = prepare(SCENES["forces"])
     q = setup.problem.q
-    watched = (EventFunction("straight", q[1] + 0.1 * setup.problem.v[2], 0, False),)
+    watched = (EventFunction("straight", q[1] + 0.1 * setup.problem.v[2]),)
     start = np.concatenate([setup.assembled.q, setup.assembled.v, [0.0]])
     for method in ("gauss", "dop853"):
         found: list[list[tuple[float, np.ndarray]]] = []
         for expanded in (False, True):
-            system = index1(setup.problem, events=watched, expanded=expanded)
-            integrator = Integrator(system, method)
-            integrator.reset(0.0, start, METHODS[method])
+            system = build_system(setup.problem, events=watched, expanded=expanded)
             seen: list[tuple[float, np.ndarray]] = []
 
             def on_event(event: Any, seen: list[tuple[float, np.ndarray]] = seen) -> bool:
                 seen.append((event.time, event.state))
                 return True
 
-            integrator.run(0.5, Grid.over(0.5, 3), lambda t, x: None, on_event)
+            integrator = Integrator(told(system, on_event), method)
+            integrator.reset(0.0, start, METHODS[method])
+            integrator.run(0.5, Grid.over(0.5, 3), lambda t, x: None)
             found.append(seen)
         assert len(found[0]) == len(found[1]) > 0
         for (t, x), (u, y) in zip(*found):
@@ -209,7 +211,7 @@ def test_code_serves_chains_of_any_length(monkeypatch: pytest.MonkeyPatch) -> No
 
 def made(source: Scene) -> tuple[System, np.ndarray]:
     setup = prepare(source)
-    system = index1(setup.problem)
+    system = build_system(setup.problem)
     assert isinstance(system.dynamics, Rolled)
     return system, np.concatenate([setup.assembled.q, setup.assembled.v, np.zeros(system.nz)])
 

@@ -5,11 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from robodyn_cli.errors import CapabilityError
 from robodyn_cli.kernels import crossover
 from robodyn_cli.run.inverse.dynamics import ForwardDynamics, InverseDynamics
-from robodyn_cli.scene import load_scene_text
+from robodyn_cli.scene import load_scene, load_scene_text
 from robodyn_cli.scene.types import Scene
 
+TWO = (
+    "schema: 1\ngravity: [0, -9.81, 0]\nrobot:\n  convention: standard\n"
+    "  joints: [{name: a, type: revolute, a: 1, alpha: 0, d: 0}, {name: b, type: revolute, a: 1, alpha: 0, d: 0}]\n"
+    "  links:\n"
+    "    - {name: l, mass: 2, com: [0.5, 0, 0], com_frame: joint, inertia: {zz: 0.1}}\n"
+    "    - {name: m, mass: 1, com: [0.5, 0, 0], com_frame: joint, inertia: {zz: 0.1}}\n"
+)
 JOINTS = crossover.CROSSOVER + 1
 
 
@@ -61,3 +69,25 @@ def test_short_chains_are_unrolled() -> None:
     assert inverse.shape == "unrolled"
     zero = np.zeros((1, 1))
     assert inverse(zero, zero, zero)[0, 0] == pytest.approx(9.81)
+
+
+@pytest.mark.parametrize("kind", [InverseDynamics, ForwardDynamics])
+@pytest.mark.parametrize("long", [False, True])
+def test_arrays_with_columns_to_spare_are_refused(kind: type, long: bool) -> None:
+    """A column too many would be ignored, or shift what the others mean."""
+    dynamics = kind(chain("") if long else load_scene_text(TWO))
+    n = len(dynamics.joints)
+    good, wide, narrow = (np.zeros((9, n + extra)) for extra in (0, 1, -1))
+    assert dynamics(good, good, good).shape == (9, n)
+    for bad in (wide, narrow, good[0], np.zeros((1, 9, n))):
+        for place in range(3):
+            arrays = [good, good, good]
+            arrays[place] = bad
+            name = dynamics.names[place]
+            with pytest.raises(CapabilityError, match=rf"^{name} has shape .*needed: \(samples, {n}\)"):
+                dynamics(*arrays)
+
+
+def test_closed_loops_are_refused_with_the_commands_that_take_them() -> None:
+    with pytest.raises(CapabilityError, match="open chains only.*`inverse` or `simulate`"):
+        InverseDynamics(load_scene("configs/four_bar_deploy.yaml"))

@@ -14,11 +14,17 @@ from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.model.build import build_model
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.inverse.dynamics import ForwardDynamics, InverseDynamics
-from robodyn_cli.run.inverse.inverse import inverse, torque_terms
+from robodyn_cli.run.inverse.inverse import inverse
+from robodyn_cli.run.inverse.program import torque_terms
 from robodyn_cli.run.observation.evaluation import SampleFunction
 from robodyn_cli.run.observation.places import place_outputs, quaternions
-from robodyn_cli.run.observation.quadrature import integrate, integrate_positive, mean_square
 from robodyn_cli.scene import load_scene, load_scene_text
+from robodyn_cli.solve.quadrature import (
+    integrate,
+    integrate_positive,
+    root_mean_square,
+    root_mean_square_over,
+)
 from robodyn_cli.spatial.algebra import rotation_rpy
 from tests.numeric import assert_close, real
 from tests.unit.arms import differences
@@ -280,6 +286,11 @@ def test_quadrature_of_a_wave() -> None:
     edges = [0.0, *roots[roots < 10], 10.0]
     parts = [(np.cos(2 * a + 0.3) - np.cos(2 * b + 0.3)) / 2 for a, b in itertools.pairwise(edges)]
     assert abs(integrate_positive(y, 0.01)[0] - sum(x for x in parts if x > 0)) < 1e-12
-    assert abs(mean_square(y, 0.01)[0] - (0.5 - (np.sin(40.6) - np.sin(0.6)) / 80)) < 1e-12
+    assert abs(root_mean_square(y, 0.01)[0] ** 2 - (0.5 - (np.sin(40.6) - np.sin(0.6)) / 80)) < 1e-12
+    uneven = np.concatenate([t, t[:-1] + 0.003])
+    uneven.sort()
+    value = root_mean_square_over(uneven, np.sin(2 * uneven + 0.3)[:, None])[0]
+    assert abs(value - root_mean_square(y, 0.01)[0]) < 1e-4
+    assert root_mean_square_over(t, y)[0] == pytest.approx(root_mean_square(y, 0.01)[0], rel=1e-14)
     zero = np.zeros((9, 1))
     assert integrate_positive(zero, 0.1)[0] == integrate_positive(zero - 1.0, 0.1)[0] == 0.0

@@ -16,7 +16,7 @@ from robodyn_cli.errors import (
     SingularConfigurationError,
 )
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.inverse.inverse import torque_terms
+from robodyn_cli.run.inverse.program import torque_terms
 from tests.mechanisms import BENNETT, CONFIGS, SIX_BAR, SLIDER, close
 from tests.numeric import first_derivative
 

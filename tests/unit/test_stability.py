@@ -15,7 +15,9 @@ from robodyn_cli.errors import CapabilityError, NumericalError
 from robodyn_cli.integrators.methods.stability_region import amplification, limits, radius
 from robodyn_cli.integrators.methods.tableaus import DOP853, DOPRI5, RK4
 from robodyn_cli.integrators.registry import methods as registry
-from robodyn_cli.run.driver.gains import study
+from robodyn_cli.results.result import Result
+from robodyn_cli.run.driver.baumgarte import GainStudy
+from robodyn_cli.run.driver.build import projected_motion
 from robodyn_cli.run.driver.prepare import prepare
 from robodyn_cli.run.numerics import energy_growth
 from robodyn_cli.run.numerics.energy_growth import growth, growths, period
@@ -92,7 +94,7 @@ def test_spectrum_of_a_four_bar_has_no_modes_across_its_constraints() -> None:
 
 
 def test_spectrum_of_a_long_chain_agrees_with_the_exact_jacobian() -> None:
-    from robodyn_cli.formulations.index1 import index1
+    from robodyn_cli.formulations.build import build_system
     from robodyn_cli.run.numerics.spectrum import jacobians
     from robodyn_cli.run.numerics.stability_scenes import chain
 
@@ -100,9 +102,11 @@ def test_spectrum_of_a_long_chain_agrees_with_the_exact_jacobian() -> None:
     scene = load_scene_text(chain("chain", 1.0, [0.1] * n, [0.1] * n, {"q1": -1.0, "q7": 0.3}))
     setup = prepare(scene)
     x = np.concatenate([setup.assembled.q, setup.assembled.v + 0.1])[None, :]
-    rolled = index1(setup.problem, work=False)
+    rolled = build_system(setup.problem, work=False)
     found = jacobians(setup.problem, rolled, np.zeros(1), x)[0]
-    exact = jacobians(setup.problem, index1(setup.problem, work=False, expanded=True), np.zeros(1), x)[0]
+    exact = jacobians(setup.problem, build_system(setup.problem, work=False, expanded=True), np.zeros(1), x)[
+        0
+    ]
     assert type(rolled.dynamics).__name__ == "Rolled"
     assert np.abs(found - exact).max() < 1e-6 * np.abs(exact).max()
 
@@ -150,7 +154,7 @@ def test_a_run_that_is_cut_off_keeps_its_samples() -> None:
 
 def test_automatic_gains_are_the_smallest_that_keep_the_drift_below_the_error() -> None:
     scene = load_scene(CONFIGS / "four_bar_deploy.yaml", ["simulate.rtol=1e-6", "simulate.atol=1e-8"])
-    found = study(scene, prepare(scene))
+    found = GainStudy(projected_motion(scene))
     chosen = found.choose()
     assert chosen.met and chosen.drift <= chosen.integration_error
     assert chosen.alpha == chosen.beta == pytest.approx(chosen.factor / chosen.step)
@@ -165,7 +169,7 @@ def test_fixed_steps_limit_the_gains_as_the_stability_region_says() -> None:
         CONFIGS / "four_bar_deploy.yaml",
         ["simulate.integrator=rk4", "simulate.step=0.02", "simulate.duration=10"],
     )
-    found = study(scene, prepare(scene))
+    found = GainStudy(projected_motion(scene))
     # the drift's modes are -alpha +- sqrt(alpha^2 - beta^2): with beta small the fast one is -2 alpha
     limit = 2.785 / (2.0 * 0.02)
     assert (
@@ -192,7 +196,8 @@ def test_a_breakdown_names_time_joint_and_quantity(integrator: str) -> None:
     details = caught.value.details
     assert details["time"] > 0.0 and details["joint"] in ("theta1", "theta2") and details["quantity"]
     assert details["joint"] in caught.value.message
-    kept = caught.value.result  # type: ignore[attr-defined]
+    kept = caught.value.result
+    assert isinstance(kept, Result)
     assert kept.status == "failed" and np.all(np.isfinite(kept["q"]))
 
 
@@ -241,5 +246,5 @@ def test_gains_are_not_chosen_where_rows_depend_on_each_other() -> None:
     with pytest.raises(CapabilityError, match="depend on each other"):
         simulate(scene)
     plain = load_scene(CONFIGS / "benchmarks" / "bennett.yaml")
-    systems, gains = formulations(plain, prepare(plain))
+    systems, gains = formulations(projected_motion(plain), plain.simulate.stabilisation)
     assert list(systems) == ["projection", "none"] and gains is None

@@ -8,7 +8,7 @@ import pytest
 
 from robodyn_cli import load_scene
 from robodyn_cli.errors import NumericalError
-from robodyn_cli.formulations.index1 import index1
+from robodyn_cli.formulations.build import build_system
 from robodyn_cli.run.driver.prepare import prepare
 from robodyn_cli.run.numerics import work_precision as module
 from robodyn_cli.run.numerics.work_precision import reference, work_precision
@@ -35,7 +35,7 @@ def test_loops_are_compared_with_chosen_gains() -> None:
 
 def test_references_that_never_agree_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     setup = prepare(load_scene(CONFIGS / "double_pendulum.yaml"))
-    system = index1(setup.problem, work=False)
+    system = build_system(setup.problem, work=False)
     monkeypatch.setattr(module, "REFERENCES", (("gauss", 1e-13), ("rk4", 1e-13)))
     with pytest.raises(NumericalError, match="nothing can vouch"):
         reference(system, system.join(setup.assembled.q, setup.assembled.v), 10.0)

@@ -9,7 +9,7 @@ from typing import Any
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, SceneFile, Strict
 from robodyn_cli.cli.runner import SceneRun, run_scene
-from robodyn_cli.cli.words import number, table
+from robodyn_cli.cli.words import multiplier_lines, number, table
 
 
 def command(
@@ -63,6 +63,7 @@ def describe(summary: Mapping[str, Any]) -> str:
         value = summary.get(key)
         if isinstance(value, float) and math.isfinite(value):
             lines.append(f"  {label:<18} {value:.1e} {unit}")
+    lines += multiplier_lines(summary)
     times = summary.get("wall_time_s", {})
     parts = ", ".join(f"{k} {1e3 * v:.3g}" for k, v in times.items() if k != "total" and v >= 5e-5)
     lines.append(f"  cost               ms: {parts}; in all {1e3 * times.get('total', 0.0):.4g}")

@@ -8,7 +8,7 @@ from typing import Any
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, SceneFile, Strict
 from robodyn_cli.cli.runner import SceneRun, run_scene
-from robodyn_cli.cli.words import mobility_lines, number, table
+from robodyn_cli.cli.words import mobility_lines, multiplier_lines, number, table
 
 
 def command(
@@ -45,6 +45,7 @@ def describe(summary: Mapping[str, Any]) -> str:
     multipliers = summary.get("multipliers")
     if multipliers:
         lines.append("  multipliers        " + ", ".join(f"{k} {number(x)}" for k, x in multipliers.items()))
+    lines += multiplier_lines(summary)
     lines.append(f"  residual           {facts['residual']:.1e} N m or N")
     lines += mobility_lines(summary)
     return "\n".join(lines)

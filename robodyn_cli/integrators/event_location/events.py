@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.errors import NumericalError
-from robodyn_cli.formulations.system import EventFunction
+from robodyn_cli.formulations.events import EventFunction
 from robodyn_cli.integrators.runtime.layout import FINE
-from robodyn_cli.record import mutable_record, record
+from robodyn_cli.record import record
 
 Array = NDArray[np.float64]
 Numbers = Sequence[float] | Array
@@ -26,23 +26,11 @@ TRIALS = 200
 PATIENCE = 3  # secant trials that may fail to halve the bracket before it is bisected; fewer each time
 
 
-@mutable_record
-class Event:
-    """An event that happened: which function, when, and the state (q, v, z) there."""
-
-    name: str
-    index: int
-    time: float
-    state: Array
-    time_error: float
-
-    def __init__(self, name: str, index: int, time: float, state: Array, time_error: float) -> None:
-        self.name, self.index, self.time, self.state, self.time_error = name, index, time, state, time_error
-
-
 def chatter(event: EventFunction, time: float) -> NumericalError:
     """Return the error of a function that changes its sign again and again, getting nowhere."""
-    advice = "; make its jump a steep slope, as in tanh(x/0.001) for sign(x)" if event.kink else ""
+    advice = (
+        "; make its jump a steep slope, as in tanh(x/0.001) for sign(x)" if event.is_discontinuity else ""
+    )
     return NumericalError(
         f"{event.name} switches to and fro without end at t = {time:.6g} s{advice}",
         time=time, status="chatter",
@@ -100,7 +88,7 @@ def first_roots(
         roots = []
         for k, event in enumerate(events):
             if crosses(event, before[k], after[k]) or (lost and k == seen and before[k] != 0.0):
-                root = _root(k, values, a, float(before[k]), b, float(after[k]), event.kink)
+                root = _root(k, values, a, float(before[k]), b, float(after[k]), event.is_discontinuity)
                 if root is None:
                     # no motion beyond the last time that still has the old sign
                     return Found(_last_followed(k, values, a, float(before[k]), b))

@@ -15,6 +15,7 @@ projected.
 from __future__ import annotations
 
 from robodyn_cli.errors import CapabilityError
+from robodyn_cli.formulations.events import EventKind
 from robodyn_cli.formulations.index3 import first_order_step
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.layout import Real, Whole
@@ -52,16 +53,16 @@ class GeneralizedAlpha(HermiteStepper):
 
     def linearisation(self, system: System) -> Program:
         """Return a step of Newton's iteration: at index 3, or for the system as it is."""
-        return first_order_step(system) if system.index3 is None else system.index3.program
+        return first_order_step(system.rates, system.nv) if system.index3 is None else system.index3.program
 
     def obstacle(self, system: System) -> str:
         if system.dynamics.any_size:
             return "a long chain is integrated by loops over its bodies, which have no exact Jacobian"
         if system.layout is not None:
             return "a joint has velocities that are not rates of its coordinates (a ball, a free body)"
-        if system.chart is not None:
+        if system.partition is not None:
             return "some rows of the loops depend on each other, or 'stabilisation: independent' chooses coordinates"
-        if any(e.mode for e in system.events):
+        if any(e.kind is EventKind.CONTACT for e in system.events):
             return "a joint has friction with 'law: set_valued' or a rigid stop"
         return ""
 

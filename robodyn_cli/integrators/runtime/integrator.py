@@ -13,8 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.errors import NumericalError
+from robodyn_cli.formulations.events import (
+    GO_ON,
+    Event,
+    Jump,
+    Leap,
+    Outcome,
+    Owner,
+    Repartition,
+    Stop,
+)
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.event_location.events import Event as Event
 from robodyn_cli.integrators.event_location.events import (
     Found,
     Root,
@@ -24,12 +33,12 @@ from robodyn_cli.integrators.event_location.events import (
     resolution,
 )
 from robodyn_cli.integrators.registry import methods
-from robodyn_cli.integrators.runtime.charted import Parameters
 from robodyn_cli.integrators.runtime.engine import Engine
 from robodyn_cli.integrators.runtime.grid import Grid as Grid
 from robodyn_cli.integrators.runtime.layout import UNARMED, Real, Status, Whole
 from robodyn_cli.integrators.runtime.options import Counters as Counters
 from robodyn_cli.integrators.runtime.options import Options as Options
+from robodyn_cli.integrators.runtime.parameters import Parameters
 from robodyn_cli.integrators.stepping.stepper import Stepper
 
 Array = NDArray[Any]
@@ -87,7 +96,7 @@ class Integrator:
         n[Whole.LAST_SAMPLE] = -1
         self.events_seen = 0
         self._since, self._restart = time, math.inf
-        if self.system.chart is not None:
+        if self.system.partition is not None:
             self.parameters.start(time, self.y)
 
     @property
@@ -176,7 +185,7 @@ class Integrator:
         ------
         NumericalError : the step size underflows, the state stops being finite, or there are too many steps.
         """
-        if self.system.chart is not None:  # which wears out on the way
+        if self.system.partition is not None:  # which wears out on the way
             self.run(end, Grid(end, 0.0, 0), lambda t, x: None, watch=False)
             return
         self.n[Whole.WATCH], self.n[Whole.LAST_SAMPLE] = 0, -1
@@ -193,19 +202,20 @@ class Integrator:
         end: float,
         grid: Grid,
         emit: Callable[[Array, Array], None],
-        on_event: Callable[[Event], bool] | None = None,
         block: int = 65536,
         watch: bool = True,
-    ) -> None:
-        """Integrate to ``end``, handing on samples in blocks.
+    ) -> Outcome:
+        """Integrate to ``end``, handing on samples in blocks; events go to the owners of their functions.
 
         Parameters
         ----------
         grid : sample times; those from the current time on are written.
         emit : takes times (m,) and states (m, nx), in order, each sample once.
-        on_event : called at each event with the state there (the integrator's own state is at the event);
-            returns whether to go on. It may call ``set_state``.
-        watch : whether to look for events at all.
+        watch : whether to look for events at all; those of a partition are looked for in any case.
+
+        Returns
+        -------
+        GO_ON at the end, or what an owner answered that ended the run before: STOP, or a Leap to be made.
         """
         s, n, time = self.system, self.n, self.time
         capacity = max(1, min(block, grid.count))
@@ -218,8 +228,8 @@ class Integrator:
             emit(np.array([time]), self.y[None].copy())
             first += 1
         n[Whole.NEXT_SAMPLE], n[Whole.LAST_SAMPLE] = first, grid.count - 1
-        # a chart wears out whether anyone looks or not
-        watch = (watch or s.chart is not None) and bool(s.events)
+        # a partition wears out whether anyone looks or not
+        watch = (watch or s.partition is not None) and bool(s.events)
         if not watch:
             n[Whole.WATCH] = 0
         elif not n[Whole.WATCH]:
@@ -249,28 +259,40 @@ class Integrator:
                     crowd.append(self.memory.saved_w[Real.T])
                     if len(crowd) == CROWD and crowd[-1] - crowd[0] <= CROWDED * max(1.0, crowd[-1]):
                         raise chatter(s.events[self.n[Whole.EVENT]], crowd[-1])
-                    if not self._handle(self._locate(stop, grid, flush), on_event):
-                        return
+                    outcome = self._handle(self._locate(stop, grid, flush))
+                    if outcome is not GO_ON:
+                        return outcome
                 else:
                     self._check(status)
-        if watch:
-            self._handle(self._at_end(), on_event)
+        return self._handle(self._at_end()) if watch else GO_ON
 
-    def _handle(self, events: Sequence[Event], on_event: Callable[[Event], bool] | None) -> bool:
-        """Report events at the same time, each with the state that the ones before it have left."""
-        onward = True
+    def _handle(self, events: Sequence[Event]) -> Outcome:
+        """Hand events at the same time to their owners, each with the state that the ones before it have left.
+
+        Returns what ends the run, or GO_ON.
+        """
+        end: Outcome = GO_ON
         for k, event in enumerate(events):
-            if self.system.events[event.index].renewal:
-                self.parameters.renew(self.time, self.y)
-                self._watch(self.event_values(), {})
-                continue
-            self.events_seen += 1
-            if on_event is not None:
-                going = on_event(dataclasses.replace(event, state=self.state) if k else event)
+            outcome = (dataclasses.replace(event, state=self.state) if k else event).outcome()
+            if not isinstance(outcome, Repartition):
+                self.events_seen += 1
+            if isinstance(outcome, (Stop, Leap)):
+                end = outcome
             else:
-                going = not self.system.events[event.index].terminal
-            onward = onward and going
-        return onward
+                self.apply(outcome, event.function.owner)
+        return end
+
+    def apply(self, outcome: Outcome, owner: Owner | None) -> None:
+        """Go on as an owner of events says: with other parameters, or from another state."""
+        if isinstance(outcome, Repartition):
+            self.parameters.repartition(self.time, self.y)
+            self._watch(self.event_values(), {})
+        elif isinstance(outcome, Jump):
+            if outcome.parameters is not None:
+                self.p[:] = outcome.parameters
+            places = [k for k, e in enumerate(self.system.events) if e.owner is owner]
+            sides = {places[k]: side for k, side in (outcome.sides or {}).items()}
+            self.set_state(outcome.state, sides, outcome.step)
 
     def _at_end(self) -> tuple[Event, ...]:
         """Return the events whose functions have come to zero exactly at the end of the run."""
@@ -300,7 +322,7 @@ class Integrator:
         return tuple(self._event(r.index, r.high - r.low) for r in roots)
 
     def _event(self, index: int, error: float) -> Event:
-        return Event(self.system.events[index].name, index, self.time, self.state, error)
+        return Event(self.system.events[index], index, self.time, self.state, error)
 
     def _sort_out(self, seen: int, stop: float, flush: Callable[[], None]) -> tuple[float, tuple[Root, ...]]:
         """Return where to go, and the functions that change sign there, when more than one may do so."""
@@ -333,7 +355,7 @@ class Integrator:
                 known[time] = there
                 low, high = (time, high) if k == 0 else (min(low, time), time)
         found = first_roots(events, values, armed, seen, (start, low, high))
-        if not found.roots and events[seen].kink:
+        if not found.roots and events[seen].is_discontinuity:
             # it may stand at zero, where what switches on it does so a few roundings later
             for k in range(BEYOND):
                 further = high + 2**k * resolution(start, high)
@@ -372,7 +394,7 @@ class Integrator:
         if status is Status.NOT_SOLVED:
             words = f"the equations of a step of {self.w[Real.H]:.3g} s have no solution nearby"
             raise NumericalError(f"{words} {where}; allowed: a shorter simulate.step", **facts)
-        if not np.all(np.isfinite(self._rates())):
+        if not np.all(np.isfinite(self.rates())):
             raise NumericalError(f"the equations of motion give no finite accelerations {where}", **facts)
         hint = ""
         if self.options.atol == 0.0 and np.any(self.y == 0.0):
@@ -381,7 +403,7 @@ class Integrator:
             f"the step size became too small {where} (step {self.w[Real.H]:.3g} s){hint}", **facts
         )
 
-    def _rates(self) -> Array:
+    def rates(self) -> Array:
         """Return accelerations and z rates at the current state (slowly, without a compiler)."""
         s, y = self.system, self.y[:, None]
         groups = {

@@ -77,7 +77,7 @@ def write_run(system: System, method: Stepper, fused: bool) -> str:
     f.place(rejected)
     if method.adaptive:
         h = f.load(h_slot)
-        if any(e.kink for e in system.events):
+        if any(e.is_discontinuity for e in system.events):
             _step_over_jump(w, h, accepted)
         broken = f.compare("uno", outcome.error, 0.0)
         shrink = f.select(broken, f.constant(0.1), f.min(f.max(f.load(factor_slot), 0.1), 0.9))
@@ -179,7 +179,7 @@ def _step_over_jump(w: Writer, h: Value, accepted: str) -> None:
     values = w.evaluate(s.switching, t + h, w.new)["g"]
     least = f.constant(0.0)
     for k, (g, event) in enumerate(zip(values, s.events)):
-        if event.kink:
+        if event.is_discontinuity:
             product = g * w.get(Real.SIZE + k)
             least = f.select(f.compare("olt", product, least), product, least)
     f.branch(f.compare("olt", least, 0.0), accepted, on)
@@ -190,7 +190,7 @@ def _project(w: Writer, t: Value) -> None:
     """Put the state back on manifolds and constraints: Newton steps for q until they no longer matter, then v."""
     f, s = w.f, w.system
     if s.normal_form is not None:
-        for place, x in zip(s.normalised, w.evaluate(s.normal_form, t, w.state)["n"]):
+        for place, x in zip(s.corrections.normalised, w.evaluate(s.normal_form, t, w.state)["n"]):
             w.state[place] = x
     if s.positions is not None:
         again, done = f.label("again"), f.label("closed")

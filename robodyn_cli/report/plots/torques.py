@@ -13,6 +13,7 @@ from robodyn_cli.report.heatmap import draw_map
 from robodyn_cli.report.lines import by_unit, column_names, draw_groups, panel_height
 from robodyn_cli.report.ticks import labelled, number, unit
 from robodyn_cli.results.result import Result
+from robodyn_cli.solve.quadrature import root_mean_square_over
 
 QUANTITY = {"N m": "torque", "N": "force"}
 
@@ -29,8 +30,7 @@ def draw(result: Result) -> Any:
     variable = result.variables["tau"]
     data, names = finite(variable.data), column_names(variable)
     units = [unit(u) for u in variable.column_units or [variable.units] * len(names)]
-    counted = np.maximum(1, np.isfinite(data).sum(axis=0))
-    rms = np.sqrt(np.nansum(data**2, axis=0) / counted)
+    rms = root_mean_square_over(result.time, data)
     peak = [where_largest(np.abs(data[:, column])) for column in range(data.shape[1])]
     few = len(names) <= style.FEW
     if len(names) > style.MANY:

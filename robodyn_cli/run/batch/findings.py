@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 from robodyn_cli.equations.plan_facts import listed_data, unknown_data
 from robodyn_cli.errors import GeometryError, RobodynError, SceneError
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.formulations.index1 import index1
+from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.model.consistency import body_problems
 from robodyn_cli.model.model import Model
@@ -19,16 +20,13 @@ from robodyn_cli.record import record
 from robodyn_cli.run.commands import execute
 from robodyn_cli.run.driver.prepare import passive_coordinates, prepare
 from robodyn_cli.run.driver.singularity import passive_determinant
-from robodyn_cli.run.inverse.closed import needed_data
-from robodyn_cli.run.inverse.dynamics import open_problem
-from robodyn_cli.run.inverse.inverse import _check_actuated as check_actuated
-from robodyn_cli.run.inverse.inverse import torque_terms
-from robodyn_cli.run.inverse.motion import plan_motion, with_led_point
+from robodyn_cli.run.inverse.build import build_inverse
 from robodyn_cli.run.progress import no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.load import examine
 from robodyn_cli.scene.text.nodes import Node, dotted, located, nearest
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.trajectories.motion import JointMotion
 
 # commands so short that they are simply run
 AT_ONCE = ("assemble", "kinematics", "statics")
@@ -55,6 +53,7 @@ class Finding:
         }
 
 
+@np.errstate(all="ignore")  # what is found is said in words
 def findings(path: Path, strict: bool = False) -> list[Finding]:
     """Return all that is wrong with a scene file, errors first; warnings are errors with ``strict``."""
     examined = examine(path)
@@ -112,7 +111,7 @@ def _trial(scene: Scene, root: Node) -> list[RobodynError]:
     except RobodynError as error:
         if "missing" in error.details:
             return _missing(scene, root, command or "", error.details["missing"])
-        if error.details.get("line") is not None:
+        if error.details.get("line") is not None or _says_where(error, scene):
             return [error]
         key, sentence = str(error.details.get("key", "")), error.message.removeprefix(f"{scene.path}: ")
         if not key and isinstance(error, GeometryError):
@@ -125,6 +124,14 @@ def _trial(scene: Scene, root: Node) -> list[RobodynError]:
         placed.exit_code = error.exit_code
         return [placed]
     return _missing(scene, root, command, unknown_data(model, outputs)[0])
+
+
+def _says_where(error: RobodynError, scene: Scene) -> bool:
+    """Tell whether a message begins with file, line and column; they become details then."""
+    found = re.match(re.escape(str(scene.path)) + r":(\d+):(\d+):", error.message)
+    if found is not None:
+        error.details |= {"file": scene.path, "line": int(found[1]), "column": int(found[2])}
+    return found is not None
 
 
 def _steps(key: str) -> list[str | int]:
@@ -144,22 +151,22 @@ def _missing(scene: Scene, root: Node, command: str, names: Sequence[str]) -> li
 
 
 def _inverse(scene: Scene) -> tuple[Model, list[Scalar]]:
-    if scene.loops or scene.couplers:
-        return needed_data(scene, min(TRIED, scene.inverse.samples))
-    problem = open_problem(with_led_point(scene), "inverse dynamics")
-    check_actuated(problem)
-    duration = scene.trajectory.duration if scene.trajectory is not None else 0.0
-    plan_motion(problem, np.linspace(0.0, duration, min(TRIED, scene.inverse.samples)))
-    return problem.model, [x for term in torque_terms(problem).values() for x in term]
+    program = build_inverse(scene)
+    planned = program.plan(min(TRIED, scene.inverse.samples))
+    model, outputs = program.problem.model, [x for term in program.terms.values() for x in term]
+    if not unknown_data(model, outputs)[0]:
+        first = JointMotion(*(x[:1] for x in (planned.motion.q, planned.motion.qd, planned.motion.qdd)))
+        program.compile(1).along(planned.times[:1], first)
+    return model, outputs
 
 
 def _forward(scene: Scene, command: str) -> tuple[Model, list[Scalar]]:
     if command == "deploy" and not scene.loops and not scene.couplers:
         raise SceneError("deploy needs a mechanism with closed loops; this scene has none", key="loops")
-    problem = prepare(scene, modes=True).problem
+    problem = prepare(scene).problem
     if command == "deploy" and scene.deploy.criterion != "multipliers":
         passive_determinant(problem, passive_coordinates(problem) or [])
-    dynamics = index1(problem, "none", work=False).dynamics
+    dynamics = build_system(problem, "none", work=False).dynamics
     # loops over bodies have asked for what they need when they were made
     outputs = dynamics.forces if isinstance(dynamics, Rolled) else dynamics.expressions()[0]
     return problem.model, list(outputs)

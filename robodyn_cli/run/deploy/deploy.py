@@ -2,33 +2,59 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+import dataclasses
+from typing import Any
 
-from robodyn_cli.errors import NumericalError
-from robodyn_cli.integrators.runtime.integrator import Event, Grid, Integrator
+from robodyn_cli.errors import CapabilityError, RobodynError
+from robodyn_cli.integrators.runtime.grid import Grid
+from robodyn_cli.record import record
 from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.deploy.lock_report import bifurcation, conclude, criteria, describe_lock, events
-from robodyn_cli.run.deploy.locked_motion import first_overload, follow_locked
-from robodyn_cli.run.deploy.scan import Deployment, Found
-from robodyn_cli.run.driver.gains import with_gains
-from robodyn_cli.run.driver.redundancy import check_redundant
-from robodyn_cli.run.driver.second_run import estimate_error
-from robodyn_cli.run.observation.observe import Observer
-from robodyn_cli.run.observation.reactions import ReactionSamples
+from robodyn_cli.results.summary import as_keys
+from robodyn_cli.run.deploy.lock import (
+    Latch,
+    Lock,
+    bifurcation_error,
+    close,
+    criteria,
+    describe_lock,
+    doubt,
+    events,
+    find_lock,
+    time_error,
+)  # fmt: skip
+from robodyn_cli.run.deploy.locked_motion import Followed, first_overload, follow_locked, join
+from robodyn_cli.run.deploy.recording import record_motion
+from robodyn_cli.run.deploy.scan import End, Scan, decide, follow_deployment, scan
+from robodyn_cli.run.deploy.summary import DeploySummary, Overload
+from robodyn_cli.run.driver.build import build_motion
+from robodyn_cli.run.driver.driver import Driver
+from robodyn_cli.run.driver.motion import Motion
+from robodyn_cli.run.driver.second_run import ErrorEstimate, FirstRun, estimate_error
+from robodyn_cli.run.driver.singularity import refuse_singular_start
+from robodyn_cli.run.driver.summary import motion_facts, redundant_rows
 from robodyn_cli.run.observation.recorder import Recorder
 from robodyn_cli.run.progress import Progress, no_progress
-from robodyn_cli.run.simulate import describe_run, fail, keep_last_state, kept_every, new_result
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 
-Array = NDArray[np.float64]
 
-# smallest singular value of the passive block, relative to the largest of Psi, that is still worth reporting
-NEAR_SINGULAR = 1e-3
+@record
+class Deployment:
+    """What a deployment came to.
 
-TRUSTED = 0.01  # relative error of a lock's time beyond which it is not reported as a lock
+    lock : None where no criterion fired, or the run failed before. time_error : of the lock [s]. after : whether the
+    locked structure was to be followed.
+    """
+
+    motion: Motion
+    found: Scan
+    end: End
+    recorder: Recorder
+    lock: Lock | None = None
+    latch: Latch | None = None
+    time_error: float | None = None
+    followed: Followed | None = None
 
 
 def deploy(
@@ -49,159 +75,191 @@ def deploy(
 
     Raises
     ------
-    RobodynError : with attribute ``result``; SingularConfigurationError at a bifurcation.
+    RobodynError : with ``result``; SingularConfigurationError at a bifurcation.
     """
     watch = watch or Stopwatch()
-    scene, gains = with_gains(scene, watch)
-    run = Deployment(scene, watch)
+    motion = build_deployment(scene, watch)
     with watch.stage("scan"):
-        found = run.scan(run.options, progress=progress)
-    stop, criterion = run.stop_time(found)
-    bifurcated = found.bifurcation is not None and (stop is None or found.bifurcation[0] <= stop)
-    met = found.bifurcation[0] if bifurcated and found.bifurcation is not None else stop
-    recorder, integrator = _record(run, found, met, progress, watch, writer)
-    result = new_result(scene, "deploy", recorder, events(run, found))
-    describe_run(result, run.setup, recorder, integrator, run.choice)
-    if gains is not None:
-        result.summary["baumgarte"] = gains
-    violated = check_redundant(run.problem, run.setup.assembled, recorder, result.summary)
-    if violated is not None:
-        raise fail(result, violated, watch)
-    summary = result.summary
-    summary["criteria"] = criteria(run, found)
-    if bifurcated and found.bifurcation is not None:
-        raise fail(result, bifurcation(run, found), watch)
-    if stop is None and found.stopped is not None:
-        raise fail(result, found.stopped, watch)
-    if scene.simulate.error_estimate:
+        found = scan(motion, motion.options, progress=progress)
+    end = decide(motion, found)
+    with watch.stage("equations"):
+        recorder = Recorder.of(motion.observer, writer)
+    with watch.stage("integrate"):
+        driver = record_motion(motion, found, end, recorder, progress)
+    redundant = redundant_rows(motion, recorder)
+    facts = motion_facts(motion, driver, recorder, redundant)
+    done = Deployment(motion, found, end, recorder)
+    if redundant is not None and redundant.violated is not None:
+        return report(done, facts, redundant.violated, watch)
+    facts["criteria"] = criteria(motion, found)
+    failure = failure_of_motion(motion, found, end)
+    if failure is not None:
+        return report(done, facts, failure, watch)
+    if motion.scene.simulate.error_estimate:
         with watch.stage("error_estimate"):
-            grid = Grid.over(scene.simulate.duration, scene.simulate.samples)
-            summary["error_estimate"] = estimate_error(
-                run.problem, run.system, run.method, run.start, grid,
-                float(recorder.array("time")[-1]), run.options, recorder, integrator.counters,
-            )  # fmt: skip
-    if stop is None:
-        result.status = summary["status"] = "no_lock"
-        summary["termination"] = {"reason": "duration: no lock", "time": scene.simulate.duration}
-        summary["lock"] = None
-    else:
-        with watch.stage("lock"):
-            summary["lock"] = describe_lock(run, found, stop, criterion, recorder, watch)
-        conclude(result, run, found, stop, criterion)
-        error = summary["lock"]["time_error"]
-        if criterion == "dead_point" and error is not None and error > TRUSTED * stop:
-            doubt = NumericalError(
-                f"a dead point at t = {stop:.4g} s, but a second, tighter integration puts it {error:.2g} s away: the "
-                "motion is too sensitive to say when it locks",
-                time=stop,
-                time_error=error,
-            )
-            raise fail(result, doubt, watch)
-        if scene.deploy.after == "continue" and result.status == "locked":
-            _follow(result, run, found, stop, criterion, recorder, watch)
+            facts["error_estimate"] = _estimate(motion, recorder, driver)
+    done = _follow(_lock(done, watch), watch)
+    facts |= _lock_facts(done)
+    failure = doubt(done.lock, done.time_error) if done.lock is not None else None
+    return report(done, facts, failure, watch)
+
+
+def build_deployment(scene: Scene, watch: Stopwatch) -> Motion:
+    """Build the motion of a mechanism that is to lock.
+
+    Raises
+    ------
+    CapabilityError : it has no loops. SingularConfigurationError : it starts where it is to end.
+    """
+    if not scene.loops and not scene.couplers:
+        raise CapabilityError(
+            f"{scene.path}: deploy needs a mechanism with closed loops; this scene has none"
+        )
+    reactions = bool(scene.deploy.loads) or scene.deploy.after == "continue"
+    motion = build_motion(scene, watch, follow_deployment, reactions=reactions)
+    refuse_singular_start(motion.problem, motion.assembled.q, motion.passive)
+    return motion
+
+
+def failure_of_motion(motion: Motion, found: Scan, end: End) -> RobodynError | None:
+    """Return why there is no lock to speak of: the loops lose rank first, or the integration could not go on."""
+    if end.bifurcated:
+        return bifurcation_error(motion, found)
+    return found.stopped if end.time is None else None
+
+
+def _estimate(motion: Motion, recorder: Recorder, driver: Driver) -> ErrorEstimate:
+    """Return the error of the recorded run."""
+    s = motion.scene.simulate
+    reached = float(recorder.array("time")[-1])
+    grid = Grid.over(s.duration, s.samples)
+    return estimate_error(
+        motion, FirstRun(driver.method, motion.start, grid, reached, driver.counters.steps), recorder
+    )
+
+
+def _lock(done: Deployment, watch: Stopwatch) -> Deployment:
+    """Look at the lock: its kind, the latch that closes there, the error of its time."""
+    motion, found = done.motion, done.found
+    with watch.stage("lock"):
+        lock = find_lock(motion, found, done.end, done.recorder)
+        latch = close(motion, found, lock)
+    if lock is None or not motion.scene.simulate.error_estimate:
+        return dataclasses.replace(done, lock=lock, latch=latch)
+    with watch.stage("error_estimate"):
+        error = time_error(motion, found, lock)
+    return dataclasses.replace(done, lock=lock, latch=latch, time_error=error)
+
+
+def _follow(done: Deployment, watch: Stopwatch) -> Deployment:
+    """Go on as the locked structure, where that is asked for and a latch has closed."""
+    asked = done.motion.scene.deploy.after == "continue"
+    if not asked or done.lock is None or done.latch is None or doubt(done.lock, done.time_error) is not None:
+        return done
+    followed = follow_locked(done.motion, done.lock, done.latch, done.recorder, watch)
+    return dataclasses.replace(done, followed=followed)
+
+
+# -- the report ---------------------------------------------------------------------------------------------
+def _lock_facts(done: Deployment) -> dict[str, Any]:
+    """Return the keys of the summary that speak of the lock and of what followed."""
+    if done.lock is None:
+        return {"lock": None}
+    facts: dict[str, Any] = {
+        "lock": describe_lock(done.motion, done.found, done.lock, done.latch, done.time_error, done.recorder)
+    }
+    if done.followed is not None:
+        facts["after_lock"] = done.followed.keys
+    elif done.motion.scene.deploy.after == "continue" and done.lock.kind != "overload":
+        facts["after_lock"] = None
+    return facts
+
+
+def report(done: Deployment, facts: dict[str, Any], failure: RobodynError | None, watch: Stopwatch) -> Result:
+    """Return the result with its summary.
+
+    Raises
+    ------
+    RobodynError : the ``failure``, with the result.
+    """
+    scene = done.motion.scene
+    result = Result("deploy", scene.title or "deploy", "failed", scene.text, events=events(done.found))
+    done.recorder.fill(result)
+    if failure is not None:
+        termination = {"reason": failure.message, **failure.details}
+        facts.pop("after_lock", None)
+        summary = DeploySummary(status="failed", termination=termination, **facts, wall_time_s=watch.report())
+        result.summary = as_keys(summary)
+        failure.result = result
+        raise failure
+    if done.followed is not None:
+        add_followed(result, done)
+        facts["samples"] = len(result.time)
+    overload = first_overload(result, scene.deploy.loads) if scene.deploy.loads else None
+    if overload is not None:
+        result.events.append({"time": overload.time, "name": overload.name, "kind": "overload"})
     if scene.deploy.loads:
-        _judge_loads(result, scene)
-    summary["wall_time_s"] = watch.report()
+        facts["overload"] = overload
+    result.events.sort(key=lambda event: float(event["time"]))
+    result.status, termination = verdict(done, overload)
+    summary = DeploySummary(
+        status=result.status, termination=termination, **facts, wall_time_s=watch.report()
+    )
+    result.summary = as_keys(summary)
     return result
 
 
-def _follow(
-    result: Result,
-    run: Deployment,
-    found: Found,
-    stop: float,
-    criterion: str,
-    recorder: Recorder,
-    watch: Stopwatch,
-) -> None:
-    """Go on as the locked structure, where the latch could close."""
-    summary = result.summary
-    if run.latch is None or run.impact is None:
-        summary["after_lock"] = None
-        return
-    lost = {"energy_lost": run.impact.energy_lost, "degrees_of_freedom": run.latch.freedom}
-    result.events.append({"time": stop, "name": run.latch.name, "kind": "lock", **lost})
-    result.events.sort(key=lambda event: float(event["time"]))
-    if found.dead_point is not None and criterion == "dead_point":
-        state = found.dead_point[1]
+def add_followed(result: Result, done: Deployment) -> None:
+    """Add the event of the lock and the samples behind it."""
+    assert done.lock is not None and done.latch is not None and done.followed is not None
+    lost = {
+        "energy_lost": done.latch.impact.energy_lost,
+        "degrees_of_freedom": done.latch.locked.freedom,
+    }
+    result.events.append({"time": done.lock.time, "name": done.latch.locked.name, "kind": "lock", **lost})
+    later = done.followed.recorder
+    if later is not None:
+        for path, data in join(done.recorder, later).items():
+            result.add(path, data, **later.described(path))
+
+
+def verdict(done: Deployment, overload: Overload | None) -> tuple[str, dict[str, Any]]:
+    """Return the status and how the run ended, in words."""
+    lock = done.lock
+    termination: dict[str, Any]
+    if lock is None:
+        status = "no_lock"
+        termination = {"reason": "duration: no lock", "time": done.motion.scene.simulate.duration}
     else:
-        z = recorder.array("energy/work")[-1:] if "energy/work" in recorder.blocks else None
-        state = run.system.join(recorder.array("q")[-1], recorder.array("qd")[-1], z)
-    follow_locked(result, run, recorder, run.latch, run.impact, stop, state, watch)
-
-
-def _judge_loads(result: Result, scene: Scene) -> None:
-    """Turn the status into an overload where a joint or closure bore more than it may."""
-    over = first_overload(result, scene.deploy.loads)
-    result.summary["overload"] = over
-    if over is None:
-        return
-    unit = "N" if over["quantity"] == "force" else "N m"
-    result.status = result.summary["status"] = "overload"
-    result.summary["termination"]["overload"] = (
-        f"{over['name']} bears a {over['quantity']} of {over['value']:.6g} {unit} at t = {over['time']:.6g} s, more "
-        f"than its {over['limit']:.6g} {unit}"
+        status = "overload" if lock.kind == "overload" else "locked"
+        termination = {"reason": _reason(done, lock), "time": lock.time, "kind": lock.kind}
+    if done.followed is not None and done.followed.recorder is not None:
+        termination["reason"] += "; then followed as the locked structure"
+        termination["followed_until"] = done.followed.keys.until
+    if overload is None:
+        return status, termination
+    unit = "N" if overload.quantity == "force" else "N m"
+    termination["overload"] = (
+        f"{overload.name} bears a {overload.quantity} of {overload.value:.6g} {unit} at t = {overload.time:.6g} s, "
+        f"more than its {overload.limit:.6g} {unit}"
     )
-    result.events.append({"time": over["time"], "name": over["name"], "kind": "overload"})
-    result.events.sort(key=lambda event: float(event["time"]))
+    return "overload", termination
 
 
-def _record(
-    run: Deployment,
-    found: Found,
-    stop: float | None,
-    progress: Progress,
-    watch: Stopwatch,
-    writer: ResultWriter | None,
-) -> tuple[Recorder, Integrator]:
-    """Integrate to ``stop`` on the scene's grid and observe; the last sample is the stop itself.
-
-    The events are those of the scan, so that the steps are the same and a singular configuration is met in the
-    same way: by a step from afar, never by creeping up to it.
-    """
-    scene = run.scene
-    duration = scene.simulate.duration
-    located = [x[0] for x in (found.dead_point, found.bifurcation) if x is not None and not found.driven]
-    at_event = stop is not None and stop in located
-    with watch.stage("equations"):
-        observer = Observer(run.problem, run.system, run.passive)
-        if scene.deploy.loads or scene.deploy.after == "continue":
-            observer.reactions = ReactionSamples(run.problem, scene.simulate.samples)
-        integrator = Integrator(run.system, run.method)
-    recorder = Recorder(observer, writer, kept_every(scene, writer))
-    grid = Grid.over(duration, scene.simulate.samples)
-    integrator.reset(0.0, run.start, run.options)
-    end = duration if stop is None or at_event else stop
-    if found.stopped is not None:
-        end = min(end, found.end)
-    integrator.tick = lambda time: progress(time, end)
-
-    def emit(t: Array, x: Array) -> None:
-        if found.driven:
-            # close to the dead point the rates of the passive joints grow without bound: nothing to report there
-            angle = observer.singular_ratio(t, x)
-            t, x = t[angle > NEAR_SINGULAR], x[angle > NEAR_SINGULAR]
-        if len(t):
-            recorder.emit(t, x)
-        progress(float(t[-1]) if len(t) else end, end)
-
-    if found.bifurcation is not None and stop == found.bifurcation[0]:
-        # the way from the threshold on was travelled by extrapolation; samples stop short of the pose
-        end = stop - 1e-2 * (stop - found.clean_until)
-        grid = grid.up_to(int(end / grid.step) + 1)
-
-    def on_event(event: Event) -> bool:
-        return not (at_event and stop is not None and event.time >= stop - 1e-9 * max(1.0, stop))
-
-    with watch.stage("integrate"):
-        try:
-            integrator.run(end, grid, emit, on_event)
-        except NumericalError:
-            if found.stopped is None:
-                raise
-        if found.bifurcation is not None and stop == found.bifurcation[0]:
-            recorder.emit(np.array([stop]), found.bifurcation[1][None, :].copy(), project=False, extra=True)
-            recorder.make_last_least_norm(stop)
-        elif not found.driven:
-            keep_last_state(recorder, integrator)
-    return recorder, integrator
+def _reason(done: Deployment, lock: Lock) -> str:
+    """Return why the run ended at the lock."""
+    if lock.kind == "overload":
+        return "the multipliers passed their threshold away from any singular configuration: overload"
+    if lock.criterion == "multipliers":
+        reason = "the multipliers passed their threshold"
+        if lock.kind != "approaching_dead_point":
+            return reason
+        ahead = next(time for time, _ in done.found.dead_points if time >= lock.time)
+        return f"{reason}, on the way to the dead point at t = {ahead:.9g} s"
+    if done.found.driven:
+        names = ", ".join(done.motion.scene.prescribed or {})
+        return (
+            f"dead point under the prescribed motion of {names}: the passive joints cannot follow, and the "
+            "multipliers diverge"
+        )
+    return "dead point: the passive block of Psi loses rank while Psi keeps it"

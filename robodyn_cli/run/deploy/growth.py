@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import heapq
-from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +52,6 @@ class GrowthMonitor:
     times: dict[float, float] = dataclasses.field(default_factory=dict)
     limit_time: float | None = None
     calmed: set[float | str] = dataclasses.field(default_factory=set)
-    largest: float = 0.0
     ratio: float = 0.0
     median: RunningMedian = dataclasses.field(default_factory=RunningMedian)
 
@@ -73,8 +71,6 @@ class GrowthMonitor:
                 self.limit_time = round(time, 9)
             elif self.limit is not None and value <= self.limit and self.limit_time is not None:
                 self.calmed.add("limit")
-            if value > self.largest:
-                self.largest = value
             if middle > 0.0 and value > self.ratio * middle:
                 self.ratio = value / middle
 
@@ -84,7 +80,6 @@ def levels_with(growth: float) -> tuple[float, ...]:
     return tuple(sorted({*LEVELS, float(growth)}))
 
 
-def first_time(times: Iterable[float | None]) -> float | None:
-    """Return the earliest of the times that exist."""
-    found = [t for t in times if t is not None]
-    return min(found) if found else None
+def multiplier_norm(lam: Array) -> Array:
+    """Return the Euclidean norm over the rows of multipliers lam (T, m): (T,)."""
+    return np.asarray(np.sqrt((lam**2).sum(axis=1)))

@@ -16,6 +16,7 @@ from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.loops.fixed import FixedLoop
 from robodyn_cli.model.model import BASE, FixedFrame, Loop, Model
 from robodyn_cli.record import record
+from robodyn_cli.run.deploy.summary import LatchKeys
 from robodyn_cli.spatial.algebra import matrix, vector
 
 Array = NDArray[np.float64]
@@ -53,16 +54,17 @@ class LatchImpact:
     linear_impulse: Array
     energy_lost: float
 
-    def as_dict(self, joints: tuple[str, ...]) -> dict[str, Any]:
-        return {
-            "rates_before": dict(zip(joints, self.qd_before.tolist())),
-            "rates_after": dict(zip(joints, self.qd_after.tolist())),
-            "impulse": dict(zip(self.rows, self.impulse.tolist())),
-            "angular_impulse": float(np.linalg.norm(self.angular_impulse)),
-            "angular_impulse_vector": self.angular_impulse.tolist(),
-            "linear_impulse": float(np.linalg.norm(self.linear_impulse)),
-            "energy_lost": self.energy_lost,
-        }
+    def keys(self, joints: tuple[str, ...]) -> LatchKeys:
+        """Return what the summary says of it."""
+        return LatchKeys(
+            rates_before=dict(zip(joints, self.qd_before.tolist())),
+            rates_after=dict(zip(joints, self.qd_after.tolist())),
+            impulse=dict(zip(self.rows, self.impulse.tolist())),
+            angular_impulse=float(np.linalg.norm(self.angular_impulse)),
+            angular_impulse_vector=self.angular_impulse.tolist(),
+            linear_impulse=float(np.linalg.norm(self.linear_impulse)),
+            energy_lost=self.energy_lost,
+        )
 
 
 def locked(problem: Problem, first: str, second: str, q: Array, t: float) -> Locked:

@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.formulations.index1 import index1
+from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.integrator import Grid, Integrator
+from robodyn_cli.integrators.runtime.grid import Grid
+from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.deploy.latch import LatchImpact, Locked
-from robodyn_cli.run.deploy.scan import Deployment
-from robodyn_cli.run.driver.second_run import estimate_error
+from robodyn_cli.run.deploy.lock import Latch, Lock
+from robodyn_cli.run.deploy.summary import AfterLock, LatchLoad, Overload
+from robodyn_cli.run.driver.driver import Driver
+from robodyn_cli.run.driver.motion import Motion
+from robodyn_cli.run.driver.second_run import FirstRun, estimate_error
+from robodyn_cli.run.driver.summary import Residual
 from robodyn_cli.run.observation.observe import Column, Observer
-from robodyn_cli.run.observation.reactions import ReactionSamples
 from robodyn_cli.run.observation.recorder import Recorder
 from robodyn_cli.run.stopwatch import Stopwatch
 
-Array = NDArray[Any]
+Array = NDArray[np.float64]
 
 # what the locked structure says; all else is that of the mechanism without its latch
 DYNAMIC = ("qdd", "tau", "constraints/", "reactions/", "loop_reactions/", "base_wrench")
@@ -30,9 +35,8 @@ class LockedObserver(Observer):
     """Observes the locked structure; places, energies and singular values are those of the mechanism."""
 
     def __init__(self, problem: Problem, system: System, before: Observer) -> None:
-        super().__init__(problem, system)
+        super().__init__(problem, system, reactions=True)
         self.before = before
-        self.reactions = ReactionSamples(problem, problem.scene.simulate.samples)
 
     def observe(self, t: Array, x: Array, project: bool = True) -> dict[str, Array]:
         x = self.project(t, x) if project else x
@@ -45,75 +49,68 @@ class LockedObserver(Observer):
         return {**self.before.describe(), **super().describe()}
 
 
-def follow_locked(
-    result: Result, run: Deployment, recorder: Recorder, latch: Locked, impact: LatchImpact, stop: float,
-    state: Array, watch: Stopwatch,
-) -> None:  # fmt: skip
-    """Integrate the locked structure from the lock to the end of the duration, and add it to the result.
+@record
+class Followed:
+    """The motion after the lock: its keys, and its samples, None where no sample lies behind the lock."""
 
-    Samples are those of the scene's grid after the lock, of which ``state`` is the state before the impulse.
-    """
-    scene, summary = run.scene, result.summary
-    q, _, z = run.system.split(state)
+    keys: AfterLock
+    recorder: Recorder | None
+
+    @property
+    def until(self) -> float:
+        """Time that it came to [s]."""
+        return self.keys.until
+
+
+def follow_locked(motion: Motion, lock: Lock, latch: Latch, before: Recorder, watch: Stopwatch) -> Followed:
+    """Integrate the locked structure from the lock to the end of the duration, on the samples of the scene's grid."""
+    s = motion.scene.simulate
     with watch.stage("equations"):
-        system = index1(latch.problem, scene.simulate.stabilisation)
-        observer = LockedObserver(latch.problem, system, recorder.observer)
-    grid = Grid.over(scene.simulate.duration, scene.simulate.samples)
-    first = grid.first_at(stop)
-    if grid.times(first, first + 1)[:1].tolist() == [stop]:
-        first += 1
-    later = recorder if first >= grid.count else Recorder(observer, None, 1)
-    facts: dict[str, Any] = {
-        "degrees_of_freedom": latch.freedom, "rows": list(latch.rows), "closure": latch.name,
-        "samples": 0, "until": stop,
-    }  # fmt: skip
-    summary["after_lock"] = facts
-    if later is recorder:
-        return
-    start_time = float(grid.times(first, first + 1)[0])
-    rest = Grid(start_time, grid.step, grid.count - first, grid.end)
-    integrator = Integrator(system, run.method)
-    start = system.join(q, impact.qd_after, z)
-    with watch.stage("integrate"):
-        integrator.reset(stop, start, run.options)
-        integrator.advance(start_time)
-        begun = integrator.state
-        integrator.reset(start_time, begun, run.options)
-        integrator.run(scene.simulate.duration, rest, lambda t, x: later.emit(t, x))
-    with watch.stage("error_estimate"):
-        facts["error_estimate"] = (
-            estimate_error(
-                latch.problem,
-                system,
-                run.method,
-                begun,
-                rest,
-                integrator.time,
-                run.options,
-                later,
-                integrator.counters,
-            )
-            if scene.simulate.error_estimate
-            else None
+        problem = latch.locked.problem
+        locked = dataclasses.replace(
+            motion, problem=problem, system=build_system(problem, s.stabilisation), watchers=()
         )
-    if facts["error_estimate"] is not None and facts["error_estimate"].get("at_rounding"):
-        facts["error_estimate"].pop(
-            "meaningful_until", None
-        )  # of what does not move, rounding is all there is
-    for path, data in join(recorder, later).items():
-        result.add(path, data, **later.described(path))
-    facts |= {
-        "samples": later.samples,
-        "until": integrator.time,
-        "energy_drift": later.drift,
-        "constraint_residual": {"position": later.position_residual, "velocity": later.velocity_residual},
-        "latch": _latch_load(later, latch.name),
-        "largest": later.loads,
-        "counters": integrator.counters.as_dict(),
-    }
-    summary["samples"] = len(result.time)
-    summary["termination"]["reason"] += "; then followed as the locked structure"
-    summary["termination"]["followed_until"] = integrator.time
+        recorder = Recorder(LockedObserver(problem, locked.system, before.observer))
+    grid = Grid.over(s.duration, s.samples)
+    first = grid.first_at(lock.time)
+    first += grid.times(first, first + 1)[:1].tolist() == [lock.time]
+    keys = AfterLock(
+        latch.locked.freedom, list(latch.locked.rows), latch.locked.name, samples=0, until=lock.time
+    )
+    if first >= grid.count:
+        return Followed(keys, None)
+    rest = Grid(float(grid.times(first, first + 1)[0]), grid.step, grid.count - first, grid.end)
+    driver = Driver.of(locked)
+    with watch.stage("integrate"):
+        begun = _first_sample(motion, locked, lock, latch, rest.start)
+        driver.start(rest.start, begun)
+        driver.run(s.duration, rest, lambda t, x: recorder.emit(t, x))
+    estimate = None
+    if s.error_estimate:
+        with watch.stage("error_estimate"):
+            run = FirstRun(locked.choice.method, begun, rest, driver.time, driver.counters.steps)
+            estimate = estimate_error(locked, run, recorder)
+    keys = dataclasses.replace(
+        keys,
+        samples=recorder.samples,
+        until=driver.time,
+        error_estimate=estimate,
+        energy_drift=recorder.drift,
+        constraint_residual=Residual(recorder.position_residual, recorder.velocity_residual),
+        latch=_latch_load(recorder, latch.locked.name),
+        largest=recorder.loads,
+        counters=driver.counters,
+    )
+    return Followed(keys, recorder)
+
+
+def _first_sample(motion: Motion, locked: Motion, lock: Lock, latch: Latch, time: float) -> Array:
+    """Return the state at the first sample behind the lock."""
+    q, _, z = motion.system.split(lock.state)
+    driver = Driver.of(locked)
+    driver.start(lock.time, locked.system.join(q, latch.impact.qd_after, z))
+    driver.advance(time)
+    return driver.state
 
 
 def join(before: Recorder, after: Recorder) -> dict[str, Array]:
@@ -133,25 +130,33 @@ def join(before: Recorder, after: Recorder) -> dict[str, Array]:
     return found
 
 
-def _latch_load(recorder: Recorder, name: str) -> dict[str, Any]:
+def _latch_load(recorder: Recorder, name: str) -> LatchLoad:
     """Return the largest force and moment in the latch, when, and those at the end."""
     path = f"loop_reactions/{name}"
     assert recorder.observer.reactions is not None
-    names = recorder.observer.reactions.names[path]
     data, times = recorder.array(path), recorder.array("time")
-    found: dict[str, Any] = {}
-    for key, letter in (("force", "f"), ("moment", "m")):
-        columns = [k for k, column in enumerate(names) if column.startswith(letter)]
-        size = np.sqrt((data[:, columns] ** 2).sum(axis=1))
-        at = int(np.argmax(size))
-        found |= {f"peak_{key}": float(size[at]), f"peak_{key}_time": float(times[at])}
-        found[f"{key}_at_end"] = float(size[-1])
-    return found
+    names = recorder.observer.reactions.names[path]
+    force, moment = _size(data, names, "f"), _size(data, names, "m")
+    most_force, most_moment = int(np.argmax(force)), int(np.argmax(moment))
+    return LatchLoad(
+        peak_force=float(force[most_force]),
+        peak_force_time=float(times[most_force]),
+        force_at_end=float(force[-1]),
+        peak_moment=float(moment[most_moment]),
+        peak_moment_time=float(times[most_moment]),
+        moment_at_end=float(moment[-1]),
+    )
 
 
-def first_overload(result: Result, limits: dict[str, Any]) -> dict[str, Any] | None:
+def _size(data: Array, names: Sequence[str], letter: str) -> Array:
+    """Return the norm (T,) of the columns whose names start with a letter."""
+    columns = [k for k, name in enumerate(names) if name.startswith(letter)]
+    return np.asarray(np.sqrt((data[:, columns] ** 2).sum(axis=1)))
+
+
+def first_overload(result: Result, limits: Mapping[str, Any]) -> Overload | None:
     """Return the first sample at which a joint or closure bears more than its limit; None if none does."""
-    worst: dict[str, Any] | None = None
+    worst: Overload | None = None
     for name, limit in limits.items():
         path = next((p for p in (f"reactions/{name}", f"loop_reactions/{name}") if p in result), None)
         if path is None:
@@ -161,12 +166,11 @@ def first_overload(result: Result, limits: dict[str, Any]) -> dict[str, Any] | N
             most = getattr(limit, quantity)
             if most is None:
                 continue
-            columns = [k for k, column in enumerate(variable.names) if column.startswith(letter)]
-            size = np.sqrt((variable.data[:, columns] ** 2).sum(axis=1))
+            size = _size(variable.data, variable.names, letter)
             over = np.flatnonzero(size > most)
-            if len(over) and (worst is None or result.time[over[0]] < worst["time"]):
-                worst = {
-                    "name": name, "quantity": quantity, "limit": most, "time": float(result.time[over[0]]),
-                    "value": float(size[over[0]]), "largest": float(size.max()),
-                }  # fmt: skip
+            if len(over) and (worst is None or result.time[over[0]] < worst.time):
+                at = int(over[0])
+                worst = Overload(
+                    name, quantity, most, float(result.time[at]), float(size[at]), float(size.max())
+                )
     return worst

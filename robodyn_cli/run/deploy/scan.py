@@ -1,181 +1,229 @@
-"""The scan of a deployment: everything that can stop it, and when."""
+"""The scan of a deployment: everything that can stop it, and when.
+
+The motion is followed on the uniform 1 ms grid, free of the criterion, so that the report can say when each criterion
+fired. A dead point ends the scan once the multipliers have been judged up to it.
+"""
 
 from __future__ import annotations
 
-import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError
-from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.formulations.index1 import index1, multiplier_norm
-from robodyn_cli.formulations.system import GROUPS, EventFunction, System
-from robodyn_cli.integrators.runtime.integrator import Event, Grid, Integrator, Options
+from robodyn_cli.formulations.dynamics import GROUPS
+from robodyn_cli.formulations.events import GO_ON, STOP, Event, EventFunction, EventKind, Outcome
+from robodyn_cli.integrators.runtime.grid import Grid
+from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels.samples import SampleKernel
-from robodyn_cli.record import mutable_record
-from robodyn_cli.run.deploy.growth import GRID, GrowthMonitor, levels_with
-from robodyn_cli.run.deploy.latch import LatchImpact, Locked
-from robodyn_cli.run.driver.method import choose
-from robodyn_cli.run.driver.prepare import Setup, options_for, passive_coordinates, prepare
-from robodyn_cli.run.driver.singularity import (
-    NEAR_RANK_LOSS,
-    classify,
-    driven_dead_point,
-    loop_rows,
-    passive_determinant,
-    rank_loss_ahead,
-    rank_loss_event,
-    refuse_dependent_rows,
-    refuse_singular_start,
-)
+from robodyn_cli.record import record
+from robodyn_cli.run.deploy.growth import GRID, GrowthMonitor, levels_with, multiplier_norm
+from robodyn_cli.run.driver.build import refuse_contact
+from robodyn_cli.run.driver.driver import Driver
+from robodyn_cli.run.driver.motion import Motion, Watcher
+from robodyn_cli.run.driver.rank_loss import PosesAhead
+from robodyn_cli.run.driver.singularity import classify, driven_dead_point, loop_rows, passive_determinant
 from robodyn_cli.run.observation.least_norm import LeastNorm
 from robodyn_cli.run.progress import Progress, no_progress
-from robodyn_cli.run.stopwatch import Stopwatch
-from robodyn_cli.scene.types import Scene
 
 Array = NDArray[np.float64]
+Pose = tuple[float, Array]  # a time [s] and the state x (nx,) there
+BLOCK = 4096  # samples whose multipliers are judged at a time
 
 
-@mutable_record
-class Found:
-    """What the scan of the whole motion met, by kind: time and state (q, v, z)."""
+# -- what watches a deployment ------------------------------------------------------------------------------
+class Bifurcation(PosesAhead):
+    """Ends the scan where the motion runs into a loss of rank.
 
-    dead_points: list[tuple[float, Array]] = dataclasses.field(default_factory=list)
-    bifurcation: tuple[float, Array] | None = None
-    stopped: NumericalError | None = None
-    driven: bool = False
-    growth: GrowthMonitor = dataclasses.field(default_factory=lambda: GrowthMonitor(()))
-    end: float = 0.0
-    steps: int = 0
-    clean_until: float = 0.0
-    norm_at_end: float = 0.0
+    found : the pose. clean_until : time [s] up to which the motion can be integrated as usual.
+    """
+
+    def begin(self, t: float, x: Array, options: Options) -> Array:
+        self.found: Pose | None = None
+        self.clean_until = 0.0
+        return super().begin(t, x, options)
+
+    def handle(self, event: Event) -> Outcome:
+        found = self.ahead(event)
+        if found is None:
+            return GO_ON
+        self.clean_until = found.regular_until
+        self.found = (found.time, self.motion.system.join(found.state.q, found.state.v, found.state.z))
+        return STOP
+
+
+class MultiplierGrowth(Watcher):
+    """Judges the multipliers of the loops on the 1 ms grid, by their growth and by their limit."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.rows = loop_rows(problem)
+
+    def follow(self, motion: Motion) -> None:
+        self.system, self.deploy = motion.system, motion.scene.deploy
+        lam = {"lam": list(self.problem.forward.lam)} if not self.problem.dependent else {}
+        self.kernel = SampleKernel(lam, GROUPS) if lam else LeastNorm(self.problem)
+        self.begin(0.0, motion.start, motion.options)
+
+    def begin(self, t: float, x: Array, options: Options) -> Array:
+        self.monitor = GrowthMonitor(levels_with(self.deploy.growth), self.deploy.limit)
+        return x
+
+    def see(self, t: Array, x: Array) -> None:
+        lam = self.kernel.evaluate(len(t), self.system.groups(t, x, np.zeros(1)))["lam"]
+        self.monitor.take(t, multiplier_norm(lam[:, self.rows]))
 
     @property
-    def dead_point(self) -> tuple[float, Array] | None:
+    def fired(self) -> float | None:
+        """When the criterion on the multipliers fired [s]."""
+        return fired(self.monitor, self.deploy.growth)
+
+
+def fired(monitor: GrowthMonitor, growth: float) -> float | None:
+    """Return when the multipliers first passed their growth or their limit [s]."""
+    times = [t for t in (monitor.times.get(growth), monitor.limit_time) if t is not None]
+    return min(times) if times else None
+
+
+class DeadPoint(Watcher):
+    """Notes the poses in which the passive block of Psi loses rank; the first one ends the scan.
+
+    Where only the multipliers count they may still fire beyond, and the scan goes on until they have.
+    """
+
+    def __init__(self, problem: Problem, passive: Sequence[int], growth: MultiplierGrowth) -> None:
+        self.problem, self.passive, self.growth = problem, passive, growth
+        self.found: list[Pose] = []
+        try:
+            determinant = passive_determinant(problem, passive)
+        except CapabilityError:
+            if problem.scene.deploy.criterion != "multipliers":
+                raise
+        else:
+            self.functions = (EventFunction("dead_point", determinant, 0, EventKind.DEAD_POINT, self),)
+
+    def follow(self, motion: Motion) -> None:
+        self.system = motion.system
+
+    def begin(self, t: float, x: Array, options: Options) -> Array:
+        self.found = []
+        return x
+
+    def handle(self, event: Event) -> Outcome:
+        q = self.system.split(event.state)[0]
+        if classify(self.problem, q, self.passive).kind != "dead_point":
+            return GO_ON
+        self.found.append((event.time, event.state))
+        waits = self.problem.scene.deploy.criterion == "multipliers" and self.growth.fired is None
+        return GO_ON if waits else STOP
+
+
+def follow_deployment(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
+    """Return the watchers of a deployment.
+
+    Raises
+    ------
+    CapabilityError : there are joints that stick or meet rigid stops, or the input does not determine a dead point.
+    """
+    refuse_contact(problem)
+    growth = MultiplierGrowth(problem)
+    return [Bifurcation(problem), DeadPoint(problem, passive, growth), growth]
+
+
+# -- the scan -----------------------------------------------------------------------------------------------
+@record
+class Scan:
+    """What the whole motion met.
+
+    dead_points, bifurcation : poses. stopped : why the integration could not go on. driven : a prescribed motion has
+    run into the dead point, whose pose is geometry. end : time reached [s], in ``steps``. clean_until : see
+    ``Bifurcation``.
+    """
+
+    dead_points: list[Pose]
+    bifurcation: Pose | None
+    stopped: NumericalError | None
+    driven: bool
+    growth: GrowthMonitor
+    end: float
+    steps: int
+    clean_until: float
+
+    @property
+    def dead_point(self) -> Pose | None:
         """The first one."""
         return self.dead_points[0] if self.dead_points else None
 
 
-class Deployment:
-    """One deployment: the mechanism, its singularity functions, the scan and the run."""
+def scan(
+    motion: Motion, options: Options, multipliers: bool = True, progress: Progress = no_progress
+) -> Scan:
+    """Integrate until everything that can stop the deployment has fired, or to the end of the duration.
 
-    def __init__(self, scene: Scene, watch: Stopwatch) -> None:
-        self.scene = scene
-        # what the report finds out about the latch, for what follows the lock
-        self.latch: Locked | None = None
-        self.impact: LatchImpact | None = None
-        if not scene.loops and not scene.couplers:
-            raise CapabilityError(
-                f"{scene.path}: deploy needs a mechanism with closed loops; this scene has none"
-            )
-        self.setup: Setup = prepare(scene, watch)
-        self.problem: Problem = self.setup.problem
-        with watch.stage("equations"):
-            self.passive = passive_coordinates(self.problem) or []
-            self.determinant: Scalar | None = None
-            try:
-                self.determinant = passive_determinant(self.problem, self.passive)
-            except CapabilityError:
-                if scene.deploy.criterion != "multipliers":
-                    raise
-            events = rank_loss_event(self.problem)
-            if self.determinant is not None:
-                events = (*events, EventFunction("dead_point", self.determinant, terminal=False))
-            self.system: System = index1(self.problem, scene.simulate.stabilisation, events)
-            self.options: Options = options_for(scene)
-            self.start = self.system.join(self.setup.assembled.q, self.setup.assembled.v)
-        refuse_singular_start(self.problem, self.setup.assembled.q, self.passive)
-        with watch.stage("method"):
-            self.choice = choose(scene, self.problem, self.system, self.start, self.options)
-            self.method = self.choice.method
+    multipliers : whether these are judged too.
+    """
+    rank, dead, growth = motion.watchers
+    assert (
+        isinstance(rank, Bifurcation) and isinstance(dead, DeadPoint) and isinstance(growth, MultiplierGrowth)
+    )
+    duration = motion.scene.simulate.duration
+    driver = Driver(
+        motion.system, motion.choice.method, options, (rank, dead, *([growth] if multipliers else []))
+    )
+    driver.tick = lambda time: progress(time, duration)
+    driver.start(0.0, motion.start)
+    grid = Grid(0.0, GRID, int(duration / GRID * (1 + 1e-12)) + 1)
+    stopped: NumericalError | None = None
+    pose: tuple[float, Array, str] | None = None
+    try:
+        driver.run(duration, grid, lambda t, x: None, block=BLOCK)
+    except NumericalError as error:
+        stopped, pose = error, _driven_pose(motion, driver)
+    bifurcation, dead_points = rank.found, list(dead.found)
+    if pose is not None and pose[2] == "bifurcation":
+        bifurcation = pose[:2]
+    elif pose is not None and pose[2] == "dead_point":
+        dead_points.append(pose[:2])
+    return Scan(
+        dead_points, bifurcation, stopped, pose is not None, growth.monitor, driver.time, driver.counters.steps,
+        rank.clean_until,
+    )  # fmt: skip
 
-    def scan(self, options: Options, multipliers: bool = True, progress: Progress = no_progress) -> Found:
-        """Integrate until everything that can stop the deployment has fired, or to the end of the duration.
 
-        The motion is followed on the uniform 1 ms grid, free of the criterion, so that the report can say when
-        each criterion fired. A dead point ends the scan once the multipliers have been judged up to it.
-        """
-        scene, problem = self.scene, self.problem
-        found = Found(growth=GrowthMonitor(levels_with(scene.deploy.growth), scene.deploy.limit))
-        lam = self._loop_multipliers() if multipliers else None
-        rows = loop_rows(problem)
-        integrator = Integrator(self.system, self.method)
-        integrator.reset(0.0, self.start, options)
-        duration = scene.simulate.duration
-        integrator.tick = lambda time: progress(time, duration)
-        grid = Grid(0.0, GRID, int(duration / GRID * (1 + 1e-12)) + 1)
+def _driven_pose(motion: Motion, driver: Driver) -> tuple[float, Array, str] | None:
+    """Return the singular pose that a prescribed motion has run into, if that is what stopped the scan."""
+    state = driver.state
+    q, _, _ = motion.system.split(state)
+    pose = driven_dead_point(motion.problem, motion.passive, q, driver.time, motion.scene.simulate.duration)
+    if pose is None:
+        return None
+    time, q, kind = pose
+    state[list(motion.system.q_places)] = q
+    return time, state, kind
 
-        def emit(t: Array, x: Array) -> None:
-            if lam is None:
-                return
-            values = lam.evaluate(len(t), self.system.groups(t, x, np.zeros(1)))["lam"]
-            norm = multiplier_norm(values[:, rows])
-            found.norm_at_end = float(norm[-1])
-            found.growth.take(t, norm)
 
-        def on_event(event: Event) -> bool:
-            if self.system.events[event.index].kink:
-                return True
-            if event.name == NEAR_RANK_LOSS:
-                found.clean_until = event.time
-                found.bifurcation = rank_loss_ahead(problem, self.system, self.method, event, options)
-                if found.bifurcation is not None:
-                    time, state = found.bifurcation
-                    refuse_dependent_rows(problem, self.system.split(state)[0], time)
-                return found.bifurcation is None
-            kind = classify(problem, self.system.split(event.state)[0], self.passive).kind
-            if kind == "dead_point":
-                found.dead_points.append((event.time, event.state))
-                # a criterion on the multipliers may still fire beyond the dead point
-                return scene.deploy.criterion == "multipliers" and self.multiplier_time(found) is None
-            return True
+# -- what ends the deployment -------------------------------------------------------------------------------
+@record
+class End:
+    """What ends the recorded run: time [s] of the criterion (None: none fired) and which it was.
 
-        try:
-            integrator.run(duration, grid, emit, on_event, block=4096)
-        except NumericalError as error:
-            found.stopped = error
-            self._driven_dead_point(found, integrator)
-        found.end, found.steps = integrator.time, integrator.counters.steps
-        return found
+    bifurcated : a loss of rank came first.
+    """
 
-    def _loop_multipliers(self) -> SampleKernel | LeastNorm:
-        if self.problem.dependent:
-            return LeastNorm(self.problem)
-        return SampleKernel({"lam": list(self.problem.forward.lam)}, GROUPS)
+    time: float | None
+    criterion: str
+    bifurcated: bool
 
-    def multiplier_time(self, found: Found) -> float | None:
-        """Return when the criterion on the multipliers fired."""
-        times = [found.growth.times.get(self.scene.deploy.growth), found.growth.limit_time]
-        fired = [t for t in times if t is not None]
-        return min(fired) if fired else None
 
-    def _driven_dead_point(self, found: Found, integrator: Integrator) -> None:
-        """Note the singular pose that a prescribed motion has run into, if that is what stopped the scan."""
-        state = integrator.state
-        q, _, _ = self.system.split(state)
-        pose = driven_dead_point(self.problem, self.passive, q, integrator.time, self.scene.simulate.duration)
-        if pose is None:
-            return
-        time, q, kind = pose
-        state[list(self.system.q_places)] = q
-        found.driven = True
-        if kind == "bifurcation":
-            found.bifurcation = (time, state)
-        elif kind == "dead_point":
-            found.dead_points.append((time, state))
-
-    def stop_time(self, found: Found) -> tuple[float | None, str]:
-        """Return when the scene's criterion stops the run, and which criterion it was."""
-        dead = found.dead_point[0] if found.dead_point else None
-        multipliers = self.multiplier_time(found)
-        criterion = self.scene.deploy.criterion
-        if criterion == "dead_point":
-            return dead, "dead_point"
-        if criterion == "multipliers":
-            return multipliers, "multipliers"
-        candidates = [
-            (t, name) for t, name in ((dead, "dead_point"), (multipliers, "multipliers")) if t is not None
-        ]
-        return min(candidates) if candidates else (None, "either")
+def decide(motion: Motion, found: Scan) -> End:
+    """Return what ends the run by the scene's criterion."""
+    criterion = motion.scene.deploy.criterion
+    dead = found.dead_point[0] if found.dead_point else None
+    times = {"dead_point": dead, "multipliers": fired(found.growth, motion.scene.deploy.growth)}
+    counted = times if criterion == "either" else {criterion: times[criterion]}
+    candidates = [(time, name) for name, time in counted.items() if time is not None]
+    stop, name = min(candidates) if candidates else (None, criterion)
+    bifurcated = found.bifurcation is not None and (stop is None or found.bifurcation[0] <= stop)
+    return End(stop, name, bifurcated)

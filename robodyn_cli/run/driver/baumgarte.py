@@ -13,12 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import NumericalError
-from robodyn_cli.formulations.index1 import index1, projection, residuals
-from robodyn_cli.formulations.system import GROUPS, System
-from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
+from robodyn_cli.errors import CapabilityError, NumericalError
+from robodyn_cli.formulations.build import build_system
+from robodyn_cli.formulations.dynamics import GROUPS
+from robodyn_cli.formulations.projection import projection
+from robodyn_cli.formulations.system import System
+from robodyn_cli.integrators.runtime.grid import Grid
+from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.record import record
+from robodyn_cli.run.driver.driver import Driver
+from robodyn_cli.run.driver.motion import Gains, Motion
 from robodyn_cli.scene.types import Baumgarte
 
 Array = NDArray[Any]
@@ -46,84 +51,61 @@ class Outcome:
     steps: int
 
 
-@record
-class Gains:
-    """The automatic choice alpha = beta = c / h.
+class GainStudy:
+    """Runs of one mechanism with any gains, against its projected motion.
 
-    step : h, the mean step of the projected run [s]. factor : c. drift, error : as in ``Outcome``.
-    integration_error : of the projected run (or what rounding leaves), the bar for the drift. over : length of the
-    trial runs [s]. met : whether the drift stays below the bar.
+    step : mean step of the projected run [s]. over : length of the trial runs [s]. method : of integration.
+
+    Raises
+    ------
+    CapabilityError : rows of the loops depend on each other: which of them are fed back changes on the way, and gains
+        studied for some say nothing of the others. Or joints stick and meet stops, which no watcher follows here.
     """
 
-    alpha: float
-    beta: float
-    factor: float
-    step: float
-    drift: float
-    error: float
-    integration_error: float
-    over: float
-    met: bool
-
-    def as_dict(self) -> dict[str, Any]:
-        return dataclasses.asdict(self)
-
-
-class GainStudy:
-    """Runs of one mechanism with any gains, against its projected motion."""
-
-    def __init__(
-        self,
-        problem: Problem,
-        projected: System,
-        start: Array,
-        duration: float,
-        options: Options,
-        method: str,
-    ) -> None:
-        """``start``, a state of the ``projected`` system, is consistent; ``options`` and ``method`` are those of
-        the runs to come."""
-        self.options = options
-        self.method = method
+    def __init__(self, projected: Motion) -> None:
+        problem = projected.problem
+        refuse_study(problem)
+        self.motion, self.options = projected, projected.options
         alpha, beta = problem.graph.symbols(["alpha", "beta"], "p")
-        self.system = index1(problem, Baumgarte(alpha=alpha, beta=beta), work=False)  # type: ignore[arg-type]
-        self.projected = projected
+        self.system = build_system(problem, Baumgarte(alpha=alpha, beta=beta), work=False)  # type: ignore[arg-type]
         q, _ = projection(problem)
-        found = residuals(problem)
-        self._observe = SampleKernel({"q": q, "eta": found["position"]}, GROUPS)
-        self.start = start
-        self.over = duration
-        states, steps, reached = self._run(self.projected, (), options, duration, LONGEST)
-        if reached < duration:
+        self._observe = SampleKernel({"q": q, "eta": problem.constraints.eta}, GROUPS)
+        self.over = projected.scene.simulate.duration
+        states, steps, reached = self._run(projected.system, (), self.options, LONGEST)
+        if reached < self.over:
             self.over = reached
-            states, steps, _ = self._run(self.projected, (), options, reached, LONGEST + 1)
-        tight = max(options.rtol * TIGHTER, TIGHTEST)
-        precise = dataclasses.replace(
-            options,
-            rtol=tight,
-            atol=options.atol * tight / options.rtol,
-            step=None if options.step is None else options.step / 4,
-        )
-        self.reference, _, _ = self._run(self.projected, (), precise, self.over, 100 * LONGEST)
+            states, steps, _ = self._run(projected.system, (), self.options, LONGEST + 1)
+        self.reference, _, _ = self._run(projected.system, (), self._precise(), 100 * LONGEST)
         self.step = self.over / max(steps, 1)
         # below what rounding leaves there is no error to stay under
         rounding = 1e-13 * float(np.abs(self.system.split(self.reference)[0]).max(initial=0.0))
         self.integration_error = max(self._error(states), rounding)
 
+    @property
+    def method(self) -> str:
+        """The method of integration."""
+        return self.motion.choice.method
+
+    def _precise(self) -> Options:
+        """Return the options of the run that the others are measured against."""
+        options = self.options
+        tight = max(options.rtol * TIGHTER, TIGHTEST)
+        step = None if options.step is None else options.step / 4
+        return dataclasses.replace(options, rtol=tight, atol=options.atol * tight / options.rtol, step=step)
+
     def _run(
-        self, system: System, gains: tuple[float, ...], options: Options, end: float, most: int
+        self, system: System, gains: tuple[float, ...], options: Options, most: int
     ) -> tuple[Array, int, float]:
         """Return samples (T, nx), the number of steps and how far the run came; it may come less far than asked."""
-        integrator = Integrator(system, self.method, gains)
-        integrator.reset(0.0, self.start, dataclasses.replace(options, max_steps=most))
-        grid = Grid.over(end, SAMPLES)
+        driver = Driver(system, self.method, dataclasses.replace(options, max_steps=most), parameters=gains)
+        driver.start(0.0, self.motion.start)
         rows: list[Array] = []
         try:
-            integrator.run(end, grid, lambda t, x: rows.append(x), watch=False)
+            driver.run(self.over, Grid.over(self.over, SAMPLES), lambda t, x: rows.append(x), watch=False)
         except NumericalError as error:
-            if error.details.get("status") != "max_steps" or integrator.time <= 0.0:
+            if error.details.get("status") != "max_steps" or driver.time <= 0.0:
                 raise
-        return np.concatenate(rows), integrator.counters.steps, integrator.time
+        return np.concatenate(rows), driver.counters.steps, driver.time
 
     def _error(self, states: Array) -> float:
         q, reference = (self.system.split(x)[0] for x in (states, self.reference[: len(states)]))
@@ -132,7 +114,7 @@ class GainStudy:
     def outcome(self, alpha: float, beta: float) -> Outcome:
         """Run with a pair of gains."""
         try:
-            x, steps, reached = self._run(self.system, (alpha, beta), self.options, self.over, 20 * LONGEST)
+            x, steps, reached = self._run(self.system, (alpha, beta), self.options, 20 * LONGEST)
         except NumericalError:
             return Outcome(alpha, beta, np.inf, np.inf, np.inf, 0)
         if reached < self.over:
@@ -182,3 +164,22 @@ class GainStudy:
                 drift[i, k], error[i, k], steps[i, k] = found.drift, found.error, found.steps or np.nan
                 done += 1
         return drift, error, steps, done
+
+
+def refuse_study(problem: Problem) -> None:
+    """Raise where no gains can be chosen.
+
+    Raises
+    ------
+    CapabilityError : see ``GainStudy``.
+    """
+    if problem.dependent:
+        raise CapabilityError(
+            "simulate.stabilisation: Baumgarte's gains are not chosen where rows of the loops depend on each other; "
+            "allowed: projection, none, Baumgarte's {alpha, beta}"
+        )
+    if problem.contact_joints:
+        raise CapabilityError(
+            "simulate.stabilisation: the runs that choose Baumgarte's gains do not follow joints that stick or "
+            "meet rigid stops; allowed: projection, none, Baumgarte's {alpha, beta}"
+        )

@@ -1,61 +1,80 @@
-"""What comes before a run: equations, a consistent initial state, who drives what, options of the integrator."""
+"""What comes before a run: equations, a consistent initial state, who drives what."""
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.equations.dependence import Dependence
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import CapabilityError, SceneError
-from robodyn_cli.integrators.runtime.options import Options
-from robodyn_cli.record import mutable_record
+from robodyn_cli.errors import SceneError
+from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.record import record
 from robodyn_cli.run.driver.mass_matrix import refuse_singular
-from robodyn_cli.run.driver.redundancy import dependent_rows
-from robodyn_cli.run.mechanism.prescribed import check_prescribed, prescribed_starts
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.assembly import Assembled, assemble
+from robodyn_cli.solve.assembly import RANK_TOLERANCE, Assembled, assemble
+
+Array = NDArray[np.float64]
 
 
-@mutable_record
+@record
 class Setup:
     """A scene made ready: equations, consistent initial state."""
 
     problem: Problem
     assembled: Assembled
-    watch: Stopwatch
 
 
-def prepare(scene: Scene, watch: Stopwatch | None = None, modes: bool = False) -> Setup:
+def prepare(scene: Scene, watch: Stopwatch | None = None, neutral: bool = False) -> Setup:
     """Build the equations and close the loops at t = 0.
 
     Parameters
     ----------
-    modes : whether the caller follows the modes of joints (sticking, contact).
+    neutral : whether an open chain without initial positions may start in its neutral pose.
 
     Raises
     ------
-    CapabilityError : there are joints with modes, and the caller does not follow them.
     SceneError : an initial position is missing. GeometryError, SingularConfigurationError : from the assembly.
     """
     watch = watch or Stopwatch()
     with watch.stage("equations"):
         problem = Problem(scene)
-        if problem.gates and not modes:
-            raise CapabilityError(
-                f"joint {problem.gates[0].joint!r} has friction with 'law: set_valued' or a rigid stop, which only "
-                "`simulate` follows; allowed here: 'transition_speed', and stops with 'stiffness'"
-            )
+        if neutral and not problem.model.closures and not _positions_given(scene, problem):
+            return Setup(problem, _neutral(problem))
         given = initial_positions(scene, problem)
         held = held_columns(scene, problem)
     with watch.stage("assemble"):
-        check_prescribed(problem)
+        if problem.constraints.rheonomic:
+            from robodyn_cli.run.mechanism.prescribed import check_prescribed
+
+            check_prescribed(problem)
         hold = [*held, *(n for n in scene.prescribed or {} if n not in held)]
         assembled = assemble(problem, given, dict(scene.initial.qd or {}), hold)
+        if scene.torques or scene.prescribed or problem.model.forces:
+            from robodyn_cli.run.mechanism.formulas import check_formulas
+
+            check_formulas(problem, assembled.q, assembled.v)
         refuse_singular(problem.model, assembled.q)
     if assembled.redundant:
         with watch.stage("equations"):
             groups = dependent_rows(problem, assembled)
             keep = None if groups else assembled.independent
             problem = Problem(scene, keep_rows=keep, model=problem.model, dependent=groups)
-    return Setup(problem, assembled, watch)
+    return Setup(problem, assembled)
+
+
+def _positions_given(scene: Scene, problem: Problem) -> bool:
+    given = {*(scene.initial.q or {}), *(scene.prescribed or {})}
+    return given.issuperset(problem.model.q_names)
+
+
+def _neutral(problem: Problem) -> Assembled:
+    """Return the neutral pose of an open chain, at rest."""
+    from robodyn_cli.model.manifold import Manifold
+
+    q = Manifold(problem.model).neutral()
+    return Assembled(q, np.zeros(problem.model.nv), 0.0, 0.0, (), ())
 
 
 def held_columns(scene: Scene, problem: Problem) -> list[str]:
@@ -70,7 +89,11 @@ def initial_positions(scene: Scene, problem: Problem) -> dict[str, float]:
     ------
     SceneError : a position is missing.
     """
-    given = {**(scene.initial.q or {}), **prescribed_starts(scene)}
+    given = dict(scene.initial.q or {})
+    if scene.prescribed:
+        from robodyn_cli.run.mechanism.prescribed import prescribed_starts
+
+        given |= prescribed_starts(scene)
     loops = bool(problem.model.closures)
     for name in held_columns(scene, problem) if loops else problem.model.q_names:
         if name not in given:
@@ -99,6 +122,32 @@ def passive_coordinates(problem: Problem) -> list[int] | None:
     return [k for k, name in enumerate(model.v_names) if name not in driven]
 
 
-def options_for(scene: Scene) -> Options:
-    s = scene.simulate
-    return Options(s.rtol, s.atol, s.step, max_steps=s.max_steps)
+def dependent_rows(problem: Problem, assembled: Assembled) -> tuple[Dependence, ...]:
+    """Return the rows that depend on each other at the start, loop by loop where they do so within loops.
+
+    Empty where rows of loops depend on prescribed motions too: those cannot be combined.
+    """
+    constraints = problem.constraints
+    loops = [i for i in range(len(constraints.rows)) if i not in constraints.prescribed]
+    values = {"q": assembled.q.tolist(), "t": [0.0], "p": []}
+    psi = np.array(evaluate(list(problem.psi.ravel()), values), dtype=float).reshape(problem.psi.shape)
+    whole = _rank(psi[loops])
+    if whole + len(constraints.prescribed) != len(assembled.independent):
+        return ()
+    names = constraints.names
+    groups: dict[str, list[int]] = {}
+    for i in loops:
+        groups.setdefault(names[i].rsplit(".", 1)[0], []).append(i)
+    ranks = {loop: _rank(psi[rows]) for loop, rows in groups.items()}
+    if sum(ranks.values()) != whole:
+        return (Dependence(tuple(names[i] for i in loops), whole),)
+    return tuple(
+        Dependence(tuple(names[i] for i in rows), ranks[loop])
+        for loop, rows in groups.items()
+        if ranks[loop] < len(rows)
+    )
+
+
+def _rank(psi: Array) -> int:
+    sigma = np.linalg.svd(psi, compute_uv=False)
+    return int((sigma > RANK_TOLERANCE * sigma[0]).sum())

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import NumericalError, SingularConfigurationError
+from robodyn_cli.errors import NumericalError, RobodynError, SingularConfigurationError
+from robodyn_cli.formulations.events import EventFunction, Owner
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods as registry
-from robodyn_cli.integrators.runtime.integrator import Counters, Event, Grid, Integrator, Options
-from robodyn_cli.run.driver.contact_states import Modes
-from robodyn_cli.run.driver.passage import NEAR_PASSAGE, Passage
+from robodyn_cli.integrators.runtime.grid import Grid
+from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.record import record
+from robodyn_cli.results.summary import ABSENT, Absent
+from robodyn_cli.run.driver.driver import Driver
+from robodyn_cli.run.driver.motion import Motion, Watcher
 from robodyn_cli.run.observation.recorder import Recorder
 
 Array = NDArray[np.float64]
+Tick = Callable[[float], None] | None
 # the second run: so many times the steps, so that both together take less than three times the first, unless a
 # tolerance so much tighter does it with fewer
 MORE_STEPS = 1.9
@@ -56,110 +59,155 @@ def tighter(options: Options, mean_step: float, method: str) -> tuple[Options, s
 
 def other_steps(options: Options, mean_step: float) -> tuple[Options, str]:
     """Return the options of a second run with shorter steps, and how it differs in words."""
-    return dataclasses.replace(options, max_step=SHORTER * mean_step), f"steps {SHORTER:g} times as long"
+    longest = min(options.max_step, SHORTER * mean_step)
+    return dataclasses.replace(options, max_step=longest), f"steps {SHORTER:g} times as long"
 
 
-def integrate_states(
-    problem: Problem,
-    system: System,
-    method: str,
-    start: Array,
-    grid: Grid,
-    end: float,
-    options: Options,
-    tick: Callable[[float], None] | None = None,
-    passage: Passage | None = None,
-) -> tuple[Array, Counters]:
-    """Integrate without observing; returns states (T, nx) and the counters.
+@record
+class FirstRun:
+    """The run whose error is asked for: from ``start`` on ``grid`` to ``end`` [s], its method and steps."""
 
-    Of the events only those are looked for that change how the motion goes on: kinks, modes, poses to be passed.
+    method: str
+    start: Array
+    grid: Grid
+    end: float
+    steps: int
+
+
+@record
+class ErrorEstimate:
+    """Keys of ``summary.error_estimate``: largest errors over the samples [rad, m and 1/s of these], and how found.
+
+    state_max : None where the second integration failed, for ``reason``. at_rounding : the error is no larger than what
+    rounding leaves. meaningful_until : time [s] from which on the estimate says only that digits are lost.
     """
-    watched = tuple(e for e in system.events if e.kink or e.renewal or e.mode or e.name == NEAR_PASSAGE)
-    if watched and len(watched) < len(system.events):
-        system = dataclasses.replace(system, events=watched)
-    modes = Modes(problem, system, options) if problem.gates else None
-    integrator = Integrator(system, method)
-    integrator.tick = tick
-    integrator.reset(grid.start, start if modes is None else modes.start(grid.start, start), options)
-    if modes is not None:
-        modes.attach(integrator)
-    rows: list[Array] = []
 
-    def on_event(event: Event) -> bool:
-        return modes is None or not modes.owns(event) or modes.on_event(event)
-
-    stretches: list[Counters] = []
-    if passage is None:
-        integrator.run(end, grid, lambda t, x: rows.append(x), on_event, watch=bool(watched))
-    else:
-        passage.run(integrator, end, grid, lambda t, x: rows.append(x), on_event, stretches.append)
-    return np.concatenate(rows), sum(stretches, integrator.counters)
+    method: str
+    q_max: float | Absent = ABSENT
+    qd_max: float | Absent = ABSENT
+    state_max: float | None = None
+    q_end: float | Absent = ABSENT
+    qd_end: float | Absent = ABSENT
+    rounding_floor: float | Absent = ABSENT
+    steps: int | Absent = ABSENT
+    at_rounding: bool | Absent = ABSENT
+    meaningful_until: float | Absent = ABSENT
+    reason: str | Absent = ABSENT
 
 
-def estimate_error(
-    problem: Problem,
-    system: System,
-    method: str,
-    start: Array,
-    grid: Grid,
-    end: float,
-    options: Options,
-    recorder: Recorder,
-    counters: Counters,
-    tick: Callable[[float], None] | None = None,
-    passage: Passage | None = None,
-) -> dict[str, Any]:
+@record
+class Second:
+    """What the second integration came to: states (T, nx), its steps, and how it differed, in words."""
+
+    states: Array
+    steps: int
+    how: str
+
+
+class SecondFailed(Exception):
+    """The second integration did not come to the end. how : it differed from the first."""
+
+    def __init__(self, how: str, cause: RobodynError) -> None:
+        super().__init__(cause.message)
+        self.how, self.message = how, cause.message
+
+
+def watched_again(motion: Motion) -> tuple[System, list[Watcher]]:
+    """Return the system and the watchers of a second integration: those of events that change the motion."""
+    twins = {id(w): w.again() for w in motion.watchers}
+
+    def owner_of(function: EventFunction) -> Owner | None:
+        owner = function.owner
+        return None if owner is None else twins[id(owner)] if id(owner) in twins else owner.again()
+
+    system = motion.system.watched_by(owner_of)
+    return system, [twin for twin in twins.values() if twin is not None]
+
+
+def integrate_again(motion: Motion, first: FirstRun, options: Options, tick: Tick) -> tuple[Array, int]:
+    """Integrate without observing; returns states (T, nx) and how many steps it took."""
+    system, watchers = watched_again(motion)
+    watch = bool(system.events)
+    # without anything to watch the compiled code of the first run serves
+    driver = Driver(system if watch else motion.system, first.method, options, watchers)
+    driver.tick = tick
+    driver.start(first.grid.start, first.start)
+    return driver.samples(first.end, first.grid, watch), driver.counters.steps
+
+
+def second_run(motion: Motion, first: FirstRun, tick: Tick) -> Second:
+    """Integrate once more, more accurately: with a tighter tolerance, or with other steps where that says nothing.
+
+    Raises
+    ------
+    SecondFailed : it did not come to the end.
+    """
+    options, mean_step = motion.options, first.end / max(first.steps, 1)
+    tight, how = tighter(options, mean_step, first.method)
+    # more steps than the first are what is asked of it, but not many times as many
+    most = min(4 * options.max_steps, MOST_STEPS * first.steps + 1000)
+    tight = dataclasses.replace(tight, max_steps=most)
+    try:
+        try:
+            states, steps = integrate_again(motion, first, tight, tick)
+        except NumericalError as error:
+            if error.details.get("status") != "max_steps" or options.step is not None:
+                raise
+            # a tolerance that the method cannot keep
+            other, how = other_steps(dataclasses.replace(options, max_steps=most), mean_step)
+            states, steps = integrate_again(motion, first, other, tick)
+            tight = other
+        if steps <= 1.02 * first.steps and options.step is None:
+            # the tolerance does not decide about the steps, so the same ones were taken once more
+            tight, how = other_steps(tight, mean_step)
+            states, steps = integrate_again(motion, first, tight, tick)
+    except (NumericalError, SingularConfigurationError) as error:
+        raise SecondFailed(how, error) from error
+    return Second(states, steps, how)
+
+
+def estimate_error(motion: Motion, first: FirstRun, recorder: Recorder, tick: Tick = None) -> ErrorEstimate:
     """Estimate the global error by a second integration that is more accurate than the first.
 
     The difference of the two, D = e_1 - e_2, is the error of the first up to that of the second, which is smaller by
     (n_1 / n_2)^p for n steps each and order p: e_1 = D / (1 - (n_1 / n_2)^p). Reported are the largest over all
     samples, for q and qd apart. Nothing else about the two runs is shared but the method.
     """
-    mean_step = end / max(counters.steps, 1)
-    second, how = tighter(options, mean_step, method)
-    # more steps than the first are what is asked of it, but not many times as many
-    most = min(4 * options.max_steps, MOST_STEPS * counters.steps + 1000)
-    second = dataclasses.replace(second, max_steps=most)
-    grid = grid.every(recorder.every)
-    report: dict[str, Any] = {"method": f"difference from a second integration with {how}"}
+    grid = first.grid.every(recorder.every)
     try:
-        try:
-            states, more = integrate_states(problem, system, method, start, grid, end, second, tick, passage)
-        except NumericalError as error:
-            if error.details.get("status") != "max_steps" or options.step is not None:
-                raise
-            # a tolerance that the method cannot keep
-            second, how = other_steps(dataclasses.replace(options, max_steps=most), mean_step)
-            report["method"] = f"difference from a second integration with {how}"
-            states, more = integrate_states(problem, system, method, start, grid, end, second, tick, passage)
-        if more.steps <= 1.02 * counters.steps and options.step is None:
-            # the tolerance does not decide about the steps, so the same ones were taken once more
-            second, how = other_steps(second, mean_step)
-            report["method"] = f"difference from a second integration with {how}"
-            states, more = integrate_states(problem, system, method, start, grid, end, second, tick, passage)
-    except (NumericalError, SingularConfigurationError) as error:
-        report.update(state_max=None, reason=f"the second integration failed: {error.message}")
-        return report
-    states = recorder.observer.project(grid.times(0, len(states)), states)
+        second = second_run(motion, dataclasses.replace(first, grid=grid), tick)
+    except SecondFailed as failed:
+        reason = f"the second integration failed: {failed.message}"
+        return ErrorEstimate(f"difference from a second integration with {failed.how}", reason=reason)
+    states = recorder.observer.project(grid.times(0, len(second.states)), second.states)
     q, qd = recorder.array("q")[: len(states)], recorder.array("qd")[: len(states)]
-    other_q, other_qd, _ = system.split(states[: len(q)])
-    scale = remainder(method, counters.steps, more.steps)
+    other_q, other_qd, _ = motion.system.split(states[: len(q)])
+    scale = remainder(first.method, first.steps, second.steps)
     dq, dv = scale * np.abs(other_q - q), scale * np.abs(other_qd - qd)
-    floor = rounding_floor(q, qd, counters.steps)
-    report.update(
-        q_max=float(dq.max(initial=0.0)), qd_max=float(dv.max(initial=0.0)),
-        state_max=float(max(dq.max(initial=0.0), dv.max(initial=0.0))),
-        q_end=float(dq[-1].max(initial=0.0)), qd_end=float(dv[-1].max(initial=0.0)), rounding_floor=floor,
-        steps=more.steps,
-    )  # fmt: skip
-    lost = np.zeros(len(dq), dtype=bool)
-    for found, motion in ((dq, q), (dv, qd)):
-        spread = max(float(np.ptp(motion, axis=0).max(initial=0.0)), 1e-300)
-        lost |= found.max(axis=1, initial=0.0) > NOT_MEANINGFUL * spread
-    report["at_rounding"] = bool(report["state_max"] < AT_ROUNDING * floor)
-    if lost.any() and not report["at_rounding"]:
-        report["meaningful_until"] = float(recorder.array("time")[int(np.argmax(lost))])
-    return report
+    largest = float(max(dq.max(initial=0.0), dv.max(initial=0.0)))
+    floor = rounding_floor(q, qd, first.steps)
+    at_rounding = bool(largest < AT_ROUNDING * floor)
+    lost = _lost(dq, q) | _lost(dv, qd)
+    time = float(recorder.array("time")[int(np.argmax(lost))])
+    return ErrorEstimate(
+        method=f"difference from a second integration with {second.how}",
+        q_max=float(dq.max(initial=0.0)),
+        qd_max=float(dv.max(initial=0.0)),
+        state_max=largest,
+        q_end=float(dq[-1].max(initial=0.0)),
+        qd_end=float(dv[-1].max(initial=0.0)),
+        rounding_floor=floor,
+        steps=second.steps,
+        at_rounding=at_rounding,
+        meaningful_until=time if lost.any() and not at_rounding else ABSENT,
+    )
+
+
+def _lost(error: Array, motion: Array) -> NDArray[np.bool_]:
+    """Return at which samples (T,) an estimate (T, n) says no more than that the digits of a motion (T, n) are lost."""
+    spread = max(float(np.ptp(motion, axis=0).max(initial=0.0)), 1e-300)
+    found: NDArray[np.bool_] = error.max(axis=1, initial=0.0) > NOT_MEANINGFUL * spread
+    return found
 
 
 def remainder(method: str, steps: int, more: int) -> float:

@@ -6,7 +6,6 @@ Bifurcation: Psi itself loses rank; the constraints no longer decide how the mot
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,22 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.constraints import determinant
-from robodyn_cli.equations.dependence import closeness
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError, SingularConfigurationError
 from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.formulations.row_chart import RowChart
-from robodyn_cli.formulations.system import EventFunction, System
-from robodyn_cli.integrators.runtime.integrator import Event, Integrator, Options
+from robodyn_cli.formulations.row_combinations import RowCombinations
 from robodyn_cli.record import record
 
 Array = NDArray[Any]
 RANK = 1e-6  # ratio of singular values below which a located pose counts as having lost rank
-NEAR = 0.02  # ratio from which on a loss of rank is looked for ahead
 START = 1e-9  # the same at the start, where only rounding stands between a pose and a singular one
-NEAR_RANK_LOSS = "near_rank_loss"
 
 
 @record
@@ -85,62 +79,10 @@ def passive_determinant(problem: Problem, passive: Sequence[int]) -> Scalar:
     return value
 
 
-def rank_loss_event(problem: Problem) -> tuple[EventFunction, ...]:
-    """Return the event of coming near a loss of rank: 1 / (tr A tr A^-1) of A = Psi Psi^T falls below ``NEAR^2``.
-
-    The quantity lies between the squared ratio of smallest to largest singular value and m times less.
-    """
-    rows = problem.independent_rows
-    if not len(rows):
-        return ()
-    return (EventFunction(NEAR_RANK_LOSS, closeness(rows) - NEAR * NEAR, direction=-1, terminal=False),)
-
-
 def singular_ratio(problem: Problem, q: Array) -> float:
     """Return smallest over largest singular value of the loops' Psi (but for those zero in every pose)."""
     sigma = np.linalg.svd(psi_at(problem, q), compute_uv=False)
     return float(sigma[problem.loop_rank - 1] / sigma[0])
-
-
-def rank_loss_ahead(
-    problem: Problem, system: System, method: str, event: Event, options: Options
-) -> tuple[float, Array] | None:
-    """Tell whether the motion from here on runs into a loss of rank, and where: time and state, else None.
-
-    Close to it the multipliers are ill-conditioned, so it is approached by steps that cover nine tenths of the
-    way to the root of the secant of the ratio of singular values (which falls linearly towards it), and the
-    small rest is extrapolated.
-    """
-    integrator = Integrator(system, method)
-    integrator.reset(event.time, event.state, options)
-    speed = float(np.abs(system.split(event.state)[1]).max())
-    if speed == 0.0:
-        return None
-    low, state = event.time, event.state
-    ratio = singular_ratio(problem, system.split(state)[0])
-    trial, rest, slow = low + 0.05 * ratio / speed, np.inf, 0
-    for _ in range(60):
-        integrator.reset(low, state, dataclasses.replace(options, max_step=(trial - low) / 4))
-        try:
-            integrator.advance(trial)
-        except NumericalError:
-            break
-        before, low, state = (low, ratio, state), trial, integrator.state
-        ratio = singular_ratio(problem, system.split(state)[0])
-        slope = (ratio - before[1]) / (low - before[0])
-        if not slope < 0.0:
-            return None
-        root = low - ratio / slope
-        # on the way to a mere minimum the root recedes instead of closing in
-        slow = slow + 1 if root - low > 0.5 * rest else 0
-        if slow > 3:
-            return None
-        rest = root - low
-        if ratio < RANK:
-            end = state + rest / (low - before[0]) * (state - before[2])
-            return root, end
-        trial = low + 0.9 * rest
-    return None
 
 
 def psi_at(problem: Problem, q: Array, t: float = 0.0) -> Array:
@@ -170,7 +112,7 @@ def driven_dead_point(
         return None
     rows = jacobian(equations, unknowns)
     entries = [row.get(k, 0.0) for row in rows for k in range(len(unknowns))]
-    parameters = RowChart(problem).choose(time, q, None).tolist() if problem.dependent else []
+    parameters = RowCombinations(problem).choose(time, q, None).tolist() if problem.dependent else []
     x = np.append(q, time)
     for _ in range(50):
         values = {"q": x[:-1].tolist(), "t": [float(x[-1])], "p": parameters}
@@ -248,27 +190,3 @@ def refuse_singular_start(problem: Problem, q: Array, passive: Sequence[int]) ->
         kind="dead_point",
         q=q.tolist(),
     )
-
-
-def stop_at_rank_loss(problem: Problem, system: System, method: str, event: Event, options: Options) -> None:
-    """Raise if the motion runs into a loss of rank; coming near and leaving again passes.
-
-    Raises
-    ------
-    SingularConfigurationError : Psi has lost rank.
-    """
-    ahead = rank_loss_ahead(problem, system, method, event, options)
-    if ahead is None:
-        return
-    time, state = ahead
-    q, _, _ = system.split(state)
-    refuse_dependent_rows(problem, q, time)
-    found = classify(problem, q, ())
-    named = culprit(problem, q, range(problem.model.nv), time)
-    raise SingularConfigurationError(
-        f"bifurcation at t = {time:.9g} s: the constraint Jacobian of loop {named.loop} loses rank and lets joint "
-        f"{named.joint} go, so the multipliers are not unique and the motion may branch; set simulate.singular: "
-        "pass to go on",
-        time=time, kind="bifurcation", singular_values=found.psi.tolist(), q=q.tolist(),
-        loop=named.loop, joint=named.joint,
-    )  # fmt: skip

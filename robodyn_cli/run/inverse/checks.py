@@ -2,95 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import cached_property
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.forces.limits import Limits
 from robodyn_cli.model.model import Model
-from robodyn_cli.record import record
-from robodyn_cli.run.observation.evaluation import SampleFunction, without_idle_unknowns
-from robodyn_cli.run.observation.quadrature import integrate, integrate_positive, mean_square
+from robodyn_cli.results.summary import ABSENT, Absent
+from robodyn_cli.run.inverse.program import InverseProgram, Sampled
+from robodyn_cli.run.inverse.summary import ErrorEstimate, JointFigures
+from robodyn_cli.run.mechanism.motion import Planned
+from robodyn_cli.run.observation.units import TORQUE
+from robodyn_cli.solve.quadrature import integrate, integrate_positive, root_mean_square
 from robodyn_cli.trajectories.motion import JointMotion
 
 Array = NDArray[np.float64]
 
 
-RIGID = ("inertia", "coriolis", "gravity")
+def joint_figures(model: Model, sampled: Sampled) -> dict[str, JointFigures]:
+    """Return what sizes the actuators, by velocity coordinate; of mechanisms with loops only those that are driven.
 
-# what the figures of the summary mean, for readers of the file alone
-DEFINITIONS = {
-    "peak_torque": "largest magnitude among the samples",
-    "rms_torque": "root of the time average of the squared torque",
-    "energy": "integral of the positive mechanical power: what the actuator delivers if it takes none back",
-    "energy_net": "integral of the mechanical power",
-    "integrals": "polynomials of degree 5 through the samples",
-    "round_trip": "accelerations of forward after inverse dynamics, difference over the largest",
-    "energy_balance": "work of actuators and losses less the change of kinetic and potential energy [J]",
-    "energy_quadrature": "largest change of an energy when every second sample is left out [J]",
-}
-
-
-@record
-class Sampled:
-    """A motion at uniform times with its torque terms (T, nv) and whatever else was evaluated along it."""
-
-    times: Array
-    motion: JointMotion
-    terms: Mapping[str, Array]
-    arrays: Mapping[str, Array]
-
-    @cached_property
-    def tau(self) -> Array:
-        """Actuator torques (T, nv): the sum of the terms [N m or N]."""
-        first, *others = self.terms.values()
-        total = first.copy(order="F")
-        for term in others:
-            total += term
-        return total
-
-    @cached_property
-    def power(self) -> Array:
-        """Mechanical power of each actuator (T, nv) [W]."""
-        return self.tau * self.motion.qd
-
-    @property
-    def step(self) -> float:
-        """Time between samples [s]."""
-        return float(self.times[1] - self.times[0])
-
-
-def joint_figures(model: Model, sampled: Sampled) -> dict[str, dict[str, Any]]:
-    """Return what sizes the actuators, by joint.
-
-    peak_torque : largest magnitude among the samples, and its time. rms_torque : root of the time average of
-    tau^2.
+    peak_torque : largest magnitude among the samples, and its time. rms_torque : root of the time average of tau^2.
     energy : integral of the positive mechanical power, what the actuator delivers if it cannot take back any;
     energy_net : integral of the power. Integrals are of degree 5 between samples (see ``quadrature``).
     """
     h, tau, power = sampled.step, sampled.tau, sampled.power
-    rms = np.sqrt(np.maximum(0.0, mean_square(tau, h)))
+    rms = root_mean_square(tau, h)
     delivered, net = integrate_positive(power, h), integrate(power, h)
-    figures: dict[str, dict[str, Any]] = {}
-    for k, (name, unit) in enumerate(zip(model.v_names, model.v_units)):
+    figures: dict[str, JointFigures] = {}
+    for k in range(model.nv) if sampled.loops is None else sampled.loops.driven:
+        name, unit = model.v_names[k], model.v_units[k]
         at = int(np.argmax(np.abs(tau[:, k])))
-        figures[name] = {
-            "peak_torque": float(np.abs(tau[at, k])),
-            "peak_torque_time": float(sampled.times[at]),
-            "rms_torque": float(rms[k]),
-            "torque_range": [float(tau[:, k].min()), float(tau[:, k].max())],
-            "peak_speed": float(np.abs(sampled.motion.qd[:, k]).max()),
-            "peak_power": float(np.abs(power[:, k]).max()),
-            "energy": float(delivered[k]),
-            "energy_net": float(net[k]),
-            "units": {
-                "torque": "N m" if unit == "rad" else "N", "speed": f"{unit}/s", "power": "W", "energy": "J"
-            },
-        }  # fmt: skip
+        figures[name] = JointFigures(
+            peak_torque=float(np.abs(tau[at, k])),
+            peak_torque_time=float(sampled.times[at]),
+            rms_torque=float(rms[k]),
+            torque_range=[float(tau[:, k].min()), float(tau[:, k].max())],
+            peak_speed=float(np.abs(sampled.motion.qd[:, k]).max()),
+            peak_power=float(np.abs(power[:, k]).max()),
+            energy=float(delivered[k]),
+            energy_net=float(net[k]),
+            units={"torque": TORQUE[unit], "speed": f"{unit}/s", "power": "W", "energy": "J"},
+        )
     return figures
 
 
@@ -120,58 +73,59 @@ def beyond_limits(problem: Problem, times: Array, motion: JointMotion) -> list[s
     return found
 
 
-def error_estimate(problem: Problem, sampled: Sampled, trip: float | None = None) -> dict[str, Any]:
+def path_error(planned: Planned, sampled: Sampled) -> float | Absent:
+    """Return the largest distance [m] of the led point from its target, in the coordinates asked for."""
+    if planned.target is None:
+        return ABSENT
+    gap = sampled.arrays[f"points/{planned.point}"][:, : planned.target.shape[1]] - planned.target
+    return float(np.sqrt(np.einsum("ti,ti->t", gap, gap).max()))
+
+
+def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) -> ErrorEstimate:
     """Return the errors of an inverse run.
 
-    round_trip : accelerations from forward dynamics under the computed torques, less those asked for, over
-    the
-        largest acceleration among those asked for and those that the bias alone would cause; None where the
-        mass matrix is singular.
-    energy_balance : work of actuators and losses, less the change of kinetic and potential energy [J]; it is
-    as
-        large as the errors of rates, torques and quadrature together. energy_balance_relative : over the
-        largest energy turned over.
+    ik_residual : see ``path_error``. round_trip : see there.
+    energy_balance : work of actuators and losses, less the change of kinetic and potential energy [J]; it is as
+        large as the errors of rates, torques and quadrature together. energy_balance_relative : over the largest
+        energy turned over.
     energy_quadrature : difference of the energies (net) to those from every second sample [J].
-
-    Parameters
-    ----------
-    trip : the round trip where it is known already (mechanisms with loops).
+    closure, virtual_work_residual : of the loops; the load that neither actuators nor loops bear [N m or N].
     """
     power = np.column_stack([sampled.power, sampled.arrays["dissipation"]])
     work = integrate(power, sampled.step)
-    total = sampled.arrays["kinetic"][:, 0] + sampled.arrays["potential"][:, 0]
+    total = sampled.arrays["energy/kinetic"][:, 0] + sampled.arrays["energy/potential"][:, 0]
     balance = float(work.sum() - (total[-1] - total[0]))
     turned = max(float(np.ptp(total)), float(integrate(np.abs(power), sampled.step).max()), 1e-300)
-    found: dict[str, Any] = {
-        "round_trip": round_trip(problem, sampled) if trip is None else trip,
-        "energy_balance": balance,
-        "energy_balance_relative": balance / turned if balance else 0.0,
-    }
-    if len(sampled.times) % 2 and len(sampled.times) > 2:
-        half = integrate(power[::2], 2.0 * sampled.step)
-        found["energy_quadrature"] = float(np.abs(half - work).max())
-    return found
+    loops = sampled.loops
+    return ErrorEstimate(
+        ik_residual=path_error(planned, sampled) if loops is None else ABSENT,
+        round_trip=round_trip(program, sampled),
+        energy_balance=balance,
+        energy_balance_relative=balance / turned if balance else 0.0,
+        energy_quadrature=_halved(power, work, sampled.step),
+        closure=ABSENT if loops is None else planned.residuals,
+        virtual_work_residual=ABSENT if loops is None else loops.shared.residual,
+    )
 
 
-def round_trip(problem: Problem, sampled: Sampled) -> float | None:
-    """Return the relative residual of forward after inverse dynamics (see ``error_estimate``)."""
-    bias, asked = sampled.arrays["bias"], sampled.motion.qdd
-    f = sampled.tau - bias
-    for name, term in sampled.terms.items():
-        if name not in RIGID:
-            f = f - term
-    q = np.concatenate([sampled.motion.q] * 2)
-    forces = problem.graph.symbols(problem.model.v_names, "f")
-    try:
-        a = list(problem.free_accelerations(forces))
-    except ZeroDivisionError:
+def _halved(power: Array, work: Array, h: float) -> float | Absent:
+    """Return the largest change of an integral (T, n) when every second sample is left out."""
+    if len(power) % 2 == 0 or len(power) < 3:
+        return ABSENT
+    return float(np.abs(integrate(power[::2], 2.0 * h) - work).max())
+
+
+def round_trip(program: InverseProgram, sampled: Sampled) -> float | None:
+    """Return accelerations of forward dynamics under the computed torques less those asked for, relative.
+
+    Relative to the largest acceleration among those asked for and those of a free motion. None where the mass matrix
+    is singular.
+    """
+    accelerations = program.forward(sampled)
+    if accelerations is None:
         return None
-    # unknown data that cancels in M may stand in articulated inertias
-    a = without_idle_unknowns(a, list(problem.mass_matrix.flat))
-    function = SampleFunction({"a": a}, ("q", "f"), len(q))
-    with np.errstate(all="ignore"):
-        found, loose = np.split(function(q=q, f=np.concatenate([f, bias]))["a"], 2)
-    scale = max(float(np.abs(asked).max()), float(np.abs(loose).max()))
+    asked, (found, free) = sampled.motion.qdd, accelerations
+    scale = max(float(np.abs(asked).max()), float(np.abs(free).max()))
     residual = float(np.abs(found - asked).max())
     if not np.isfinite(residual) or not np.isfinite(scale):
         return None

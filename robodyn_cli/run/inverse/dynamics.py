@@ -14,45 +14,21 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import free_symbols
 from robodyn_cli.kernels.crossover import prefer_rolled
 from robodyn_cli.model.model import Model
+from robodyn_cli.run.inverse.build import open_problem
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Vector, zeros
 
 Array = NDArray[np.float64]
 
 
-def open_problem(source: sc.Scene | Model | Problem, what: str) -> Problem:
-    """Return the equations of a scene or a model.
+def _timeless(problem: Problem) -> list[Vector]:
+    """Return the torques of all but the actuators by term, friction with the exact sign.
 
     Raises
     ------
-    CapabilityError : it has loops or prescribed joints.
+    CapabilityError : some depend on time, and functions of samples have none.
     """
-    if isinstance(source, Model):
-        # the model brings everything but drives, and what is driven is not asked here
-        nothing = sc.Scene(schema=1, robot=sc.Robot(joints=(), links=()), gravity=(0.0, 0.0, 0.0))
-        source = Problem(nothing, model=source)
-    problem = source if isinstance(source, Problem) else Problem(source)
-    if problem.model.closures:
-        raise CapabilityError(
-            f"{what} of closed loops (here {problem.model.closures[0]!r}) is not implemented yet: the "
-            "actuated joints share the load in more than one way; allowed: robots without loops"
-        )
-    if problem.scene.prescribed:
-        name = next(iter(problem.scene.prescribed))
-        raise CapabilityError(
-            f"{what} takes all motion from its input, so 'prescribed' ({name!r}) has no place there"
-        )
-    return problem
-
-
-def joint_force_terms(problem: Problem) -> dict[str, Vector]:
-    """Return the torques of everything but the actuators on the joints, by term, friction with the exact sign."""
-    return problem.passive_forces(smooth=False)
-
-
-def _timeless(problem: Problem) -> list[Vector]:
-    """Return the terms of ``joint_force_terms`` for functions of samples that have no times."""
-    terms = list(joint_force_terms(problem).values())
+    terms = list(problem.passive_forces(smooth=False).values())
     if any(symbol is problem.t for symbol in free_symbols([x for term in terms for x in term])):
         names = ", ".join(force.name for force in problem.model.forces if force.element.term == "external")
         raise CapabilityError(
@@ -96,7 +72,34 @@ class _JointForces:
         return tau - self.kernel(q=q, v=qd)["f"] if self.kernel else tau
 
 
-class InverseDynamics:
+class _Samples:
+    """A function of samples: q (T, nq) and two arrays (T, nv), whose columns are the joints of one model."""
+
+    names: tuple[str, str, str]
+
+    def _open(self, problem: Problem) -> None:
+        model = problem.model
+        self.joints = model.v_names
+        self._columns = dict(zip(self.names, (model.q_names, model.v_names, model.v_names)))
+
+    def _check(self, *arrays: Array) -> None:
+        """Refuse arrays that do not have a column each joint: what is left over would be ignored in silence.
+
+        Raises
+        ------
+        CapabilityError
+        """
+        for (name, joints), array in zip(self._columns.items(), arrays):
+            shape = np.shape(array)
+            columns = 1 if len(shape) == 1 else shape[-1]
+            if len(shape) not in (1, 2) or columns != len(joints):
+                raise CapabilityError(
+                    f"{name} has shape {shape}; needed: (samples, {len(joints)}), a row each sample and a column each "
+                    f"of {', '.join(joints)}"
+                )
+
+
+class InverseDynamics(_Samples):
     """Joint torques that a motion needs, tau = M qdd + C qd + G - tau_passive - tau_friction - tau_external.
 
     Calling it takes q (T, nq), qd and qdd (T, nv) and returns tau (T, nv) [N m or N], columns in the order of
@@ -107,9 +110,11 @@ class InverseDynamics:
     ``unrolled`` or ``rolled``).
     """
 
+    names = ("q", "qd", "qdd")
+
     def __init__(self, source: sc.Scene | Model | Problem) -> None:
         problem = open_problem(source, "inverse dynamics")
-        self.joints = problem.model.v_names
+        self._open(problem)
         self.shape, self._call, self.operations = self._compile(problem)
 
     @staticmethod
@@ -133,15 +138,18 @@ class InverseDynamics:
 
     def __call__(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Return tau (T, nv)."""
+        self._check(q, qd, qdd)
         return self._call(q, qd, qdd)
 
 
-class ForwardDynamics:
+class ForwardDynamics(_Samples):
     """Joint accelerations that torques cause, qdd = M^-1 (tau + tau_passive + tau_friction + tau_external - C qd - G).
 
     Calling it takes q (T, nq), qd and tau (T, nv) and returns qdd (T, nv); arrays and attributes as for
     ``InverseDynamics``, whose inverse it is: friction has the exact sign of the rate, and is 0 at rest.
     """
+
+    names = ("q", "qd", "tau")
 
     def __init__(self, source: sc.Scene | Model | Problem) -> None:
         problem = open_problem(source, "forward dynamics")
@@ -149,7 +157,7 @@ class ForwardDynamics:
             raise CapabilityError(
                 "gear losses depend on the drive, so they have no forward dynamics of samples"
             )
-        self.joints = problem.model.v_names
+        self._open(problem)
         self.shape, self._call, self.operations = self._compile(problem)
 
     @staticmethod
@@ -171,4 +179,5 @@ class ForwardDynamics:
 
     def __call__(self, q: Array, qd: Array, tau: Array) -> Array:
         """Return qdd (T, nv)."""
+        self._check(q, qd, tau)
         return self._call(q, qd, tau)

@@ -2,31 +2,35 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from robodyn_cli.equations.problem import GROUPS, Problem
-from robodyn_cli.errors import CapabilityError
-from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.inverse.checks import DEFINITIONS, Sampled, beyond_limits, error_estimate, joint_figures
-from robodyn_cli.run.inverse.dynamics import ForwardDynamics, InverseDynamics, joint_force_terms, open_problem
-from robodyn_cli.run.inverse.motion import Planned, plan_motion, with_led_point
-from robodyn_cli.run.observation.evaluation import SampleFunction, without_idle_unknowns
-from robodyn_cli.run.observation.places import FORCES, add_places, place_outputs
-from robodyn_cli.run.observation.reactions import add_reactions
-from robodyn_cli.run.observation.units import joint_columns
+from robodyn_cli.results.summary import ABSENT, Residual, Termination, as_keys
+from robodyn_cli.run.inverse.build import build_inverse
+from robodyn_cli.run.inverse.checks import beyond_limits, error_estimate, joint_figures, path_error
+from robodyn_cli.run.inverse.program import InverseProgram, Loops, Sampled
+from robodyn_cli.run.inverse.summary import (
+    CLOSED_DEFINITIONS,
+    DEFINITIONS,
+    ErrorEstimate,
+    InverseSummary,
+    Mechanism,
+)
+from robodyn_cli.run.mechanism.motion import Planned
+from robodyn_cli.run.observation.finite import refuse_result
+from robodyn_cli.run.observation.places import FORCES, add_places
+from robodyn_cli.run.observation.units import add_motion, joint_columns
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 
-__all__ = ["ForwardDynamics", "InverseDynamics", "inverse"]
+if TYPE_CHECKING:
+    from robodyn_cli.run.observation.reactions import Loads
 
-Array = NDArray[np.float64]
 
-
+@np.errstate(all="ignore")  # what is not finite is refused by name
 def inverse(
     scene: Scene,
     *,
@@ -38,7 +42,8 @@ def inverse(
 
         tau = M qdd + C qd + G - tau_passive - tau_friction - tau_external
 
-    ``tau`` (T, nv) is the actuators' torque [N m or N]; the terms are signed so that they sum to it.
+    ``tau`` (T, nv) is the actuators' torque [N m or N]; the terms are signed so that they sum to it. With closed
+    loops the left side is B tau + Psi^T lambda (see ``closed``).
 
     Parameters
     ----------
@@ -51,160 +56,104 @@ def inverse(
 
     Raises
     ------
-    SceneError : no trajectory, or data that the equations need is not given. CapabilityError : loops.
-    GeometryError, SingularConfigurationError : from the inverse kinematics.
+    SceneError : no motion, or data that the equations need is not given. CapabilityError : motion or actuators do
+    not suffice. GeometryError : the motion cannot be met. SingularConfigurationError : a singular pose on the way.
+    NumericalError : a number of the result is not finite.
     """
     watch = watch or Stopwatch()
     count = scene.inverse.samples if samples is None else samples
     if count < 2:
         raise ValueError(f"samples: {count}; allowed: 2 or more")
-    if scene.loops or scene.couplers:
-        from robodyn_cli.run.inverse.closed import inverse_closed
-
-        result = inverse_closed(scene, count, watch)
-        progress(float(result.time[-1]), float(result.time[-1]))
-        result.summary["wall_time_s"] = watch.report()
-        return result
     with watch.stage("equations"):
-        problem = open_problem(with_led_point(scene), "inverse dynamics")
-        _check_actuated(problem)
+        program = build_inverse(scene)
     with watch.stage("solve"):
-        duration = scene.trajectory.duration if scene.trajectory is not None else 0.0
-        times = np.linspace(0.0, duration, count)
-        planned = plan_motion(problem, times)
+        planned = program.plan(count)
     with watch.stage("equations"):
-        terms = torque_terms(problem)
-        places = place_outputs(problem)
-        function = SampleFunction({**terms, **energies(problem, terms), **places}, GROUPS, count)
-    motion = planned.motion
+        function = program.compile(count)
     with watch.stage("evaluate"):
-        arrays = function(t=times[:, None], q=motion.q, v=motion.qd, a=motion.qdd)
-        sampled = Sampled(times, motion, {name: arrays[name] for name in terms}, arrays)
-    result = Result("inverse", scene.title or "inverse", "ok", scene.text)
-    fill(result, problem, sampled, planned)
-    add_places(result, {path: arrays[path] for path in places})
-    if planned.target is not None:
-        result.add(f"targets/{planned.point}", _asked(planned, arrays[f"points/{planned.point}"]))
+        sampled = program.evaluate(planned, function)
     with watch.stage("error_estimate"):
-        _summarise(result, problem, sampled, planned, function)
-    if scene.outputs.reactions:
-        with watch.stage("evaluate"):
-            add_reactions(result, problem, None)
-    progress(float(times[-1]), float(times[-1]))
-    result.summary["wall_time_s"] = watch.report()
+        errors = error_estimate(program, planned, sampled)
+    with watch.stage("evaluate"):
+        loads = loads_of(program, sampled) if scene.outputs.reactions else None
+    progress(program.duration, program.duration)
+    result = report(program, planned, sampled, loads)
+    result.summary = as_keys(summarise(program, planned, sampled, errors, loads, watch))
+    refuse_result(result)
     return result
 
 
-def torque_terms(problem: Problem) -> dict[str, list[Scalar]]:
-    """Return the parts of the actuator torque that the scene has, by name; their sum is the torque.
+def loads_of(program: InverseProgram, sampled: Sampled) -> Loads:
+    """Return forces and moments in joints and closures."""
+    from robodyn_cli.run.observation.reactions import loads_along
 
-    Inertia is always there; any other part that vanishes identically is left out.
-    """
-    terms: dict[str, list[Scalar]] = {name: list(term) for name, term in problem.rigid_terms().items()}
-    for name, term in joint_force_terms(problem).items():
-        terms[name] = [-x for x in term]
-    return {
-        name: term
-        for name, term in terms.items()
-        if name == "inertia" or any(isinstance(x, Expr) or x != 0.0 for x in term)
-    }
+    lam = program.row_multipliers(sampled)
+    return loads_along(program.problem, sampled.times, sampled.motion, lam)
 
 
-def _check_actuated(problem: Problem) -> None:
-    """Refuse motion of joints that nothing drives: passive joints of an open chain follow no given path."""
-    actuated = problem.scene.actuated
-    passive = [n for n in problem.model.joint_names if actuated is not None and n not in actuated]
-    if passive:
-        raise CapabilityError(
-            f"inverse dynamics needs every joint of an open chain to be actuated, and 'actuated' lacks "
-            f"{passive[0]!r}; allowed: all of {', '.join(problem.model.joint_names)}"
-        )
-
-
-def energies(problem: Problem, terms: dict[str, list[Scalar]]) -> dict[str, list[Scalar]]:
-    """Return the energies, the bias C qd + G, and the power of what dissipates.
-
-    Data that no torque needs can only shift the level at which the potential energy is zero.
-    """
-    lost: Any = 0.0
-    for place, torque in problem.losses(smooth=False):
-        lost = lost + torque * problem.v[place]
-    lost = lost + problem.elements.power
-    found = {
-        "kinetic": [problem.kinetic],
-        "potential": [problem.potential],
-        "dissipation": [lost],
-        "bias": list(problem.bias),
-    }
-    if problem.model.forces:
-        effects = problem.elements.effects
-        found |= {
-            "forces/potential": [e.potential for e in effects],
-            "forces/power": [e.power for e in effects],
-        }
-    needed = [x for term in terms.values() for x in term]
-    return {name: without_idle_unknowns(entries, needed) for name, entries in found.items()}
-
-
-def fill(result: Result, problem: Problem, sampled: Sampled, planned: Planned) -> None:
-    """Add time, motion, torques and energies."""
-    model, motion = problem.model, sampled.motion
-    columns = joint_columns(model)
-    result.add("time", sampled.times)
-    for path, data in (("q", motion.q), ("qd", motion.qd), ("qdd", motion.qdd), ("tau", sampled.tau)):
-        result.add(path, data, **columns[path].described())
+def report(program: InverseProgram, planned: Planned, sampled: Sampled, loads: Loads | None) -> Result:
+    """Return the datasets of a run."""
+    problem, arrays = program.problem, sampled.arrays
+    scene, columns = problem.scene, joint_columns(problem.model)
+    result = Result("inverse", scene.title or "inverse", "ok", scene.text)
+    add_motion(result, problem.model, sampled.times, sampled.motion)
+    result.add("tau", sampled.tau, **columns["tau"].described())
     for name, term in sampled.terms.items():
         result.add(f"torque_terms/{name}", term, **columns["tau"].described())
-    kinetic, potential = sampled.arrays["kinetic"][:, 0], sampled.arrays["potential"][:, 0]
+    kinetic, potential = arrays["energy/kinetic"][:, 0], arrays["energy/potential"][:, 0]
     result.add("energy/kinetic", kinetic)
     result.add("energy/potential", potential)
     result.add("energy/total", kinetic + potential)
     for path in FORCES:
-        if path in sampled.arrays:
-            result.add(path, sampled.arrays[path], names=problem.elements.names)
-
-
-def _asked(planned: Planned, actual: Array) -> Array:
-    """Return the target in three coordinates; what it leaves free is taken from the point itself."""
-    assert planned.target is not None
-    out = actual.copy()
-    out[:, : planned.target.p.shape[1]] = planned.target.p
-    return out
-
-
-def begin_summary(result: Result, problem: Problem, sampled: Sampled) -> dict[str, Any]:
-    """Return the summary with what every inverse run says first."""
-    summary = result.summary
-    summary["status"] = "ok"
-    summary["termination"] = {"reason": "end of the trajectory", "time": float(sampled.times[-1])}
-    summary["samples"] = len(sampled.times)
-    if warnings := beyond_limits(problem, sampled.times, sampled.motion):
-        summary["warnings"] = warnings
-    return summary
-
-
-def path_error(result: Result, point: str) -> float:
-    """Return the largest distance [m] of a point from its target."""
-    gap = result[f"points/{point}"] - result[f"targets/{point}"]
-    return float(np.sqrt(np.einsum("ti,ti->t", gap, gap).max()))
-
-
-def _summarise(
-    result: Result, problem: Problem, sampled: Sampled, planned: Planned, function: SampleFunction
-) -> None:
-    summary = begin_summary(result, problem, sampled)
+        if path in arrays:
+            result.add(path, arrays[path], names=problem.elements.names)
+    program.add_loops(result, sampled)
+    add_places(result, {path: arrays[path] for path in program.places})
     if planned.target is not None:
-        summary["inverse_kinematics"] = planned.method
-        summary["ik_residual"] = path_error(result, str(planned.point))
-    errors = error_estimate(problem, sampled)
-    if "ik_residual" in summary:
-        errors = {"ik_residual": summary["ik_residual"], **errors}
-    summary["error_estimate"] = errors
-    summary["round_trip"] = errors["round_trip"]
-    summary["joints"] = joint_figures(problem.model, sampled)
-    summary["definitions"] = DEFINITIONS
-    summary["counters"] = {
-        "operations": function.operations,
-        "compiled": function.compiled,
-        **planned.counters,
-    }
+        # what the target leaves free is taken from the point itself
+        asked = result[f"points/{planned.point}"].copy()
+        asked[:, : planned.target.shape[1]] = planned.target
+        result.add(f"targets/{planned.point}", asked)
+    if loads is not None:
+        loads.add_to(result)
+    return result
+
+
+def summarise(
+    program: InverseProgram,
+    planned: Planned,
+    sampled: Sampled,
+    errors: ErrorEstimate,
+    loads: Loads | None,
+    watch: Stopwatch,
+) -> InverseSummary:
+    """Return the summary of a run."""
+    problem, loops = program.problem, sampled.loops
+    return InverseSummary(
+        status="ok",
+        termination=Termination("end of the trajectory", float(sampled.times[-1])),
+        samples=len(sampled.times),
+        warnings=beyond_limits(problem, sampled.times, sampled.motion) or ABSENT,
+        mechanism=ABSENT if loops is None else _mechanism(loops),
+        inverse_kinematics=planned.method or ABSENT,
+        ik_residual=path_error(planned, sampled),
+        error_estimate=errors,
+        round_trip=errors.round_trip,
+        constraint_residual=ABSENT
+        if loops is None
+        else Residual(loops.residual["position"], loops.residual["velocity"]),
+        joints=joint_figures(problem.model, sampled),
+        definitions=DEFINITIONS if loops is None else CLOSED_DEFINITIONS,
+        counters=dict(sampled.counters),
+        reactions=ABSENT if loads is None else loads.summary(),
+        wall_time_s=watch.report(),
+    )
+
+
+def _mechanism(loops: Loops) -> Mechanism:
+    shared = loops.shared
+    return Mechanism(shared.freedom, list(loops.actuated), *shared.uniqueness)
+
+
+def _residual(loops: Loops) -> Residual:
+    return Residual(loops.residual["position"], loops.residual["velocity"])

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, GeometryError, SingularConfigurationError
-from robodyn_cli.record import record
 from robodyn_cli.run.mechanism.loop_conditions import Lead, LoopConditions, coordinate_name
+from robodyn_cli.run.mechanism.motion import Planned
 from robodyn_cli.run.mechanism.prescribed import check_prescribed, prescribed_starts
 from robodyn_cli.solve.assembly import assemble
 from robodyn_cli.solve.guided import Guide, Place, Stuck
@@ -20,21 +20,7 @@ from robodyn_cli.trajectories.motion import JointMotion
 Array = NDArray[Any]
 
 
-@record
-class GuidedMotion:
-    """Motion at the samples that were reached, its worst residuals, and what it took.
-
-    stopped : why the motion could not go on, None where it is whole.
-    """
-
-    times: Array
-    motion: JointMotion
-    residuals: dict[str, float]
-    counters: dict[str, int]
-    stopped: GeometryError | SingularConfigurationError | None = None
-
-
-def guided_motion(problem: Problem, lead: Lead, times: Array) -> GuidedMotion:
+def guided_motion(problem: Problem, lead: Lead, times: Array) -> Planned:
     """Return the motion at ``times`` (T,) that the loops and what is led decide about.
 
     A motion that cannot go on ends early, with the reason in ``stopped``.
@@ -62,7 +48,11 @@ def guided_motion(problem: Problem, lead: Lead, times: Array) -> GuidedMotion:
         places.append(now)
     motion = JointMotion(*(np.asfortranarray([getattr(p, name) for p in places]) for name in ("q", "v", "a")))
     counters = {"iterations": guide.iterations, "steps": guide.steps}
-    return GuidedMotion(times[: len(places)], motion, _residuals(conditions, places), counters, stopped)
+    reached = times[: len(places)]
+    target = None if lead.point is None else lead.asked(reached)[0]
+    method = None if lead.point is None else "newton"
+    residuals = _residuals(conditions, places)
+    return Planned(reached, motion, lead.point, target, method, residuals, counters, stopped)
 
 
 def _start(problem: Problem, lead: Lead, conditions: LoopConditions) -> Array:

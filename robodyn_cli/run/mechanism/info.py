@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,86 +12,102 @@ from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.coriolis import coriolis
 from robodyn_cli.algorithms.kinematics import point_jacobian
-from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import SceneError, did_you_mean
+from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.model.model import UNKNOWN_GROUP
+from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.driver.prepare import prepare
+from robodyn_cli.results.summary import ABSENT, Absent, as_keys
+from robodyn_cli.run.driver.prepare import Setup, prepare
+from robodyn_cli.run.mechanism.state_text import state_overrides as state_overrides
 from robodyn_cli.run.observation.places import quaternions, world_pose
-from robodyn_cli.scene.checks.robot import moving
 from robodyn_cli.scene.load import load_scene
 from robodyn_cli.scene.types import Scene
 
 Array = NDArray[np.float64]
-_KEY = re.compile(r"(?:^|,)\s*([A-Za-z_][\w.]*)\s*=")
-FORMS = "allowed: q=[0.1, 0.2], qd=[0, 1], or joint by joint: q.theta1=30 deg, qd.theta1=1"
 
 
-def state_overrides(scene: Scene, given: Sequence[str]) -> list[str]:
-    """Return the ``--set`` texts of a state such as ``q=[0.1, 0.2], qd.theta1=1``.
+@record
+class State:
+    """Positions by coordinate, and rates by velocity coordinate."""
 
-    A list has the joints in their order; in a mechanism with loops the joints given are held where they are put.
-    """
-    joints = moving(scene.robot)
-    found: dict[str, str] = {}
-    for text in given:
-        parts = _KEY.split(text)
-        if len(parts) < 3 or parts[0].strip():
-            raise SceneError(f"--at {text!r}: is no state; {FORMS}")
-        for key, value in zip(parts[1::2], parts[2::2]):
-            what, _, joint = key.partition(".")
-            if what not in ("q", "qd"):
-                what, joint = "q", key
-            if joint:
-                _known(joint, joints, text)
-                found[f"{what}.{joint}"] = value.strip()
-            else:
-                found |= {f"{what}.{name}": item for name, item in _items(value.strip(), joints, text)}
-    overrides = [f"initial.{key}={value}" for key, value in found.items()]
-    held = [key.partition(".")[2] for key in found if key.startswith("q.")]
-    if (scene.loops or scene.couplers) and held:
-        # all of them would leave nothing to close the loops with
-        overrides.append(f"initial.hold=[{', '.join(held if len(held) < len(joints) else [])}]")
-    return overrides
+    q: dict[str, float]
+    qd: dict[str, float]
 
 
-def _known(joint: str, joints: Sequence[str], text: str) -> None:
-    if joint not in joints:
-        hint = did_you_mean(joint, joints)
-        raise SceneError(f"--at {text!r}: unknown joint {joint!r}{hint}; allowed: {', '.join(joints)}")
+@record
+class FrameAt:
+    """A frame in world coordinates: origin (3,) [m], rotation (3, 3), unit quaternion (4,), scalar first."""
+
+    position: Array
+    rotation: Array
+    quaternion: Array
 
 
-def _items(value: str, joints: Sequence[str], text: str) -> Iterable[tuple[str, str]]:
-    if not value.startswith("[") and len(joints) == 1:
-        return [(joints[0], value)]
-    if not (value.startswith("[") and value.endswith("]")):
-        raise SceneError(f"--at {text!r}: {value!r} is no list; {FORMS}")
-    # commas within brackets belong to the value of one joint
-    items = [item.strip() for item in re.split(r",(?![^\[]*\]|[^{]*\})", value[1:-1])]
-    if len(items) != len(joints):
-        raise SceneError(
-            f"--at {text!r}: {len(items)} values for {len(joints)} joints; needed: one each of {', '.join(joints)}"
-        )
-    return zip(joints, items)
+@record
+class PointAt:
+    """A named point in world coordinates: p (3,) [m], its velocity [m/s], Jacobians (3, nv) of both."""
+
+    position: Array
+    velocity: Array
+    jacobian: Array
+    angular_jacobian: Array
+    singular_values: list[float] | None
 
 
+@record
+class ConstraintsAt:
+    """Psi (m, nv) of all rows; singular values None where data are missing."""
+
+    rows: list[str]
+    psi: Array
+    singular_values: list[float] | None
+
+
+@record
+class Info:
+    """What ``info`` reports; numbers that depend on data which the scene does not give are NaN."""
+
+    title: str
+    joints: list[dict[str, Any]]
+    links: dict[str, Any]
+    state: State
+    mass_matrix: Array
+    mass_matrix_singular_values: list[float] | None
+    coriolis_matrix: Array
+    gravity_torques: dict[str, float]
+    frames: dict[str, FrameAt]
+    points: dict[str, PointAt]
+    constraints: ConstraintsAt | Absent
+
+
+@np.errstate(all="ignore")  # what has no value is shown as such
 def info(path: Path, overrides: Sequence[str] = (), at: Sequence[str] = ()) -> tuple[dict[str, Any], Result]:
     """Return what the scene is at a state, and a result of that one sample to draw.
 
     The state is the initial one unless ``at`` gives another; joints of an open chain without a position are at 0,
     loops are closed. Numbers that depend on data which the scene does not give are None.
+
+    Raises
+    ------
+    SceneError : the scene or the state cannot be read. Others as in ``prepare``.
     """
+    scene = scene_at(path, overrides, at)
+    setup = prepare(scene)
+    numbers = Numbers(setup)
+    return as_keys(numbers.report()), numbers.drawing()
+
+
+def scene_at(path: Path, overrides: Sequence[str], at: Sequence[str]) -> Scene:
+    """Return the scene with the state of ``at``, and all joints of an open chain somewhere."""
     scene = load_scene(path, list(overrides))
     changes = [*overrides, *state_overrides(scene, at)]
     if not scene.loops and not scene.couplers:
         given = {name.partition(".")[0] for name in (*scene.initial.q, *scene.prescribed)}
         changes = [*(f"initial.q.{x}" for x in _neutral(scene, given)), *changes]
-    scene = _changed(path, changes, at) if changes else scene
-    setup = prepare(scene, modes=True)
-    return _Numbers(setup.problem, setup.assembled.q, setup.assembled.v).report()
+    return _changed(path, changes, at) if changes else scene
 
 
 def _changed(path: Path, changes: Sequence[str], at: Sequence[str]) -> Scene:
@@ -114,93 +129,76 @@ def _neutral(scene: Scene, given: set[str]) -> Iterable[str]:
             yield f"{joint.name}={kind.neutral() if kind.names else 0}"
 
 
-class _Numbers:
-    def __init__(self, problem: Problem, q: Array, v: Array) -> None:
-        self.problem = problem
-        self.q, self.v = q, v
-        self.state = {"t": [0.0], "q": q.tolist(), "v": v.tolist(), "a": [0.0] * len(v), "p": []}
+class Numbers:
+    """A scene's equations at its initial state."""
+
+    def __init__(self, setup: Setup) -> None:
+        self.problem = setup.problem
+        self.q, self.v = setup.assembled.q, setup.assembled.v
+        still = [0.0] * len(self.v)
+        self.values = {"t": [0.0], "q": self.q.tolist(), "v": self.v.tolist(), "a": still, "p": []}
 
     def array(self, entries: Any) -> Array:
         """Return the values of expressions; NaN where data are missing."""
         entries = np.asarray(entries, dtype=object)
         flat: list[Scalar] = list(entries.ravel())
-        known = [k for k, e in enumerate(flat) if not self._unknown(e)]
+        known = [k for k, e in enumerate(flat) if not _unknown(e)]
         found = np.full(len(flat), math.nan)
-        found[known] = np.array(evaluate([flat[k] for k in known], self.state), dtype=float)
+        found[known] = np.array(evaluate([flat[k] for k in known], self.values), dtype=float)
         return found.reshape(entries.shape)
 
-    @staticmethod
-    def _unknown(entry: Scalar) -> bool:
-        return isinstance(entry, Expr) and any(s.value[1] == UNKNOWN_GROUP for s in free_symbols([entry]))
-
-    def report(self) -> tuple[dict[str, Any], Result]:
+    def report(self) -> Info:
+        """Return all that is said about the state."""
         problem = self.problem
         scene, model = problem.scene, problem.model
         M = self.array(problem.mass_matrix)
         terms = problem.rigid_terms()
         gravity = self.array(terms["gravity"]) if "gravity" in terms else np.zeros(model.nv)
-        found: dict[str, Any] = {
-            "title": scene.title,
-            "joints": self._joints(),
-            "links": self._links(),
-            "state": {"q": _named(model.q_names, self.q), "qd": _named(model.v_names, self.v)},
-            "mass_matrix": M,
-            "mass_matrix_singular_values": singular_values(M),
-            "coriolis_matrix": self.array(coriolis(model, problem.q, problem.v, problem.X)),
-            "gravity_torques": _named(model.v_names, gravity),
-            "frames": self._frames(),
-            "points": self._points(),
-        }
-        if problem.constraints.rows:
-            psi = self.array(problem.psi)
-            found["constraints"] = {
-                "rows": list(problem.constraints.names), "psi": psi, "singular_values": singular_values(psi),
-            }  # fmt: skip
-        return found, self._result()
+        return Info(
+            title=scene.title,
+            joints=_joints(scene),
+            links=_links(scene),
+            state=State(_named(model.q_names, self.q), _named(model.v_names, self.v)),
+            mass_matrix=M,
+            mass_matrix_singular_values=singular_values(M),
+            coriolis_matrix=self.array(coriolis(model, problem.q, problem.v, problem.X)),
+            gravity_torques=_named(model.v_names, gravity),
+            frames=self.frames(),
+            points=self.points(),
+            constraints=self.constraints() if problem.constraints.rows else ABSENT,
+        )
 
-    def _joints(self) -> list[dict[str, Any]]:
-        return [
-            {"name": j.name, "type": j.type, "parent": j.parent, "link": j.link, "gear_ratio": j.gear_ratio}
-            for j in self.problem.scene.robot.joints
-        ]
-
-    def _links(self) -> dict[str, Any]:
-        return {
-            link.name: {"mass": link.mass, "com": link.com, "com_frame": link.com_frame,
-                        "inertia": {k: getattr(link.inertia, k) for k in ("xx", "yy", "zz", "xy", "xz", "yz")}}
-            for link in self.problem.scene.robot.links
-        }  # fmt: skip
-
-    def _frames(self) -> dict[str, Any]:
+    def frames(self) -> dict[str, FrameAt]:
+        """Return the frames of links and the named frames."""
         problem = self.problem
         found = {}
         for name, frame in {**problem.model.links, **problem.model.frames}.items():
             pose = world_pose(problem.model, problem.pose, frame)
             R = self.array(pose.R)
-            found[name] = {
-                "position": self.array(pose.p),
-                "rotation": R,
-                "quaternion": quaternions(R[None])[0],
-            }
+            found[name] = FrameAt(self.array(pose.p), R, quaternions(R[None])[0])
         return found
 
-    def _points(self) -> dict[str, Any]:
-        """Return position, velocity and Jacobian of the named points, in world coordinates."""
+    def points(self) -> dict[str, PointAt]:
+        """Return the named points."""
         problem = self.problem
         model = problem.model
+        to_world = model.base.E.T
         found = {}
         for name, frame in model.points.items():
             p = problem.pose[frame.body].point(frame.p)
             linear, angular = point_jacobian(model, problem.q, problem.pose, frame.body, p)
-            to_world = model.base.E.T
             J, W = self.array(to_world @ linear), self.array(to_world @ angular)
-            found[name] = {
-                "position": self.array(problem.world_point(frame)), "velocity": J @ self.v, "jacobian": J,
-                "angular_jacobian": W, "singular_values": singular_values(J),
-            }  # fmt: skip
+            position = self.array(problem.world_point(frame))
+            found[name] = PointAt(position, J @ self.v, J, W, singular_values(J))
         return found
 
-    def _result(self) -> Result:
+    def constraints(self) -> ConstraintsAt:
+        """Return Psi of all rows."""
+        psi = self.array(self.problem.psi)
+        return ConstraintsAt(list(self.problem.constraints.names), psi, singular_values(psi))
+
+    def drawing(self) -> Result:
+        """Return the state as a result of one sample, to draw."""
         problem = self.problem
         result = Result("info", problem.scene.title or "info", "ok", problem.scene.text)
         result.add("time", np.zeros(1))
@@ -210,6 +208,25 @@ class _Numbers:
         for name, frame in problem.model.points.items():
             result.add(f"points/{name}", self.array(problem.world_point(frame))[None])
         return result
+
+
+def _unknown(entry: Scalar) -> bool:
+    return isinstance(entry, Expr) and any(s.value[1] == UNKNOWN_GROUP for s in free_symbols([entry]))
+
+
+def _joints(scene: Scene) -> list[dict[str, Any]]:
+    return [
+        {"name": j.name, "type": j.type, "parent": j.parent, "link": j.link, "gear_ratio": j.gear_ratio}
+        for j in scene.robot.joints
+    ]
+
+
+def _links(scene: Scene) -> dict[str, Any]:
+    return {
+        link.name: {"mass": link.mass, "com": link.com, "com_frame": link.com_frame,
+                    "inertia": {k: getattr(link.inertia, k) for k in ("xx", "yy", "zz", "xy", "xz", "yz")}}
+        for link in scene.robot.links
+    }  # fmt: skip
 
 
 def _named(names: Sequence[str], values: Array) -> dict[str, float]:

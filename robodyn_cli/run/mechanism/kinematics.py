@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,16 +14,26 @@ from robodyn_cli.errors import RobodynError, SceneError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.model.model import BASE
 from robodyn_cli.results.result import Result
+from robodyn_cli.results.summary import ABSENT, Absent, Termination, as_keys
 from robodyn_cli.run.driver.prepare import held_columns
 from robodyn_cli.run.driver.singularity import loop_rows
-from robodyn_cli.run.inverse.motion import plan_motion, with_led_point, with_points
-from robodyn_cli.run.mechanism.guided_motion import GuidedMotion, guided_motion
+from robodyn_cli.run.mechanism.guided_motion import guided_motion
 from robodyn_cli.run.mechanism.loop_conditions import Lead, lead_of, refuse_quasi
-from robodyn_cli.run.mechanism.mobility import mobility
+from robodyn_cli.run.mechanism.mobility import Mobility, mobility
+from robodyn_cli.run.mechanism.motion import Planned, plan_motion, with_led_point, with_points
+from robodyn_cli.run.mechanism.report import add_rows
+from robodyn_cli.run.mechanism.summary import (
+    Closure,
+    JointRange,
+    KinematicsSummary,
+    PointPath,
+    SingularRatio,
+    TransmissionAngle,
+)
 from robodyn_cli.run.observation.evaluation import SampleFunction
-from robodyn_cli.run.observation.observe import loop_columns
+from robodyn_cli.run.observation.finite import refuse_result
 from robodyn_cli.run.observation.places import add_places, place_outputs
-from robodyn_cli.run.observation.units import joint_columns
+from robodyn_cli.run.observation.units import add_motion
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
@@ -31,6 +42,7 @@ from robodyn_cli.spatial.algebra import cross
 Array = NDArray[np.float64]
 
 
+@np.errstate(all="ignore")  # what is not finite is refused by name
 def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch | None = None) -> Result:
     """Compute the motion that a sweep, a trajectory or prescribed joints give: no mass is needed.
 
@@ -46,48 +58,32 @@ def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwat
     singular configuration; attribute ``result`` then holds what was reached.
     """
     watch = watch or Stopwatch()
-    options = scene.kinematics
     with watch.stage("equations"):
-        named = with_points(with_led_point(scene), options.transmission or ())
-        problem = Problem(named)
+        problem = Problem(with_points(with_led_point(scene), scene.kinematics.transmission or ()))
     with watch.stage("solve"):
-        guided, led = _motion(problem)
-    times, motion = guided.times, guided.motion
-    rows = [problem.constraints.rows[i] for i in loop_rows(problem)]
+        planned, led = plan(problem)
+    times = planned.times
     with watch.stage("equations"):
-        places = place_outputs(problem)
-        moving = _point_motion(problem)
-        psi = {"psi": [x for row in rows for x in row.psi], "eta": [row.eta for row in rows]} if rows else {}
-        function = SampleFunction({**places, **moving, **psi}, GROUPS, len(times))
+        function = SampleFunction(outputs(problem), GROUPS, len(times))
     with watch.stage("evaluate"):
-        arrays = function(t=times[:, None], q=motion.q, v=motion.qd, a=motion.qdd)
-    result = Result("kinematics", scene.title or "kinematics", "ok", scene.text)
-    names = problem.model.v_names
-    result.add("time", times)
-    columns = joint_columns(problem.model)
-    for path, data in (("q", motion.q), ("qd", motion.qd), ("qdd", motion.qdd)):
-        result.add(path, data, **columns[path].described())
-    add_places(result, {path: arrays[path] for path in places})
-    for path in moving:
-        result.add(path, arrays[path])
-    if rows:
-        Psi = arrays["psi"].reshape(len(times), len(rows), problem.model.nv)
-        column = loop_columns(rows)["constraints/position_residual"]
-        result.add("constraints/position_residual", arrays["eta"], units=column.units, names=column.names)
-        _add_singular_values(result, problem, Psi, led)
-        result.summary["mobility"] = mobility(problem, Psi)
-    if options.transmission is not None:
-        result.add("transmission_angle", transmission_angle(result, options.transmission))
-    _summarise(result, names, guided)
+        arrays = function.along(times, planned.motion)
     progress(float(times[-1]), float(times[-1]))
-    result.summary["wall_time_s"] = watch.report()
-    if guided.stopped is not None:
-        raise _stopped(result, guided.stopped)
+    mobile = mobility(problem, psi_of(problem, arrays)) if loop_rows(problem) else None
+    result = report(problem, planned, led, arrays)
+    result.summary = as_keys(summarise(planned, result, mobile, watch))
+    refuse_result(result)
+    if planned.stopped is not None:
+        raise failed(planned.stopped, result)
     return result
 
 
-def _motion(problem: Problem) -> tuple[GuidedMotion, tuple[str, ...]]:
-    """Return the motion and the columns of v that lead it."""
+def plan(problem: Problem) -> tuple[Planned, tuple[str, ...]]:
+    """Return the motion and the velocity coordinates that lead it.
+
+    Raises
+    ------
+    SceneError : nothing moves. Others as ``plan_motion`` and ``guided_motion``.
+    """
     scene, model = problem.scene, problem.model
     samples = scene.kinematics.samples
     sweep = scene.kinematics.sweep
@@ -98,8 +94,7 @@ def _motion(problem: Problem) -> tuple[GuidedMotion, tuple[str, ...]]:
         )
     if sweep is None and scene.trajectory is not None and not problem.model.closures and not scene.prescribed:
         times = np.linspace(0.0, scene.trajectory.duration, samples)
-        planned = plan_motion(problem, times)
-        return GuidedMotion(times, planned.motion, {}, planned.counters), model.v_names
+        return plan_motion(problem, times), model.v_names
     if sweep is None:
         lead = lead_of(problem)
         duration = scene.trajectory.duration if scene.trajectory is not None else scene.simulate.duration
@@ -137,6 +132,13 @@ def _swept(problem: Problem) -> Lead:
     return Lead(asked, joints=(sweep.joint, *held))
 
 
+def outputs(problem: Problem) -> dict[str, list[Scalar]]:
+    """Return what is evaluated along the motion by result path, and Psi and eta of the loops."""
+    rows = [problem.constraints.rows[i] for i in loop_rows(problem)]
+    loops = {"psi": [x for row in rows for x in row.psi], "eta": [row.eta for row in rows]}
+    return {**place_outputs(problem), **_point_motion(problem), **loops}
+
+
 def _point_motion(problem: Problem) -> dict[str, list[Scalar]]:
     """Return velocities and accelerations of the named points in world coordinates, by result path."""
     model = problem.model
@@ -153,11 +155,32 @@ def _point_motion(problem: Problem) -> dict[str, list[Scalar]]:
     return out
 
 
-def _add_singular_values(result: Result, problem: Problem, psi: Array, led: tuple[str, ...]) -> None:
-    result.add("singularity/psi", np.linalg.svd(psi, compute_uv=False))
-    model = problem.model
-    passive = [k for k, name in enumerate(model.v_names) if name not in led]
-    if not passive or not led:
+def report(problem: Problem, planned: Planned, led: tuple[str, ...], arrays: Mapping[str, Array]) -> Result:
+    """Return the datasets of a run; ``led`` are the velocity coordinates that lead."""
+    scene = problem.scene
+    result = Result("kinematics", scene.title or "kinematics", "ok", scene.text)
+    add_motion(result, problem.model, planned.times, planned.motion)
+    add_places(result, {path: array for path, array in arrays.items() if path not in ("psi", "eta")})
+    rows = [problem.constraints.rows[i] for i in loop_rows(problem)]
+    if rows:
+        add_rows(result, rows, {"constraints/position_residual": arrays["eta"]})
+        psi = psi_of(problem, arrays)
+        result.add("singularity/psi", np.linalg.svd(psi, compute_uv=False))
+        _add_passive(result, psi, [k for k, name in enumerate(problem.model.v_names) if name not in led])
+    if scene.kinematics.transmission is not None:
+        result.add("transmission_angle", transmission_angle(result, scene.kinematics.transmission))
+    return result
+
+
+def psi_of(problem: Problem, arrays: Mapping[str, Array]) -> Array:
+    """Return Psi of the loops (T, m, nv)."""
+    psi = arrays["psi"]
+    return psi.reshape(len(psi), len(loop_rows(problem)), problem.model.nv)
+
+
+def _add_passive(result: Result, psi: Array, passive: list[int]) -> None:
+    """Add singular values and determinant of the block of Psi (T, m, nv) that follows what leads."""
+    if not passive or len(passive) == psi.shape[2]:
         return
     block = psi[:, :, passive]
     result.add("singularity/passive", np.linalg.svd(block, compute_uv=False))
@@ -175,49 +198,72 @@ def transmission_angle(result: Result, points: tuple[str, ...]) -> Array:
     return angle
 
 
-def _summarise(result: Result, names: tuple[str, ...], guided: GuidedMotion) -> None:
-    summary: dict[str, Any] = result.summary
-    times = guided.times
-    summary["status"] = "ok"
-    summary["termination"] = {"reason": "end of the motion", "time": float(times[-1])}
-    summary["samples"] = len(times)
-    summary["joints"] = {}
-    positions = result.variables["q"].names
-    for k, name in enumerate(names):
+def summarise(
+    planned: Planned, result: Result, mobile: Mobility | None, watch: Stopwatch
+) -> KinematicsSummary:
+    """Return the summary of a run."""
+    times, stopped = planned.times, planned.stopped
+    termination: Termination | dict[str, Any] = Termination("end of the motion", float(times[-1]))
+    if stopped is not None:
+        termination = {"reason": stopped.message, **stopped.details}
+    return KinematicsSummary(
+        status="ok" if stopped is None else "failed",
+        termination=termination,
+        mobility=ABSENT if mobile is None else mobile,
+        samples=len(times),
+        joints=_joint_ranges(result),
+        points=_point_paths(result),
+        singular_ratio=_singular_ratio(result),
+        transmission_angle=_transmission(result),
+        error_estimate=Closure(planned.residuals) if planned.residuals else ABSENT,
+        counters=planned.counters,
+        wall_time_s=watch.report(),
+    )
+
+
+def _joint_ranges(result: Result) -> dict[str, JointRange]:
+    found, positions = {}, result.variables["q"].names
+    for k, name in enumerate(result.variables["qd"].names):
         # quasi-velocities are the rates of no position
         q = result["q"][:, positions.index(name)] if name in positions else None
-        summary["joints"][name] = {
-            "smallest": None if q is None else float(q.min()),
-            "largest": None if q is None else float(q.max()),
-            "peak_speed": float(np.abs(result["qd"][:, k]).max()),
-            "peak_acceleration": float(np.abs(result["qdd"][:, k]).max()),
-        }
-    summary["points"] = {}
+        found[name] = JointRange(
+            smallest=None if q is None else float(q.min()),
+            largest=None if q is None else float(q.max()),
+            peak_speed=float(np.abs(result["qd"][:, k]).max()),
+            peak_acceleration=float(np.abs(result["qdd"][:, k]).max()),
+        )
+    return found
+
+
+def _point_paths(result: Result) -> dict[str, PointPath]:
+    found = {}
     for name, item in result.group("point_velocities").items():
-        fast = np.linalg.norm(item.data, axis=1)
-        summary["points"][name] = {
-            "peak_speed": float(fast.max()),
-            "peak_acceleration": float(np.linalg.norm(result[f"point_accelerations/{name}"], axis=1).max()),
-            "path_length": float(np.linalg.norm(np.diff(result[f"points/{name}"], axis=0), axis=1).sum()),
-        }
-    if "singularity/passive" in result:
-        ratio = result["singularity/passive"][:, -1] / result["singularity/psi"][:, 0]
-        at = int(np.argmin(ratio))
-        summary["singular_ratio"] = {"smallest": float(ratio[at]), "time": float(times[at])}
-    if "transmission_angle" in result:
-        angle = np.degrees(result["transmission_angle"])
-        low, high = int(np.argmin(angle)), int(np.argmax(angle))
-        summary["transmission_angle"] = {
-            "smallest_deg": float(angle[low]), "smallest_time": float(times[low]),
-            "largest_deg": float(angle[high]), "largest_time": float(times[high]),
-        }  # fmt: skip
-    if guided.residuals:
-        summary["error_estimate"] = {"closure": guided.residuals}
-    summary["counters"] = guided.counters
+        found[name] = PointPath(
+            peak_speed=float(np.linalg.norm(item.data, axis=1).max()),
+            peak_acceleration=float(np.linalg.norm(result[f"point_accelerations/{name}"], axis=1).max()),
+            path_length=float(np.linalg.norm(np.diff(result[f"points/{name}"], axis=0), axis=1).sum()),
+        )
+    return found
 
 
-def _stopped(result: Result, error: RobodynError) -> RobodynError:
-    result.status = result.summary["status"] = "failed"
-    result.summary["termination"] = {"reason": error.message, **error.details}
-    error.result = result  # type: ignore[attr-defined]
+def _singular_ratio(result: Result) -> SingularRatio | Absent:
+    if "singularity/passive" not in result:
+        return ABSENT
+    ratio = result["singularity/passive"][:, -1] / result["singularity/psi"][:, 0]
+    at = int(np.argmin(ratio))
+    return SingularRatio(float(ratio[at]), float(result.time[at]))
+
+
+def _transmission(result: Result) -> TransmissionAngle | Absent:
+    if "transmission_angle" not in result:
+        return ABSENT
+    angle, times = np.degrees(result["transmission_angle"]), result.time
+    low, high = int(np.argmin(angle)), int(np.argmax(angle))
+    return TransmissionAngle(float(angle[low]), float(times[low]), float(angle[high]), float(times[high]))
+
+
+def failed(error: RobodynError, result: Result) -> RobodynError:
+    """Return the error of a motion that ends early, with what was reached."""
+    result.status = "failed"
+    error.result = result
     return error

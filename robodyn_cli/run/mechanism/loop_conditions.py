@@ -36,13 +36,18 @@ class Lead:
     components: int = 3
 
 
+def nothing_led() -> Lead:
+    """Return the lead of a mechanism that its loops and prescribed joints alone decide about."""
+    return Lead(lambda times: (np.zeros((len(times), 0)),) * 3)
+
+
 def lead_of(problem: Problem) -> Lead:
     """Return what the scene's trajectory leads; nothing where prescribed joints do."""
     scene = problem.scene
     trajectory: Any = scene.trajectory
     parameters = scene.parameters or {}
     if trajectory is None:
-        return Lead(lambda times: (np.zeros((len(times), 0)),) * 3)
+        return nothing_led()
     if isinstance(trajectory, TaskSpace):
         some = trajectory.target(np.zeros(1), parameters)
 

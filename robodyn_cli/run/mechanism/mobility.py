@@ -2,19 +2,32 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
+from robodyn_cli.record import record
 from robodyn_cli.run.driver.singularity import loop_rows
 
 Array = NDArray[np.float64]
 RANK = 1e-8  # ratio of singular values below which rank is lost
 
 
-def mobility(problem: Problem, psi: Array) -> dict[str, Any]:
+@record
+class Mobility:
+    """Degrees of freedom by counting and by rank; the keys of the summaries (see docs/cli.md)."""
+
+    coordinates: int
+    rows: int
+    vanishing_rows: int
+    rank: int
+    redundant_rows: int
+    count: int
+    planar_count: int
+    actual: int
+
+
+def mobility(problem: Problem, psi: Array) -> Mobility:
     """Return degrees of freedom by Gruebler's count and by the rank of Psi (T, m, nv) along a motion.
 
     count : velocity coordinates of the tree less all rows of the closures, as Gruebler and Kutzbach count links
@@ -25,13 +38,13 @@ def mobility(problem: Problem, psi: Array) -> dict[str, Any]:
     vanishing = len(problem.constraints.dropped)
     s = np.linalg.svd(psi, compute_uv=False)
     rank = int((s > RANK * s[:, :1]).sum(axis=1).max(initial=0)) if s.size else 0
-    return {
-        "coordinates": nv,
-        "rows": rows + vanishing,
-        "vanishing_rows": vanishing,
-        "rank": rank,
-        "redundant_rows": rows - rank,
-        "count": nv - rows - vanishing,
-        "planar_count": nv - rows,
-        "actual": nv - rank,
-    }
+    return Mobility(
+        coordinates=nv,
+        rows=rows + vanishing,
+        vanishing_rows=vanishing,
+        rank=rank,
+        redundant_rows=rows - rank,
+        count=nv - rows - vanishing,
+        planar_count=nv - rows,
+        actual=nv - rank,
+    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from robodyn_cli.equations.kinks import is_of_time, switches, switching_times
+from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import NumericalError, SceneError
 from robodyn_cli.expr.graph import Scalar
@@ -12,7 +12,7 @@ from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.loops.base import Row
 from robodyn_cli.scene.types import Scene
 
-BESIDE = 1e-9  # part of the duration by which a jump is looked at from both sides
+BESIDE = (1e-9, 1e-7, 1e-5)  # parts of the duration at which a jump is looked at from both sides
 JUMP = 1e-6  # rad, rad/s, m or m/s
 
 
@@ -58,8 +58,8 @@ def check_prescribed(problem: Problem) -> None:
                 raise NumericalError(
                     f"{where} has no finite {what} at t = 0", time=0.0, joint=name, status="not_finite"
                 )
-        for time in _kinks(problem, row):
-            step = BESIDE * problem.scene.simulate.duration
+        for time in _doubtful_times(problem, row):
+            step = _beside(row, time, problem.scene.simulate.duration)
             slack = JUMP + 10.0 * step * max(abs(_at(row.gamma, t)) for t in (time - step, time + step))
             for what, entry in (("position", row.eta), ("rate", row.eta_t)):
                 before, after = -_at(entry, time - step), -_at(entry, time + step)
@@ -71,10 +71,22 @@ def check_prescribed(problem: Problem) -> None:
                     )  # fmt: skip
 
 
-def _kinks(problem: Problem, row: Row) -> list[float]:
+def _beside(row: Row, time: float, duration: float) -> float:
+    """Return the smallest distance from a time [s] at which the motion has values on both sides."""
+    for part in BESIDE:
+        there = [_at(entry, time + s * part * duration) for entry in (row.eta_t, row.gamma) for s in (-1, 1)]
+        if np.all(np.isfinite(there)):
+            break
+    return part * duration
+
+
+def _doubtful_times(problem: Problem, row: Row) -> list[float]:
+    """Return the times at which the motion may jump: formulas switch there, or are not smooth."""
     found = [s for s in switches([row.eta, row.eta_t, row.gamma]) if is_of_time(s, problem.t)]
     duration = problem.scene.simulate.duration
-    return sorted({time for s in found for time in switching_times(s, problem.t, duration)})
+    times = {time for s in found for time in switching_times(s, problem.t, duration)}
+    hidden = [x for key, found in problem.time_structures if key == row.name for x in found.points]
+    return sorted(times.union(hidden))
 
 
 def _at(entry: Scalar, time: float) -> float:

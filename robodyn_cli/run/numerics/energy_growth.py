@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.integrators.registry import methods as registry
-from robodyn_cli.record import mutable_record, record
+from robodyn_cli.record import record
 from robodyn_cli.run.numerics.spectrum import Spectrum
 from robodyn_cli.run.numerics.trial import Budget, Reference, Solution, solve
 from robodyn_cli.scene.types import Scene
@@ -52,7 +52,22 @@ def period(ref: Reference | None, spectrum: Spectrum | None, duration: float) ->
     return Period(duration, "the duration of the scene: nothing in it oscillates")
 
 
-@mutable_record
+@record
+class GrowthKeys:
+    """Keys of ``summary.energy_growth.methods``; see ``Growth``. until : time reached [s]."""
+
+    method: str
+    status: str
+    until: float
+    largest_relative: float
+    scale: float
+    exponent: float | None
+    steps: int
+    seconds: float
+    message: str
+
+
+@record
 class Growth:
     """The error of the energy balance of one method over many periods.
 
@@ -81,12 +96,14 @@ class Growth:
             return None
         return float(np.polyfit(np.log(self.times[late]), np.log(running[late]), 1)[0])
 
-    def as_dict(self) -> dict[str, Any]:
-        return {
-            "method": self.method, "status": self.status, "until": float(self.times[-1]) if len(self.times) else 0.0,
-            "largest_relative": self.largest, "scale": self.scale, "exponent": self.exponent, "steps": self.steps,
-            "seconds": self.seconds, "message": self.message,
-        }  # fmt: skip
+    @property
+    def keys(self) -> GrowthKeys:
+        """What the summary says of it."""
+        until = float(self.times[-1]) if len(self.times) else 0.0
+        return GrowthKeys(
+            self.method, self.status, until, self.largest, self.scale, self.exponent, self.steps, self.seconds,
+            self.message,
+        )  # fmt: skip
 
 
 def growth(scene: Scene, method: str, duration: float, budget: Budget) -> Growth:

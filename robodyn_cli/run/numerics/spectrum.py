@@ -118,7 +118,7 @@ def jacobians(problem: Problem, system: System, times: Array, states: Array) -> 
         for row, t, x in zip(J, times, states):
             row[system.nq :] = _differences(problem, system.dynamics, t, x)
         return J
-    entries = differentiate(system).J
+    entries = differentiate(system.rates, system.nq, system.nv).J
     places = [
         (i, k) for i in range(n) for k in range(n) if isinstance(entries[i, k], Expr) or entries[i, k] != 0.0
     ]

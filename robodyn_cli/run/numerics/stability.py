@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,15 +11,28 @@ from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import RobodynError
-from robodyn_cli.formulations.index1 import index1
+from robodyn_cli.formulations.build import build_system
 from robodyn_cli.integrators.methods.stability_region import limits
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.driver.gains import study
+from robodyn_cli.results.summary import ABSENT, as_keys
+from robodyn_cli.run.driver.baumgarte import GainStudy
+from robodyn_cli.run.driver.build import projected_motion
 from robodyn_cli.run.driver.prepare import Setup, prepare
-from robodyn_cli.run.numerics.energy_growth import PERIODS, Growth, Period, growths, period
+from robodyn_cli.run.numerics import stability_store as store
+from robodyn_cli.run.numerics.energy_growth import PERIODS, growths, period
 from robodyn_cli.run.numerics.spectrum import Spectrum, spectrum
+from robodyn_cli.run.numerics.stability_summary import (
+    EnergyGrowth,
+    EnergyKeys,
+    GainKeys,
+    GainPlane,
+    ReferenceKeys,
+    SpectrumKeys,
+    StabilitySummary,
+    StepLimit,
+)  # fmt: skip
 from robodyn_cli.run.numerics.trial import FAMILIES, Budget, Reference, Trial, attempts, reference
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
@@ -68,50 +82,64 @@ def stability(
     """
     effort = QUICK if quick else FULL
     watch = watch or Stopwatch()
-    setup = prepare(scene, watch, modes=True)
+    setup = prepare(scene, watch)
     stages = 4
     with watch.stage("reference"):
-        first = at_start(setup)
-        stiff = first is not None and first.fastest_decay * scene.simulate.duration > STIFF
-        ref = reference(scene, effort.reference, stiff)
-        progress(1, stages)
+        ref, first = find_reference(scene, setup, effort)
+    progress(1, stages)
     with watch.stage("spectrum"):
         found = along(setup, ref) or first
     with watch.stage("methods"):
-        chosen = None if not quick else ["auto", *(name for name in registry if name in FAMILIES)]
-        trials = attempts(scene, ref, effort.trial, chosen)
-        progress(2, stages)
+        trials = attempts(scene, ref, effort.trial, quick_methods() if quick else None)
+    progress(2, stages)
     with watch.stage("energy"):
-        long = period(ref, found, scene.simulate.duration)
-        own = {*FAMILIES, scene.simulate.integrator, *(t.chosen for t in trials if t.method == "auto")}
-        usable = [
-            t.method for t in trials if t.status in ("stable", "inaccurate") and t.method in own - {"auto"}
-        ]
-        energies = growths(scene, usable, PERIODS * long.seconds, effort.long)
-        progress(3, stages)
-    result = Result("stability", scene.title or "stability", "ok", scene.text)
-    result.summary = {
-        "status": "ok",
-        "termination": {"reason": "report made", "time": ref.until if ref else 0.0},
-        "reference": describe_reference(ref),
-        "spectrum": describe_spectrum(found),
-        "step_limits": step_limits(found),
-        "methods": [t.as_dict() for t in trials],
-        "energy_growth": {
-            "period": dataclasses.asdict(long),
-            "periods": PERIODS,
-            "methods": [g.as_dict() for g in energies],
-        },
-    }
-    if setup.problem.constraints.rows and scene.loops and not setup.problem.dependent:
+        energy = follow_energy(scene, ref, found, trials, effort)
+    progress(3, stages)
+    planes: dict[str, GainPlane] = {}
+    has_gains = bool(setup.problem.constraints.rows) and bool(scene.loops) and not setup.problem.dependent
+    if has_gains:
         with watch.stage("baumgarte"):
-            result.summary["baumgarte"] = gains(result, scene, setup, effort)
+            planes = gain_planes(scene, effort)
     progress(stages, stages)
-    add_spectrum(result, found)
-    add_trials(result, trials)
-    add_energy(result, energies, long)
-    result.summary["wall_time_s"] = watch.report()
+    result = Result("stability", scene.title or "stability", "ok", scene.text)
+    summary = StabilitySummary(
+        termination={"reason": "report made", "time": ref.until if ref else 0.0},
+        reference=ReferenceKeys.of(ref),
+        spectrum=SpectrumKeys.of(found),
+        step_limits=step_limits(found),
+        methods=trials,
+        energy_growth=EnergyKeys(energy.period, energy.periods, [g.keys for g in energy.growths]),
+        baumgarte={name: plane.keys for name, plane in planes.items()} if has_gains else ABSENT,
+        wall_time_s=watch.report(),
+    )
+    result.summary = as_keys(summary)
+    store.add_gains(result, planes)
+    store.add_spectrum(result, found)
+    store.add_trials(result, trials)
+    store.add_energy(result, energy)
     return result
+
+
+def quick_methods() -> list[str]:
+    """Return the methods of a quick report: one of each family."""
+    return ["auto", *(name for name in registry if name in FAMILIES)]
+
+
+def find_reference(scene: Scene, setup: Setup, effort: Effort) -> tuple[Reference | None, Spectrum | None]:
+    """Return the reference solution, and the spectrum at the start, which decides by which methods."""
+    first = at_start(setup)
+    stiff = first is not None and first.fastest_decay * scene.simulate.duration > STIFF
+    return reference(scene, effort.reference, stiff), first
+
+
+def follow_energy(
+    scene: Scene, ref: Reference | None, found: Spectrum | None, trials: Sequence[Trial], effort: Effort
+) -> EnergyGrowth:
+    """Follow the energy over many periods: one method of each family, the scene's, and what ``auto`` chose."""
+    long = period(ref, found, scene.simulate.duration)
+    own = {*FAMILIES, scene.simulate.integrator, *(t.chosen for t in trials if t.method == "auto")}
+    usable = [t.method for t in trials if t.status in ("stable", "inaccurate") and t.method in own - {"auto"}]
+    return EnergyGrowth(long, PERIODS, growths(scene, usable, PERIODS * long.seconds, effort.long))
 
 
 def at_start(setup: Setup) -> Spectrum | None:
@@ -122,7 +150,7 @@ def at_start(setup: Setup) -> Spectrum | None:
 def eigenvalues(setup: Setup, times: Array, q: Array, v: Array) -> Spectrum | None:
     """Return the spectrum at states q (T, nq), v (T, nv), None where the equations cannot be linearised."""
     problem: Problem = setup.problem
-    system = index1(problem, "none", work=False)
+    system = build_system(problem, "none", work=False)
     states = np.stack([system.join(*x) for x in zip(q, v)])
     try:
         found = spectrum(problem, system, times, states, problem.scene.simulate.duration)
@@ -141,158 +169,36 @@ def along(setup: Setup, ref: Reference | None) -> Spectrum | None:
     return eigenvalues(setup, ref.times[places], q, v)
 
 
-def describe_reference(ref: Reference | None) -> dict[str, Any] | None:
-    if ref is None:
-        return None
-    return {
-        "methods": list(ref.methods),
-        "digits": round(ref.digits, 2),
-        "until": ref.until,
-        "ends_early": ref.ends_early,
-    }
-
-
-def describe_spectrum(found: Spectrum | None) -> dict[str, Any] | None:
-    """Return what the summary says about the spectrum."""
-    if found is None:
-        return None
-    return {
-        "stiffness_ratio": found.stiffness_ratio,
-        "fastest_decay": found.fastest_decay,
-        "fastest_oscillation": found.fastest_oscillation,
-        "fastest_growth": found.fastest_growth,
-        "slowest_rate": found.slowest,
-        "instants": len(found.times),
-        "complete": found.complete,
-    }
-
-
-def step_limits(found: Spectrum | None) -> list[dict[str, Any]]:
+def step_limits(found: Spectrum | None) -> list[StepLimit]:
     """Return, for each method whose step stability limits, the extents of its region and its largest step [s]."""
     table = []
     for limit in limits():
         steps = [limit.largest_step(row) for row in found.eigenvalues] if found is not None else []
         finite = [h for h in steps if np.isfinite(h)]
         table.append(
-            {
-                "method": limit.method,
-                "kind": limit.kind,
-                "real_axis": limit.real,
-                "imaginary_axis": limit.imaginary,
-                "largest_step": min(finite, default=None),
-            }
+            StepLimit(limit.method, limit.kind, limit.real, limit.imaginary, min(finite, default=None))
         )
     return table
 
 
-def add_spectrum(result: Result, found: Spectrum | None) -> None:
-    """Store eigenvalues, stiffness ratios and step limits along the run."""
-    if found is None:
-        return
-    result.add(
-        "stability/time", found.times, units="s", long_name="instants of the spectrum", dims=("instant",)
-    )
-    for name, part in (("real", found.eigenvalues.real), ("imaginary", found.eigenvalues.imag)):
-        result.add(
-            f"stability/eigenvalues_{name}",
-            part,
-            units="1/s",
-            dims=("instant", "eigenvalue"),
-            long_name=f"{name} parts of the eigenvalues of the linearised equations of motion",
-        )
-    result.add(
-        "stability/stiffness_ratio",
-        found.ratios(),
-        units="1",
-        dims=("instant",),
-        long_name="fastest decay over the slowest rate of the run",
-    )
-    table = limits()
-    steps = np.array([[limit.largest_step(row) for limit in table] for row in found.eigenvalues])
-    result.add(
-        "stability/step_limit",
-        steps.reshape(len(found.times), len(table)),
-        units="s",
-        long_name="largest stable step",
-        dims=("instant", "method"),
-        names=tuple(limit.method for limit in table),
-    )
+def gain_planes(scene: Scene, effort: Effort) -> dict[str, GainPlane]:
+    """Run over the plane of Baumgarte's gains, by the method of the scene (``own``) and by fixed steps (``fixed``)."""
+    s = scene.simulate
+    fixed = dataclasses.replace(s, integrator=FIXED, step=s.step or 1e-3 * s.duration)
+    runs = {"own": scene}
+    if s.integrator not in registry or registry[s.integrator].adaptive:
+        runs["fixed"] = dataclasses.replace(scene, simulate=fixed)
+    return {name: gain_plane(one, effort) for name, one in runs.items()}
 
 
-def add_trials(result: Result, trials: list[Trial]) -> None:
-    """Store the figures of the table of methods; their words are in the summary."""
-    names = ("error", "relative", "estimate", "steps", "evaluations", "seconds", "until")
-    rows = [[np.nan if getattr(t, n) is None else float(getattr(t, n)) for n in names] for t in trials]
-    result.add(
-        "stability/methods",
-        np.array(rows).reshape(len(trials), len(names)),
-        units="rad or m, 1, 1, s",
-        long_name="what each method did, in the order of summary.methods",
-        dims=("trial", "quantity"),
-        names=names,
-    )
-
-
-def add_energy(result: Result, energies: list[Growth], long: Period) -> None:
-    """Store the error of the energy balance over many periods."""
-    for g in energies:
-        if not len(g.times):
-            continue
-        dims = (f"{g.method}_sample",)
-        result.add(
-            f"energy_growth/{g.method}/periods",
-            g.times / long.seconds,
-            units="1",
-            long_name="time in periods",
-            dims=dims,
-        )
-        result.add(
-            f"energy_growth/{g.method}/error",
-            g.error,
-            units="1",
-            dims=dims,
-            long_name="error of the energy balance over the energy exchanged",
-        )
-
-
-def gains(result: Result, scene: Scene, setup: Setup, effort: Effort) -> dict[str, Any]:
-    """Run over the plane of Baumgarte's gains, for the method of the scene and for fixed steps; store both."""
-    report: dict[str, Any] = {}
-    fixed = dataclasses.replace(
-        scene.simulate, integrator=FIXED, step=scene.simulate.step or 1e-3 * scene.simulate.duration
-    )
+def gain_plane(scene: Scene, effort: Effort) -> GainPlane:
+    """Run one method over the plane of gains; what keeps it from that is in the keys."""
     factors = np.logspace(-3, 1, effort.gains)
-    asked = scene.simulate.integrator
-    runs = {"own": scene, "fixed": dataclasses.replace(scene, simulate=fixed)}
-    for name, one in runs.items():
-        if name == "fixed" and asked in registry and not registry[asked].adaptive:
-            continue
-        try:
-            found = study(one, setup)
-            chosen = found.choose()
-            drift, error, steps, done = found.plane(factors, effort.gain_seconds)
-        except RobodynError as failure:
-            report[name] = {"method": one.simulate.integrator, "message": failure.message}
-            continue
-        report[name] = {
-            "method": found.method,
-            "chosen": chosen.as_dict(),
-            "reference_step": found.step,
-            "over": found.over,
-            "runs": done,
-        }
-        dims = ("alpha", "beta")
-        for path, data, units, meaning in (
-            ("drift", drift, "rad or m", "largest distance of the positions from the constraints"),
-            ("error", error, "rad or m", "largest error of any q"),
-            ("steps", steps, "1", "steps taken"),
-        ):
-            result.add(f"baumgarte/{name}/{path}", data, units=units, long_name=meaning, dims=dims)
-        result.add(
-            f"baumgarte/{name}/gain",
-            factors / found.step,
-            units="1/s",
-            long_name="values of alpha and of beta",
-            dims=("alpha",),
-        )
-    return report
+    try:
+        study = GainStudy(projected_motion(scene))
+        chosen = study.choose()
+        drift, error, steps, done = study.plane(factors, effort.gain_seconds)
+    except RobodynError as failure:
+        return GainPlane(GainKeys(scene.simulate.integrator, message=failure.message))
+    keys = GainKeys(study.method, chosen, study.step, study.over, done)
+    return GainPlane(keys, factors / study.step, drift, error, steps)

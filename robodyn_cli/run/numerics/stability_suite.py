@@ -11,6 +11,7 @@ from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.record import mutable_record
 from robodyn_cli.results.result import Result
+from robodyn_cli.results.summary import as_keys
 from robodyn_cli.run.driver.prepare import prepare
 from robodyn_cli.run.numerics.spectrum import Spectrum
 from robodyn_cli.run.numerics.stability import STIFF, along, at_start
@@ -50,7 +51,7 @@ class Verdict:
             "stiffness_ratio": None if self.spectrum is None else self.spectrum.stiffness_ratio,
             "fastest_decay": None if self.spectrum is None else self.spectrum.fastest_decay,
             "fastest_oscillation": None if self.spectrum is None else self.spectrum.fastest_oscillation,
-            "methods": {t.method: t.as_dict() for t in self.trials},
+            "methods": {t.method: as_keys(t) for t in self.trials},
             "seconds": self.seconds,
             "scene": self.scene,
         }
@@ -131,7 +132,7 @@ def run_case(case: Case, quick: bool) -> Verdict:
         found, stiff = _spectrum(scene)
         ref = reference(scene, reference_budget, stiff)
         if ref is not None:
-            found = along(prepare(scene, modes=True), ref) or found
+            found = along(prepare(scene), ref) or found
     trials = attempts(scene, ref, trial_budget, methods_of(quick))
     complaints = judge(case, trials, ref)
     return Verdict(case, text, ref, found, trials, complaints, watch.report()["total"])
@@ -144,7 +145,7 @@ def methods_of(quick: bool) -> list[str]:
 
 def _spectrum(scene: Scene) -> tuple[Spectrum | None, bool]:
     try:
-        setup = prepare(scene, modes=True)
+        setup = prepare(scene)
     except RobodynError:
         return None, False
     found = at_start(setup)

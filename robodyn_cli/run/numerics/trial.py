@@ -101,7 +101,9 @@ def solve(scene: Scene, budget: Budget, **options: Any) -> Solution:
         result = simulate(dataclasses.replace(scene, simulate=changed), progress=_Watch(budget))
         return Solution(result, None, time.perf_counter() - began)
     except RobodynError as error:
-        return Solution(getattr(error, "result", None), error, time.perf_counter() - began)
+        return Solution(
+            error.result if isinstance(error.result, Result) else None, error, time.perf_counter() - began
+        )
 
 
 @record
@@ -226,9 +228,6 @@ class Trial:
     def named(self) -> bool:
         """Whether a breakdown is told with its place."""
         return self.failure != "NumericalError" or self.joint is not None or "singular" in self.message
-
-    def as_dict(self) -> dict[str, Any]:
-        return dataclasses.asdict(self)
 
 
 def attempt(scene: Scene, method: str, ref: Reference | None, budget: Budget) -> Trial:

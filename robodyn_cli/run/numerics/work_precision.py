@@ -13,16 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.errors import CapabilityError, NumericalError
-from robodyn_cli.formulations.index1 import index1
+from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods as registry
-from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
+from robodyn_cli.integrators.runtime.grid import Grid
+from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels.report import REPORT
-from robodyn_cli.record import mutable_record
+from robodyn_cli.record import mutable_record, record
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.driver.gains import study
+from robodyn_cli.results.summary import ABSENT, Absent, as_keys
+from robodyn_cli.run.driver.baumgarte import GainStudy
+from robodyn_cli.run.driver.build import build_motion, follow_nothing, with_stabilisation
+from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.method import LARGEST
-from robodyn_cli.run.driver.prepare import Setup, prepare
+from robodyn_cli.run.driver.motion import Gains, Motion
 from robodyn_cli.run.numerics.trial import SAMPLES, Reference, agreed
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
@@ -59,19 +63,13 @@ class Entry:
     steps: int = 0
     status: str = "ok"
 
-    def as_dict(self) -> dict[str, Any]:
-        return dataclasses.asdict(self)
 
-
-def _solve(
-    system: System, method: str, start: Array, grid: Grid, options: Options
-) -> tuple[Array, Integrator]:
-    integrator = Integrator(system, method)
-    integrator.tick = deadline(3.0 * SECONDS)
-    integrator.reset(0.0, start, options)
-    rows: list[Array] = []
-    integrator.run(grid.start + (grid.count - 1) * grid.step, grid, lambda t, x: rows.append(x), watch=False)
-    return np.concatenate(rows), integrator
+def _solve(system: System, method: str, start: Array, grid: Grid, options: Options) -> Array:
+    """Return the states (T, nx) on a grid."""
+    driver = Driver(system, method, options)
+    driver.tick = deadline(3.0 * SECONDS)
+    driver.start(0.0, start)
+    return driver.samples(grid.start + (grid.count - 1) * grid.step, grid, watch=False)
 
 
 def deadline(seconds: float) -> Callable[[float], None]:
@@ -105,7 +103,7 @@ def reference(system: System, start: Array, duration: float) -> Reference:
             continue
         options = Options(tolerance, tolerance, max_steps=5 * LONGEST)
         try:
-            states, _ = _solve(system, method, start, grid, options)
+            states = _solve(system, method, start, grid, options)
         except NumericalError:
             continue
         found.append((method, _motion(system, states)))
@@ -137,38 +135,36 @@ def perturbation_growth(system: System, start: Array, until: float, method: str)
     tolerance = max(dict(REFERENCES)[method], 1e-13)
     options = Options(tolerance, tolerance, max_steps=5 * LONGEST)
     try:
-        a, _ = _solve(system, method, start, grid, options)
-        b, _ = _solve(system, method, moved, grid, options)
+        a = _solve(system, method, start, grid, options)
+        b = _solve(system, method, moved, grid, options)
     except NumericalError:
         return float("nan")
     return float(np.abs(_motion(system, a[-1]) - _motion(system, b[-1])).max() / change.max())
 
 
-def formulations(scene: Scene, setup: Setup) -> tuple[dict[str, System], dict[str, Any] | None]:
+def formulations(
+    motion: Motion, asked: str | Baumgarte
+) -> tuple[dict[str, System], Gains | Baumgarte | None]:
     """Return the formulations to compare: the tree itself, or the loops kept closed in different ways.
 
-    Baumgarte's gains are the scene's, or those that ``stabilisation: baumgarte`` would choose; they come second,
-    None where there are none.
+    ``motion`` is projected. Baumgarte's gains are those ``asked`` for, or those that ``stabilisation: baumgarte`` would
+    choose; they come second, None where there are none.
     """
-    problem = setup.problem
+    problem = motion.problem
     if not problem.constraints.rows:
-        return {"tree": index1(problem, work=False)}, None
-    asked = scene.simulate.stabilisation
-    gains: dict[str, Any] | None = None
-    if isinstance(asked, Baumgarte):
-        gains = dataclasses.asdict(asked)
-    elif not problem.dependent:
+        return {"tree": motion.system}, None
+    gains: Gains | Baumgarte | None = asked if isinstance(asked, Baumgarte) else None
+    if gains is None and not problem.dependent:
         # a motion that the choice cannot follow (through a singular pose) is compared without that curve
         with contextlib.suppress(NumericalError):
-            gains = study(scene, setup).choose().as_dict()
-            asked = Baumgarte(alpha=gains["alpha"], beta=gains["beta"])
-    separable = not problem.dependent and not problem.gates
-    return {
-        "projection": index1(problem, "projection", work=False),
-        **({"independent": index1(problem, "independent", work=False)} if separable else {}),
-        **({"baumgarte": index1(problem, asked, work=False)} if gains is not None else {}),
-        "none": index1(problem, "none", work=False),
-    }, gains
+            gains = GainStudy(motion).choose()
+    found = {"projection": motion.system}
+    if not problem.dependent and not problem.contact_joints:
+        found["independent"] = build_system(problem, "independent", work=False)
+    if gains is not None:
+        fed_back = Baumgarte(alpha=gains.alpha, beta=gains.beta)
+        found["baumgarte"] = build_system(problem, fed_back, work=False)
+    return {**found, "none": build_system(problem, "none", work=False)}, gains
 
 
 def run_entry(system: System, entry: Entry, start: Array, ref: Reference, repeats: int) -> Entry:
@@ -178,34 +174,37 @@ def run_entry(system: System, entry: Entry, start: Array, ref: Reference, repeat
     compiling = REPORT.seconds
     grid = Grid.over(ref.until, len(ref.times))
     try:
-        integrator = Integrator(system, entry.method)
+        driver = Driver(system, entry.method, options)
         entry.compile_time_s = REPORT.seconds - compiling
-        integrator.tick = deadline(SECONDS)
-        rows: list[Array] = []
-        integrator.reset(0.0, start, options)
+        driver.tick = deadline(SECONDS)
+        driver.start(0.0, start)
         began = time.perf_counter()
-        integrator.run(ref.until, grid, lambda t, x: rows.append(x), watch=system.chart is not None)
+        states = driver.samples(ref.until, grid, watch=False)
         took = time.perf_counter() - began
-        entry.steps, entry.evaluations = integrator.counters.steps, integrator.counters.evaluations
-        difference = np.abs(_motion(system, np.concatenate(rows)) - ref.states)
+        entry.steps = driver.counters.steps
+        difference = np.abs(_motion(system, states) - ref.states)
         entry.error = float(difference.max())
         if np.max(difference / ref.scale) > 0.1:
             entry.status = "inaccurate"
-        times = []
-        for _ in range(repeats if took < 1.0 else 1):
-            integrator.reset(0.0, start, options)
-            began = time.perf_counter()
-            integrator.advance(ref.until)
-            times.append(time.perf_counter() - began)
-        entry.run_time_s = statistics.median(times)
+        entry.run_time_s = statistics.median(
+            _time_without_output(driver, start, ref.until) for _ in range(repeats if took < 1.0 else 1)
+        )
         # without output there are fewer evaluations: those belong to the time
-        entry.evaluations = integrator.counters.evaluations
+        entry.evaluations = driver.counters.evaluations
     except CapabilityError:
         entry.status = "unsupported"
     except NumericalError as error:
         slow = error.details.get("status") in ("max_steps", "too_slow")
         entry.status = "too_slow" if slow else "diverged"
     return entry
+
+
+def _time_without_output(driver: Driver, start: Array, end: float) -> float:
+    """Return how long a run without samples takes [s]."""
+    driver.start(0.0, start)
+    began = time.perf_counter()
+    driver.advance(end)
+    return time.perf_counter() - began
 
 
 def supported(method: str, system: System) -> bool:
@@ -215,7 +214,7 @@ def supported(method: str, system: System) -> bool:
     return not registry[method]().obstacle(system)
 
 
-def best_at(entries: Sequence[Entry], levels: Sequence[float]) -> list[dict[str, Any]]:
+def best_at(entries: Sequence[Entry], levels: Sequence[float]) -> list[Best]:
     """Return, for each error level, the run that reaches it in the least time."""
     table = []
     for level in levels:
@@ -226,7 +225,7 @@ def best_at(entries: Sequence[Entry], levels: Sequence[float]) -> list[dict[str,
         ]
         if able:
             best = min(able, key=lambda e: e.run_time_s or np.inf)
-            table.append({"level": level, **best.as_dict()})
+            table.append(Best(level, **dataclasses.asdict(best)))
     return table
 
 
@@ -253,67 +252,111 @@ def work_precision(
         if name not in registry:
             raise CapabilityError(f"unknown method {name!r}; allowed: {', '.join(registry)}")
     watch = Stopwatch()
-    setup = prepare(scene, watch)
-    duration = scene.simulate.duration
+    motion = build_motion(with_stabilisation(scene, "projection"), watch, follow_nothing, work=False)
     with watch.stage("gains"):
-        systems, gains = formulations(scene, setup)
-    main = next(iter(systems.values()))
-    start = main.join(setup.assembled.q, setup.assembled.v)
+        systems, gains = formulations(motion, scene.simulate.stabilisation)
     with watch.stage("reference"):
-        ref = reference(main, start, duration)
-        growth = perturbation_growth(main, start, ref.until, ref.methods[0])
-    entries: list[Entry] = []
-    plan: list[tuple[System, Entry]] = []
-    for formulation, system in systems.items():
-        for method in chosen:
-            if not supported(method, system):
-                plan.append((system, Entry(method, formulation, None, None, status="unsupported")))
-            elif registry[method].adaptive:
-                for tolerance in tolerances or TOLERANCES:
-                    plan.append((system, Entry(method, formulation, tolerance, None)))
-            else:
-                for k in range(STEPS):
-                    plan.append((system, Entry(method, formulation, None, ref.until / 100.0 / 2**k)))
+        ref = reference(motion.system, motion.start, scene.simulate.duration)
+        growth = perturbation_growth(motion.system, motion.start, ref.until, ref.methods[0])
+    runs = [run for name, system in systems.items() for run in planned(name, system, chosen, tolerances, ref)]
     with watch.stage("runs"):
-        unable: set[tuple[str, str]] = set()
-        for k, (system, entry) in enumerate(plan):
-            progress(k + 1, len(plan))
-            pair = (entry.formulation, entry.method)
-            if pair in unable:
-                continue
-            if entry.status != "unsupported":
-                run_entry(system, entry, start, ref, repeats)
-            if entry.status == "unsupported":
-                # once is enough
-                unable.add(pair)
-                entry.tolerance = entry.step = None
-            entries.append(entry)
-    result = _result(scene, ref, growth, entries, watch, repeats)
-    if gains is not None:
-        result.summary["baumgarte"] = gains
+        entries = run_all(runs, motion.start, ref, repeats, progress)
+    summary = WorkPrecisionSummary(
+        termination={"reason": "all runs made", "time": ref.until},
+        reference_digits=round(ref.digits, 2),
+        reference_methods=list(ref.methods),
+        compared_until=ref.until,
+        compared_whole_duration=ref.until >= scene.simulate.duration * (1 - 1e-12),
+        perturbation_growth=growth,
+        repeats=repeats,
+        runs=entries,
+        best=best_at(entries, [10.0**-k for k in range(1, 14)]),
+        baumgarte=ABSENT if gains is None else gains,
+        wall_time_s=watch.report(),
+    )
+    result = Result("work-precision", scene.title or "work-precision", "ok", scene.text)
+    result.summary = as_keys(summary)
+    add_runs(result, entries)
     return result
 
 
-def _result(
-    scene: Scene, ref: Reference, growth: float, entries: list[Entry], watch: Stopwatch, repeats: int
-) -> Result:
-    result = Result("work-precision", scene.title or "work-precision", "ok", scene.text)
-    levels = [10.0**-k for k in range(1, 14)]
-    whole = ref.until >= scene.simulate.duration * (1 - 1e-12)
-    result.summary = {
-        "status": "ok",
-        "termination": {"reason": "all runs made", "time": ref.until},
-        "reference_digits": round(ref.digits, 2),
-        "reference_methods": list(ref.methods),
-        "compared_until": ref.until,
-        "compared_whole_duration": whole,
-        "perturbation_growth": growth,
-        "error_norm": "largest absolute error of any q or qd at 257 instants",
-        "repeats": repeats,
-        "runs": [e.as_dict() for e in entries],
-        "best": best_at(entries, levels),
-        "wall_time_s": watch.report(),
-    }
+@record
+class Best:
+    """The run that reaches a level of error in the least time; see ``Entry``."""
+
+    level: float
+    method: str
+    formulation: str
+    tolerance: float | None
+    step: float | None
+    error: float | None
+    run_time_s: float | None
+    compile_time_s: float
+    evaluations: int
+    steps: int
+    status: str
+
+
+@record
+class WorkPrecisionSummary:
+    """Keys of the summary of ``work-precision``."""
+
+    termination: dict[str, Any]
+    reference_digits: float
+    reference_methods: list[str]
+    compared_until: float
+    compared_whole_duration: bool
+    perturbation_growth: float
+    repeats: int
+    runs: list[Entry]
+    best: list[Best]
+    baumgarte: Gains | Baumgarte | Absent
+    wall_time_s: dict[str, float]
+    status: str = "ok"
+    error_norm: str = f"largest absolute error of any q or qd at {SAMPLES} instants"
+
+
+def planned(
+    formulation: str,
+    system: System,
+    methods: Sequence[str],
+    tolerances: Sequence[float] | None,
+    ref: Reference,
+) -> list[tuple[System, Entry]]:
+    """Return the runs of one formulation: each method over the tolerances, or over steps, each half the one before."""
+    runs = []
+    for method in methods:
+        if not supported(method, system):
+            runs.append(Entry(method, formulation, None, None, status="unsupported"))
+        elif registry[method].adaptive:
+            runs += [Entry(method, formulation, tolerance, None) for tolerance in tolerances or TOLERANCES]
+        else:
+            runs += [Entry(method, formulation, None, ref.until / 100.0 / 2**k) for k in range(STEPS)]
+    return [(system, entry) for entry in runs]
+
+
+def run_all(
+    runs: Sequence[tuple[System, Entry]], start: Array, ref: Reference, repeats: int, progress: Progress
+) -> list[Entry]:
+    """Make the runs; a method that cannot do a formulation is told once."""
+    entries: list[Entry] = []
+    unable: set[tuple[str, str]] = set()
+    for k, (system, entry) in enumerate(runs):
+        progress(k + 1, len(runs))
+        pair = (entry.formulation, entry.method)
+        if pair in unable:
+            continue
+        if entry.status != "unsupported":
+            run_entry(system, entry, start, ref, repeats)
+        if entry.status == "unsupported":
+            unable.add(pair)
+            entry.tolerance = entry.step = None
+        entries.append(entry)
+    return entries
+
+
+def add_runs(result: Result, entries: Sequence[Entry]) -> None:
+    """Store the figures of the runs."""
     names = ["tolerance", "step", "error", "run_time_s", "compile_time_s", "evaluations", "steps"]
     table = np.array(
         [[np.nan if getattr(e, n) is None else float(getattr(e, n)) for n in names] for e in entries]
@@ -322,4 +365,3 @@ def _result(
         "work_precision/runs", table.reshape(len(entries), len(names)), units="1, s, rad or m, s, s, 1, 1",
         long_name="runs in the order of summary.runs", dims=("run", "quantity"), names=tuple(names),
     )  # fmt: skip
-    return result

@@ -13,6 +13,8 @@ from robodyn_cli.expr.graph import Expr, Scalar, count_operations, free_symbols,
 from robodyn_cli.expr.rebuild import apply
 from robodyn_cli.kernels.program import unknown_data
 from robodyn_cli.model.model import UNKNOWN_GROUP
+from robodyn_cli.run.observation.finite import refuse_sampled
+from robodyn_cli.trajectories.motion import JointMotion
 
 Array = NDArray[np.float64]
 Outputs = Mapping[str, Sequence[Scalar]]
@@ -77,6 +79,18 @@ class SampleFunction:
                 for k in range(len(entries)):
                     out[name][part, k] = next(values)
         return out
+
+    def along(self, times: Array, motion: JointMotion) -> dict[str, Array]:
+        """Return {output: (T, n)} along a motion.
+
+        Raises
+        ------
+        NumericalError : a number is not finite; says which, when and why.
+        """
+        inputs = {"t": times[:, None], "q": motion.q, "v": motion.qd, "a": motion.qdd}
+        arrays = self(**inputs)
+        refuse_sampled(inputs, self.outputs, arrays)
+        return arrays
 
 
 def without_idle_unknowns(outputs: Sequence[Scalar], needed: Sequence[Scalar]) -> list[Scalar]:

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from robodyn_cli.algorithms.kinematics import slice_q
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.formulations.index1 import residuals
-from robodyn_cli.formulations.system import GROUPS
+from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.spatial.algebra import vector
 
@@ -31,13 +30,12 @@ VANISHED = 1e-9  # of the largest singular value: rank lost on the way as well, 
 
 def equations_of(problem: Problem) -> dict[str, Sequence[Scalar]]:
     """Return the parts of the equations of motion, by output."""
-    found = residuals(problem)
     return {
         "M": list(problem.mass_matrix.ravel()),
         "f": list(problem.applied - problem.bias),
         "gamma": problem.constraints.gamma,
-        "eta": found["position"],
-        "eta_rate": found["velocity"],
+        "eta": problem.constraints.eta,
+        "eta_rate": problem.constraints.velocity_residual(problem.v),
         "psi": list(problem.psi.ravel()),
     }
 

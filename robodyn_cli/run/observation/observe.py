@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,17 +11,20 @@ from numpy.typing import NDArray
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
-from robodyn_cli.formulations.index1 import residuals
-from robodyn_cli.formulations.system import GROUPS, System
+from robodyn_cli.formulations.dynamics import GROUPS
+from robodyn_cli.formulations.system import System
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import UNKNOWN_GROUP
 from robodyn_cli.record import record
 from robodyn_cli.run.observation.evaluation import without_idle_unknowns
-from robodyn_cli.run.observation.least_norm import LeastNorm, equations_of
 from robodyn_cli.run.observation.places import FORCES, place_dataset, place_outputs
-from robodyn_cli.run.observation.reactions import ReactionSamples
 from robodyn_cli.run.observation.units import joint_columns
+
+if TYPE_CHECKING:
+    from robodyn_cli.run.observation.least_norm import LeastNorm
+    from robodyn_cli.run.observation.observe_rolled import RolledKernel
+    from robodyn_cli.run.observation.reactions import ReactionSamples
 
 Array = NDArray[Any]
 XYZ = ("x", "y", "z")
@@ -54,12 +57,13 @@ def observed(problem: Problem, accelerations: bool = True) -> dict[str, Sequence
     if accelerations and not problem.dependent:
         outputs["qdd"] = list(problem.forward.qdd)
     if problem.dependent:
+        from robodyn_cli.run.observation.least_norm import equations_of
+
         return {**outputs, **equations_of(problem), **place_outputs(problem)}
     if problem.constraints.rows:
-        found = residuals(problem)
         outputs["lam"] = list(problem.forward.lam)
-        outputs["eta"] = found["position"]
-        outputs["eta_rate"] = found["velocity"]
+        outputs["eta"] = problem.constraints.eta
+        outputs["eta_rate"] = problem.constraints.velocity_residual(problem.v)
         if len(problem.constraints.rows) <= MOST_ROWS:
             outputs["psi"] = list(problem.psi.ravel())
     return {**outputs, **place_outputs(problem)}
@@ -101,57 +105,101 @@ def loop_columns(rows: Sequence[Row], dependent: bool = False) -> dict[str, Colu
     }
 
 
-class Observer:
-    """Evaluates accelerations, torques, multipliers, residuals, energies and places at sampled states."""
+def _kernel(
+    problem: Problem, system: System, outputs: Mapping[str, Sequence[Scalar]]
+) -> SampleKernel | RolledKernel:
+    if not system.dynamics.any_size:
+        return SampleKernel({name: list(entries) for name, entries in outputs.items()}, GROUPS)
+    from robodyn_cli.run.observation.observe_rolled import RolledKernel
 
-    def __init__(self, problem: Problem, system: System, singular: Sequence[int] | None = None) -> None:
+    return RolledKernel(problem, system.dynamics, outputs)
+
+
+def _least_norm(problem: Problem, outputs: Mapping[str, Sequence[Scalar]]) -> LeastNorm:
+    from robodyn_cli.run.observation.least_norm import LeastNorm
+
+    return LeastNorm(problem, {name: list(entries) for name, entries in outputs.items()})
+
+
+def _reactions(problem: Problem) -> ReactionSamples:
+    from robodyn_cli.run.observation.reactions import ReactionSamples
+
+    return ReactionSamples(problem, problem.scene.simulate.samples)
+
+
+class Observer:
+    """Evaluates accelerations, torques, multipliers, residuals, energies and places at sampled states.
+
+    Parameters
+    ----------
+    passive : velocity coordinates that nothing drives. reactions : observe these in any case, not only if asked for.
+
+    ``parameters`` are the p at which the next samples are evaluated.
+    """
+
+    def __init__(
+        self, problem: Problem, system: System, passive: Sequence[int] = (), reactions: bool = False
+    ) -> None:
         self.problem = problem
         self.system = system
-        self.passive = singular
-        self.kernel: RolledKernel | SampleKernel | LeastNorm
-        if system.dynamics.any_size:
-            from robodyn_cli.run.observation.observe_rolled import RolledKernel
-
-            self.kernel = RolledKernel(problem, system.dynamics, problem.scene.simulate.samples)
-            outputs = self.kernel.function.outputs
-        else:
-            outputs = {name: list(entries) for name, entries in observed(problem).items()}
-            self.kernel = LeastNorm(problem, outputs) if problem.dependent else SampleKernel(outputs, GROUPS)
+        self.passive = tuple(passive)
+        outputs = observed(problem, accelerations=not system.dynamics.any_size)
+        self.least_norm = _least_norm(problem, outputs) if problem.dependent else None
+        self.kernel = self.least_norm or _kernel(problem, system, outputs)
         self.places = [path for path in outputs if path.startswith(("points/", "skeleton/", "frames/"))]
-        self.normalise = SampleKernel({"n": system.normalisation}, GROUPS) if system.normalisation else None
-        positions = system.sample_positions or system.position_correction
-        velocities = system.sample_velocities or system.velocity_correction
+        c = system.corrections
+        self.normalise = SampleKernel({"n": c.normalisation}, GROUPS) if c.normalisation else None
+        positions = c.sample_position or c.position
+        velocities = c.sample_velocity or c.velocity
         self.correct_q = SampleKernel({"q": positions}, GROUPS) if positions else None
         self.correct_v = SampleKernel({"v": velocities}, GROUPS) if velocities else None
+        self.residuals = None
+        if self.correct_q is not None:
+            rows = problem.constraints
+            residuals = {"q": rows.eta, "v": rows.velocity_residual(problem.v)}
+            self.residuals = SampleKernel(residuals, GROUPS)
         self.parameters = np.zeros(max(1, len(problem.model.parameters)))
-        asked = problem.scene.outputs.reactions
-        self.reactions = ReactionSamples(problem, problem.scene.simulate.samples) if asked else None
+        asked = reactions or problem.scene.outputs.reactions
+        self.reactions = _reactions(problem) if asked else None
 
     def project(self, t: Array, x: Array) -> Array:
         """Return the states put back on manifolds and constraints (positions by Newton steps, then rates)."""
         s = self.system
         if self.normalise is not None:
             x = np.asfortranarray(x)
-            x[:, list(s.normalised)] = self.normalise.evaluate(len(t), s.own_groups(t, x, self.parameters))[
-                "n"
-            ]
+            x[:, list(s.corrections.normalised)] = self.normalise.evaluate(
+                len(t), s.own_groups(t, x, self.parameters)
+            )["n"]
         if self.correct_q is None or self.correct_v is None:
             return x
         x = np.asfortranarray(x)
-        if isinstance(self.kernel, LeastNorm):
-            return self._least_norm(self.kernel, t, x)
-        places = list(s.q_places)
+        if self.least_norm is not None:
+            return self._project_least_norm(self.least_norm, t, x)
         for _ in range(4):
-            q = self.correct_q.evaluate(len(t), s.own_groups(t, x, self.parameters))["q"]
-            moved = float(np.abs(q - x[:, places]).max(initial=0.0))
-            x[:, places] = q
+            moved = self._corrected(t, x, self.correct_q, "q", list(s.q_places))
             if not moved > 1e-9:
                 break
-        found = self.correct_v.evaluate(len(t), s.own_groups(t, x, self.parameters))
-        x[:, list(s.v_places)] = found["v"]
+        self._corrected(t, x, self.correct_v, "v", list(s.v_places))
         return x
 
-    def _least_norm(self, kernel: LeastNorm, t: Array, x: Array) -> Array:
+    def _corrected(self, t: Array, x: Array, kernel: SampleKernel, output: str, places: list[int]) -> float:
+        """Correct entries of states x (T, nx) in place, where that lessens the residual; return the largest change.
+
+        Close to a loss of rank a correction is rounding, magnified.
+        """
+        assert self.residuals is not None
+        better = x.copy(order="F")
+        better[:, places] = kernel.evaluate(len(t), self.system.own_groups(t, x, self.parameters))[output]
+        before, after = (
+            np.abs(self.residuals.evaluate(len(t), self._groups(t, states))[output]).max(axis=1)
+            for states in (x, better)
+        )
+        taken = after <= before
+        change = np.abs(better - x)[taken]
+        x[taken] = better[taken]
+        return float(change.max(initial=0.0))
+
+    def _project_least_norm(self, kernel: LeastNorm, t: Array, x: Array) -> Array:
         s = self.system
         q_places, v_places = list(s.q_places), list(s.v_places)
         for _ in range(4):

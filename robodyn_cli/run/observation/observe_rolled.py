@@ -9,8 +9,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.formulations.dynamics import GROUPS, Dynamics
 from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.kernels.rolled import RolledForwardDynamics
-from robodyn_cli.run.observation.evaluation import SampleFunction
-from robodyn_cli.run.observation.observe import observed
+from robodyn_cli.run.observation.evaluation import Outputs, SampleFunction
 
 Array = NDArray[np.float64]
 
@@ -18,15 +17,16 @@ Array = NDArray[np.float64]
 class RolledKernel:
     """What is observed of a long chain: accelerations by loops over its bodies, the rest from expressions.
 
-    These grow with the length only, and are interpreted where that takes less time than compiling them.
+    outputs : these others. They grow with the length only, and are interpreted where that takes less time than
+    compiling them.
     """
 
-    def __init__(self, problem: Problem, dynamics: Dynamics, samples: int) -> None:
+    def __init__(self, problem: Problem, dynamics: Dynamics, outputs: Outputs) -> None:
         assert isinstance(dynamics, Rolled)
         self.places = list(dynamics.places)
         forces = [dynamics.forces[k] for k in self.places]
-        outputs = {**observed(problem, accelerations=False), "forces": forces}
-        self.function = SampleFunction(outputs, GROUPS, samples)
+        samples = problem.scene.simulate.samples
+        self.function = SampleFunction({**outputs, "forces": forces}, GROUPS, samples)
         self.forward = RolledForwardDynamics(problem.model)
 
     def evaluate(self, samples: int, groups: dict[str, Array]) -> dict[str, Array]:

@@ -53,7 +53,7 @@ def place_dataset(path: str, array: Array) -> tuple[str, Array]:
     """Return the path and the array of the dataset that an output of ``place_outputs`` becomes."""
     if path.startswith("skeleton/"):
         return path, array.reshape(len(array), -1, 3)
-    if path.endswith("/rotation"):
+    if path.startswith("frames/") and path.endswith("/rotation"):
         return path.removesuffix("rotation") + "quaternion", quaternions(array.reshape(-1, 3, 3))
     return path, array
 

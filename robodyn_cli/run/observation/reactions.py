@@ -15,11 +15,13 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
 from robodyn_cli.model.model import BASE, UNKNOWN_GROUP, Model
 from robodyn_cli.model.placement import axis_frame
+from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.observation.evaluation import SampleFunction
 from robodyn_cli.scene import types as sc
 from robodyn_cli.scene.points import point_link
 from robodyn_cli.spatial.algebra import Matrix, identity
+from robodyn_cli.trajectories.motion import JointMotion
 
 Array = NDArray[np.float64]
 NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
@@ -98,6 +100,10 @@ class ReactionSamples:
         for path, array in data.items():
             result.add(path, array, long_name=self.meanings[path], names=self.names[path])
 
+    def largest(self, data: Mapping[str, Array]) -> dict[str, dict[str, float]]:
+        """Return the largest load of each joint and closure among samples, by name."""
+        return figures({path: data[path] for path in self.names}, self.names)
+
     def note(self) -> dict[str, Any]:
         """Return what the summary says: the frame, and components that the scene's data do not determine."""
         axes = self.problem.scene.outputs.reaction_axes
@@ -105,12 +111,26 @@ class ReactionSamples:
         return {"axes": axes, **({"not_determined": missing} if missing else {})}
 
 
-def add_reactions(result: Result, problem: Problem, lam: Array | None) -> None:
-    """Add the reactions along a result's motion, and their largest values to its summary."""
-    samples = ReactionSamples(problem, len(result.time))
-    data = samples(result.time, result["q"], result["qd"], result["qdd"], lam)
-    samples.add(result, data)
-    result.summary["reactions"] = {**samples.note(), "largest": figures(data, samples.names)}
+@record
+class Loads:
+    """Forces and moments in joints and closures along a motion, by result path."""
+
+    samples: ReactionSamples
+    data: Mapping[str, Array]
+
+    def add_to(self, result: Result) -> None:
+        """Add them to a result."""
+        self.samples.add(result, self.data)
+
+    def summary(self) -> dict[str, Any]:
+        """Return what the summary says of them: the frame, and the largest ones."""
+        return {**self.samples.note(), "largest": figures(self.data, self.samples.names)}
+
+
+def loads_along(problem: Problem, times: Array, motion: JointMotion, lam: Array | None) -> Loads:
+    """Return the loads at times (T,) with the multipliers lam (T, m) of all rows of the problem."""
+    samples = ReactionSamples(problem, len(times))
+    return Loads(samples, samples(times, motion.q, motion.qd, motion.qdd, lam))
 
 
 def figures(data: Mapping[str, Array], names: Mapping[str, tuple[str, ...]]) -> dict[str, dict[str, float]]:

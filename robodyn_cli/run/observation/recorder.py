@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.observation.observe import Column, Observer
-from robodyn_cli.run.observation.reactions import ReactionSamples, figures
 
 Array = NDArray[Any]
+KEPT_IN_MEMORY = 100_000  # samples, when the whole goes to a file
 
 
 class Recorder:
@@ -36,13 +37,22 @@ class Recorder:
         self.position_residual = 0.0
         self.velocity_residual = 0.0
         self.loads: dict[str, dict[str, float]] = {}
+        self.not_finite: NumericalError | None = None
         self._start: float | None = None
         self._last = -np.inf
+
+    @staticmethod
+    def of(observer: Observer, writer: ResultWriter | None) -> Recorder:
+        """Return the recorder of a whole run; beside a file, memory holds no more than every n-th sample."""
+        samples = observer.problem.scene.simulate.samples
+        return Recorder(observer, writer, 1 if writer is None else -(-samples // KEPT_IN_MEMORY))
 
     @np.errstate(all="ignore")  # a run that blows up reports its last states, infinite ones too
     def emit(self, t: Array, x: Array, project: bool = True, extra: bool = False) -> None:
         """Observe and keep a block of states; ``extra`` marks one off the uniform grid, which is always kept."""
         data = self.observer.observe(t, x, project)
+        if self.not_finite is None:
+            self.not_finite = self._not_finite(t, data)
         balance = data["energy/total"] - data.get("energy/work", 0.0)
         if self._start is None:
             self._start = float(balance[0])
@@ -58,7 +68,7 @@ class Recorder:
                 self.velocity_residual, float(np.abs(data["constraints/velocity_residual"]).max(initial=0.0))
             )
         if self.observer.reactions is not None:
-            self._keep_largest_loads(data, self.observer.reactions)
+            self._keep_largest_loads(self.observer.reactions.largest(data))
         if self.writer is not None:
             for path, block in data.items():
                 self._stream(path, block)
@@ -69,8 +79,31 @@ class Recorder:
         for path, block in data.items():
             self.blocks.setdefault(path, []).append(block)
 
-    def _keep_largest_loads(self, data: dict[str, Array], known: ReactionSamples) -> None:
-        for name, load in figures({path: data[path] for path in known.names}, known.names).items():
+    def keep_last_state(self, time: float, state: Array) -> None:
+        """Record the last state (nx,) that a run came to, if it lies beyond the last sample."""
+        if time > self.last_time and np.all(np.isfinite(state)):
+            self.emit(np.array([time]), state[None, :], extra=True)
+
+    def _not_finite(self, t: Array, data: dict[str, Array]) -> NumericalError | None:
+        """Return the error of the first number of a block that is not finite, with its formula where there is one."""
+        if np.isfinite(sum(float(block.sum()) for block in data.values())):
+            return None
+        from robodyn_cli.run.mechanism.formulas import formula_without_value
+        from robodyn_cli.run.observation.finite import TOO_LARGE, first_fault, not_finite
+
+        found = first_fault(data)
+        if found is None:
+            return None
+        path, (sample, *rest) = found
+        formula = formula_without_value(
+            self.observer.problem, float(t[sample]), data["q"][sample], data["qd"][sample]
+        )
+        column = self.columns.get(path)
+        name = f" of {column.names[rest[-1]]!r}" if column is not None and column.names and rest else ""
+        return not_finite(path, float(t[sample]), formula or TOO_LARGE, name)
+
+    def _keep_largest_loads(self, loads: dict[str, dict[str, float]]) -> None:
+        for name, load in loads.items():
             held = self.loads.setdefault(name, load)
             self.loads[name] = {key: max(value, held[key]) for key, value in load.items()}
 

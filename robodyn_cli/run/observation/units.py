@@ -5,8 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
+from robodyn_cli.results.result import Result
+from robodyn_cli.trajectories.motion import JointMotion
 
 TORQUE = {"rad": "N m", "m": "N"}
 
@@ -47,3 +52,11 @@ def joint_columns(model: Model) -> dict[str, JointColumns]:
         "qdd": JointColumns(model.v_names, tuple(f"{u}/s^2" for u in model.v_units), rates),
         "tau": JointColumns(model.v_names, tuple(TORQUE[u] for u in model.v_units), rates),
     }
+
+
+def add_motion(result: Result, model: Model, times: NDArray[np.float64], motion: JointMotion) -> None:
+    """Add times (T,) and the motion of the joints to a result."""
+    columns = joint_columns(model)
+    result.add("time", times)
+    for path, data in (("q", motion.q), ("qd", motion.qd), ("qdd", motion.qdd)):
+        result.add(path, data, **columns[path].described())

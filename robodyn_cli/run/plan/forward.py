@@ -7,29 +7,23 @@ from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
 from robodyn_cli.algorithms.aba import ArticulatedFactor
 from robodyn_cli.algorithms.linear import LdlFactor
-from robodyn_cli.equations.plan_facts import depends_on_time, listed, unknown_data
+from robodyn_cli.equations.plan_facts import depends_on_time, listed
 from robodyn_cli.equations.plan_terms import Ledger, drive_terms
 from robodyn_cli.equations.plan_variants import serial_chain, without_loops
-from robodyn_cli.equations.problem import Problem
+from robodyn_cli.equations.problem import DENSE_LIMIT, Problem
 from robodyn_cli.equations.variant import Symbols
 from robodyn_cli.expr.graph import Scalar, count_operations
-from robodyn_cli.formulations.dynamics import Expanded
-from robodyn_cli.formulations.index1 import index1
+from robodyn_cli.formulations.build import build_system
+from robodyn_cli.formulations.dynamics import GROUPS, Expanded
 from robodyn_cli.formulations.residual import Residual
 from robodyn_cli.formulations.rolled import Rolled
-from robodyn_cli.formulations.system import GROUPS
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.stepping.writer import INLINE_LIMIT
 from robodyn_cli.kernels.program import make_program
-from robodyn_cli.model.manifold import Manifold
-from robodyn_cli.run.deploy.scan import Deployment
-from robodyn_cli.run.driver.method import Choice, choose
-from robodyn_cli.run.driver.prepare import options_for, prepare
-from robodyn_cli.run.driver.singularity import rank_loss_event
+from robodyn_cli.run.deploy.deploy import build_deployment
+from robodyn_cli.run.driver.build import build_motion
 from robodyn_cli.run.observation.evaluation import worth_compiling
 from robodyn_cli.run.observation.least_norm import equations_of
 from robodyn_cli.run.observation.observe import observed
@@ -38,7 +32,6 @@ from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene import types as sc
 
 PROJECTION = "projection"
-DENSE_LIMIT = 12  # joints up to which ``Problem.free_accelerations`` tries the factored mass matrix
 
 
 class Forward:
@@ -48,31 +41,12 @@ class Forward:
         self.command = command
         self.redundant: tuple[str, ...] = ()
         self.kept_rows: tuple[str, ...] | None = None
-        self.stabilisation = scene.simulate.stabilisation
-        if command == "deploy":
-            run = Deployment(scene, Stopwatch())
-            self.problem, self.system, self.choice = run.problem, run.system, run.choice
-            self._note_redundant(run.setup.assembled.redundant)
-            return
-        initial = scene.initial.q or {}
-        self.problem = Problem(scene)
-        names = self.problem.model.q_names
-        q, v = Manifold(self.problem.model).neutral(), np.zeros(self.problem.model.nv)
-        # an open chain without initial positions has a plan, though no run
-        if self.problem.model.closures or all(n in initial or n in (scene.prescribed or {}) for n in names):
-            setup = prepare(scene, modes=True)
-            self.problem, q, v = setup.problem, setup.assembled.q, setup.assembled.v
-            self._note_redundant(setup.assembled.redundant)
-        events = (
-            rank_loss_event(self.problem)
-            if self.problem.model.closures and scene.simulate.singular == "stop"
-            else ()
-        )
-        self.system = index1(self.problem, self.stabilisation, events)
-        self.choice = Choice(scene.simulate.integrator, "data are missing that the choice needs")
-        if not unknown_data(self.problem.model, self.outputs(self.problem))[0]:
-            start = self.system.join(q, v)
-            self.choice = choose(scene, self.problem, self.system, start, options_for(scene))
+        deploys = command == "deploy"
+        motion = build_deployment(scene, Stopwatch()) if deploys else build_motion(scene, plan=True)
+        self.motion, self.choice = motion, motion.choice
+        self.problem, self.system = motion.problem, motion.system
+        self.stabilisation = motion.scene.simulate.stabilisation
+        self._note_redundant(motion.assembled.redundant)
 
     def _note_redundant(self, names: Sequence[str]) -> None:
         self.redundant = tuple(names)
@@ -84,7 +58,7 @@ class Forward:
         """Return the right-hand side that is integrated: accelerations and the work's rate."""
         wanted = problem.scene.simulate.stabilisation
         # projection is a program of its own; the accelerations are the same without it
-        system = index1(problem, "none" if wanted == PROJECTION else wanted, work=work, expanded=True)
+        system = build_system(problem, "none" if wanted == PROJECTION else wanted, work=work, expanded=True)
         return [*system.acceleration, *system.z_rate]
 
     @cached_property
@@ -212,7 +186,7 @@ class Forward:
                 operations=s.positions.operations + s.velocities.operations,
             )
         else:
-            projected = index1(self.problem, PROJECTION)
+            projected = build_system(self.problem, PROJECTION)
             both = [p for p in (projected.positions, projected.velocities) if p is not None]
             asked = "none" if self.stabilisation == "none" else "Baumgarte's terms"
             ledger.leave(

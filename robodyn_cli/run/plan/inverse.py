@@ -13,9 +13,9 @@ from robodyn_cli.expr.graph import Expr, Scalar, count_operations
 from robodyn_cli.kernels.crossover import CROSSOVER, prefer_rolled
 from robodyn_cli.kernels.program import make_program
 from robodyn_cli.kernels.rolled_tables import RolledPlan
-from robodyn_cli.run.inverse.dynamics import joint_force_terms, open_problem
-from robodyn_cli.run.inverse.inverse import energies, torque_terms
-from robodyn_cli.run.inverse.motion import with_led_point
+from robodyn_cli.run.inverse.build import open_problem
+from robodyn_cli.run.inverse.program import energies, torque_terms
+from robodyn_cli.run.mechanism.motion import with_led_point
 from robodyn_cli.run.observation import evaluation
 from robodyn_cli.run.observation.places import place_outputs
 from robodyn_cli.run.plan.kernels import rolled, sampled
@@ -43,7 +43,7 @@ class Inverse:
     def outputs(self, problem: Problem) -> list[Scalar]:
         """Return the actuator torques, as ``InverseDynamics`` compiles them."""
         tau: Any = problem.inverse_dynamics
-        for term in joint_force_terms(problem).values():
+        for term in problem.passive_forces(smooth=False).values():
             tau = tau - term
         return list(tau)
 
@@ -62,7 +62,7 @@ class Inverse:
     def kernels(self) -> list[dict[str, Any]]:
         """Describe the compiled programs."""
         if self.rolled:
-            forces = list(joint_force_terms(self.problem).values())
+            forces = list(self.problem.passive_forces(smooth=False).values())
             extra = count_operations(list(sum(forces[1:], forces[0]))) if forces else 0
             found = [rolled("torques (InverseDynamics)", RolledPlan(self.problem.model, "inverse"), extra)]
         else:

@@ -26,11 +26,9 @@ from robodyn_cli.equations.variant import Variant
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import count_operations
 from robodyn_cli.model.build import build_model
-from robodyn_cli.run.driver.gains import with_gains
 from robodyn_cli.run.plan.forward import Forward
 from robodyn_cli.run.plan.inverse import Inverse
 from robodyn_cli.run.plan.text import render
-from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene import types as sc
 
 __all__ = ["plan", "render"]
@@ -69,8 +67,6 @@ def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
     command = command or command_of(scene)
     if command not in COMMANDS:
         raise CapabilityError(f"{command!r} has no plan; allowed: {', '.join(COMMANDS)}")
-    if command != "inverse":
-        scene, _ = with_gains(scene, Stopwatch())
     subject: Inverse | Forward = Inverse(scene) if command == "inverse" else Forward(scene, command)
     problem = subject.problem
     outputs = subject.outputs(problem)

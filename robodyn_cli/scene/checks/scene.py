@@ -160,6 +160,11 @@ def _check_runs(scene: Scene, check: Check) -> None:
         if not fixed and options.step is not None:
             message = f"does not go with integrator {options.integrator!r}, which chooses its own"
             check.fail(("simulate", "step"), f"{message}; allowed: with {', '.join(FIXED_STEP)}")
+        if fixed and options.max_step is not None:
+            message = f"does not go with integrator {options.integrator!r}, whose steps are all as long as 'step' says"
+            check.fail(
+                ("simulate", "max_step"), f"{message}; allowed: with methods that choose their own steps"
+            )
     _check_kinematics(scene, check)
     _check_deploy(scene, check)
     if scene.deploy.latch is not None:

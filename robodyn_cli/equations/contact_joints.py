@@ -1,13 +1,15 @@
-"""Joints whose equations depend on a mode: held (at rest by friction, or on a rigid stop) or free to move.
+"""Joints with a contact state: held (stuck by friction, or on a rigid stop) or free to move.
 
-Modes are parameters p of the equations, which events change: the constraint v-dot = 0 of each such joint is part of the
-equations and is switched on and off by its parameter, so one compiled program serves all combinations of modes.
+Contact states are parameters p of the equations, which events change: the constraint v-dot = 0 of each such joint is
+part of the equations and is switched on and off by its parameter, so one compiled program serves all combinations.
 
     hold = 1:  v-dot = 0, with a multiplier lambda that must stay within [low, high]
     hold = 0:  lambda = 0, and Coulomb friction acts against ``direction``
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.forces.friction import Friction
@@ -20,10 +22,10 @@ UNBOUNDED = 1e300  # a bound that no multiplier reaches
 
 
 @record
-class Gate:
-    """A joint with modes; q, v : its places. hold, direction, low, high : parameters p from ``place`` on."""
+class ContactJoint:
+    """A joint with a contact state; q, v : its places. hold, direction, low, high : parameters p from ``place`` on."""
 
-    joint: str
+    name: str
     q: int
     v: int
     place: int
@@ -54,11 +56,11 @@ class Gate:
         return [(push, at) for push, at in sides if at is not None]
 
 
-def gates(model: Model) -> tuple[Gate, ...]:
-    """Return the joints with modes, in the order of the tree; their parameters follow the model's own."""
-    found: list[Gate] = []
+def contact_joints(model: Model) -> tuple[ContactJoint, ...]:
+    """Return the joints with a contact state, in the order of the tree; their parameters follow the model's own."""
+    found: list[ContactJoint] = []
     for body in model.bodies:
-        friction, limits = _modal(body)
+        friction, limits = _contacts(body)
         if friction is None and limits is None:
             continue
         place = len(model.parameters) + len(FIELDS) * len(found)
@@ -67,7 +69,7 @@ def gates(model: Model) -> tuple[Gate, ...]:
             for k, name in enumerate(FIELDS)
         )
         found.append(
-            Gate(
+            ContactJoint(
                 body.joint_name, body.q, body.v, place, hold, direction, low, high,
                 body.gear_ratio, friction, limits,
             )
@@ -75,7 +77,8 @@ def gates(model: Model) -> tuple[Gate, ...]:
     return tuple(found)
 
 
-def _modal(body: Body) -> tuple[Friction | None, Limits | None]:
+def _contacts(body: Body) -> tuple[Friction | None, Limits | None]:
+    """Return the set-valued friction and the rigid stops of a joint."""
     friction = limits = None
     for force in body.forces:
         if isinstance(force.element, Friction) and force.element.set_valued:
@@ -83,3 +86,8 @@ def _modal(body: Body) -> tuple[Friction | None, Limits | None]:
         if isinstance(force.element, Limits) and force.element.rigid:
             limits = force.element
     return friction, limits
+
+
+def moving_freely(joints: Sequence[ContactJoint]) -> tuple[float, ...]:
+    """Return the parameters p with which every joint moves freely, without Coulomb friction; () for no joints."""
+    return (0.0,) * (joints[-1].place + len(FIELDS)) if joints else ()

@@ -3,7 +3,7 @@
     Psi = U S V^T,   W = U_r^T
 
 W spans what the rows say at the pose, so W Psi keeps rank r until the motion has turned that space by a right
-angle. Long before, the smallest singular value of W Psi falls behind: an event renews W.
+angle. Long before, the smallest singular value of W Psi falls behind: at an event W is chosen anew.
 """
 
 from __future__ import annotations
@@ -16,18 +16,19 @@ from numpy.typing import NDArray
 from robodyn_cli.equations.dependence import closeness
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.rebuild import Evaluator
-from robodyn_cli.formulations.system import EventFunction
+from robodyn_cli.formulations.events import REPARTITION, Event, EventFunction, EventKind, Outcome, Owner
 from robodyn_cli.spatial.algebra import zeros
 
 Array = NDArray[np.float64]
-RENEW = 0.2  # of the closeness at the pose where W was chosen, at which it is chosen anew
+WORN = 0.2  # of the closeness at the pose where W was chosen, at which it is chosen anew
 FLOOR = 1e-12  # closeness below which Psi itself has lost rank; W is chosen anew behind
 
 
-class RowChart:
-    """Parameters that make dependent rows independent around a pose (see ``formulations.system.Chart``)."""
+class RowCombinations:
+    """Parameters that make dependent rows independent around a pose (see ``formulations.system.Partition``)."""
 
     def __init__(self, problem: Problem) -> None:
+        self.problem = problem
         self.groups = [(c, c.W.shape[0]) for c in problem.combinations]
         self.first = len(problem.model.parameters)
         self.count = sum(group.numbers for group in problem.dependent)
@@ -55,18 +56,25 @@ class RowChart:
                     W = W * np.append(-1.0, np.ones(rank - 1))[:, None]
             s = s[:rank]
             close = 1.0 / ((s**2).sum() * (1.0 / np.maximum(s, 1e-150) ** 2).sum())
-            found += [W.ravel(), [RENEW * close if close > FLOOR else 2.0 * FLOOR]]
+            found += [W.ravel(), [WORN * close if close > FLOOR else 2.0 * FLOOR]]
         return np.concatenate(found)
 
+    @property
+    def functions(self) -> tuple[EventFunction, ...]:
+        """The events at which W is chosen anew: closeness of its rows to losing rank, at its threshold."""
+        problem = self.problem
+        found = []
+        for k, (combination, group) in enumerate(zip(problem.combinations, problem.dependent), start=1):
+            psi: Any = zeros(group.rank, problem.model.nv)
+            for i in range(group.rank):
+                for w, row in zip(combination.W[i], combination.rows):
+                    psi[i] = psi[i] + w * problem.psi[row]
+            value = closeness(psi, problem.psi[list(combination.rows)]) - combination.threshold
+            found.append(EventFunction(f"rows {k}", value, kind=EventKind.REPARTITION, owner=self))
+        return tuple(found)
 
-def renewals(problem: Problem) -> tuple[EventFunction, ...]:
-    """Return the events at which W is chosen anew: closeness of its rows at its threshold."""
-    found = []
-    for k, (combination, group) in enumerate(zip(problem.combinations, problem.dependent), start=1):
-        psi: Any = zeros(group.rank, problem.model.nv)
-        for i in range(group.rank):
-            for w, row in zip(combination.W[i], combination.rows):
-                psi[i] = psi[i] + w * problem.psi[row]
-        value = closeness(psi, problem.psi[list(combination.rows)]) - combination.threshold
-        found.append(EventFunction(f"renewal{k}", value, terminal=False, renewal=True))
-    return tuple(found)
+    def handle(self, event: Event) -> Outcome:
+        return REPARTITION
+
+    def again(self) -> Owner:
+        return self

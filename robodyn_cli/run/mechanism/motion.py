@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import SceneError
+from robodyn_cli.errors import GeometryError, SceneError, SingularConfigurationError
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Point, Scene
-from robodyn_cli.trajectories.motion import JointMotion, PointMotion, TaskSpace
+from robodyn_cli.trajectories.motion import JointMotion, TaskSpace
 
 if TYPE_CHECKING:
     from robodyn_cli.solve.point_kinematics import PointFunction, PointKinematics
@@ -23,17 +23,21 @@ Array = NDArray[np.float64]
 
 @record
 class Planned:
-    """The joints' motion at sample times, and where it comes from.
+    """The joints' motion at sample times (T,), and where it comes from.
 
-    target : what was asked of ``point``, if the trajectory leads a point; method : ``analytic`` or
-    ``newton``.
+    point, target : the point that is led, and its coordinates (T, 2 or 3) [m] that were asked for.
+    method : of the inverse kinematics, ``analytic`` or ``newton``. residuals : the largest of the loops, by level.
+    stopped : why the motion ends early, None where it is whole.
     """
 
+    times: Array
     motion: JointMotion
     point: str | None = None
-    target: PointMotion | None = None
+    target: Array | None = None
     method: str | None = None
+    residuals: dict[str, float] = dataclasses.field(default_factory=dict)
     counters: dict[str, int] = dataclasses.field(default_factory=dict)
+    stopped: GeometryError | SingularConfigurationError | None = None
 
 
 def with_led_point(scene: Scene) -> Scene:
@@ -56,7 +60,7 @@ def with_points(scene: Scene, references: Sequence[str]) -> Scene:
 
 
 def plan_motion(problem: Problem, times: Array) -> Planned:
-    """Return the motion of the scene's joints at ``times`` (T,), columns in the model's order.
+    """Return the motion of an open chain's joints at ``times`` (T,), columns in the model's order.
 
     Raises
     ------
@@ -73,7 +77,7 @@ def plan_motion(problem: Problem, times: Array) -> Planned:
             key="trajectory",
         )
     if not isinstance(trajectory, TaskSpace):
-        return Planned(trajectory.motion(times, model.q_names, parameters))
+        return Planned(times, trajectory.motion(times, model.q_names, parameters))
     from robodyn_cli.solve.inverse_kinematics import PointTask, follow_point
 
     start = trajectory.ik.guess or scene.initial.q
@@ -81,7 +85,8 @@ def plan_motion(problem: Problem, times: Array) -> Planned:
     task = PointTask(model, model.points[trajectory.point], trajectory, start, parameters, where)
     found = follow_point(task, times, compile_point)
     counters = {"ik_iterations": found.iterations, "ik_steps": found.steps} if found.iterations else {}
-    return Planned(found.motion, trajectory.point, task.target(times), found.method, counters)
+    target = task.target(times).p
+    return Planned(times, found.motion, trajectory.point, target, found.method, counters=counters)
 
 
 def compile_point(kinematics: PointKinematics) -> PointFunction:

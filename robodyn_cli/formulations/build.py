@@ -1,0 +1,110 @@
+"""From a mechanism's equations to the system that an integrator steps: a formulation, its events, its coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from robodyn_cli.equations.contact_joints import moving_freely
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.graph import Expr, Scalar
+from robodyn_cli.formulations.events import EventFunction, EventKind, Passing
+from robodyn_cli.formulations.formulated import Formulation
+from robodyn_cli.formulations.layout import Layout
+from robodyn_cli.formulations.system import Partition, System
+from robodyn_cli.kernels.crossover import prefer_rolled
+from robodyn_cli.registry import Registry
+from robodyn_cli.scene.types import Baumgarte
+
+FORMULATIONS: Registry[Formulation] = Registry(
+    "robodyn_cli.formulations",
+    {
+        "none": "plain:plain",
+        "projection": "projection:projected",
+        "baumgarte": "baumgarte:baumgarte",
+        "independent": "independent:independent",
+        "rolled": "rolled:rolled",
+    },
+)
+ORDER = {kind: k for k, kind in enumerate(EventKind)}
+
+
+def build_system(
+    problem: Problem,
+    stabilisation: str | Baumgarte = "projection",
+    events: Sequence[EventFunction] = (),
+    work: bool = True,
+    expanded: bool = False,
+) -> System:
+    """Return the system that an integrator steps.
+
+    Long open trees get rolled dynamics (see ``prefer_rolled``), all others expressions.
+
+    Parameters
+    ----------
+    stabilisation : of closed loops: ``projection``, ``independent``, ``none``, or Baumgarte's gains.
+    events : what is watched beside discontinuities and the wear of a partition.
+    work : carry the work of actuators and damping as a further state, where there is any.
+    expanded : give expressions in any case, for those who look into them.
+    """
+    name = formulation_of(problem, stabilisation, expanded)
+    z_rate = work_rate(problem) if work else ()
+    found = FORMULATIONS[name](problem, z_rate, stabilisation)
+    partition = found.partition or _row_combinations(problem)
+    own = (*discontinuities(problem), *(partition.functions if partition is not None else ()))
+    system = System(
+        nq=problem.model.nq,
+        nv=problem.model.nv,
+        dynamics=found.dynamics,
+        nz=len(z_rate),
+        corrections=found.corrections,
+        events=tuple(sorted((*events, *own), key=lambda e: ORDER[e.kind])),
+        breakpoints=problem.breakpoints,
+        partition=partition,
+        parameters=moving_freely(problem.contact_joints),
+        forms=found.forms,
+    )
+    layout = Layout.of(problem.model, len(z_rate))
+    if layout is None:
+        return system
+    from robodyn_cli.formulations.quasi import with_layout
+
+    return with_layout(problem, system, layout)
+
+
+def formulation_of(problem: Problem, stabilisation: str | Baumgarte, expanded: bool = False) -> str:
+    """Return the name of the formulation that suits a mechanism; without constraints there is nothing to stabilise."""
+    if not problem.working.rows:
+        return "rolled" if not expanded and is_rolled(problem) else "none"
+    return "baumgarte" if isinstance(stabilisation, Baumgarte) else stabilisation
+
+
+def work_rate(problem: Problem) -> tuple[Scalar, ...]:
+    """Return the power of actuators and damping, () where nothing drives or brakes."""
+    power = problem.power
+    impacts = any(joint.stops for joint in problem.contact_joints)  # they take energy at once
+    return (power,) if isinstance(power, Expr) or power != 0.0 or impacts else ()
+
+
+def is_rolled(problem: Problem) -> bool:
+    """Tell whether a simulation goes by loops over the bodies instead of one graph of expressions."""
+    quasi = any(body.joint.quasi for body in problem.model.bodies)
+    plain = not quasi and not problem.scene.prescribed and not problem.contact_joints
+    return plain and prefer_rolled(problem.model)
+
+
+def discontinuities(problem: Problem) -> tuple[EventFunction, ...]:
+    """Return the events of formulas that switch with the state (times are breakpoints)."""
+    owner = Passing()
+    return tuple(
+        EventFunction(key, switch, kind=EventKind.DISCONTINUITY, owner=owner)
+        for key, switch in problem.state_switches
+    )
+
+
+def _row_combinations(problem: Problem) -> Partition | None:
+    """Return the choice of independent combinations of dependent rows, where there are such rows."""
+    if not problem.dependent:
+        return None
+    from robodyn_cli.formulations.row_combinations import RowCombinations
+
+    return RowCombinations(problem)

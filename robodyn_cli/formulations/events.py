@@ -1,0 +1,157 @@
+"""Events: functions of time and state whose sign changes end a step, who they belong to, and what becomes of the run.
+
+An event function has an owner. When the function changes its sign the owner is handed the event, and its answer, an
+``Outcome``, says how the run goes on. Integrators know of a function its value, its direction, whether the
+right-hand side jumps there, and its owner; what the event means is the owner's affair.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.record import mutable_record, record
+
+Array = NDArray[np.float64]
+
+
+class EventKind(enum.Enum):
+    """What a sign change means. A system has its functions in this order."""
+
+    MARK = "a time to be told"
+    RANK_LOSS = "the loops come near a loss of rank"
+    PASSAGE = "the loops come near a loss of rank that is to be passed"
+    DEAD_POINT = "the input comes to a dead point"
+    DISCONTINUITY = "the right-hand side jumps or has a kink"
+    REPARTITION = "parameters that fit a part of the motion are chosen anew"
+    CONTACT = "a joint sticks, slips, meets its stop or leaves it"
+
+
+# -- what becomes of the run ------------------------------------------------------------------------------
+@record
+class Outcome:
+    """The run goes on as it was."""
+
+
+@record
+class Stop(Outcome):
+    """The run ends at the event."""
+
+
+@record
+class Repartition(Outcome):
+    """The partition's parameters are chosen anew; the motion goes on as it was."""
+
+
+@record
+class Jump(Outcome):
+    """The run goes on from another state at the same time.
+
+    state : x (nx,). parameters : new values of p, where they change too. sides : the side from which the owner's event
+    functions start, by their number among these, where it is known. step : the next step is at most so long [s].
+    """
+
+    state: Array
+    parameters: Array | None = None
+    sides: Mapping[int, float] | None = None
+    step: float = math.inf
+
+
+@record
+class Leap(Outcome):
+    """The run goes on from a later time; what lies between was integrated by the owner.
+
+    states : the states (T, nx) at times (T,) up to ``time`` [s]. state : x (nx,) there.
+    """
+
+    time: float
+    state: Array
+    states: Callable[[Array], Array]
+
+
+GO_ON = Outcome()
+STOP = Stop()
+REPARTITION = Repartition()
+
+
+# -- functions and owners ---------------------------------------------------------------------------------
+class Owner(Protocol):
+    """Whose event functions they are."""
+
+    def handle(self, event: Event) -> Outcome:
+        """Answer an event."""
+
+    def again(self) -> Owner | None:
+        """Return the owner of the same functions in a second integration of the motion, None where that need not watch.
+
+        A second integration watches only what changes the motion.
+        """
+
+
+@record
+class EventFunction:
+    """A scalar whose sign change is an event.
+
+    direction : +1 for rising, -1 for falling, 0 for both. owner : who handles the event; without one the run goes on.
+    """
+
+    name: str
+    value: Scalar
+    direction: int = 0
+    kind: EventKind = EventKind.MARK
+    owner: Owner | None = None
+
+    @property
+    def is_discontinuity(self) -> bool:
+        """Whether the right-hand side jumps or has a kink where the function is zero."""
+        return self.kind is EventKind.DISCONTINUITY
+
+
+@mutable_record
+class Event:
+    """An event that happened: whose, at which place among the system's functions, when, and the state there.
+
+    state : x = (q, v, z) of the integrator. time_error : width of the bracket of the time [s].
+    """
+
+    function: EventFunction
+    index: int
+    time: float
+    state: Array
+    time_error: float
+
+    @property
+    def name(self) -> str:
+        return self.function.name
+
+    def outcome(self) -> Outcome:
+        """Return the owner's answer."""
+        owner = self.function.owner
+        return GO_ON if owner is None else owner.handle(self)
+
+
+# -- owners with nothing to decide ------------------------------------------------------------------------
+class Passing:
+    """Events at which a step ends, and nothing else happens (discontinuities)."""
+
+    def handle(self, event: Event) -> Outcome:
+        return GO_ON
+
+    def again(self) -> Owner:
+        return self
+
+
+class Stopping:
+    """Events that end the run."""
+
+    def handle(self, event: Event) -> Outcome:
+        return STOP
+
+    def again(self) -> None:
+        return None

@@ -1,0 +1,137 @@
+"""Compiled code kept on disk: only what this user wrote is used, and only for the key it was written for.
+
+An object file is machine code that runs with the user's rights. So a directory or file that belongs to another user, or
+that others may write, is left alone; links and special files are not followed; and each file starts with a digest of
+its key and its code together, so a file that was damaged, swapped or brought from elsewhere is compiled anew.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import platform
+import stat
+import tempfile
+import time
+from pathlib import Path
+
+from robodyn_cli.kernels.report import REPORT
+
+MOST_BYTES = 64 << 20  # kept in all; the oldest files go first
+PARTIAL = ".part"
+STALE = 3600.0  # age [s] from which on an unfinished file is left over from a process that was killed
+DIGEST = 32  # bytes of SHA-256
+OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
+
+
+def cache_directory() -> Path | None:
+    """Return where compiled code is kept, or None where nothing can be kept (``ROBODYN_CACHE`` = path or ``off``)."""
+    setting = os.environ.get("ROBODYN_CACHE")
+    if setting == "off":
+        return None
+    root = Path(setting) if setting else _default_root()
+    try:
+        root.mkdir(parents=True, exist_ok=True, mode=0o700)
+        found = os.stat(root)
+    except (OSError, RuntimeError, ValueError):
+        return None
+    if (why := _distrusted(found)) is not None:
+        REPORT.warn(
+            f"compiled code is not kept in {root}: {why}; set ROBODYN_CACHE to a directory of your own"
+        )
+        return None
+    return root
+
+
+def _default_root() -> Path:
+    if platform.system() == "Windows":
+        return Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local")) / "robodyn"
+    if platform.system() == "Darwin":
+        return Path.home() / "Library" / "Caches" / "robodyn"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "robodyn"
+
+
+def _distrusted(found: os.stat_result) -> str | None:
+    """Return why a directory or file is not used, None where it is this user's own."""
+    if os.name != "posix":
+        return None
+    if found.st_uid not in (os.geteuid(), 0):
+        return "it belongs to another user"
+    if found.st_mode & OTHERS_WRITE:
+        return "other users may write there"
+    return None
+
+
+class ObjectFile:
+    """One cached object: the file of a key, which need not exist.
+
+    Parameters
+    ----------
+    key : digest of everything that decides the code, the processor and the version of robodyn included.
+    """
+
+    def __init__(self, folder: Path, key: str) -> None:
+        self.key, self.path = key, folder / f"{key[:40]}.o"
+
+    def read(self) -> bytes | None:
+        """Return the code, if the file is whole, written for this key, and nobody else's."""
+        flags = (
+            os.O_RDONLY
+            | getattr(os, "O_NOFOLLOW", 0)
+            | getattr(os, "O_NONBLOCK", 0)
+            | getattr(os, "O_BINARY", 0)
+        )
+        try:
+            descriptor = os.open(self.path, flags)
+        except OSError:
+            return None
+        found = os.fstat(descriptor)
+        if not stat.S_ISREG(found.st_mode) or _distrusted(found) is not None:
+            os.close(descriptor)
+            return None
+        with os.fdopen(descriptor, "rb") as stream:
+            data = stream.read()
+        code = data[DIGEST:]
+        return code if code and data[:DIGEST] == self._digest(code) else None
+
+    def write(self, code: bytes) -> None:
+        """Keep an object; losing a race or having no space is no error."""
+        with contextlib.suppress(OSError):
+            handle, name = tempfile.mkstemp(dir=self.path.parent, suffix=PARTIAL)
+            try:
+                with os.fdopen(handle, "wb") as stream:
+                    stream.write(self._digest(code) + code)
+                os.replace(name, self.path)
+            except BaseException:
+                os.unlink(name)
+                raise
+            sweep(self.path.parent)
+
+    def _digest(self, code: bytes) -> bytes:
+        return hashlib.sha256(self.key.encode() + b"\0" + code).digest()
+
+
+def contents(folder: Path) -> list[tuple[Path, os.stat_result]]:
+    """Return the objects in a cache with what is known of them, oldest first."""
+    found = []
+    for path in folder.glob("*.o"):
+        with contextlib.suppress(OSError):
+            found.append((path, path.lstat()))
+    return sorted(found, key=lambda pair: pair[1].st_mtime)
+
+
+def sweep(folder: Path, most_bytes: int | None = None) -> None:
+    """Remove the oldest objects beyond ``most_bytes`` in all, and what processes that were killed left unfinished."""
+    objects = contents(folder)
+    excess = sum(found.st_size for _, found in objects) - (MOST_BYTES if most_bytes is None else most_bytes)
+    for path, found in objects:
+        if excess <= 0:
+            break
+        with contextlib.suppress(OSError):
+            path.unlink()
+            excess -= found.st_size
+    for path in folder.glob(f"*{PARTIAL}"):
+        with contextlib.suppress(OSError):
+            if time.time() - path.lstat().st_mtime > STALE:
+                path.unlink()

@@ -1,0 +1,92 @@
+"""The recorded run of a deployment: up to what the scan has found to end it, on the scene's grid."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.errors import NumericalError
+from robodyn_cli.formulations.events import GO_ON, STOP, Event, EventKind, Outcome
+from robodyn_cli.integrators.runtime.grid import Grid
+from robodyn_cli.run.deploy.scan import End, Scan
+from robodyn_cli.run.driver.driver import Driver
+from robodyn_cli.run.driver.motion import Motion
+from robodyn_cli.run.observation.recorder import Recorder
+from robodyn_cli.run.progress import Progress
+
+Array = NDArray[np.float64]
+# smallest singular value of the passive block, relative to the largest of Psi, that is still worth reporting
+NEAR_SINGULAR = 1e-3
+SHORT_OF = 1e-2  # part of the extrapolated way to a loss of rank that samples stay short of it
+AT_EVENT = 1e-9  # part of the time by which an event may come sooner than in the scan
+
+
+class StopAt:
+    """Ends a run at the event at ``time`` [s], passing those before; None: at none."""
+
+    def __init__(self, time: float | None) -> None:
+        self.time = time
+
+    def handle(self, event: Event) -> Outcome:
+        if self.time is None or event.time < self.time - AT_EVENT * max(1.0, self.time):
+            return GO_ON
+        return STOP
+
+    def again(self) -> None:
+        return None
+
+
+def record_motion(motion: Motion, found: Scan, end: End, recorder: Recorder, progress: Progress) -> Driver:
+    """Integrate once more and observe; the last sample is the end itself.
+
+    The events are those of the scan, so that the steps are the same and a singular configuration is met in the
+    same way: by a step from afar, never by creeping up to it.
+    """
+    s = motion.scene.simulate
+    lost = found.bifurcation if end.bifurcated else None
+    stop = lost[0] if lost is not None else end.time
+    located = [
+        pose[0] for pose in (found.dead_point, found.bifurcation) if pose is not None and not found.driven
+    ]
+    at_event = stop is not None and stop in located
+    until = s.duration if stop is None or at_event else stop
+    if found.stopped is not None:
+        until = min(until, found.end)
+    grid = Grid.over(s.duration, s.samples)
+    target = until
+    if lost is not None:
+        # the way from the threshold on was travelled by extrapolation; samples stop short of the pose
+        target = lost[0] - SHORT_OF * (lost[0] - found.clean_until)
+        grid = grid.up_to(int(target / grid.step) + 1)
+    driver = _driver(motion, stop if at_event else None)
+    driver.tick = lambda time: progress(time, until)
+
+    def emit(t: Array, x: Array) -> None:
+        if found.driven:
+            # close to the dead point the rates of the passive joints grow without bound: nothing to report there
+            angle = motion.observer.singular_ratio(t, x)
+            t, x = t[angle > NEAR_SINGULAR], x[angle > NEAR_SINGULAR]
+        if len(t):
+            recorder.emit(t, x)
+        progress(float(t[-1]) if len(t) else target, target)
+
+    driver.start(0.0, motion.start)
+    try:
+        driver.run(target, grid, emit)
+    except NumericalError:
+        if found.stopped is None:
+            raise
+    if lost is not None:
+        recorder.emit(np.array([lost[0]]), lost[1][None, :].copy(), project=False, extra=True)
+        recorder.make_last_least_norm(lost[0])
+    elif not found.driven:
+        recorder.keep_last_state(driver.time, driver.state)
+    return driver
+
+
+def _driver(motion: Motion, stop: float | None) -> Driver:
+    """Return the driver of the recorded run, which stops at the pose that was located at ``stop`` [s]."""
+    at = StopAt(stop)
+    poses = (EventKind.RANK_LOSS, EventKind.DEAD_POINT)
+    system = motion.system.watched_by(lambda e: at if e.kind in poses else e.owner)
+    return Driver(system, motion.choice.method, motion.options)

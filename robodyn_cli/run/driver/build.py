@@ -1,0 +1,157 @@
+"""From a scene to a motion that can be integrated: the one builder of every command that integrates, and of the plan.
+
+gains -> equations and start (``prepare``) -> watchers -> system -> method
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.expr.graph import free_symbols
+from robodyn_cli.formulations.build import build_system
+from robodyn_cli.formulations.system import System
+from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.model.model import UNKNOWN_GROUP
+from robodyn_cli.run.driver.method import choose
+from robodyn_cli.run.driver.motion import Choice, Gains, Motion, Watcher
+from robodyn_cli.run.driver.prepare import Setup, passive_coordinates, prepare
+from robodyn_cli.run.stopwatch import Stopwatch
+from robodyn_cli.scene.types import Baumgarte, Scene
+
+Follow = Callable[[Problem, Sequence[int]], Sequence[Watcher]]
+AUTOMATIC = "baumgarte"
+
+
+def follow_motion(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
+    """Return the watchers of a simulation: loss of rank (a stop, or a pose to pass), and contact states."""
+    found: list[Watcher] = []
+    contact = bool(problem.contact_joints)
+    stops = problem.scene.simulate.singular == "stop"
+    if problem.model.closures and (stops or not contact):
+        from robodyn_cli.run.driver.rank_loss import Passage, RankLoss
+
+        found.append(RankLoss(problem) if stops else Passage(problem))
+    if contact:
+        from robodyn_cli.run.driver.contact_states import ContactStates
+
+        found.append(ContactStates(problem))
+    return [watcher for watcher in found if watcher.functions]
+
+
+def follow_nothing(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
+    """Return no watchers.
+
+    Raises
+    ------
+    CapabilityError : there are joints with a contact state, which someone has to follow.
+    """
+    refuse_contact(problem)
+    return []
+
+
+def refuse_contact(problem: Problem) -> None:
+    """Raise if there are joints that stick or meet rigid stops.
+
+    Raises
+    ------
+    CapabilityError : there are, and the caller does not follow them.
+    """
+    if problem.contact_joints:
+        raise CapabilityError(
+            f"joint {problem.contact_joints[0].name!r} has friction with 'law: set_valued' or a rigid stop, which only "
+            "`simulate` follows; allowed here: 'transition_speed', and stops with 'stiffness'"
+        )
+
+
+def build_motion(
+    scene: Scene,
+    watch: Stopwatch | None = None,
+    follow: Follow = follow_motion,
+    work: bool = True,
+    reactions: bool = False,
+    plan: bool = False,
+) -> Motion:
+    """Build everything that a command integrates, once.
+
+    Parameters
+    ----------
+    follow : gives the watchers for the equations and the passive coordinates.
+    work : carry the work of actuators and damping as a further state. reactions : observe joint reactions in any case.
+    plan : nothing is going to run, so an open chain may lack initial positions, and the scene data.
+
+    Raises
+    ------
+    RobodynError : the scene cannot be started; see ``prepare``.
+    """
+    watch = watch or Stopwatch()
+    scene, gains = with_gains(scene, watch)
+    setup = prepare(scene, watch, neutral=plan)
+    problem = setup.problem
+    with watch.stage("equations"):
+        passive = tuple(passive_coordinates(problem) or ())
+        watchers = tuple(follow(problem, passive))
+        functions = [function for watcher in watchers for function in watcher.functions]
+        system = build_system(problem, scene.simulate.stabilisation, functions, work)
+    with watch.stage("method"):
+        choice = _choice(scene, setup, system, plan)
+    motion = Motion(
+        scene,
+        problem,
+        setup.assembled,
+        passive,
+        system,
+        watchers,
+        options_for(scene),
+        choice,
+        gains,
+        reactions,
+    )
+    if not plan:
+        with watch.stage("equations"):
+            for watcher in watchers:
+                watcher.follow(motion)
+    return motion
+
+
+def options_for(scene: Scene) -> Options:
+    """Return the tolerances and limits of a scene's integration."""
+    s = scene.simulate
+    longest = math.inf if s.max_step is None else s.max_step
+    return Options(s.rtol, s.atol, s.step, longest, s.max_steps)
+
+
+def _choice(scene: Scene, setup: Setup, system: System, plan: bool) -> Choice:
+    lacks = plan and not system.dynamics.any_size
+    if lacks and any(e.value[1] == UNKNOWN_GROUP for e in free_symbols(system.rates)):
+        return Choice(scene.simulate.integrator, "data are missing that the choice needs")
+    start = system.join(setup.assembled.q, setup.assembled.v)
+    return choose(scene, setup.problem, system, start, options_for(scene))
+
+
+# -- Baumgarte's gains that the scene leaves to us ---------------------------------------------------------
+def with_gains(scene: Scene, watch: Stopwatch) -> tuple[Scene, Gains | None]:
+    """Return the scene with Baumgarte's gains chosen where it leaves that to us, and what was found on the way."""
+    if scene.simulate.stabilisation != AUTOMATIC or not (scene.loops or scene.couplers):
+        return scene, None
+    from robodyn_cli.run.driver.baumgarte import GainStudy
+
+    with watch.stage("gains"):
+        found = GainStudy(projected_motion(scene)).choose()
+    gains = Baumgarte(alpha=found.alpha, beta=found.beta)
+    return with_stabilisation(scene, gains), found
+
+
+def projected_motion(scene: Scene) -> Motion:
+    """Return the motion of a scene with its loops kept closed by projection, without the work and without watchers."""
+    return build_motion(with_stabilisation(scene, "projection"), follow=lambda p, passive: (), work=False)
+
+
+def with_stabilisation(scene: Scene, stabilisation: str | Baumgarte) -> Scene:
+    """Return the scene with another way to keep its loops closed."""
+    return dataclasses.replace(
+        scene, simulate=dataclasses.replace(scene.simulate, stabilisation=stabilisation)
+    )

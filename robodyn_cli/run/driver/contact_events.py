@@ -1,0 +1,55 @@
+"""The event functions of joints that stick, slip and meet rigid stops."""
+
+from __future__ import annotations
+
+import enum
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.formulations.events import EventFunction, EventKind, Owner
+from robodyn_cli.record import record
+
+
+class Transition(enum.Enum):
+    """What an event function of a joint may lead to."""
+
+    LOWER_STOP = "stop lower"
+    UPPER_STOP = "stop upper"
+    REST = "rest"
+    BREAK_HIGH = "break high"  # the multiplier that holds the joint has come to its upper bound
+    BREAK_LOW = "break low"
+
+
+STOPS = {Transition.LOWER_STOP: 1.0, Transition.UPPER_STOP: -1.0}  # the direction in which the stop pushes
+
+
+@record
+class ContactFunction(EventFunction):
+    """An event function of a joint with a contact state. joint : its number among these."""
+
+    joint: int = 0
+    transition: Transition = Transition.REST
+
+
+def contact_functions(problem: Problem, owner: Owner) -> tuple[ContactFunction, ...]:
+    """Return the functions whose fall through zero may change the contact state of a joint.
+
+    Rigid stops: the distance. Rest: the rate along the direction of motion. Break: what is left of the bounds of the
+    multiplier that holds the joint.
+    """
+    found: list[ContactFunction] = []
+
+    def add(number: int, transition: Transition, value: Scalar) -> None:
+        name = f"{transition.value} {problem.contact_joints[number].name}"
+        found.append(ContactFunction(name, value, -1, EventKind.CONTACT, owner, number, transition))
+
+    # forces that hold cost the accelerations, which the loops of a long chain do without
+    for k, (joint, force) in enumerate(zip(problem.contact_joints, problem.holding)):
+        for push, at in joint.stops:
+            side = Transition.LOWER_STOP if push > 0.0 else Transition.UPPER_STOP
+            add(k, side, push * (problem.q[joint.q] - at))
+        if joint.friction is not None:
+            add(k, Transition.REST, joint.direction * problem.v[joint.v])
+        add(k, Transition.BREAK_HIGH, joint.hold * (joint.high - force))
+        add(k, Transition.BREAK_LOW, joint.hold * (force - joint.low))
+    return tuple(found)

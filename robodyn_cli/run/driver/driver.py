@@ -1,0 +1,194 @@
+"""The one driver: it takes a system from a state to an end.
+
+    start -> watchers look at the state -> integrate; at an event its owner says how to go on:
+        go on | stop | another state (impact, stick-slip) | another choice of parameters | a later time (a pose passed)
+
+and where the motion turns out to be stiff the run goes on with another method.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.errors import NumericalError
+from robodyn_cli.formulations.events import Leap
+from robodyn_cli.formulations.system import System
+from robodyn_cli.integrators.runtime.integrator import Counters, Grid, Integrator, Options
+from robodyn_cli.run.driver.motion import Motion, Watcher
+
+Array = NDArray[np.float64]
+Emit = Callable[[Array, Array], None]
+BLOCK = 65536  # samples that are handed on at a time
+
+
+class Supervisor(Protocol):
+    """Who may change the method on the way. steps : after so many the run asks."""
+
+    steps: int | None
+
+    def reconsider(self, driver: Driver) -> str | None:
+        """Return the method to go on with, None for the present one."""
+
+
+class Driver:
+    """One integration of a system.
+
+    Parameters
+    ----------
+    watchers : owners of events that this run is to hand them to; they see the start and the samples.
+    supervisor : may change the method. parameters : values of p; by default those of the system.
+
+    tick, where set, is told the time every few milliseconds of a run.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        method: str,
+        options: Options,
+        watchers: Sequence[Watcher] = (),
+        supervisor: Supervisor | None = None,
+        parameters: Any = (),
+    ) -> None:
+        self.system, self.options = system, options
+        self.watchers = tuple(watchers)
+        self.supervisor = supervisor
+        self.given = parameters
+        self.tick: Callable[[float], None] | None = None
+        self._done = Counters()
+        self._take_up(method)
+
+    @staticmethod
+    def of(motion: Motion, supervisor: Supervisor | None = None) -> Driver:
+        """Return the driver of a motion."""
+        return Driver(motion.system, motion.choice.method, motion.options, motion.watchers, supervisor)
+
+    def _take_up(self, method: str) -> None:
+        self.method = method
+        self.integrator = Integrator(self.system, method, self.given)
+
+    # -- where the run is -----------------------------------------------------------------------------
+    @property
+    def time(self) -> float:
+        return self.integrator.time
+
+    @property
+    def state(self) -> Array:
+        return self.integrator.state
+
+    @property
+    def parameters(self) -> Array:
+        """The parameters p at present."""
+        return self.integrator.p.copy()
+
+    def rates(self) -> Array:
+        """Return accelerations and z rates (nv + nz,) at present, not finite where there are none."""
+        return self.integrator.rates()
+
+    @property
+    def repartitions(self) -> int:
+        """How often a partition has chosen its parameters anew."""
+        return self.integrator.parameters.repartitions
+
+    @property
+    def counters(self) -> Counters:
+        """Counters over the whole run."""
+        return self._done + self.integrator.counters
+
+    # -- running --------------------------------------------------------------------------------------
+    def start(self, time: float, state: Array, options: Options | None = None) -> None:
+        """Begin a run; watchers may change the state (an impact at the start)."""
+        self.options = self.options if options is None else options
+        self._done = Counters()
+        for watcher in self.watchers:
+            state = watcher.begin(time, state, self.options)
+        self._go_on_from(time, state)
+
+    def _go_on_from(self, time: float, state: Array) -> None:
+        most = None if self.supervisor is None else self.supervisor.steps
+        options = self.options
+        if most is not None:
+            options = dataclasses.replace(options, max_steps=min(most, options.max_steps))
+        self.integrator.tick = self.tick
+        self.integrator.reset(time, state, options)
+        for watcher in self.watchers:
+            self.integrator.apply(watcher.arm(state), watcher)
+
+    def advance(self, end: float) -> None:
+        """Go to ``end`` without samples or events.
+
+        Raises
+        ------
+        NumericalError : see ``run``.
+        """
+        self.integrator.tick = self.tick
+        self.integrator.advance(end)
+
+    def run(self, end: float, grid: Grid, emit: Emit, block: int = BLOCK, watch: bool = True) -> None:
+        """Integrate to ``end``, or to where an owner of events stops the run.
+
+        Parameters
+        ----------
+        grid : sample times. emit : takes times (T,) and states (T, nx) in order, at most ``block`` at a time.
+        watch : whether to look for events.
+
+        Raises
+        ------
+        NumericalError : the step size underflows, the state stops being finite, or there are too many steps.
+        """
+        self.integrator.tick = self.tick
+
+        def seen(t: Array, x: Array) -> None:
+            for watcher in self.watchers:
+                watcher.see(t, x)
+            emit(t, x)
+
+        while True:
+            try:
+                outcome = self.integrator.run(end, grid, seen, block, watch)
+            except NumericalError as error:
+                if not self._goes_on(error):
+                    raise
+                continue
+            if not isinstance(outcome, Leap):
+                return
+            self._leap(outcome, end, grid, seen)
+
+    def samples(self, end: float, grid: Grid, watch: bool = True) -> Array:
+        """Return the states (T, nx) at the sample times up to where the run came."""
+        rows: list[Array] = []
+        self.run(end, grid, lambda t, x: rows.append(x), watch=watch)
+        return np.concatenate(rows)
+
+    def _leap(self, leap: Leap, end: float, grid: Grid, emit: Emit) -> None:
+        """Go on behind a stretch that an owner has integrated itself, with its samples."""
+        start, behind = self.time, min(leap.time, end)
+        first, last = grid.first_at(start), min(grid.first_at(behind), grid.count)
+        first += grid.begins_by(first, start)
+        if last > first:
+            times = grid.times(first, last)
+            emit(times, leap.states(times))
+        state = leap.state if leap.time < end else leap.states(np.array([end]))[0]
+        self._done = self.counters
+        self._go_on_from(behind, state)
+
+    def _goes_on(self, error: NumericalError) -> bool:
+        """After many steps, let the supervisor choose the method to go on with; tell whether the run goes on."""
+        if (
+            self.supervisor is None
+            or self.supervisor.steps is None
+            or error.details.get("status") != "max_steps"
+        ):
+            return False
+        time, state = self.time, self.state
+        method = self.supervisor.reconsider(self)
+        self._done = self.counters
+        if method is not None:
+            self._take_up(method)
+        self._go_on_from(time, state)
+        return True

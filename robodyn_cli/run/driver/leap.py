@@ -1,0 +1,315 @@
+"""A leap over a pose in which the loops' constraints lose rank, along the branch that the motion is on.
+
+In the pose the constraints leave more freedom than before, multipliers may have a pole, and no method that needs them
+at its stages can pass. The motion itself is smooth. So it is followed by collocation at Gauss nodes on both sides of
+the pose, none of them close to it. At each node the constraints are well conditioned; positions lie on them, and the
+accelerations come from the equations of motion projected on the directions that they leave free,
+
+    N^T (M a + h - tau) = 0,   Psi a + gamma = 0,   Psi N = 0,
+
+which contain no multipliers. Coefficients that decay and constraints that hold between the nodes, on the pose too,
+prove that both sides belong to one smooth branch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+
+from robodyn_cli.algorithms.kinematics import slice_q, slice_v
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.formulations.dynamics import GROUPS
+from robodyn_cli.integrators.methods.gauss_tables import gauss_table
+from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.record import record
+from robodyn_cli.run.driver.singularity import loop_rows
+
+Array = NDArray[np.float64]
+EPS = float(np.finfo(float).eps)
+LOST = 1e-6  # ratio of singular values at a located pose below which a direction counts as lost
+HISTORY = 9  # points through which a guess is extrapolated
+ROUNDS = 60
+CLOSING = 9  # Newton steps that may close the loops at a node
+TAIL = 1e-9  # the last coefficients of positions, over their size, at most
+
+
+class NotSmooth(Exception):
+    """No smooth branch was found over the pose; says why."""
+
+
+@record
+class State:
+    """A moment of the motion: time [s], positions (nq,), velocities (nv,), further states (nz,) of the mechanism."""
+
+    time: float
+    q: Array
+    v: Array
+    z: Array
+
+
+class Equations:
+    """The parts of the equations of motion as numbers, at many states at once."""
+
+    def __init__(self, problem: Problem, work: bool = False) -> None:
+        rows, nv = problem.constraints, problem.model.nv
+        self.nv, self.m = nv, len(rows.rows)
+        # those of loops and of prescribed joints together: both bind the motion
+        self.rank = len(problem.working.rows)
+        self.loops, self.loop_rank = loop_rows(problem), problem.loop_rank
+        geometry = {"eta": rows.eta, "psi": list(problem.psi.ravel())}
+        rates: dict[str, list[Any]] = {
+            "M": list(problem.mass_matrix.ravel()),
+            "f": list(problem.applied - problem.bias),
+            "gamma": rows.gamma,
+            "eta_t": rows.eta_t,
+            "qd": _position_rates(problem),
+            "power": [problem.applied_power] if work else [],
+        }
+        self.work = work
+        self.geometry = SampleKernel(geometry, GROUPS)
+        self.rates = SampleKernel({k: x for k, x in rates.items() if x}, GROUPS)
+        self.shift = SampleKernel({"q": _moved(problem)}, GROUPS)
+        self.p = np.zeros(max(1, len(problem.model.parameters)))
+
+    def _values(
+        self, kernel: SampleKernel, t: Array, q: Array, v: Array, z: Array | None = None
+    ) -> dict[str, Array]:
+        groups = {"t": t, "q": q, "v": v, "z": np.zeros((len(t), 1)) if z is None else z, "p": self.p}
+        return kernel.evaluate(len(t), groups)
+
+    def constraints(self, t: Array, q: Array) -> tuple[Array, Array]:
+        """Return eta (T, m) and Psi (T, m, nv)."""
+        found = self._values(self.geometry, t, q, np.zeros((len(t), self.nv)))
+        return found["eta"], found["psi"].reshape(len(t), self.m, self.nv)
+
+    def singular_values(self, t: Array, q: Array) -> Array:
+        """Return those of the loops' Psi (T, r), largest first, but for the ones that are zero in every pose."""
+        psi = self.constraints(t, q)[1][:, self.loops]
+        found: Array = np.asarray(np.linalg.svd(psi, compute_uv=False), dtype=float)
+        return found[:, : self.loop_rank]
+
+    def moved(self, q: Array, dq: Array) -> Array:
+        """Return positions (T, nq) after steps dq (T, nv) along the joints' manifolds."""
+        return self._values(self.shift, np.zeros(len(q)), q, dq)["q"]
+
+
+def _position_rates(problem: Problem) -> list[Any]:
+    """Return q-dot (nq,)."""
+    rates: list[Any] = [0.0] * problem.model.nq
+    for body in problem.model.bodies:
+        own = body.joint.velocity_map(slice_q(body, problem.q), slice_v(body, problem.v))
+        rates[body.q : body.q + body.joint.nq] = own
+    return rates
+
+
+def _moved(problem: Problem) -> list[Any]:
+    """Return q (nq,) after a step that stands in place of v, on the joints' manifolds."""
+    q: list[Any] = [0.0] * problem.model.nq
+    for body in problem.model.bodies:
+        moved = body.joint.integrate(slice_q(body, problem.q), slice_v(body, problem.v))
+        q[body.q : body.q + body.joint.nq] = body.joint.normalise(moved) if body.joint.quasi else moved
+    return q
+
+
+@record
+class Frames:
+    """At each node, r combinations of the rows that are independent there, and the directions E that they leave free.
+
+    combination : (n, r, m). free : (n, nv - r, nv).
+    """
+
+    combination: Array
+    free: Array
+
+    @staticmethod
+    def at(psi: Array, rank: int) -> Frames:
+        """Return the frames of Psi (n, m, nv) by singular value decomposition."""
+        U, _, Vt = np.linalg.svd(psi)
+        return Frames(np.swapaxes(U[:, :, :rank], 1, 2), Vt[:, rank:])
+
+    def inverse(self, psi: Array) -> Array:
+        """Return the inverse (n, nv, nv) of the rows W Psi and E together."""
+        return np.linalg.inv(np.concatenate([self.combination @ psi, self.free], axis=1))
+
+    def step(self, inverse: Array, residual: Array) -> Array:
+        """Return the step (n, nv) that takes the rows by ``residual`` (n, m), nothing along E."""
+        rank = self.combination.shape[1]
+        return np.einsum(
+            "nij,nj->ni", inverse[:, :, :rank], np.einsum("nij,nj->ni", self.combination, residual)
+        )
+
+
+class Collocation:
+    """One leap: from a state over ``length`` [s], n nodes."""
+
+    def __init__(self, equations: Equations, start: State, length: float, nodes: int) -> None:
+        self.equations, self.start, self.length, self.n = equations, start, length, nodes
+        table = gauss_table(nodes)
+        self.A, self.c = table.A[:nodes, :nodes], table.c[:nodes]
+        self.times = start.time + length * self.c
+
+    # -- the curve ------------------------------------------------------------------------------------
+    def guess(self, history: Sequence[State]) -> tuple[Array, Array, Frames]:
+        """Extrapolate from node to node, closing the loops at each: q (n, nq), v (n, nv) and frames."""
+        times = [s.time for s in history]
+        known_q, known_v = [s.q for s in history], [s.v for s in history]
+        frames = []
+        for t in self.times.tolist():
+            q, v = extrapolated(times, known_q, t)[None], extrapolated(times, known_v, t)[None]
+            at = np.array([t])
+            frame = Frames.at(self.equations.constraints(at, q)[1], self.equations.rank)
+            q = self.closed(at, q, frame)
+            frames.append(frame)
+            times.append(t)
+            known_q.append(q[0])
+            known_v.append(v[0])
+        n = self.n
+        frame = Frames(*(np.concatenate([getattr(f, k) for f in frames]) for k in ("combination", "free")))
+        return np.array(known_q[-n:]), np.array(known_v[-n:]), frame
+
+    def closed(self, t: Array, q: Array, frames: Frames) -> Array:
+        """Return q (n, nq) on the constraints, moved across E only.
+
+        Raises
+        ------
+        NotSmooth : Newton's steps do not contract.
+        """
+        last = np.inf
+        for _ in range(CLOSING):
+            eta, psi = self.equations.constraints(t, q)
+            dq = -frames.step(frames.inverse(psi), eta)
+            size = float(np.abs(dq).max())
+            if not np.isfinite(size) or (size > 0.5 * last and size > 1e-7):
+                raise NotSmooth("the loops do not close beside the pose")
+            if size > 0.3 * last:
+                return q  # at rounding
+            q, last = self.equations.moved(q, dq), size
+            if size < 4 * EPS:
+                return q
+        if last > 1e-7:
+            raise NotSmooth("the loops do not close beside the pose")
+        return q
+
+    # -- the motion -----------------------------------------------------------------------------------
+    def rates(self, q: Array, v: Array, z: Array, frames: Frames) -> tuple[Array, Array, Array, Array]:
+        """Return v put on the constraints, q-dot, v-dot and z-dot at the nodes."""
+        e, n = self.equations, self.n
+        _, psi = e.constraints(self.times, q)
+        found = e._values(e.rates, self.times, q, v, z)
+        inverse = frames.inverse(psi)
+        drift = np.einsum("nij,nj->ni", psi, v) + found["eta_t"]
+        v = v - frames.step(inverse, drift)
+        found = e._values(e.rates, self.times, q, v, z)
+        M = found["M"].reshape(n, e.nv, e.nv)
+        bound = -frames.step(inverse, found["gamma"])
+        N = inverse[:, :, e.rank :]
+        Nt = np.swapaxes(N, 1, 2)
+        force = found["f"] - np.einsum("nij,nj->ni", M, bound)
+        free = np.linalg.solve(Nt @ M @ N, (Nt @ force[:, :, None]))[:, :, 0]
+        a = bound + np.einsum("nij,nj->ni", N, free)
+        return v, found["qd"], a, self._work_rate(found, inverse, frames, np.einsum("nij,nj->ni", M, a))
+
+    def _work_rate(self, found: dict[str, Array], inverse: Array, frames: Frames, Ma: Array) -> Array:
+        """Return z-dot (n, nz): the power of what is applied, and -lambda eta_t of rows that depend on time."""
+        if not self.equations.work:
+            return np.zeros((self.n, 0))
+        power = found["power"][:, 0] if "power" in found else np.zeros(self.n)
+        if np.any(found["eta_t"] != 0.0):
+            given = np.einsum("nji,nj->ni", inverse[:, :, : self.equations.rank], Ma - found["f"])
+            power = power - np.einsum("nr,nrm,nm->n", given, frames.combination, found["eta_t"])
+        return power[:, None]
+
+    def solve(self, history: Sequence[State]) -> Leap:
+        """Return the leap.
+
+        Raises
+        ------
+        NotSmooth : no smooth branch leads over the pose.
+        """
+        q, v, frames = self.guess(history)
+        z = np.repeat(self.start.z[None], self.n, axis=0)
+        size = 1.0 + float(np.abs(q).max())
+        A, h, s = self.A, self.length, self.start
+        last, self.rounds = np.inf, 0
+        for self.rounds in range(1, ROUNDS + 1):
+            v, qd, a, zd = self.rates(q, v, z, frames)
+            new_v, z = s.v + h * (A @ a), s.z + h * (A @ zd)
+            new_q = self.closed(self.times, s.q + h * (A @ qd), frames)
+            change = float(np.abs(new_q - q).max()) + h * float(np.abs(new_v - v).max())
+            q, v = new_q, new_v
+            if not np.isfinite(change) or change > 1e3 * size:
+                raise NotSmooth("the motion over the pose does not settle")
+            if (change < 1e-9 * size and change > 0.3 * last) or change < 4 * EPS * size:
+                break
+            last = change
+        else:
+            raise NotSmooth(f"the motion over the pose does not settle (change {change:.1g})")
+        self.change = change
+        v, qd, a, zd = self.rates(q, v, z, frames)
+        return Leap(s, h, *(self._series(x) for x in (qd, a, zd)))
+
+    def _series(self, x: Array) -> Array:
+        """Return the Legendre coefficients (n, k) of what has the values x (n, k) at the nodes."""
+        if not x.shape[1]:
+            return x
+        found: Array = np.asarray(legendre.legfit(2 * self.c - 1, x, self.n - 1), dtype=float)
+        return found
+
+
+@record
+class Leap:
+    """A motion over a pose: Legendre coefficients (n, ...) of q-dot, v-dot and z-dot over the step."""
+
+    start: State
+    length: float
+    qd: Array
+    a: Array
+    zd: Array
+
+    def at(self, t: Array) -> tuple[Array, Array, Array]:
+        """Return q, v and z at times t (T,) within the step."""
+        x = 2.0 * (t - self.start.time) / self.length - 1.0
+        found = []
+        for x0, rates in ((self.start.q, self.qd), (self.start.v, self.a), (self.start.z, self.zd)):
+            if not len(x0):
+                found.append(np.zeros((len(t), 0)))
+                continue
+            integral = legendre.legint(rates, lbnd=-1)
+            found.append(x0 + 0.5 * self.length * legendre.legval(x, integral).T)
+        return found[0], found[1], found[2]
+
+    @property
+    def end(self) -> float:
+        """The time at which it ends [s]."""
+        return self.start.time + self.length
+
+    @property
+    def middle(self) -> Array:
+        """The times of the two nodes beside the pose [s]."""
+        n = len(self.qd)
+        return self.start.time + self.length * gauss_table(n).c[n // 2 - 1 : n // 2 + 1]
+
+    @property
+    def tail(self) -> float:
+        """The last coefficients of positions [rad, m]."""
+        n = len(self.qd)
+        return float(0.5 * self.length * np.abs(self.qd[-2:]).max() / n)
+
+
+def extrapolated(times: Sequence[float], values: Sequence[Array], t: float) -> Array:
+    """Return values at t by Neville's scheme, of the degree whose last correction is smallest."""
+    near = np.argsort(np.abs(np.array(times) - t))[:HISTORY]
+    x, T = np.array(times)[near], np.array(values)[near]
+    best, found = np.inf, T[0]
+    for k in range(1, len(x)):
+        span = (x[:-k] - x[k:])[:, None]
+        before = T[0]
+        T = ((t - x[k:])[:, None] * T[:-1] + (x[:-k] - t)[:, None] * T[1:]) / span
+        change = float(np.abs(T[0] - before).max())
+        if change < best:
+            best, found = change, T[0]
+    return found

@@ -1,0 +1,124 @@
+"""A motion that is to be integrated: its equations, start and options, and who watches it on the way."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.formulations.events import GO_ON, Event, EventFunction, Outcome
+from robodyn_cli.formulations.system import System
+from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.record import record
+from robodyn_cli.run.observation.observe import Observer
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.solve.assembly import Assembled
+
+Array = NDArray[np.float64]
+
+
+@record
+class Choice:
+    """A method and the reason for it, in words. may_change : whether the run may go on with another one."""
+
+    method: str
+    reason: str
+    may_change: bool = False
+
+
+@record
+class Gains:
+    """Baumgarte's gains as a study of them has chosen: alpha = beta = c / h.
+
+    step : h, the mean step of the projected run [s]. factor : c. drift : of the positions from the constraints
+    [rad, m]. error : largest of any q. integration_error : of the projected run (or what rounding leaves), the bar for
+    the drift. over : length of the trial runs [s]. met : whether the drift stays below the bar.
+    """
+
+    alpha: float
+    beta: float
+    factor: float
+    step: float
+    drift: float
+    error: float
+    integration_error: float
+    over: float
+    met: bool
+
+
+class Watcher:
+    """Follows a motion while it is integrated: owns event functions, and sees the start and every sample.
+
+    functions : what it watches, in the mechanism's symbols; the system is built with them.
+
+    A watcher overrides what it needs. One object follows one integration; ``again`` gives that of a second one.
+    """
+
+    functions: tuple[EventFunction, ...] = ()
+
+    @property
+    def log(self) -> list[dict[str, Any]]:
+        """What has happened, for the events of the result."""
+        return []
+
+    def facts(self, end: float) -> dict[str, Any]:
+        """Return fields of the summary for a run that came to ``end`` [s]."""
+        return {}
+
+    def follow(self, motion: Motion) -> None:
+        """Take the motion, once it is built."""
+
+    def begin(self, t: float, x: Array, options: Options) -> Array:
+        """Look at the state x (nx,) that a run with such options starts from; return the one to start from instead."""
+        return x
+
+    def arm(self, x: Array) -> Outcome:
+        """Return what an integrator that takes over at x has to be told."""
+        return GO_ON
+
+    def see(self, t: Array, x: Array) -> None:
+        """Look at samples x (T, nx) at times t (T,), which may be refused."""
+
+    def handle(self, event: Event) -> Outcome:
+        """Answer one of its own events."""
+        return GO_ON
+
+    def again(self) -> Watcher | None:
+        """Return the watcher of a second integration; None for one that does not change the motion."""
+        return None
+
+
+@record
+class Motion:
+    """What is built once of a scene, for every command that integrates it, and for the plan.
+
+    problem : the equations. assembled : the closed configuration at t = 0.
+    system : what is integrated; its ``events`` name their owners, among them the ``watchers``; ``dynamics``,
+    ``positions``, ``velocities`` and ``switching`` are the programs of the stepping loop.
+    choice : the method and why. gains : where ``stabilisation: baumgarte`` left them to us, the scene has them.
+    reactions : whether joint reactions are observed whatever the scene's outputs say.
+    """
+
+    scene: Scene
+    problem: Problem
+    assembled: Assembled
+    passive: tuple[int, ...]
+    system: System
+    watchers: tuple[Watcher, ...]
+    options: Options
+    choice: Choice
+    gains: Gains | None = None
+    reactions: bool = False
+
+    @property
+    def start(self) -> Array:
+        """The state x (nx,) at t = 0."""
+        return self.system.join(self.assembled.q, self.assembled.v)
+
+    @cached_property
+    def observer(self) -> Observer:
+        """What is evaluated at the samples."""
+        return Observer(self.problem, self.system, self.passive, self.reactions)

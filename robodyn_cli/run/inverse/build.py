@@ -1,0 +1,110 @@
+"""The equations of an inverse run: of an open chain here, of a mechanism with loops in ``closed``."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.model.model import Model
+from robodyn_cli.record import record
+from robodyn_cli.results.result import Result
+from robodyn_cli.run.inverse.program import InverseProgram, Sampled, parts
+from robodyn_cli.run.mechanism.motion import Planned, plan_motion, with_led_point
+from robodyn_cli.run.observation.evaluation import SampleFunction, without_idle_unknowns
+from robodyn_cli.scene import types as sc
+
+Array = NDArray[np.float64]
+
+
+def build_inverse(scene: sc.Scene) -> InverseProgram:
+    """Return the program of a scene's inverse dynamics.
+
+    Raises
+    ------
+    SceneError, CapabilityError : motion or actuators do not suffice, or something in the scene has no place here.
+    """
+    if scene.loops or scene.couplers:
+        from robodyn_cli.run.inverse.closed import build_closed
+
+        return build_closed(scene)
+    problem = open_problem(with_led_point(scene), "inverse dynamics")
+    _refuse_passive_joints(problem)
+    duration = scene.trajectory.duration if scene.trajectory is not None else 0.0
+    return OpenChain(problem, duration, **parts(problem))
+
+
+@record
+class OpenChain(InverseProgram):
+    """Inverse dynamics of a robot without loops: every joint has an actuator, whose torque is the sum of the terms."""
+
+    def plan(self, samples: int) -> Planned:
+        return plan_motion(self.problem, self.times(samples))
+
+    def evaluate(self, planned: Planned, function: SampleFunction) -> Sampled:
+        arrays = function.along(planned.times, planned.motion)
+        counters = {"operations": function.operations, "compiled": function.compiled, **planned.counters}
+        return Sampled(planned.times, planned.motion, self.loads(arrays), arrays, counters)
+
+    def forward(self, sampled: Sampled) -> tuple[Array, Array] | None:
+        problem = self.problem
+        bias, q = sampled.arrays["bias"], np.concatenate([sampled.motion.q] * 2)
+        forces = problem.graph.symbols(problem.model.v_names, "f")
+        try:
+            a = list(problem.free_accelerations(forces))
+        except ZeroDivisionError:
+            return None
+        # unknown data that cancels in M may stand in articulated inertias
+        a = without_idle_unknowns(a, list(problem.mass_matrix.flat))
+        function = SampleFunction({"a": a}, ("q", "f"), len(q))
+        found, free = np.split(function(q=q, f=np.concatenate([sampled.applied - bias, -bias]))["a"], 2)
+        return found, free
+
+    def row_multipliers(self, sampled: Sampled) -> None:
+        return None
+
+    def add_loops(self, result: Result, sampled: Sampled) -> None:
+        return None
+
+
+def open_problem(source: sc.Scene | Model | Problem, what: str) -> Problem:
+    """Return the equations of an open chain.
+
+    Raises
+    ------
+    CapabilityError : it has loops or prescribed joints.
+    """
+    if isinstance(source, Model):
+        # the model brings everything but drives, and what is driven is not asked here
+        nothing = sc.Scene(schema=1, robot=sc.Robot(joints=(), links=()), gravity=(0.0, 0.0, 0.0))
+        source = Problem(nothing, model=source)
+    problem = source if isinstance(source, Problem) else Problem(source)
+    if problem.model.closures:
+        raise CapabilityError(
+            f"{what} as a function of independent samples exists for open chains only: closed loops (here "
+            f"{problem.model.closures[0]!r}) tie the joints to each other and share the load; for a mechanism use "
+            "`inverse` or `simulate`"
+        )
+    if problem.scene.prescribed:
+        name = next(iter(problem.scene.prescribed))
+        raise CapabilityError(
+            f"{what} takes all motion from its input, so 'prescribed' ({name!r}) has no place there"
+        )
+    return problem
+
+
+def _refuse_passive_joints(problem: Problem) -> None:
+    """Refuse motion of joints that nothing drives: passive joints of an open chain follow no given path.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    actuated = problem.scene.actuated
+    passive = [n for n in problem.model.joint_names if actuated is not None and n not in actuated]
+    if passive:
+        raise CapabilityError(
+            f"inverse dynamics needs every joint of an open chain to be actuated, and 'actuated' lacks "
+            f"{passive[0]!r}; allowed: all of {', '.join(problem.model.joint_names)}"
+        )

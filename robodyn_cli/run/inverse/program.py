@@ -1,0 +1,194 @@
+"""What an inverse run evaluates: the parts of the torque, energies, places, as expressions and at samples."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.equations.problem import GROUPS, Problem
+from robodyn_cli.expr.graph import Expr, Scalar
+from robodyn_cli.record import record
+from robodyn_cli.results.result import Result
+from robodyn_cli.run.mechanism.motion import Planned
+from robodyn_cli.run.observation.evaluation import SampleFunction, without_idle_unknowns
+from robodyn_cli.run.observation.places import place_outputs
+from robodyn_cli.trajectories.motion import JointMotion
+
+if TYPE_CHECKING:
+    from robodyn_cli.solve.load_sharing import Shared
+
+Array = NDArray[np.float64]
+Outputs = dict[str, list[Scalar]]
+RIGID = ("inertia", "coriolis", "gravity")
+
+
+@record
+class Loops:
+    """The loops' part of an evaluated motion: Psi (T, m, nv), and how actuators and multipliers share the load.
+
+    residual : largest of the loops by level. actuated : joints with an actuator. driven : their velocity coordinates.
+    """
+
+    psi: Array
+    shared: Shared
+    residual: dict[str, float]
+    actuated: tuple[str, ...]
+    driven: list[int]
+
+
+@record
+class Sampled:
+    """A motion at uniform times with its torque terms (T, nv) and whatever else was evaluated along it.
+
+    counters : what it took.
+    """
+
+    times: Array
+    motion: JointMotion
+    terms: Mapping[str, Array]
+    arrays: Mapping[str, Array]
+    counters: Mapping[str, int]
+    loops: Loops | None = None
+
+    @cached_property
+    def tau(self) -> Array:
+        """Actuator torques (T, nv): the sum of the terms [N m or N]."""
+        first, *others = self.terms.values()
+        total = first.copy(order="F")
+        for term in others:
+            total += term
+        return total
+
+    @cached_property
+    def power(self) -> Array:
+        """Mechanical power of each actuator (T, nv) [W]."""
+        return self.tau * self.motion.qd
+
+    @property
+    def applied(self) -> Array:
+        """Generalised force (T, nv) of actuators and of all that is no rigid term [N m or N]."""
+        total = self.tau
+        for name in self.terms:
+            if name not in RIGID:
+                total = total - self.arrays[f"torque_terms/{name}"]
+        return total
+
+    @property
+    def step(self) -> float:
+        """Time between samples [s]."""
+        return float(self.times[1] - self.times[0])
+
+
+@record
+class InverseProgram(ABC):
+    """The equations of an inverse run, and what is evaluated along its motion.
+
+    problem : equations of the scene; the point that the trajectory leads is among its points.
+    duration : of the motion [s].
+    terms : what actuators (and loops) have to bear, by name: their sum is the generalised force (nv,) [N m or N].
+    beside : energies, power, bias, and the rows of the loops, by name. places : points, frames and outlines.
+    """
+
+    problem: Problem
+    duration: float
+    terms: Outputs
+    beside: Outputs
+    places: Outputs
+
+    @property
+    def outputs(self) -> Outputs:
+        """All that is evaluated at samples, by result path where it is a dataset."""
+        terms = {f"torque_terms/{name}": term for name, term in self.terms.items()}
+        return {**terms, **self.beside, **self.places}
+
+    def loads(self, arrays: Mapping[str, Array]) -> dict[str, Array]:
+        """Return the terms (T, nv) by name, out of what was evaluated."""
+        return {name: arrays[f"torque_terms/{name}"] for name in self.terms}
+
+    def compile(self, samples: int) -> SampleFunction:
+        """Return ``outputs`` as a function of t, q, v and v-dot at so many samples.
+
+        Raises
+        ------
+        SceneError : the outputs depend on data that the scene does not give.
+        """
+        return SampleFunction(self.outputs, GROUPS, samples)
+
+    def times(self, samples: int) -> Array:
+        """Return the uniform times (T,) of the samples [s]."""
+        return np.linspace(0.0, self.duration, samples)
+
+    @abstractmethod
+    def plan(self, samples: int) -> Planned:
+        """Return the motion of all joints at so many samples."""
+
+    @abstractmethod
+    def evaluate(self, planned: Planned, function: SampleFunction) -> Sampled:
+        """Return the torques of a planned motion, and all else, at its samples."""
+
+    @abstractmethod
+    def forward(self, sampled: Sampled) -> tuple[Array, Array] | None:
+        """Return accelerations (T, nv) by forward dynamics: under the computed torques, and under none at all.
+
+        None where the mass matrix is singular.
+        """
+
+    @abstractmethod
+    def row_multipliers(self, sampled: Sampled) -> Array | None:
+        """Return multipliers (T, m) of all rows of the problem, None where it has none."""
+
+    @abstractmethod
+    def add_loops(self, result: Result, sampled: Sampled) -> None:
+        """Add multipliers, residuals and singular values of the loops to a result, where there are loops."""
+
+
+def torque_terms(problem: Problem) -> Outputs:
+    """Return the parts of tau = M qdd + C qd + G - tau_passive - tau_friction - tau_external, by name.
+
+    Inertia is always there; any other part that vanishes identically is left out. Friction has the exact sign of
+    the rate.
+    """
+    terms: Outputs = {name: list(term) for name, term in problem.rigid_terms().items()}
+    for name, term in problem.passive_forces(smooth=False).items():
+        terms[name] = [-x for x in term]
+    return {
+        name: term
+        for name, term in terms.items()
+        if name == "inertia" or any(isinstance(x, Expr) or x != 0.0 for x in term)
+    }
+
+
+def energies(problem: Problem, terms: Outputs) -> Outputs:
+    """Return the energies, the bias C qd + G, and the power of what dissipates.
+
+    Data that no torque needs can only shift the level at which the potential energy is zero.
+    """
+    lost: Any = 0.0
+    for place, torque in problem.losses(smooth=False):
+        lost = lost + torque * problem.v[place]
+    lost = lost + problem.elements.power
+    found = {
+        "energy/kinetic": [problem.kinetic],
+        "energy/potential": [problem.potential],
+        "dissipation": [lost],
+        "bias": list(problem.bias),
+    }
+    if problem.model.forces:
+        effects = problem.elements.effects
+        found |= {
+            "forces/potential": [e.potential for e in effects],
+            "forces/power": [e.power for e in effects],
+        }
+    needed = [x for term in terms.values() for x in term]
+    return {name: without_idle_unknowns(entries, needed) for name, entries in found.items()}
+
+
+def parts(problem: Problem) -> dict[str, Outputs]:
+    """Return what every program evaluates, as fields of ``InverseProgram``."""
+    terms = torque_terms(problem)
+    return {"terms": terms, "beside": energies(problem, terms), "places": place_outputs(problem)}

@@ -1,0 +1,79 @@
+"""How actuators and loops share a load, and why they cannot, in the words of the mechanism."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.equations.gears import geared
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import CapabilityError, SingularConfigurationError
+from robodyn_cli.run.driver.singularity import loop_rows
+from robodyn_cli.run.mechanism.loop_conditions import coordinate_name
+from robodyn_cli.solve.load_sharing import LostRank, Shared, TooFewActuators, share
+
+Array = NDArray[np.float64]
+
+
+def refuse_gears(problem: Problem) -> None:
+    """Refuse losses that depend on the load of a drive: loops share the load, and they would decide about the share.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    if geared(problem.model):
+        raise CapabilityError(
+            "losses in gears depend on the load of each drive, and with closed loops that load depends on the losses; "
+            "allowed here: friction in the joints"
+        )
+
+
+def share_load(
+    problem: Problem, psi: Array, driven: Sequence[int], needed: Mapping[str, Array], times: Array, q: Array
+) -> Shared:
+    """Return torques and multipliers that bear a load (see ``solve.load_sharing.share``).
+
+    Parameters
+    ----------
+    psi : (T, m, nv) of the loops. driven : velocity coordinates with an actuator. needed : the load (T, nv) by name.
+    times, q : of the samples (T,), (T, nq), for what is said about a singular one.
+
+    Raises
+    ------
+    CapabilityError : too few actuators. SingularConfigurationError : loops or actuators lose their hold at a sample.
+    """
+    try:
+        return share(psi, driven, needed)
+    except TooFewActuators as few:
+        names = ", ".join(coordinate_name(problem.model, k) for k in driven)
+        raise CapabilityError(
+            f"the mechanism has {few.freedom} degrees of freedom, and its actuated joints ({names}) command "
+            f"{few.commanded} of them anywhere; allowed: as many independent ones, in 'actuated'"
+        ) from None
+    except LostRank as lost:
+        raise lost_rank(problem, lost, times, q) from None
+
+
+def lost_rank(problem: Problem, lost: LostRank, times: Array, q: Array) -> SingularConfigurationError:
+    """Return the error of a sample at which loops or actuators lose their hold, with loop and joint."""
+    time, where = float(times[lost.sample]), q[lost.sample].tolist()
+    worst = int(np.argmax(lost.weights))
+    if lost.what == "actuators":
+        joint = coordinate_name(problem.model, worst)
+        when = f"at t = {time:.9g} s"
+        if lost.passed:
+            when = f"between t = {time:.9g} s and {float(times[lost.sample + 1]):.9g} s"
+        return SingularConfigurationError(
+            f"dead point of the actuators {when}: joint {joint} moves without them, so no finite torques "
+            "give it the acceleration asked for; actuate another joint, or more",
+            time=time, kind="dead_point", joint=joint, q=where,
+        )  # fmt: skip
+    row = problem.constraints.rows[loop_rows(problem)[worst]].name
+    return SingularConfigurationError(
+        f"bifurcation at t = {time:.9g} s: the rows of loop {row.rsplit('.', 1)[0]} lose rank there ({row}), so the "
+        "multipliers are not unique and the mechanism may go on in more than one way",
+        time=time, kind="bifurcation", loop=row.rsplit(".", 1)[0], row=row, q=where,
+    )  # fmt: skip

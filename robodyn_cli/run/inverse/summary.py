@@ -1,0 +1,84 @@
+"""The keys of the summary of ``inverse`` (see docs/cli.md)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from robodyn_cli.record import record
+from robodyn_cli.results.summary import ABSENT, Absent, Residual, Termination
+
+# what the figures of the summary mean, for readers of the file alone
+DEFINITIONS = {
+    "peak_torque": "largest magnitude among the samples",
+    "rms_torque": "root of the time average of the squared torque",
+    "energy": "integral of the positive mechanical power: what the actuator delivers if it takes none back",
+    "energy_net": "integral of the mechanical power",
+    "integrals": "polynomials of degree 5 through the samples",
+    "round_trip": "accelerations of forward after inverse dynamics, difference over the largest",
+    "energy_balance": "work of actuators and losses less the change of kinetic and potential energy [J]",
+    "energy_quadrature": "largest change of an energy when every second sample is left out [J]",
+}
+CLOSED_DEFINITIONS = {
+    **DEFINITIONS,
+    "round_trip": "accelerations of forward dynamics with loops under the computed torques, relative",
+    "virtual_work_residual": "what of the generalised force neither actuators nor loops hold [N m or N]",
+}
+
+
+@record
+class JointFigures:
+    """What sizes the actuator of a joint: torque [N m or N], speed [rad/s or m/s], power [W], energy [J]."""
+
+    peak_torque: float
+    peak_torque_time: float
+    rms_torque: float
+    torque_range: list[float]
+    peak_speed: float
+    peak_power: float
+    energy: float
+    energy_net: float
+    units: dict[str, str]
+
+
+@record
+class ErrorEstimate:
+    """How far the figures can be trusted; see ``checks.error_estimate``."""
+
+    ik_residual: float | Absent
+    round_trip: float | None
+    energy_balance: float
+    energy_balance_relative: float
+    energy_quadrature: float | Absent = ABSENT
+    closure: dict[str, float] | Absent = ABSENT
+    virtual_work_residual: float | Absent = ABSENT
+
+
+@record
+class Mechanism:
+    """What bears the load of a mechanism with loops; ``unique``, or of least norm and why."""
+
+    degrees_of_freedom: int
+    actuated: list[str]
+    torques: str
+    multipliers: str
+
+
+@record
+class InverseSummary:
+    """The summary of an inverse run."""
+
+    status: str
+    termination: Termination
+    samples: int
+    warnings: list[str] | Absent
+    mechanism: Mechanism | Absent
+    inverse_kinematics: str | Absent
+    ik_residual: float | Absent
+    error_estimate: ErrorEstimate
+    round_trip: float | None
+    constraint_residual: Residual | Absent
+    joints: dict[str, JointFigures]
+    definitions: dict[str, str]
+    counters: dict[str, int]
+    reactions: dict[str, Any] | Absent
+    wall_time_s: dict[str, float]

@@ -1,0 +1,51 @@
+"""A mechanism at rest: its configuration, what holds it, and the values of its symbols."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.graph import Scalar, free_symbols
+from robodyn_cli.kernels.program import unknown_data
+from robodyn_cli.model.model import UNKNOWN_GROUP
+from robodyn_cli.record import record
+from robodyn_cli.run.mechanism.summary import Balanced, Held
+
+Array = NDArray[np.float64]
+
+
+@record
+class AtRest:
+    """A configuration at rest with the torques (nv,) and the multipliers (m,) of the loops that hold it.
+
+    terms : the torques (nv,) by term, where actuators hold it.
+    """
+
+    problem: Problem
+    q: Array
+    tau: Array
+    lam: Array
+    facts: Balanced | Held
+    terms: Mapping[str, Array]
+
+
+def at_rest(problem: Problem, q: Array) -> dict[str, Any]:
+    """Return the values of all symbols at q (nq,), t = 0, at rest."""
+    still = [0.0] * problem.model.nv
+    return {"q": q.tolist(), "v": still, "a": still, "t": [0.0], "p": []}
+
+
+def refuse_unknown(entries: Sequence[Scalar]) -> None:
+    """Refuse expressions that depend on data which the scene does not give.
+
+    Raises
+    ------
+    SceneError
+    """
+    missing = [s.value[0] for s in free_symbols(entries) if s.value[1] == UNKNOWN_GROUP]
+    if missing:
+        raise unknown_data(missing)

@@ -1,0 +1,118 @@
+"""Where a mechanism balances: springs, weights, forces and the scene's torques at t = 0."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.algorithms.kinematics import slice_q, slice_v
+from robodyn_cli.equations.contact_joints import moving_freely
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import CapabilityError, NumericalError
+from robodyn_cli.expr.calculus import directional
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.expr.rebuild import Evaluator, evaluate
+from robodyn_cli.run.driver.prepare import held_columns
+from robodyn_cli.run.driver.singularity import loop_rows
+from robodyn_cli.run.mechanism.at_rest import AtRest, at_rest, refuse_unknown
+from robodyn_cli.run.mechanism.loop_conditions import Lead, LoopConditions
+from robodyn_cli.run.mechanism.summary import Balanced
+from robodyn_cli.run.observation.evaluation import without_idle_unknowns
+from robodyn_cli.run.observation.finite import cause
+from robodyn_cli.solve.equilibrium import Balance, balance
+
+Array = NDArray[np.float64]
+
+
+class _RestForces:
+    """Generalised forces at rest (see ``solve.equilibrium.Forces``): r = G - tau_passive - tau_a at v = 0, t = 0."""
+
+    def __init__(self, problem: Problem, conditions: LoopConditions) -> None:
+        model = self.model = problem.model
+        self.parameters = moving_freely(problem.contact_joints)  # nothing sticks, and no stop is met
+        load = list(problem.bias - problem.applied)
+        lam = problem.graph.symbols(list(conditions.names), "lam")
+        rows = problem.constraints.rows
+        held: list[Scalar] = list(load)
+        for row, multiplier in zip(rows, lam):  # led rows have a constant Psi
+            for k, x in enumerate(row.psi):
+                held[k] = held[k] - x * multiplier
+        entries: list[Scalar] = []
+        for j in range(model.nv):
+            unit: list[Any] = [1.0 if k == j else 0.0 for k in range(model.nv)]
+            rates: list[Any] = [0.0] * model.nq
+            for body in model.bodies:
+                moved = body.joint.velocity_map(slice_q(body, problem.q), slice_v(body, unit))
+                rates[body.q : body.q + body.joint.nq] = list(moved)
+            entries += directional(held, problem.q, rates)
+        refuse_unknown(load)
+        self._slopes = entries
+        self._load, self._stiffness = Evaluator(load), Evaluator(without_idle_unknowns(entries, load))
+
+    def _values(self, q: Array) -> dict[str, Any]:
+        return {"q": q.tolist(), "v": [0.0] * self.model.nv, "t": [0.0], "p": self.parameters}
+
+    def load(self, q: Array) -> Array:
+        return np.array(self._load(self._values(q)), dtype=float)
+
+    def stiffness(self, q: Array, lam: Array) -> Array:
+        values = {**self._values(q), "lam": lam.tolist()}
+        found = np.array(self._stiffness(values), dtype=float)
+        if not np.isfinite(found).all():
+            place = ", ".join(f"{name} = {x:.6g}" for name, x in zip(self.model.q_names, q))
+            raise NumericalError(
+                f"the forces have no finite slope at {place}, so no balance can be sought from there: "
+                f"{cause(self._slopes, values)}",
+                q=q.tolist(),
+            )
+        return found.reshape(self.model.nv, self.model.nv).T
+
+
+def _stay(problem: Problem, q: Array) -> Lead:
+    """Return a lead that keeps the held joints where they are."""
+    model = problem.model
+    held = [x for x in held_columns(problem.scene, problem) if x not in problem.scene.prescribed]
+    quasi = [name for name in problem.scene.initial.hold if model.body_of(name).joint.quasi]
+    if quasi:
+        raise CapabilityError(
+            f"joint {quasi[0]!r} cannot be held in a balance, since its velocities are no rates of positions; use "
+            "joints of one axis in its place, or a loop closure of type fixed"
+        )
+    places = [model.q_names.index(name) for name in held]
+
+    def asked(times: Array) -> tuple[Array, Array, Array]:
+        still = np.tile(q[places], (len(times), 1))
+        return still, 0.0 * still, 0.0 * still
+
+    return Lead(asked, joints=tuple(held))
+
+
+def balanced(problem: Problem, q: Array) -> AtRest:
+    """Return the balance that is reached downhill from a closed configuration q (nq,).
+
+    Raises
+    ------
+    NumericalError : none is found.
+    """
+    conditions = LoopConditions(problem, _stay(problem, q), np.zeros(1))
+    found = balance(conditions, _RestForces(problem, conditions), q)
+    if not found.converged:
+        raise NumericalError(
+            f"no balance found in {found.iterations} steps: a force of {found.residual:.3g} N m or N is left; start "
+            "nearer to one (initial.q), or hold joints that nothing balances (initial.hold)",
+            residual=found.residual, q=found.q.tolist(),
+        )  # fmt: skip
+    loops = loop_rows(problem)
+    tau = np.array(evaluate(list(problem.actuator_torques), at_rest(problem, found.q)), dtype=float)
+    _, J = conditions.at(found.q, 0.0)
+    holding = [i for i in range(len(conditions.names)) if i not in loops]
+    tau += J[holding].T @ found.lam[holding]
+    return AtRest(problem, found.q, tau, found.lam[loops], _described(found), {})
+
+
+def _described(found: Balance) -> Balanced:
+    real = bool(np.all(np.abs(found.stiffness.imag) <= 1e-9 * np.abs(found.stiffness).max(initial=1.0)))
+    stiffness = found.stiffness.real.tolist() if real else [[x.real, x.imag] for x in found.stiffness]
+    return Balanced(found.stability, stiffness, found.residual, found.iterations)

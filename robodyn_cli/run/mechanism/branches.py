@@ -1,0 +1,138 @@
+"""The ways in which the loops of a mechanism close while some joints stay where they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.expr.rebuild import Evaluator, evaluate
+from robodyn_cli.record import record
+from robodyn_cli.results.result import Result
+from robodyn_cli.run.driver.singularity import loop_rows
+from robodyn_cli.run.mechanism.loop_conditions import LoopConditions
+from robodyn_cli.run.mechanism.summary import Branch, BranchSearch
+from robodyn_cli.run.observation.units import joint_columns
+from robodyn_cli.solve.branches import search
+from robodyn_cli.solve.load_sharing import RANK
+
+Array = NDArray[np.float64]
+SINGULAR = 1e-7  # smallest over largest singular value below which a determinant has no sign
+
+
+@record
+class Branches:
+    """Configurations (nq,) that close, the one that was there before first, and what is said of them."""
+
+    problem: Problem
+    configurations: list[Array]
+    described: list[Branch]
+    search: BranchSearch
+
+    def add_to(self, result: Result) -> None:
+        """Add configurations, determinants and outlines to a result."""
+        model = self.problem.model
+        units = joint_columns(model)["q"].units
+        result.add("branches/q", np.array(self.configurations), units=units, names=model.q_names)
+        determinants = [branch.determinant for branch in self.described]
+        if None not in determinants:
+            result.add("branches/determinant", np.array(determinants, dtype=float))
+        for name, outline in model.outlines.items():
+            corners = [list(self.problem.world_point(corner)) for corner in outline]
+            drawn = [[evaluate(corner, _at(q)) for corner in corners] for q in self.configurations]
+            result.add(f"branch_skeleton/{name}", np.array(drawn, dtype=float))
+
+
+def find_branches(problem: Problem, conditions: LoopConditions, q: Array, held: tuple[str, ...]) -> Branches:
+    """Return the ways in which the loops close with the held joints where they are at q (nq,).
+
+    Raises
+    ------
+    CapabilityError : the mechanism may still move.
+    """
+    model = problem.model
+    stays = [b.v + j for b in model.bodies if b.joint_name in held for j in range(b.joint.nv)]
+    free = [k for k in range(model.nv) if k not in stays]
+    _refuse_freedom(problem, conditions, q, free, held)
+    angles = [unit == "rad" for unit in model.q_units]
+    cosines = Evaluator([row.cosine for row in problem.constraints.rows])
+
+    def signature(q: Array) -> Array:
+        turns = np.concatenate([np.where(angles, np.cos(q), q), np.where(angles, np.sin(q), 0.0)])
+        return np.concatenate([turns, *(_attitude(b, q) for b in model.bodies if b.joint.quasi)])
+
+    def closed_as_meant(q: Array) -> bool:
+        return bool(np.all(np.array(cosines(_at(q)), dtype=float) > 0.5))
+
+    start = _starts(problem, conditions, q, free, held)
+    found = search(conditions, q, free, start, signature, closed_as_meant, problem.scene.assemble.starts)
+    first, *others = found.found
+    configurations = [first, *(np.where(angles, (x + np.pi) % (2 * np.pi) - np.pi, x) for x in others)]
+    described = [_describe(problem, conditions, x, free, k == 0) for k, x in enumerate(configurations)]
+    searched = BranchSearch(found.starts, found.closed, len(described))
+    return Branches(problem, configurations, described, searched)
+
+
+def _at(q: Array) -> dict[str, Any]:
+    return {"q": q.tolist(), "t": [0.0], "p": []}
+
+
+def _attitude(body: Any, q: Array) -> Array:
+    """Return the products of a quasi-velocity joint's coordinates: the same for a quaternion and its negative."""
+    own = q[body.q : body.q + body.joint.nq]
+    return np.outer(own, own).ravel()
+
+
+def _refuse_freedom(
+    problem: Problem, conditions: LoopConditions, q: Array, free: Sequence[int], held: tuple[str, ...]
+) -> None:
+    """Refuse a mechanism that closes in infinitely many ways.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    _, J = conditions.at(q, 0.0)
+    s = np.linalg.svd(J[loop_rows(problem)][:, free], compute_uv=False) if free else np.zeros(0)
+    left = len(free) - int((s > RANK * max(float(s.max(initial=0.0)), 1e-300)).sum())
+    if left > 0:
+        raise CapabilityError(
+            f"with {', '.join(held) or 'nothing'} held the mechanism keeps {left} degrees of freedom, so it closes in "
+            f"infinitely many ways; hold {left} more joints (initial.hold, or --at) to find its branches"
+        )
+
+
+def _starts(
+    problem: Problem, conditions: LoopConditions, q: Array, free: Sequence[int], held: tuple[str, ...]
+) -> Callable[[Array], Array]:
+    """Return the map from a point of the unit cube (len(free),) to a configuration to begin with."""
+    model, columns = problem.model, list(free)
+    neutral = np.array(q)
+    for body in model.bodies:
+        if body.joint_name not in held:
+            neutral[body.q : body.q + body.joint.nq] = body.joint.neutral()
+    reach = np.where(conditions.lengths[columns] == 1.0, np.pi, 1.5 * conditions.size)
+
+    def start(point: Array) -> Array:
+        dq = np.zeros(model.nv)
+        dq[columns] = (2.0 * point - 1.0) * reach
+        return conditions.step(neutral, dq)
+
+    return start
+
+
+def _describe(
+    problem: Problem, conditions: LoopConditions, q: Array, free: Sequence[int], chosen: bool
+) -> Branch:
+    F, J = conditions.at(q, 0.0)
+    block = J[loop_rows(problem)][:, list(free)]
+    s = np.linalg.svd(block, compute_uv=False)
+    ratio = float(s[-1] / s[0]) if len(s) else 1.0
+    determinant = float(np.linalg.det(block)) if block.shape[0] == block.shape[1] else None
+    orientation = None if determinant is None else int(np.sign(determinant)) if ratio > SINGULAR else 0
+    configuration = dict(zip(problem.model.q_names, q.tolist()))
+    return Branch(configuration, determinant, orientation, ratio, float(np.abs(F).max(initial=0.0)), chosen)

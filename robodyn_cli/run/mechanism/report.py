@@ -1,0 +1,37 @@
+"""Datasets that the commands on mechanisms have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.loops.base import Row
+from robodyn_cli.results.result import Result
+from robodyn_cli.run.observation.observe import loop_columns
+from robodyn_cli.run.observation.places import add_places, place_outputs
+from robodyn_cli.run.observation.units import add_motion
+from robodyn_cli.trajectories.motion import JointMotion
+
+Array = NDArray[np.float64]
+
+
+def add_sample(result: Result, problem: Problem, q: Array, v: Array, a: Array) -> None:
+    """Add the one sample q (nq,), v and v-dot (nv,) at t = 0, and where everything is then, to a result."""
+    add_motion(result, problem.model, np.zeros(1), JointMotion(q[None], v[None], a[None]))
+    values = {"q": q.tolist(), "v": v.tolist(), "t": [0.0], "p": []}
+    places = place_outputs(problem)
+    add_places(result, {path: np.array([evaluate(e, values)], dtype=float) for path, e in places.items()})
+
+
+def add_rows(
+    result: Result, rows: Sequence[Row], arrays: Mapping[str, Array], dependent: bool = False
+) -> None:
+    """Add what was evaluated of the loops' rows (T, m), by path, to a result; ``dependent``: on each other."""
+    columns = loop_columns(rows, dependent)
+    for path, data in arrays.items():
+        column = columns[path]
+        result.add(path, data, units=column.units, long_name=column.long_name, names=column.names)

@@ -1,0 +1,168 @@
+"""Numbers that are not finite: refused by name, time and cause, never written into a result, never a warning."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robodyn_cli import assemble, inverse, kinematics, load_scene, load_scene_text, simulate, statics
+from robodyn_cli.errors import NumericalError, RobodynError, SceneError
+from robodyn_cli.expr.graph import Graph
+from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.results.result import Result
+from robodyn_cli.run.batch.findings import findings
+from robodyn_cli.run.observation.finite import cause
+from tests.mechanisms import CONFIGS
+
+ARM = """\
+schema: 1
+gravity: [0, -9.81, 0]
+robot:
+  joints:
+    - {name: a, type: revolute, axis: [0, 0, 1]}
+    - {name: b, type: revolute, axis: [0, 0, 1], origin: {xyz: [%(length)s, 0, 0]}}
+  links:
+    - {name: l, mass: %(mass)s, com: [%(com)s, 0, 0], inertia: {zz: 0.1}}
+    - {name: m, mass: 1, com: [0.5, 0, 0], inertia: {zz: 0.1}}
+initial: {q: {a: 0, b: 0}}
+simulate: {duration: 0.1, samples: 11}
+inverse: {samples: 11}
+"""
+PLAIN = ARM % {"length": 1, "mass": 1, "com": 0.5}
+SWING = "trajectory: {type: joint, duration: 1, q: {a: sin(t), b: 0.3*t}}\n"
+
+
+def numbers_of(value: Any) -> list[float]:
+    if isinstance(value, float):
+        return [value]
+    entries = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return [x for entry in entries for x in numbers_of(entry)]
+
+
+def is_finite(result: Result) -> bool:
+    arrays = [item.data for item in result.variables.values()]
+    return all(np.isfinite(x).all() for x in (*arrays, numbers_of(result.summary)))
+
+
+@pytest.mark.parametrize("command", [inverse, kinematics, statics])
+@pytest.mark.parametrize("seed", range(8))
+def test_huge_numbers_give_finite_results_or_a_refusal(command: Any, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    scales = {key: f"1e{rng.choice([0, 100, 160, 200, 300])}" for key in ("length", "mass", "com")}
+    scene = load_scene_text(ARM % scales + SWING)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            assert is_finite(command(scene))
+        except RobodynError as error:
+            assert error.exit_code in (3, 4)
+
+
+@pytest.mark.parametrize("command", [inverse, kinematics, statics, assemble])
+@pytest.mark.parametrize(
+    "name", ["four_bar_prescribed", "benchmarks/adams_distance", "benchmarks/simple_pendulum"]
+)
+def test_huge_masses_in_loops_do_not_stop_the_linear_algebra(name: str, command: Any) -> None:
+    path = CONFIGS / f"{name}.yaml"
+    links = [link.name for link in load_scene(path).robot.links if link.mass]
+    options = ["inverse.samples=11", "kinematics.samples=11"]
+    scene = load_scene(path, [*options, *(f"robot.links.{link}.mass=1e155" for link in links)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            assert is_finite(command(scene))
+        except RobodynError as error:
+            assert error.exit_code in (2, 3, 4)
+
+
+def test_the_refusal_names_dataset_time_and_cause() -> None:
+    huge = load_scene_text(ARM % {"length": 1, "mass": "1e200", "com": "1e150"} + SWING)
+    with pytest.raises(
+        NumericalError, match=r"torque_terms/inertia is not finite at t = 0 s: .*1.8e308"
+    ) as found:
+        inverse(huge)
+    assert found.value.exit_code == 3
+    assert found.value.details["dataset"] == "torque_terms/inertia" and found.value.details["time"] == 0.0
+
+
+@pytest.mark.parametrize("command", [inverse, kinematics])
+def test_a_removable_singularity_on_a_sample_is_refused(command: Any) -> None:
+    """sin(x)/x at x = 0, and between the samples it is none."""
+    text = PLAIN + "trajectory: {type: joint, duration: 1, q: {a: sin(t-0.5)/(t-0.5), b: 0}}\n"
+    name = command.__name__
+    with pytest.raises(
+        NumericalError, match=r"a = 'sin\(t-0.5\)/\(t-0.5\)' has no finite value at t = 0.5 s"
+    ):
+        command(load_scene_text(text, overrides=[f"{name}.samples=11"]))
+    assert is_finite(command(load_scene_text(text, overrides=[f"{name}.samples=10"])))
+
+
+def test_the_cause_is_the_first_operation_without_a_value() -> None:
+    graph = Graph()
+    x, y = graph.symbols(["x", "y"], "q")
+    values = {"q": [0.0, -1.0]}
+    assert cause([1.0 / x + y * y], values) == "1 / 0 has no value"
+    assert cause([y + graph.unary("sqrt", y) * x], values) == "sqrt(-1) has no value"
+    assert "1e+200 * 1e+200 exceeds" in cause([x * y], {"q": [1e200, 1e200]})
+
+
+def test_expressions_without_a_value_are_evaluated_as_compiled_code_does() -> None:
+    """A branch that is not taken may divide by zero; elsewhere the result is an infinity or NaN."""
+    graph = Graph()
+    x, y = graph.symbols(["x", "y"], "q")
+    taken = graph.where(x, y / x, 2.0)
+    found = evaluate([taken, y / x, graph.unary("log", x), graph.unary("sqrt", -y), 3.0], {"q": [0.0, 1.0]})
+    assert (
+        found[0] == 2.0
+        and found[1] == np.inf
+        and found[2] == -np.inf
+        and np.isnan(found[3])
+        and found[4] == 3.0
+    )
+    assert all(isinstance(value, float) for value in found)
+
+
+FORMULAS = ["1/b", "log(b)", "sqrt(b-1)", "b/t", "acos(2+a)", "exp(1000+a)"]
+PLACES = [
+    "torques: {a: %s}",
+    "forces: [{name: f, type: force, at: m.com, force: [0, %s, 0]}]",
+]
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("formula", FORMULAS)
+def test_formulas_without_a_value_at_the_start_are_refused(formula: str, place: str, tmp_path: Path) -> None:
+    text = PLAIN + place % f"'{formula}'" + "\n"
+    for command in (simulate, statics):
+        with pytest.raises(SceneError, match="at the start") as found:
+            command(load_scene_text(text))
+        assert formula in found.value.message and found.value.exit_code == 2
+    path = tmp_path / "scene.yaml"
+    path.write_text(text + "command: simulate\n")
+    (only,) = findings(path)
+    assert only.exit_code == 2 and formula in only.message
+    assert only.details["line"] == text[: text.index(place[:6])].count("\n") + 1
+
+
+def test_a_balance_is_not_sought_where_a_force_has_no_slope() -> None:
+    text = PLAIN + "forces: [{name: f, type: force, at: m.com, force: [0, sqrt(a), 0]}]\n"
+    with pytest.raises(NumericalError, match="no finite slope at a = 0, b = 0.* / 0 has no value"):
+        statics(load_scene_text(text))
+
+
+@pytest.mark.parametrize("at", [0.2, 0.5])
+def test_a_sample_of_a_simulation_without_a_value_ends_it_by_name(at: float) -> None:
+    """A torque with a removable singularity on a sample: the integration passes it, the dataset would have NaN."""
+    text = PLAIN.replace("duration: 0.1, samples: 11", "duration: 1, samples: 11")
+    torque = f"torques: {{a: 'sin(t-{at})/(t-{at})'}}\n"
+    with pytest.raises(
+        NumericalError, match=rf"^qdd of 'a' is not finite at t = {at} s: .*torques.a: formula"
+    ) as found:
+        simulate(load_scene_text(text + torque))
+    assert found.value.exit_code == 3 and found.value.details["dataset"] == "qdd"
+    assert isinstance(found.value.result, Result) and found.value.result.status == "failed"
+    assert is_finite(simulate(load_scene_text(text + torque, overrides=["simulate.samples=10"])))

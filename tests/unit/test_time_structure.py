@@ -1,0 +1,146 @@
+"""What formulas of time hide: jumps and kinks behind roots and angles, pulses shorter than steps."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from robodyn_cli import load_scene_text, simulate
+from robodyn_cli.equations.time_structure import Structure, functions_of_time, structure
+from robodyn_cli.errors import SceneError
+from robodyn_cli.expr.formula import parse
+from robodyn_cli.expr.graph import Expr, Graph
+from robodyn_cli.expr.intervals import bounds
+from robodyn_cli.expr.rebuild import evaluate
+from tests.mechanisms import close
+from tests.property.formulas import formulas, on_graph
+
+SLIDER = """
+schema: 1
+command: simulate
+gravity: [0, 0, 0]
+robot:
+  joints: [{{name: x, type: prismatic, axis: [1, 0, 0]}}]
+  links: [{{name: b, mass: 1, com: [0, 0, 0]}}]
+torques: {{x: "{torque}"}}
+initial: {{q: {{x: 0}}}}
+simulate: {{duration: 10, samples: 101}}
+"""
+
+
+def found(text: str, duration: float = 10.0) -> Structure:
+    t = Graph().symbol("t", "t")
+    function = parse(text).evaluate({"t": t})
+    assert isinstance(function, Expr)
+    return structure(function, t, duration)
+
+
+HIDDEN = {
+    "sqrt((t-1)^2)": [1.0],
+    "((t-1)^2)^0.5": [1.0],
+    "atan2(sin(t), cos(t))": [math.pi, 3 * math.pi],
+    "(t-3.3)/sqrt((t-3.3)^2)": [3.3],
+    "asin(sin(t))": [math.pi / 2, 3 * math.pi / 2, 5 * math.pi / 2],
+    "acos(cos(2*t))": [k * math.pi / 2 for k in range(1, 7)],
+    "t*sqrt((t^2-4)^2)": [2.0],
+    "abs(t-2)*3": [2.0],
+}
+
+
+@pytest.mark.parametrize("text", HIDDEN)
+def test_jumps_and_kinks_are_found_where_they_are(text: str) -> None:
+    structure = found(text)
+    assert structure.resolved
+    close(np.array(structure.points), np.array(HIDDEN[text]), 1e-8)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "sin(t)", "sin(1000*t)", "1.96 - 0.1*t", "t^2*sin(3*t) + exp(-t)", "sin(t)*cos(7*t) + 0.3*sin(t*t)",
+        "16*(t/1.4)^2*(1-t/1.4)^2", "sin(2*pi*t)^2", "(t^2)^1.5",
+    ],
+)  # fmt: skip
+def test_smooth_functions_have_nothing_to_show(text: str) -> None:
+    assert found(text) == Structure((), ())
+
+
+@given(st.floats(0.5, 9.5), st.floats(1e-6, 1e-3))
+@settings(max_examples=30, deadline=None)
+def test_a_pulse_is_enclosed_however_short_it_is(centre: float, width: float) -> None:
+    edges = np.array(found(f"exp(-((t-{centre!r})/{width!r})^2/2)").edges)
+    # steps end close to it on either side, so that those between have their stages in the pulse
+    assert edges[edges < centre - width].max() > centre - 50 * width
+    assert edges[edges > centre + width].min() < centre + 50 * width
+
+
+def test_only_what_depends_on_time_alone_is_looked_at() -> None:
+    graph = Graph()
+    t, q = graph.symbol("t", "t"), graph.symbol("q.x", "q")
+    value = parse("q.x*exp(-t) + sqrt((q.x - t)^2) + sin(cos(t))").evaluate({"t": t, "q.x": q})
+    assert {node.op for node in functions_of_time([value], t)} == {"exp", "sin"}
+
+
+@given(formulas(), st.floats(-3.0, 3.0), st.floats(0.0, 2.0))
+@settings(max_examples=300, deadline=None)
+def test_bounds_hold_what_they_enclose(formula: Any, low: float, width: float) -> None:
+    t = Graph().symbol("t", "t")
+    times = np.linspace(low, low + width, 57)
+    try:
+        function = on_graph(formula, [t, t, t])
+        with np.errstate(all="ignore"):
+            values = np.asarray(evaluate([function], {"t": [times]})[0], dtype=float) * np.ones(len(times))
+    except (ArithmeticError, ValueError):
+        assume(False)  # a part without t that has no value
+    values = values[np.isfinite(values)]
+    limits = bounds(function, t, np.array([low]), np.array([low + width]))
+    slack = 1e-9 * (1.0 + np.abs(values))
+    assert np.all(limits.low[0] <= values + slack) and np.all(values - slack <= limits.high[0])
+
+
+@pytest.mark.parametrize("method", ["gauss", "dop853", "radau13", "bdf"])
+@pytest.mark.parametrize("sigma", [3e-4, 3e-3, 1e-2])
+def test_a_short_pulse_gives_its_impulse(method: str, sigma: float) -> None:
+    torque = f"exp(-((t-5.13)/{sigma})^2/2)/({sigma}*sqrt(2*pi))"
+    result = simulate(
+        load_scene_text(SLIDER.format(torque=torque), overrides=[f"simulate.integrator={method}"])
+    )
+    tolerance = 1e-4 if method == "bdf" else 1e-7
+    close(result["qd"][-1, 0], 1.0, tolerance)
+    close(result["q"][-1, 0], 4.87, tolerance)
+    estimate = result.summary["error_estimate"]
+    assert estimate["q_max"] >= 0.1 * abs(result["q"][-1, 0] - 4.87) or estimate["at_rounding"]
+
+
+@pytest.mark.parametrize("method", ["gauss", "dop853", "radau13"])
+def test_a_jump_behind_a_root_is_met(method: str) -> None:
+    result = simulate(
+        load_scene_text(
+            SLIDER.format(torque="(t-3.3)/sqrt((t-3.3)^2)"), overrides=[f"simulate.integrator={method}"]
+        )
+    )
+    close(result["q"][-1, 0], -5.11, 1e-8)
+
+
+@pytest.mark.parametrize(
+    "motion", ["sqrt((t-1)^2)", "((t-1)^2)^0.5", "acos(cos(t+1))", "atan2(sin(t), cos(t))"]
+)
+def test_a_prescribed_motion_that_jumps_is_refused_however_it_is_written(motion: str) -> None:
+    text = SLIDER.format(torque="0").replace('torques: {x: "0"}', f'prescribed: {{x: "{motion}"}}')
+    text = text.replace("initial: {q: {x: 0}}", "")
+    with pytest.raises(SceneError, match="jumps at t = "):
+        simulate(load_scene_text(text))
+
+
+def test_the_longest_step_can_be_set() -> None:
+    scene = SLIDER.format(torque="sin(t)")
+    free, bound = (
+        simulate(load_scene_text(scene, overrides=more)).summary["counters"]["steps"]
+        for more in ([], ["simulate.max_step=0.01"])
+    )
+    assert free < 200 <= 1000 <= bound
