@@ -4,38 +4,21 @@ from __future__ import annotations
 
 LONG_FILES: set[str] = {
     "robodyn_cli/equations/problem.py",
-    "robodyn_cli/integrators/runtime/integrator.py",
 }
 LONG: set[str] = {
-    "robodyn_cli/expr/calculus.py: partials",
     "robodyn_cli/integrators/event_location/locate.py: narrow_function",
     "robodyn_cli/integrators/methods/bdf.py: Bdf._begin",
     "robodyn_cli/integrators/methods/gauss.py: Gauss.attempt",
     "robodyn_cli/integrators/methods/gauss_correction.py: Corrected._refine",
-    "robodyn_cli/integrators/runtime/integrator.py: Integrator.run",
     "robodyn_cli/integrators/stepping/loop.py: _find_event",
     "robodyn_cli/integrators/stepping/loop.py: write_run",
-    "robodyn_cli/model/build.py: build_model",
-    "robodyn_cli/run/numerics/stability_suite.py: suite",
-    "robodyn_cli/run/plan/plan.py: plan",
-    "robodyn_cli/solve/assembly.py: _open_loop",
 }
 MANY_PARAMETERS: set[str] = {
-    "robodyn_cli/algorithms/constraints.py: _frame",
-    "robodyn_cli/algorithms/constraints.py: loop_rows",
-    "robodyn_cli/algorithms/reactions.py: reactions",
-    "robodyn_cli/integrators/event_location/events.py: _root",
     "robodyn_cli/integrators/methods/rosenbrock_tables.py: transformed",
     "robodyn_cli/kernels/rolled_loops.py: rolled_function",
-    "robodyn_cli/model/build.py: _force",
     "robodyn_cli/report/canvas.py: Sheet.__init__",
     "robodyn_cli/results/result.py: make_variable",
-    "robodyn_cli/run/driver/impact.py: impact",
-    "robodyn_cli/run/numerics/stability_scenes.py: arm",
-    "robodyn_cli/run/numerics/stability_scenes.py: chain",
     "robodyn_cli/run/numerics/stability_scenes.py: slider",
-    "robodyn_cli/run/numerics/trial.py: agreed",
-    "robodyn_cli/solve/branches.py: search",
 }
 CYCLES: set[str] = {
     "robodyn_cli.kernels.ir <-> robodyn_cli.kernels.values",
