@@ -1,27 +1,27 @@
-"""Tests that go through all methods of integration: what a method refuses by name is left out, and fixed steps."""
+"""What tests in several folders share, and which of them are quick."""
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Generator
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from robodyn_cli.errors import CapabilityError
+SLOW = frozenset(Path(__file__).with_name("slow.txt").read_text(encoding="utf-8").split())
 
 
-@pytest.hookimpl(wrapper=True)
-def pytest_pyfunc_call(pyfuncitem: Any) -> Generator[None, Any, Any]:
-    """Skip where a partitioned method meets accelerations it cannot split, or one at index 3 a joint it cannot do."""
-    try:
-        return (yield)
-    except CapabilityError as error:
-        chosen = getattr(pyfuncitem, "callspec", None)
-        refused = any(words in error.message for words in ("partitioned", "does not do this scene"))
-        if chosen is None or "method" not in chosen.params or not refused:
-            raise
-        pytest.skip(error.message)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark as ``quick`` the first case of each test function that ``slow.txt`` does not name."""
+    met = set(SLOW)
+    for item in items:
+        if not isinstance(item, pytest.Function):
+            continue
+        name = f"{item.module.__name__}.{item.originalname}"
+        if name not in met:
+            met.add(name)
+            item.add_marker(pytest.mark.quick)
 
 
 @pytest.fixture

@@ -113,7 +113,7 @@ class Int:
 
 def ref_of(x: Int | int) -> str:
     """Return the operand text of an integer."""
-    return x.ref if isinstance(x, Int) else str(x)
+    return x.ref if isinstance(x, Int) else str(int(x))  # before Python 3.11 an IntEnum writes its name
 
 
 class Condition:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import enum
 import hashlib
 import re
 from collections.abc import Callable
@@ -16,6 +17,7 @@ from robodyn_cli.kernels import ir
 from robodyn_cli.kernels.compiler import compile_module
 from robodyn_cli.kernels.ir import RELAXED, Function, Value, double_type, int_type, literal, module
 from robodyn_cli.kernels.mathematics import polynomial, rough_power
+from robodyn_cli.kernels.values import ref_of
 from tests.kernels import SPECIAL, WIDTHS
 
 widths = pytest.mark.parametrize("width", WIDTHS)
@@ -304,3 +306,13 @@ def test_labels_and_jumps_stay_where_code_is_written() -> None:
     for path in package.rglob("*.py"):
         if path.parts[len(package.parts)] != "kernels":
             assert not jumps.search(path.read_text("utf-8")), path
+
+
+def test_members_of_enumerations_are_written_as_numbers() -> None:
+    """Before Python 3.11 the text of an ``IntEnum`` member is its name."""
+
+    class Outcome(enum.IntEnum):
+        DONE = 3
+        __str__ = enum.Enum.__str__
+
+    assert str(Outcome.DONE) == "Outcome.DONE" and ref_of(Outcome.DONE) == "3"

@@ -35,7 +35,7 @@ def test_a_motion_within_its_tolerance_is_no_failure(method: str, rtol: float) -
 
 
 def test_a_fixed_step_that_loses_energy_is_a_warning() -> None:
-    options = ["simulate.integrator=rk4", "simulate.step=0.1"]
+    options = ["simulate.integrator=rk4", "simulate.step=0.2"]
     found = simulate(load_scene(PENDULUM, [*QUIET, *options]))
     assert found.status == "ok"
     (warning,) = [text for text in found.summary["warnings"] if "energy" in text]
@@ -47,7 +47,7 @@ def test_an_error_beyond_all_use_is_a_warning_and_an_error_where_asked(tmp_path)
         "--set",
         "simulate.integrator=rk4",
         "--set",
-        "simulate.step=0.05",
+        "simulate.step=0.2",
         "--no-plots",
         "--out",
         str(tmp_path),
