@@ -70,7 +70,7 @@ def simulate(
         driver = Driver.of(motion, supervisor_for(motion.choice))
     failure = _drive(motion, driver, recorder, progress, watch)
     redundant = redundant_rows(motion, recorder)
-    facts = motion_facts(motion, driver, recorder, redundant) | _warnings(motion)
+    facts = motion_facts(motion, driver, recorder, redundant) | _warnings(motion, driver)
     failure = (redundant and redundant.violated) or failure or recorder.not_finite
     failure = failure or _judge_energy(motion, driver, recorder, facts)
     if failure is None and motion.scene.simulate.error_estimate:
@@ -104,25 +104,15 @@ def _drive(
     return None
 
 
-def _warnings(motion: Motion) -> dict[str, Any]:
+def _warnings(motion: Motion, driver: Driver) -> dict[str, Any]:
     """Return the field of the summary that says what is doubtful about the motion, where anything is."""
     warnings = _unresolved_formulas(motion.problem)
     if motion.passive:
         from robodyn_cli.run.driver.start import start_warnings
 
         warnings += start_warnings(motion.problem, motion.assembled.q, motion.passive)
-<<<<<<< HEAD
-    return {"warnings": warnings} if warnings else {}
-=======
     warnings += shortened_steps(motion, driver)
-    if warnings:
-        facts["warnings"] = warnings
-    for watcher in driver.watchers:
-        facts |= watcher.facts(driver.time)
-    if isinstance(driver.supervisor, StiffnessWatch) and driver.supervisor.changes:
-        facts["switches"] = driver.supervisor.changes
-    return facts
->>>>>>> main
+    return {"warnings": warnings} if warnings else {}
 
 
 def _judge_energy(
