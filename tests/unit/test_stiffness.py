@@ -108,7 +108,7 @@ def test_looking_costs_little_and_changes_nothing(damping: float, monkeypatch: p
     monkeypatch.setattr(stiffness.StiffnessWatch, "__init__", noted)
     text = DAMPED.replace("0.4*qd.b", f"{damping}*qd.b")
     found = simulate(load_scene_text(text))
-    plain = simulate(load_scene_text(text, overrides=["simulate.integrator=gauss"]))
+    plain = simulate(load_scene_text(text, overrides=[f"simulate.integrator={found.summary['integrator']}"]))
     (watch,) = watches
     assert watch.cost > 0.0 and watch.spent <= 0.1 * watch.cost
     if "switches" not in found.summary:

@@ -100,9 +100,13 @@ def deploy(
     if motion.scene.simulate.error_estimate:
         with watch.stage("error_estimate"):
             facts["error_estimate"] = _estimate(motion, recorder, driver)
-    done = _follow(_lock(done, watch), watch)
-    facts |= _lock_facts(done)
+    done = _lock(done, watch)
     failure = doubt(done.lock, done.time_error) if done.lock is not None else None
+    try:
+        done = _follow(done, watch)
+    except CapabilityError as refusal:
+        failure = CapabilityError(f"deploy.after: continue: the locked structure: {refusal.message}")
+    facts |= _lock_facts(done)
     return report(done, facts, failure, watch)
 
 

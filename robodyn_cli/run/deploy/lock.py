@@ -12,7 +12,7 @@ from robodyn_cli.record import record
 from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.deploy.growth import GRID, multiplier_norm
 from robodyn_cli.run.deploy.latch import LatchImpact, Locked, close_latch, locked
-from robodyn_cli.run.deploy.scan import End, Scan, again, fired, scan
+from robodyn_cli.run.deploy.scan import End, Scan, fired, scan
 from robodyn_cli.run.deploy.summary import (
     Criteria,
     Growth,
@@ -96,7 +96,7 @@ def time_error(motion: Motion, found: Scan, lock: Lock) -> float | None:
         return 1e-15 * max(1.0, abs(lock.time)) * 10
     method, mean_step = motion.choice.method, found.end / max(found.steps, 1)
     second, _ = tighter(motion.options, mean_step, method)
-    twin = again(motion)
+    twin = motion.apart()
     other = scan(twin, second, multipliers=False)
     if other.steps <= 1.02 * found.steps and motion.options.step is None:
         other = scan(twin, other_steps(second, mean_step)[0], multipliers=False)

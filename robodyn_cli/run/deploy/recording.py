@@ -94,5 +94,5 @@ def _driver(motion: Motion, found: Scan, stop: float | None) -> Driver:
     at = StopAt(stop)
     poses = (EventKind.RANK_LOSS, EventKind.DEAD_POINT)
     system = motion.system.watched_by(lambda e: at if e.kind in poses else e.owner)
-    watchers = [w for w in motion.watchers if w.again() is not None]  # that change the motion
+    watchers = [watcher for watcher in motion.watchers if watcher.changes_motion]
     return Driver(system, motion.choice.method, motion.options, watchers, Repeat(found.changes))

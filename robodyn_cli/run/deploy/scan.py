@@ -6,7 +6,6 @@ fired. A dead point ends the scan once the multipliers have been judged up to it
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 from collections.abc import Sequence
 from typing import TypeVar
@@ -214,13 +213,6 @@ def the(kind: type[W], motion: Motion) -> W:
     """Return the one watcher of a kind."""
     (found,) = (watcher for watcher in motion.watchers if isinstance(watcher, kind))
     return found
-
-
-def again(motion: Motion) -> Motion:
-    """Return the motion for a second scan, whose watchers note apart from those of the first one."""
-    twins = {id(w): w.again() or copy.copy(w) for w in motion.watchers}
-    system = motion.system.watched_by(lambda e: twins.get(id(e.owner), e.owner))
-    return dataclasses.replace(motion, system=system, watchers=tuple(twins.values()))
 
 
 def _driven_pose(motion: Motion, driver: Driver) -> tuple[float, Array, str] | None:

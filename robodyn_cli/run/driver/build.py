@@ -38,6 +38,11 @@ def follow_motion(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
     return [watcher for watcher in found if watcher.functions]
 
 
+def follow_changes(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
+    """Return the watchers of what changes a motion: poses to pass, and contact states."""
+    return [watcher for watcher in follow_motion(problem, passive) if watcher.changes_motion]
+
+
 def contact_watchers(problem: Problem) -> list[Watcher]:
     """Return the watcher of joints that stick, slip and meet rigid stops, where there are such joints."""
     if not problem.contact_joints:

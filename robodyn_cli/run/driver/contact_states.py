@@ -49,6 +49,7 @@ class ContactStates(Watcher):
     """
 
     functions: tuple[ContactFunction, ...]
+    changes_motion = True
 
     def __init__(self, problem: Problem) -> None:
         if problem.dependent:

@@ -149,6 +149,7 @@ class Passage(PosesAhead):
     """Passes poses in which the loops lose rank, along the motion's own branch. ``crossed`` : their times [s]."""
 
     kind = EventKind.PASSAGE
+    changes_motion = True
 
     def __init__(self, problem: Problem) -> None:
         super().__init__(problem)
