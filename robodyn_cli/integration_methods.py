@@ -58,6 +58,7 @@ _TABLE = (
 )
 
 METHODS = {method.name: method for method in _TABLE}
+DEFAULT, STIFF = "gauss", "radau13"  # between which `auto` chooses
 FIXED_STEP = tuple(name for name, method in METHODS.items() if method.fixed_step)
 
 

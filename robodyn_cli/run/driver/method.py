@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Expr, free_symbols
 from robodyn_cli.formulations.system import System
+from robodyn_cli.integration_methods import DEFAULT, STIFF
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.run.driver.driver import Supervisor
 from robodyn_cli.run.driver.motion import Choice
 from robodyn_cli.scene.types import Scene
 
 Array = NDArray[Any]
-DEFAULT = "gauss"
-STIFF = "radau13"
 LARGEST = 12  # velocities up to which an exact Jacobian is worth its code
 FAST_DECAYS = 2e3  # decays of the fastest mode within the run from which on stiffness is looked into
 TRIAL = 0.02  # part of the run over which two methods are compared

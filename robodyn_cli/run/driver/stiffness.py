@@ -17,10 +17,10 @@ from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.system import System
+from robodyn_cli.integration_methods import DEFAULT, STIFF
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.record import record
 from robodyn_cli.run.driver.driver import Driver, MethodChange
-from robodyn_cli.run.driver.method import DEFAULT, STIFF
 
 Array = NDArray[Any]
 # what an evaluation costs: eight lanes at once, and those with their share of the linear algebra
