@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,17 +28,30 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def fixed_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """Methods named ``fixed NAME`` that take every step as it comes."""
     from robodyn_cli.integrators.registry import methods
-    from robodyn_cli.integrators.stepping.stepper import Attempt
 
     monkeypatch.setenv("ROBODYN_CACHE", "off")
     for name, method in list(methods.items()):
+        fixed = copy.copy(method)
+        fixed.adaptive = False
+        monkeypatch.setattr(fixed, "stepper", _accepting(fixed.stepper))
+        monkeypatch.setitem(methods, f"fixed {name}", fixed)
 
-        class Fixed(method):  # type: ignore[misc, valid-type]
-            adaptive = False
 
-            def attempt(self, w: Any, t: Any, h: Any, failed: str) -> Attempt:
-                outcome = super().attempt(w, t, h, failed)
+def _accepting(make: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """Return what makes steppers whose steps count whatever their error, if it is finite."""
+
+    def stepper(w: Any) -> Any:
+        made = make(w)
+        attempt = made.attempt
+
+        def accepted(*arguments: Any) -> Any:
+            outcome = attempt(*arguments)
+            if outcome.square is not None:
                 with w.f.strict():
-                    return Attempt(outcome.error * 0.0, w.f.constant(1.0))
+                    outcome.square = outcome.square * 0.0
+            return outcome
 
-        monkeypatch.setitem(methods, f"fixed {name}", Fixed)
+        made.attempt = accepted
+        return made
+
+    return stepper

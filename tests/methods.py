@@ -21,7 +21,7 @@ FIXED_STEP = tuple(m for m in METHODS if not methods[m].adaptive)
 
 def family(method: str) -> str:
     """Return the file that the method is written in."""
-    return methods[method].__module__.rpartition(".")[2]
+    return methods[method].facts.family
 
 
 def _first_of_each(names: Iterable[str]) -> tuple[str, ...]:

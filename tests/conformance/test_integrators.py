@@ -12,12 +12,13 @@ from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr import functions as f
 from robodyn_cli.formulations.events import EventFunction
 from robodyn_cli.formulations.system import Corrections
+from robodyn_cli.integration_methods import METHODS as METHODS_TABLE
+from robodyn_cli.integrators.methods.explicit import ExplicitRungeKutta
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime import engine
 from robodyn_cli.integrators.runtime import integrator as module
 from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
 from robodyn_cli.integrators.stepping import writer
-from robodyn_cli.integrators.stepping.stepper import Stepper
 from robodyn_cli.kernels import compiler
 from tests import systems
 from tests.methods import (
@@ -421,7 +422,7 @@ FRONTS = {
 
 
 @each_adaptive_family
-@pytest.mark.parametrize("width", [1e-2, 1e-3, 1e-4, 1e-5])
+@pytest.mark.parametrize("width", [1e-2, 1e-3, 1e-4, 9e-6])
 @pytest.mark.parametrize("kind", FRONTS)
 def test_steep_fronts_are_not_stepped_over(method: str, kind: str, width: float) -> None:
     """Smooth, but so steep that all of it fits between two stages, or between a stage and the end of a step."""
@@ -466,10 +467,11 @@ def test_counters_add_up(method: str) -> None:
     counters = integrator.counters
     assert counters.steps > 5 and counters.events == 0 and counters.projections == 0
     assert counters.evaluations >= counters.steps + counters.rejected
-    stages = getattr(methods[method], "table", None)
-    if stages is not None and hasattr(stages, "b"):
-        width = methods[method].stages  # type: ignore[attr-defined]
-        assert counters.evaluations == width * (counters.steps + counters.rejected)
+    kind = methods[method]
+    if isinstance(kind, ExplicitRungeKutta):
+        new, tries = kind.table.stages - 1, counters.steps + counters.rejected
+        states = 1 if kind.table.first_same_as_last else counters.steps
+        assert counters.evaluations == new * tries + states
     assert set(counters.as_dict()) == {"steps", "rejected", "evaluations", "projections", "events"}
     for limit in (1, 5, counters.steps - 1):
         with pytest.raises(NumericalError, match=f"more than {limit} steps, stopped at t = ") as caught:
@@ -477,6 +479,27 @@ def test_counters_add_up(method: str) -> None:
         assert 0.0 <= caught.value.details["time"] < case.end
     again = advance(case, method, **options, max_steps=counters.steps + counters.rejected)
     assert again.counters == counters
+
+
+def test_the_last_stage_is_the_first_of_the_next_step() -> None:
+    free = advance(systems.kepler(), "dopri5", rtol=1e-8, atol=1e-8).counters
+    assert free.evaluations == 6 * (free.steps + free.rejected) + 1
+    # not where the state is put back on its constraint
+    integrator = Integrator(constrained_pendulum(), "dopri5")
+    integrator.reset(0.0, (-1.0, 0.0, 0.0, 0.0), Options(1e-8, 1e-8))
+    integrator.advance(2.0)
+    held = integrator.counters
+    assert held.evaluations == 6 * (held.steps + held.rejected) + held.steps
+    # nor where it was replaced, or another interval begins
+    case = systems.oscillator()
+    integrator = Integrator(case.system, "dopri5")
+    integrator.reset(0.0, (1.0, 0.0), Options(1e-10, 1e-12))
+    integrator.advance(1.0)
+    integrator.set_state((0.0, 2.0))
+    integrator.advance(2.0)
+    spent = integrator.counters
+    assert spent.evaluations == 6 * (spent.steps + spent.rejected) + 2
+    np.testing.assert_allclose(integrator.state, (2.0 * np.sin(1.0), 2.0 * np.cos(1.0)), atol=1e-8)
 
 
 @each_adaptive_family
@@ -857,7 +880,9 @@ def test_long_equations_are_called_and_give_the_same(method: str, monkeypatch: p
         monkeypatch.setattr(compiler, "_loaded", {})
         runs.append(samples(body, method, (-1.0, 0.0, 0.0, 0.0), grid, **fine(method)))
     (_, inline, a), (_, called, b) = runs
-    np.testing.assert_allclose(called, inline, rtol=0, atol=1e-11)
+    # the same steps give the same states; where rounding has led to other steps, both are as accurate as asked for
+    same = a.counters == b.counters
+    np.testing.assert_allclose(called, inline, rtol=0, atol=1e-11 if same else fine_error(method))
     assert a.counters.events == b.counters.events == 2
     assert abs(a.counters.steps - b.counters.steps) <= 2 + 0.05 * a.counters.steps
 
@@ -875,10 +900,10 @@ def test_without_fused_multiply_add_too(method: str, monkeypatch: pytest.MonkeyP
 @each_method
 def test_steppers_state_what_they_are(method: str) -> None:
     kind = methods[method]
-    assert issubclass(kind, Stepper) and kind.name == method
+    assert kind.name == method and kind.facts is METHODS_TABLE[method]
     assert kind.order >= 1 and 1 <= kind.dense_order <= kind.order
     assert (kind.__doc__ or "").strip()
-    assert kind().dense_size(systems.chain(4).system) > 0
+    assert kind.dense_size(systems.chain(4).system) > 0
 
 
 def test_integrate_in_one_call() -> None:

@@ -327,7 +327,7 @@ def test_trials_are_counted_too(method: str) -> None:
 
         return call
 
-    for name in ("drive", "trial"):
+    for name in ("run_to_event", "trial_step"):
         setattr(integrator.engine, name, counting(getattr(integrator.engine, name)))
     integrator.run(10.0, Grid(0.0, 0.5, 21), lambda t, x: None)
     assert list(integrator.counters.as_dict().values())[:3] == spent.tolist()
