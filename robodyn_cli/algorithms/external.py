@@ -14,7 +14,7 @@ from robodyn_cli.algorithms.kinematics import Pose, Velocity, slice_q, slice_v, 
 from robodyn_cli.algorithms.rnea import Wrench, joint_torque
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.model.model import BASE, FixedFrame, Model
-from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, cross, rotation_to_z, snap, zeros
+from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, cross, dot, rotation_to_z, snap, zeros
 
 PARALLEL = 1e-12
 
@@ -81,33 +81,65 @@ def path_torques(
 def turn_about(model: Model, q: Values, ends: Sequence[FixedFrame], axis: Sequence[float], root: int) -> Any:
     """Return the angle [rad] by which the second frame is turned against the first about ``axis``, or None.
 
-    It is zero where the frames' axes coincide. Not None only if every joint between them that turns does so about the
-    parallel of ``axis`` (3,), which is given in the axes of each frame: then the angle is a sum of joint positions, and
-    counts full turns.
+    It is zero where the frames' transverse axes coincide. Not None only if every joint between them that turns does so
+    about a parallel of ``axis`` (3,), which is given in the axes of each frame: then the angle is a sum of joint
+    positions, and counts full turns.
     """
     A = rotation_to_z(axis)
+    turned = [_turn_to(model, q, end, A, root) for end in ends]
+    if any(t is None for t in turned):
+        return None
+    (first, R1), (second, R2) = turned
+    R = R1.T @ R2
+    if max(abs(R[0, 2]), abs(R[1, 2])) > PARALLEL:
+        return None
+    side = 1.0 if R[2, 2] > 0.0 else -1.0  # the second axis may point against the first
+    return side * second - first + snap(math.atan2(R[1, 0], R[0, 0]))
+
+
+def _turn_to(model: Model, q: Values, end: FixedFrame, A: Matrix, root: int) -> Any:
+    """Return the turn of a frame with axes A about its z axis since q = 0, and those axes in ``root`` at q = 0.
+
+    None where the joints between the two also turn the frame about other axes.
+    """
+    R, k = end.R @ A, end.body
     total: Any = 0.0
-    at_zero = []
-    for sign, end in zip((-1.0, 1.0), ends):
-        R = end.R @ A
-        k = end.body
-        while True:
-            if any(isinstance(x, Expr) for x in R.flat):
+    while k not in (root, BASE):
+        body = model.bodies[k]
+        turn = body.joint.turn(slice_q(body, q))
+        if turn is None or not _is_known(R):
+            return None
+        if isinstance(turn, Expr):
+            if max(abs(R[0, 2]), abs(R[1, 2])) > PARALLEL:
                 return None
-            if k in (root, BASE):
-                break
+            total = total + (turn if R[2, 2] > 0.0 else -turn)
+        R = body.X_tree.E.T @ R
+        k = body.parent
+    return (total, R) if _is_known(R) else None
+
+
+def common_axis(model: Model, q: Values, ends: Sequence[FixedFrame], root: int) -> Any:
+    """Return the axis (3,), in the axes of the first frame, about which the second turns against it, None otherwise.
+
+    That is: all joints between them that turn do so about parallels of one axis, and about it the two frames coincide
+    at some turn.
+    """
+    for end in ends:
+        R, k = end.R, end.body
+        while k not in (root, BASE):
             body = model.bodies[k]
-            if body.joint.type == "revolute":
-                if max(abs(R[0, 2]), abs(R[1, 2])) > PARALLEL:
-                    return None
-                total = total + (sign if R[2, 2] > 0.0 else -sign) * q[body.q]
-            elif body.joint.type != "prismatic":
+            if not _is_known(R):
                 return None
+            if isinstance(body.joint.turn(slice_q(body, q)), Expr):
+                axis = [snap(x) for x in R[2]]
+                A = rotation_to_z(axis)
+                turned = [_turn_to(model, q, end, A, root) for end in ends]
+                parallel = all(t is not None for t in turned) and dot(turned[0][1][:, 2], turned[1][1][:, 2]) > 0.0
+                return axis if parallel and turn_about(model, q, ends, axis, root) is not None else None
             R = body.X_tree.E.T @ R
             k = body.parent
-        at_zero.append(R)
-    first, second = at_zero
-    if max(abs(float(x)) for x in first[:, 2] - second[:, 2]) > PARALLEL:
-        return None
-    x = first.T @ second[:, 0]
-    return total + snap(math.atan2(x[1], x[0]))
+    return None
+
+
+def _is_known(R: Matrix) -> bool:
+    return not any(isinstance(x, Expr) for x in R.flat)

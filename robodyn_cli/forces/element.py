@@ -9,18 +9,20 @@ Checklist for another kind:
 2. ``effect`` returns forces, potential energy and power that belong together: with q-dot the joint rates,
    (sum of J^T f) . q-dot = -d/dt potential + power. ``tests/conformance/test_forces.py`` checks that over the registry.
 3. ``term`` is the part of the torques under which ``inverse`` reports it: ``passive`` or ``external``.
-4. ``switches`` returns expressions at whose sign changes the force jumps or has a kink, so that steps end there.
+4. Where the force jumps at half a turn, ``Effect.half_turns`` says where, so that steps end there and a warning is given.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Protocol
 
 from robodyn_cli.expr.functions import sqrt
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import ListOf, Text, key
 from robodyn_cli.spatial.algebra import Matrix, Vector, cross, dot
+
+HALF_TURN = 1e-9  # 1 + cos(theta) below which an event is at half a turn
 
 
 @record
@@ -40,13 +42,15 @@ class Setting:
     values : t, positions, rates and parameters for formulas (see ``Formula.evaluate``). time : t.
     world : (3, 3) rotation from world coordinates to those of the ends; only for elements with one end.
     turn : angle [rad] by which the second end has turned against the first about an axis (3,) given in the frame of
-    each, counted without end, or None where the joints between them allow other rotations.
+    each, counted without end, or None where the joints between them allow other rotations. hinge : the axis (3,) in the
+    frame of the first about whose parallels all joints between the ends turn, None where they turn about others too.
     """
 
     values: Mapping[str, Any]
     time: Any
     world: Matrix
-    turn: Callable[[tuple[float, ...]], Any]
+    turn: Callable[[Sequence[float]], Any]
+    hinge: Callable[[], Any]
 
 
 @record
@@ -60,12 +64,36 @@ class Action:
 
 
 @record
+class HalfTurn:
+    """Where an angle jumps from half a turn to minus half a turn, and the force with it.
+
+    switch : changes its sign there. there : > 0 only there, since a continuous function of the attitude changes its
+    sign at one more place (here: 127 deg or more to one side).
+    """
+
+    switch: Any
+    there: Any
+
+    @staticmethod
+    def of(s: Any, c: Any, r: Any) -> HalfTurn:
+        """Return that of an angle theta with s = r a sin(theta), c = r cos(theta) and r > 0, |a| <= 1.
+
+        s + 2 (r + c) = r (1 + cos(theta)) (a tan(theta / 2) + 2).
+        """
+        return HalfTurn(s + 2.0 * (r + c), HALF_TURN * r - (r + c))
+
+
+@record
 class Effect:
-    """What an element does: actions, potential energy [J] of the conservative part, power [W] of the rest."""
+    """What an element does: actions, potential energy [J] of the conservative part, power [W] of the rest.
+
+    half_turns : where its angle jumps (see ``HalfTurn``).
+    """
 
     actions: tuple[Action, ...]
     potential: Any = 0.0
     power: Any = 0.0
+    half_turns: tuple[HalfTurn, ...] = ()
 
 
 class ForceElement(Protocol):

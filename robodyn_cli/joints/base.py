@@ -9,8 +9,9 @@ tests run over every registered joint:
 4. ``velocity_map(q, v)``: q-dot from v; the identity unless the velocities are ``quasi``.
 5. ``integrate(q, dq)``, ``difference(q0, q1)``, ``normalise(q)``: steps on the joint's own manifold.
 6. ``unfelt(inertia)``: U with U S = 0 that looks the same from the parent at every q, or None.
-7. ``units`` and ``names`` of q, ``v_units`` and ``v_names`` of v, where they differ from those of q.
-8. ``needs`` and ``takes``: keys by which a scene places it; ``by_dh`` and ``dh_variable`` where D-H parameters do.
+7. ``turn(q)``: the angle about z, full turns counted, of a body that turns about z only.
+8. ``units`` and ``names`` of q, ``v_units`` and ``v_names`` of v, where they differ from those of q.
+9. ``needs`` and ``takes``: keys by which a scene places it; ``by_dh`` and ``dh_variable`` where D-H parameters do.
 """
 
 from __future__ import annotations
@@ -81,6 +82,13 @@ class Joint:
     def velocity_map(self, q: Vector, v: Vector) -> Vector:
         """Return q-dot (nq,) for joint velocity ``v`` (nv,)."""
         return v
+
+    def turn(self, q: Vector) -> Any:
+        """Return the angle [rad] by which the body has turned about z, full turns counted.
+
+        0 where it never turns; None where it turns about other axes too, and full turns are not defined.
+        """
+        return None
 
     def neutral(self) -> list[float]:
         """Return the position (nq,) at which the transform is the identity."""

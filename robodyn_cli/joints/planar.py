@@ -21,6 +21,9 @@ class Planar(Joint):
     def transform(self, q: Vector) -> Transform:
         return Transform(rotation_about(2, q[2]).T, vector([q[0], q[1], 0.0]))
 
+    def turn(self, q: Vector) -> Any:
+        return q[2]
+
     def S(self, q: Vector) -> Any:
         c, s = cos(q[2]), sin(q[2])
         return matrix(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from robodyn_cli.joints.base import Joint
 from robodyn_cli.spatial.algebra import Transform, Vector, rotation_about, zeros
 from robodyn_cli.spatial.inertia import RigidInertia
@@ -20,6 +22,9 @@ class Revolute(Joint):
 
     def transform(self, q: Vector) -> Transform:
         return Transform(rotation_about(2, q[0]).T, zeros(3))
+
+    def turn(self, q: Vector) -> Any:
+        return q[0]
 
     def unfelt(self, inertia: RigidInertia) -> RigidInertia:
         """Return what lies evenly about the axis: the mass, the moment along it, and I_yy about x and y."""
