@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.kinematics import poses, transforms
-from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
+from robodyn_cli.expr.graph import Scalar, free_symbols, is_nonzero
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import BASE, PARAMETER_GROUP, UNKNOWN_GROUP, Body, Model
@@ -221,4 +221,4 @@ def depends_on_time(outputs: Sequence[Scalar]) -> bool:
 
 def is_zero(entries: Iterable[Scalar]) -> bool:
     """Tell whether all entries are identically zero."""
-    return not any(isinstance(x, Expr) or x != 0.0 for x in entries)
+    return not any(is_nonzero(x) for x in entries)

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from robodyn_cli.algorithms.aba import ArticulatedFactor
-from robodyn_cli.algorithms.constraints import Multipliers, loop_rows, solve_with_multipliers, vanishes
+from robodyn_cli.algorithms.constraints import LoopRows, Multipliers, solve_with_multipliers, vanishes
 from robodyn_cli.algorithms.crba import crba
 from robodyn_cli.algorithms.energy import gravity_energy, kinetic_energy, spring_energy
 from robodyn_cli.algorithms.kinematics import Pose, poses, slice_q, slice_v, transforms
@@ -27,21 +27,23 @@ from robodyn_cli.equations.dependence import (
     Combination,
     Dependence,
     combinations,
+    independent_rows,
     multipliers_of_rows,
-    working_rows,
 )
 from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
 from robodyn_cli.equations.elements import Elements
 from robodyn_cli.equations.gears import geared, losses_of_drive, losses_of_load
 from robodyn_cli.equations.joint_forces import JointForces
-from robodyn_cli.equations.time_structure import Structure, beside, functions_of_time, structure
 from robodyn_cli.expr.functions import interpolate
-from robodyn_cli.expr.graph import Expr, Scalar, count_operations
+from robodyn_cli.expr.graph import Expr, Scalar, count_operations, is_nonzero
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, vector, zeros
+
+if TYPE_CHECKING:
+    from robodyn_cli.equations.time_structure import Structure
 
 GROUPS = ("t", "q", "v", "a", "p")
 DENSE_LIMIT = 12  # velocities up to which the factored mass matrix is tried: it grows with their cube
@@ -55,7 +57,7 @@ class Problem:
     scene : the checked scene.
     symbolic : constants kept as parameters p, in this order (see ``build_model``).
     keep_rows : constraint rows to keep, by index; all by default.
-    dependent : rows that depend on each other in every pose (see ``working``).
+    dependent : rows that depend on each other in every pose (see ``independent_rows``).
     """
 
     def __init__(
@@ -81,7 +83,7 @@ class Problem:
     def gravity(self) -> Vector | None:
         """Gravity in base coordinates, None where it is zero."""
         g = self.model.gravity
-        return g if any(isinstance(x, Expr) or x != 0.0 for x in g) else None
+        return g if any(is_nonzero(x) for x in g) else None
 
     @cached_property
     def X(self) -> list[Transform]:
@@ -162,6 +164,10 @@ class Problem:
     @cached_property
     def time_structures(self) -> list[tuple[str, Structure]]:
         """Where the scene's formulas of time are not smooth or have short features, with the key of each."""
+        if not self.formulas:
+            return []
+        from robodyn_cli.equations.time_structure import functions_of_time, structure
+
         duration = self.scene.simulate.duration
         return [
             (key, structure(function, self.t, duration))
@@ -183,6 +189,10 @@ class Problem:
         for _, switch in self.switches:
             if is_of_time(switch, self.t):
                 times.update(switching_times(switch, self.t, duration))
+        if not self.time_structures:
+            return tuple(sorted(times))
+        from robodyn_cli.equations.time_structure import beside
+
         return tuple(
             sorted(times.union(*(beside(found, times, duration) for _, found in self.time_structures)))
         )
@@ -262,9 +272,9 @@ class Problem:
         """Rows of the loop closures, then of couplers, then of prescribed joints."""
         rows: list[Row] = []
         dropped: list[str] = []
-        shared: dict[int, Any] = {}
+        closures = LoopRows(self.model, self.X, self.q, self.v, self.gravity)
         for loop in self.model.loops:
-            for row in loop_rows(self.model, loop, self.X, self.q, self.v, self.gravity, shared):
+            for row in closures.of(loop):
                 if vanishes(row):
                     dropped.append(row.name)
                 else:
@@ -298,9 +308,9 @@ class Problem:
         return combinations(self.graph, self.dependent, self.constraints.names, len(self.model.parameters))
 
     @cached_property
-    def working(self) -> Constraints:
-        """Rows to solve with: independent combinations of those that depend on each other, and the others."""
-        return working_rows(self.constraints, self.combinations)
+    def independent_rows(self) -> Constraints:
+        """The rows that the equations are solved with: combinations of dependent rows, then the other rows."""
+        return independent_rows(self.constraints, self.combinations)
 
     def moved(self, dq: Values) -> list[Scalar]:
         """Return q - dq (nq,) for a step dq (nv,), along the joints' manifolds."""
@@ -313,12 +323,12 @@ class Problem:
     @property
     def loop_rank(self) -> int:
         """How many rows of the loops are independent."""
-        return len(self.working.rows) - len(self.working.prescribed)
+        return len(self.independent_rows.rows) - len(self.independent_rows.prescribed)
 
     @property
-    def independent_rows(self) -> Matrix:
-        """Psi of the loops (r, nv), dependent rows combined."""
-        return self.working.psi(self.model.nv)[: self.loop_rank]
+    def loop_psi(self) -> Matrix:
+        """Psi of the independent rows of the loops (r, nv)."""
+        return self.independent_rows.psi(self.model.nv)[: self.loop_rank]
 
     @cached_property
     def elimination_order(self) -> list[int]:
@@ -338,10 +348,10 @@ class Problem:
 
     @cached_property
     def _solved(self) -> tuple[Multipliers, list[Scalar]]:
-        return self.solution(self.working.gamma)
+        return self.solution(self.independent_rows.gamma)
 
     def solution(self, gamma: Sequence[Scalar]) -> tuple[Multipliers, list[Scalar]]:
-        """Return accelerations and multipliers for ``gamma`` of the working rows, and multipliers of held joints."""
+        """Return accelerations and multipliers for ``gamma`` of the independent rows, and those of held joints."""
         f = self.applied - self.bias
         held = self.contact_joints
         if not self.constraints.rows and not held:
@@ -350,7 +360,7 @@ class Problem:
         units = zeros(len(held), self.model.nv)
         for k, joint in enumerate(held):
             units[k, joint.v] = 1.0
-        psi = np.concatenate([self.working.psi(self.model.nv), units])
+        psi = np.concatenate([self.independent_rows.psi(self.model.nv), units])
         found = solve_with_multipliers(
             factor, f, psi, [*gamma, *(0.0 for _ in held)], [joint.hold for joint in held]
         )

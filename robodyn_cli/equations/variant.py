@@ -10,7 +10,7 @@ from typing import Any
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.equations.dependence import Dependence
 from robodyn_cli.equations.problem import Constraints, Problem
-from robodyn_cli.expr.graph import Expr, Graph
+from robodyn_cli.expr.graph import Graph, is_nonzero
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import PARAMETER_GROUP, Body, Model
 from robodyn_cli.record import record
@@ -102,7 +102,7 @@ class VariantProblem(Problem):
         symbols = Symbols(self.graph)
         if self.variant.drives:
             for k in range(self.model.nv):
-                if not isinstance(tau[k], Expr) and tau[k] == 0.0:
+                if not is_nonzero(tau[k]):
                     tau[k] = symbols.one()
         return tau
 

@@ -8,11 +8,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from robodyn_cli.expr.functions import atan2, maximum, sqrt, where
-from robodyn_cli.expr.graph import Expr
+from robodyn_cli.expr.graph import is_nonzero
 from robodyn_cli.forces.element import Effect, End, HalfTurn, Setting, between_key, opposite
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, ListOf, Name, Vector, key
-from robodyn_cli.spatial.algebra import Matrix, cross, dot, identity, matrix, skew, vector, zeros
+from robodyn_cli.spatial.algebra import Matrix, Wrench, cross, dot, identity, matrix, skew, vector, zeros
 from robodyn_cli.spatial.algebra import Vector as Components
 
 SMALL = 1e-2  # sin^2 of the angle below which series replace quotients
@@ -36,7 +36,7 @@ def rotation_vector(R: Matrix) -> tuple[Components, Matrix]:
     (Chirikjian 2012, section 10.6). Near theta = pi phi is not unique.
     """
     s, c = _sine_and_cosine(R)
-    turning = [k for k in range(3) if isinstance(s[k], Expr) or s[k] != 0.0]
+    turning = [k for k in range(3) if is_nonzero(s[k])]
     if len(turning) <= 1:
         phi = zeros(3)
         for k in turning:
@@ -141,8 +141,8 @@ class Bushing:
         xi_rate = np.concatenate([x_rate, B @ (first.R.T @ (second.w - first.w))])
         elastic, loss = K @ xi, C @ xi_rate
         load = elastic + loss
-        actions = opposite(ends, first.R @ -load[:3], first.R @ -(B.T @ load[3:]))
-        stiff = any(x != 0.0 for x in K[3:].flat)
+        actions = opposite(ends, Wrench(-(B.T @ load[3:]), -load[:3]).rotated(first.R))
+        stiff = any(is_nonzero(x) for x in K[3:].flat)
         return Effect(actions, 0.5 * dot(xi, elastic), -dot(xi_rate, loss), half_turns if stiff else ())
 
 
@@ -154,4 +154,4 @@ def _turned(R: Matrix, setting: Setting) -> tuple[Components, Matrix, tuple[Half
     phi, B = rotation_vector(R)
     s, c = _sine_and_cosine(R)
     # at half a turn the components of s that are not zero all change their signs
-    return phi, B, tuple(HalfTurn.of(x, c, 1.0) for x in s if isinstance(x, Expr))
+    return phi, B, tuple(HalfTurn.of(x, c, 1.0) for x in s if is_nonzero(x))

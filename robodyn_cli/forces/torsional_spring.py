@@ -10,7 +10,7 @@ from robodyn_cli.expr.functions import atan2, sqrt
 from robodyn_cli.forces.element import Effect, End, HalfTurn, Setting, between_key, idle_problems, opposite
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Direction, Name, Number, key
-from robodyn_cli.spatial.algebra import dot, rotation_to_z, vector, zeros
+from robodyn_cli.spatial.algebra import Wrench, dot, rotation_to_z, vector, zeros
 
 
 @record
@@ -73,6 +73,6 @@ class TorsionalSpring:
         rate = dot(direction, ends[1].w - ends[0].w)
         loss = self.damping * rate
         moment = direction * -(self.stiffness * deflection + loss)
-        actions = opposite(ends, zeros(3), moment)
+        actions = opposite(ends, Wrench(moment, zeros(3)))
         potential = 0.5 * self.stiffness * deflection * deflection
         return Effect(actions, potential, -loss * rate, half_turns if self.stiffness else ())

@@ -28,7 +28,7 @@ class EventKind(enum.Enum):
     RANK_LOSS = "the loops come near a loss of rank"
     PASSAGE = "the loops come near a loss of rank that is to be passed"
     DEAD_POINT = "the input comes to a dead point"
-    DISCONTINUITY = "the right-hand side jumps or has a kink"
+    DISCONTINUITY = "the right-hand side or its slope jumps"
     REPARTITION = "parameters that fit a part of the motion are chosen anew"
     CONTACT = "a joint sticks, slips, meets its stop or leaves it"
 
@@ -36,12 +36,16 @@ class EventKind(enum.Enum):
 # -- what becomes of the run ------------------------------------------------------------------------------
 @record
 class Outcome:
-    """The run goes on as it was."""
+    """The run goes on as it was. ends : whether the integrator stops here, and the driver decides what follows."""
+
+    ends = False
 
 
 @record
 class Stop(Outcome):
     """The run ends at the event."""
+
+    ends = True
 
 
 @record
@@ -69,6 +73,8 @@ class Leap(Outcome):
 
     states : the states (T, nx) at times (T,) up to ``time`` [s]. state : x (nx,) there.
     """
+
+    ends = True
 
     time: float
     state: Array
@@ -109,7 +115,7 @@ class EventFunction:
 
     @property
     def is_discontinuity(self) -> bool:
-        """Whether the right-hand side jumps or has a kink where the function is zero."""
+        """Whether the right-hand side or its slope jumps where the function is zero."""
         return self.kind is EventKind.DISCONTINUITY
 
 

@@ -83,7 +83,7 @@ class System:
     the mechanism, and ``layout`` says where those lie: integrators need not look at it, whoever wants positions and
     velocities of joints takes ``split``, ``join`` and ``groups``.
 
-    breakpoints : times at which the right-hand side jumps or has a kink; steps end there.
+    breakpoints : times at which the right-hand side or its slope jumps; steps end there.
     parameters : values of p that a run starts with, but for those that the ``partition`` chooses.
     layout : None where q, v, z are the mechanism's.
     forms : the same motion in forms that some methods step instead of the rates.

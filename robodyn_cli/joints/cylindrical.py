@@ -21,5 +21,5 @@ class Cylindrical(Joint):
     def transform(self, q: Vector) -> Transform:
         return Transform(rotation_about(2, q[0]).T, vector([0.0, 0.0, q[1]]))
 
-    def turn(self, q: Vector) -> Any:
+    def angle(self, q: Vector) -> Any:
         return q[0]

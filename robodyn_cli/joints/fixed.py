@@ -18,5 +18,5 @@ class Fixed(Joint):
     def transform(self, q: Vector) -> Transform:
         return Transform.identity()
 
-    def turn(self, q: Vector) -> Any:
+    def angle(self, q: Vector) -> Any:
         return 0.0

@@ -27,8 +27,8 @@ class Helical(Joint):
     def transform(self, q: Vector) -> Transform:
         return Transform(rotation_about(2, q[0]).T, vector([0.0, 0.0, self.pitch * q[0]]))
 
-    def turn(self, q: Vector) -> Any:
-        return q[0]
-
     def S(self, q: Vector) -> Any:
         return matrix([[0.0, 0.0, 1.0, 0.0, 0.0, self.pitch]]).T
+
+    def angle(self, q: Vector) -> Any:
+        return q[0]

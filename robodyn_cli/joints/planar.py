@@ -21,9 +21,6 @@ class Planar(Joint):
     def transform(self, q: Vector) -> Transform:
         return Transform(rotation_about(2, q[2]).T, vector([q[0], q[1], 0.0]))
 
-    def turn(self, q: Vector) -> Any:
-        return q[2]
-
     def S(self, q: Vector) -> Any:
         c, s = cos(q[2]), sin(q[2])
         return matrix(
@@ -34,6 +31,5 @@ class Planar(Joint):
         c, s = cos(q[2]) * qd[2], sin(q[2]) * qd[2]
         return matrix([[0.0, 0.0, 0.0, -s, -c, 0.0], [0.0, 0.0, 0.0, c, -s, 0.0], [0.0] * 6]).T
 
-    def bias(self, q: Vector, qd: Vector) -> Vector:
-        out: Vector = self.S_rate(q, qd) @ qd
-        return out
+    def angle(self, q: Vector) -> Any:
+        return q[2]

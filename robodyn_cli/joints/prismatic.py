@@ -23,9 +23,9 @@ class Prismatic(Joint):
     def transform(self, q: Vector) -> Transform:
         return Transform(identity(), vector([0.0, 0.0, q[0]]))
 
-    def turn(self, q: Vector) -> Any:
-        return 0.0
-
-    def unfelt(self, inertia: RigidInertia) -> RigidInertia:
-        """Return the rotational inertia: bodies on a slide turn as their parent does."""
+    def parent_inertia(self, inertia: RigidInertia) -> RigidInertia:
+        """Return the rotational inertia: a body on a slide turns as its parent does."""
         return RigidInertia(0.0, zeros(3), inertia.I)
+
+    def angle(self, q: Vector) -> Any:
+        return 0.0

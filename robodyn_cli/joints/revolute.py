@@ -23,12 +23,12 @@ class Revolute(Joint):
     def transform(self, q: Vector) -> Transform:
         return Transform(rotation_about(2, q[0]).T, zeros(3))
 
-    def turn(self, q: Vector) -> Any:
-        return q[0]
-
-    def unfelt(self, inertia: RigidInertia) -> RigidInertia:
-        """Return what lies evenly about the axis: the mass, the moment along it, and I_yy about x and y."""
+    def parent_inertia(self, inertia: RigidInertia) -> RigidInertia:
+        """Return the mass, its moment along the axis, and I_yy about x and y, which turning does not change."""
         h, I = zeros(3), zeros(3, 3)
         h[2] = inertia.h[2]
         I[0, 0] = I[1, 1] = inertia.I[1, 1]
         return RigidInertia(inertia.m, h, I)
+
+    def angle(self, q: Vector) -> Any:
+        return q[0]

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.errors import CapabilityError, GeometryError, SceneError, SingularConfigurationError
 from robodyn_cli.model.model import BASE, FixedFrame, Model
@@ -14,23 +13,23 @@ from robodyn_cli.record import record
 from robodyn_cli.solve import planar_path
 from robodyn_cli.solve.planar_2r import BRANCHES, ELBOW_DOWN, ELBOW_UP, Planar2R
 from robodyn_cli.solve.reach import Singular, Unreachable
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.base import Ik
 from robodyn_cli.trajectories.motion import JointMotion, PointMotion, TaskSpace
 
 if TYPE_CHECKING:
     from robodyn_cli.solve.point_kinematics import PointFunction, PointKinematics
 
-Array = NDArray[np.float64]
 Compile = Callable[["PointKinematics"], "PointFunction"]
 
 
 @record
 class PointTask:
-    """A point of a model and what is asked of it.
+    """A point of a model and the path that it is to follow.
 
     frame : the point. trajectory : its path and the options of the inverse kinematics.
     start : joint positions by name near which the motion starts (``ik.guess``, or the scene's ``initial.q``).
-    parameters : those of the scene. where : put in front of errors about the scene.
+    parameters : those of the scene. where : the prefix of messages about the scene.
     """
 
     model: Model
@@ -46,7 +45,7 @@ class PointTask:
         return options
 
     def target(self, times: Array) -> PointMotion:
-        """Return what is asked of the point at ``times`` (T,), world coordinates."""
+        """Return the target of the point at ``times`` (T,), world coordinates."""
         return self.trajectory.target(times, self.parameters)
 
     def start_positions(self) -> Array | None:
@@ -65,7 +64,7 @@ class PointTask:
 
 @record
 class Found:
-    """Joint motion that follows a path, how it was found (``analytic`` or ``newton``), and at what cost."""
+    """Joint motion that follows a path, the method (``analytic`` or ``newton``), its iterations and steps."""
 
     motion: JointMotion
     method: str

@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 Numbers = Sequence[float] | Array
 Values = Callable[[float], Numbers]
 
+Point = tuple[float, float]  # a time, and the value of a function there
+
 TRIALS = 200
 PATIENCE = 3  # secant trials that may fail to halve the bracket before it is bisected; fewer each time
 
@@ -88,7 +90,8 @@ def first_roots(
         roots = []
         for k, event in enumerate(events):
             if crosses(event, before[k], after[k]) or (lost and k == seen and before[k] != 0.0):
-                root = _root(k, values, a, float(before[k]), b, float(after[k]), event.is_discontinuity)
+                bracket = (a, float(before[k])), (b, float(after[k]))
+                root = _root(k, values, *bracket, event.is_discontinuity)
                 if root is None:
                     # no motion beyond the last time that still has the old sign
                     return Found(_last_followed(k, values, a, float(before[k]), b))
@@ -106,14 +109,14 @@ def resolution(a: float, b: float) -> float:
     return FINE * max(abs(a), abs(b))
 
 
-def _root(
-    index: int, values: Values, a: float, g_a: float, b: float, g_b: float, strict: bool = False
-) -> Root | None:
-    """Bracket the sign change between a and b by regula falsi; None where there is none.
+def _root(index: int, values: Values, low: Point, high: Point, strict: bool = False) -> Root | None:
+    """Bracket the sign change between two times by regula falsi; None where there is none.
 
+    low, high : time and value of the function.
     strict : zero counts as the old side. What switches on a function (``where``) takes zero for negative, so that a
     run which stood at zero would go on with the old right-hand side, however short its steps.
     """
+    (a, g_a), (b, g_b) = low, high
     sign, side, exact = math.copysign(1.0, g_a) if g_a else 0.0, 0, False
     g_a = float(values(a)[index])
     if g_a * sign < 0.0 or (g_a * sign == 0.0 and not (strict and sign)):

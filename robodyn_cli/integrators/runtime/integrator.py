@@ -13,16 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.errors import NumericalError
-from robodyn_cli.formulations.events import (
-    GO_ON,
-    Event,
-    Jump,
-    Leap,
-    Outcome,
-    Owner,
-    Repartition,
-    Stop,
-)
+from robodyn_cli.formulations.events import GO_ON, Event, EventKind, Jump, Outcome, Owner, Repartition
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.event_location.events import (
     Found,
@@ -217,17 +208,9 @@ class Integrator:
         -------
         GO_ON at the end, or what an owner answered that ended the run before: STOP, or a Leap to be made.
         """
-        s, n, time = self.system, self.n, self.time
+        s, n = self.system, self.n
         capacity = max(1, min(block, grid.count))
-        if len(self.engine.out) != capacity * s.size:
-            self.engine.make_room(capacity * s.size)
-        n[Whole.CAPACITY], n[Whole.ROWS] = capacity, 0
-        first = grid.first_at(time)
-        self.w[Real.SAMPLE_START], self.w[Real.SAMPLE_STEP] = grid.start, grid.step
-        if first < grid.count and grid.begins_by(first, time):
-            emit(np.array([time]), self.y[None].copy())
-            first += 1
-        n[Whole.NEXT_SAMPLE], n[Whole.LAST_SAMPLE] = first, grid.count - 1
+        self._begin_samples(grid, capacity, emit)
         # a partition wears out whether anyone looks or not
         watch = (watch or s.partition is not None) and bool(s.events)
         if not watch:
@@ -266,6 +249,19 @@ class Integrator:
                     self._check(status)
         return self._handle(self._at_end()) if watch else GO_ON
 
+    def _begin_samples(self, grid: Grid, capacity: int, emit: Callable[[Array, Array], None]) -> None:
+        """Provide room for a block of samples, and write one that lies at the current time."""
+        n, time = self.n, self.time
+        if len(self.engine.out) != capacity * self.system.size:
+            self.engine.make_room(capacity * self.system.size)
+        n[Whole.CAPACITY], n[Whole.ROWS] = capacity, 0
+        first = grid.first_at(time)
+        self.w[Real.SAMPLE_START], self.w[Real.SAMPLE_STEP] = grid.start, grid.step
+        if first < grid.count and grid.begins_by(first, time):
+            emit(np.array([time]), self.y[None].copy())
+            first += 1
+        n[Whole.NEXT_SAMPLE], n[Whole.LAST_SAMPLE] = first, grid.count - 1
+
     def _handle(self, events: Sequence[Event]) -> Outcome:
         """Hand events at the same time to their owners, each with the state that the ones before it have left.
 
@@ -273,10 +269,9 @@ class Integrator:
         """
         end: Outcome = GO_ON
         for k, event in enumerate(events):
+            self.events_seen += event.function.kind is not EventKind.REPARTITION  # that is none of the motion
             outcome = (dataclasses.replace(event, state=self.state) if k else event).outcome()
-            if not isinstance(outcome, Repartition):
-                self.events_seen += 1
-            if isinstance(outcome, (Stop, Leap)):
+            if outcome.ends:
                 end = outcome
             else:
                 self.apply(outcome, event.function.owner)
@@ -383,31 +378,14 @@ class Integrator:
             self.engine.look()
 
     def _check(self, status: Status) -> None:
+        """Raise where a run cannot go on.
+
+        Raises
+        ------
+        NumericalError : see ``stopped``.
+        """
         if status in (Status.DONE, Status.FULL):
             return
-        where = f"at t = {self.time:.6g} s"
-        facts = {"time": self.time, "status": status.name.lower()}
-        if status is Status.MAX_STEPS:
-            raise NumericalError(f"more than {self.options.max_steps} steps, stopped {where}", **facts)
-        if status is Status.NOT_FINITE:
-            raise NumericalError(f"the state stops being finite {where}", **facts)
-        if status is Status.NOT_SOLVED:
-            words = f"the equations of a step of {self.w[Real.H]:.3g} s have no solution nearby"
-            raise NumericalError(f"{words} {where}; allowed: a shorter simulate.step", **facts)
-        if not np.all(np.isfinite(self.rates())):
-            raise NumericalError(f"the equations of motion give no finite accelerations {where}", **facts)
-        hint = ""
-        if self.options.atol == 0.0 and np.any(self.y == 0.0):
-            hint = "; with 'atol: 0' what is or passes zero may have no error at all: allow some, as 'atol: 1e-12'"
-        raise NumericalError(
-            f"the step size became too small {where} (step {self.w[Real.H]:.3g} s){hint}", **facts
-        )
+        from robodyn_cli.integrators.runtime.stopped import Stopped
 
-    def rates(self) -> Array:
-        """Return accelerations and z rates at the current state (slowly, without a compiler)."""
-        s, y = self.system, self.y[:, None]
-        groups = {
-            "t": np.array([[self.time]]), "q": y[: s.nq], "v": y[s.nq : s.nq + s.nv], "z": y[s.nq + s.nv :],
-            "p": self.p[:, None],
-        }  # fmt: skip
-        return s.dynamics.values(groups)
+        raise Stopped(status, self.time, self.w[Real.H], self.y, self.options).error(self.system, self.p)

@@ -23,7 +23,7 @@ from robodyn_cli.formulations.events import Event, Jump, Outcome
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.run.driver.contact_events import STOPS, ContactFunction, Transition, contact_functions
-from robodyn_cli.run.driver.impact import impact
+from robodyn_cli.run.driver.impact import Hit, impact
 from robodyn_cli.run.driver.motion import Motion, Watcher
 
 Array = NDArray[np.float64]
@@ -331,7 +331,7 @@ class ContactStates(Watcher):
         resting = {self.joints[j].v: side for j, side in self.contact.items() if j != k}
 
         def after(e: float, kept: Collection[int] = ()) -> Array:
-            new = impact(M, psi, v, joint.v, push, e, resting, kept)
+            new = impact(M, psi, v, Hit(joint.v, e), resting, kept)
             y = x.copy()
             y[places] = new
             if s.further:

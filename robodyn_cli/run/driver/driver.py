@@ -86,10 +86,6 @@ class Driver:
         """The parameters p at present."""
         return self.integrator.p.copy()
 
-    def rates(self) -> Array:
-        """Return accelerations and z rates (nv + nz,) at present, not finite where there are none."""
-        return self.integrator.rates()
-
     @property
     def repartitions(self) -> int:
         """How often a partition has chosen its parameters anew."""

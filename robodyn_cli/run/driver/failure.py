@@ -8,6 +8,7 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import NumericalError, RobodynError, SingularConfigurationError
+from robodyn_cli.integrators.runtime.stopped import rates_at
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.mass_matrix import nearly_singular
 from robodyn_cli.run.driver.motion import Motion
@@ -51,7 +52,8 @@ def breakdown(problem: Problem, driver: Driver, status: str) -> tuple[str, dict[
     system = driver.system
     q, v, _ = system.split(driver.state)
     with np.errstate(all="ignore"):
-        rates = np.concatenate([np.zeros(system.nq), np.asarray(driver.rates(), dtype=float)])
+        rates = rates_at(system, driver.time, driver.state, driver.parameters)
+        rates = np.concatenate([np.zeros(system.nq), np.asarray(rates, dtype=float)])
         a = system.split(rates)[1]
     for quantity, values, names in (
         ("position", q, model.q_names), ("rate", v, model.v_names), ("acceleration", a, model.v_names),

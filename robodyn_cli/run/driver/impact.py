@@ -7,21 +7,29 @@ from collections.abc import Collection, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.record import record
+
 Array = NDArray[np.float64]
 ROUNDS = 64
+
+
+@record
+class Hit:
+    """A joint that meets a stop. joint : velocity index. restitution : e in v+ = -e v-."""
+
+    joint: int
+    restitution: float
 
 
 def impact(
     M: Array,
     psi: Array,
     v: Array,
-    joint: int,
-    push: float,
-    restitution: float,
+    hit: Hit,
     resting: Mapping[int, float],
     kept: Collection[int] = (),
 ) -> Array:
-    """Return the velocities (nv,) after joint ``joint`` has met a stop.
+    """Return the velocities (nv,) after a joint j has met a stop.
 
         M (v+ - v-) = Psi^T mu + e_j Lambda_j + sum e_k Lambda_k,   Psi (v+ - v-) = 0,   v+_j = -e v-_j
 
@@ -30,13 +38,14 @@ def impact(
 
     Parameters
     ----------
-    M, psi : (nv, nv), (m, nv). v : before the impact, with Psi v as it has to be. push : +1 or -1, away from the stop.
+    M, psi : (nv, nv), (m, nv). v : before the impact, with Psi v as it has to be. hit : which joint, and how.
     resting : push of the stop by velocity index, for joints that rest on one. kept : those of them that stay.
 
     Raises
     ------
     numpy.linalg.LinAlgError : M is singular.
     """
+    joint, restitution = hit.joint, hit.restitution
     active = list(resting)
     spread = np.linalg.inv(M)
     out = v.copy()

@@ -45,7 +45,7 @@ class PosesAhead(Watcher):
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
         self.nodes, self.reach = NODES, REACH
-        rows = problem.independent_rows
+        rows = problem.loop_psi
         if len(rows):
             near = closeness(rows)
             self.functions = tuple(self._rung(near, NEAR * NEAR * LOWER**k, k) for k in range(RUNGS))

@@ -26,7 +26,7 @@ class Case:
     """One case.
 
     text(quick) : the scene as YAML; ``quick`` may shorten it. expects : in words. relative : largest error of auto
-    over the range of its quantity, up to the time that the reference can vouch for. energy : largest drift of its
+    over the range of its quantity, up to the time that the reference reaches. energy : largest drift of its
     energy balance over the energy exchanged. stops : class of the error that has to end the run, if one has to.
     peers : whether the scene is one that other engines can be given (``benchmarks/stability_peers.py``).
     """

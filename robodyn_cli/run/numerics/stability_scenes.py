@@ -69,13 +69,15 @@ def arm(
     first: str = "",
     second: str = "",
     ratio: float = 1.0,
-    gravity: str = GRAVITY,
-    torques: str = "",
-    start: str = HANGING,
+    **setting: str,
 ) -> str:
-    """Return the lecture's two-link arm with keys added to its joints; mass and inertia of link 2 times ``ratio``."""
+    """Return the lecture's two-link arm with keys added to its joints; mass and inertia of link 2 times ``ratio``.
+
+    setting : ``start``, ``gravity`` and ``torques`` where they are not the usual ones.
+    """
+    start = setting.pop("start", HANGING)
     body = LECTURE_ARM % (first, second, 12.456, 1.042, 12.456 * ratio, 1.042 * ratio)
-    return scene(title, body, start, duration, gravity, torques)
+    return scene(title, body, start, duration, **setting)
 
 
 def stiff_arm(
@@ -99,7 +101,6 @@ def chain(
     lengths: Sequence[float],
     start: Mapping[str, float],
     rates: Mapping[str, float] | None = None,
-    gravity: str = GRAVITY,
 ) -> str:
     """Return a hanging chain of uniform rods in the plane; joints q1, q2, ... start at 0 unless said."""
     joints = [
@@ -120,13 +121,14 @@ def chain(
     )
     q = ", ".join(f"q{k + 1}: {start.get(f'q{k + 1}', 0.0):.17g}" for k in range(len(masses)))
     qd = ", ".join(f"{name}: {value:.17g}" for name, value in (rates or {}).items())
-    return scene(title, body, f"{{q: {{{q}}}, qd: {{{qd}}}}}", duration, gravity)
+    return scene(title, body, f"{{q: {{{q}}}, qd: {{{qd}}}}}", duration)
 
 
 def slider(
-    title: str, duration: float, mass: float, force: str, start: str, gravity: str = GRAVITY, keys: str = ""
+    title: str, duration: float, mass: float, force: str, start: str, gravity: str = GRAVITY, **joint: str
 ) -> str:
     """Return a mass on a vertical (y) slide under a force that is a formula of y and qd.y."""
+    keys = joint.get("keys", "")
     body = (
         "robot:\n  joints:\n"
         f"    - {{name: y, type: prismatic, origin: {{rpy: [-90 deg, 0, 0]}}, axis: [0, 0, 1]{keys}}}\n"

@@ -9,7 +9,7 @@ import numpy as np
 
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.integrators.registry import methods as registry
-from robodyn_cli.record import mutable_record
+from robodyn_cli.record import mutable_record, record
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import as_keys
 from robodyn_cli.run.driver.prepare import prepare
@@ -90,35 +90,50 @@ def suite(
         progress(k + 1, len(chosen))
         if tell is not None:
             v = verdicts[-1]
-            tell(
-                f"{case.name}: {'as expected' if not v.complaints else '; '.join(v.complaints)} ({v.seconds:.1f} s)"
-            )
-    missed = sum(bool(v.complaints) for v in verdicts)
+            tell(f"{case.name}: {'; '.join(v.complaints) or 'as expected'} ({v.seconds:.1f} s)")
+    summary = SuiteSummary(
+        title="Stability suite" + (", quick" if quick else ""),
+        termination={"reason": "all cases run"},
+        quick=quick,
+        missed=sum(bool(v.complaints) for v in verdicts),
+        methods=methods_of(quick),
+        cases=[v.as_dict() for v in verdicts],
+        wall_time_s=watch.report(),
+    )
     result = Result("stability", "Stability suite", "ok", "")
-    result.summary = {
-        "title": "Stability suite" + (", quick" if quick else ""),
-        "termination": {"reason": "all cases run"},
-        "quick": quick,
-        "missed": missed,
-        "methods": methods_of(quick),
-        "cases": [v.as_dict() for v in verdicts],
-        "wall_time_s": watch.report(),
-    }
-    names_of_methods = methods_of(quick)
-    table = np.full((len(verdicts), len(names_of_methods)), np.nan)
+    result.summary = as_keys(summary)
+    add_errors(result, verdicts, summary.methods)
+    return result
+
+
+@record
+class SuiteSummary:
+    """Keys of the summary of the suite."""
+
+    title: str
+    termination: dict[str, str]
+    quick: bool
+    missed: int
+    methods: list[str]
+    cases: list[dict[str, Any]]
+    wall_time_s: dict[str, float]
+
+
+def add_errors(result: Result, verdicts: Sequence[Verdict], methods: Sequence[str]) -> None:
+    """Store the errors of all methods in all cases."""
+    table = np.full((len(verdicts), len(methods)), np.nan)
     for row, v in zip(table, verdicts):
         for t in v.trials:
             if t.relative is not None:
-                row[names_of_methods.index(t.method)] = t.relative
+                row[methods.index(t.method)] = t.relative
     result.add(
         "suite/relative_error",
         table,
         units="1",
         dims=("case", "method"),
-        names=tuple(names_of_methods),
+        names=tuple(methods),
         long_name="largest error over the range of its quantity; cases in the order of summary.cases",
     )
-    return result
 
 
 def run_case(case: Case, quick: bool) -> Verdict:

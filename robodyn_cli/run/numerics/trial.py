@@ -20,9 +20,10 @@ from robodyn_cli.scene.types import Scene
 Array = NDArray[Any]
 SAMPLES = 257  # instants at which solutions are compared
 INACCURATE = 1e-3  # an error above this part of the range of its quantity is a wrong answer
-VOUCHED = 1e-5  # agreement of the references, relative to the range, beyond which nothing is judged
+AGREED = 1e-5  # agreement of the references, relative to the range, beyond which nothing is judged
 TIGHT = {"gauss": 3e-14, "dop853": 3e-14, "rodas5p": 1e-12}  # tolerance of a reference; others below
 TIGHT_OTHERS = 1e-11
+LOOSER = 100.0  # times the tolerance of a second run by the same method, where no other gets through
 # neighbours are of different families: two orders of one method would share what is wrong with it
 REFERENCES = ("gauss", "dop853", "rodas5p", "radau13", "radau")
 STIFF_REFERENCES = ("radau13", "rodas5p", "dop853", "radau", "gauss")
@@ -131,7 +132,6 @@ def agreed(
     scale: Array,
     bound: float,
     methods: tuple[str, str],
-    ends_early: str = "",
 ) -> Reference | None:
     """Return states x (T, n) as far as another run's y agree within ``bound`` of the scale, None where they do not."""
     apart = np.maximum.accumulate(np.max(np.abs(x - y) / scale, axis=1))
@@ -140,9 +140,7 @@ def agreed(
         return None
     last = int(good[-1])
     digits = -np.log10(max(float(apart[last]), 1e-16))
-    return Reference(
-        times[: last + 1], x[: last + 1], scale, float(times[last]), float(digits), methods, ends_early
-    )
+    return Reference(times[: last + 1], x[: last + 1], scale, float(times[last]), float(digits), methods)
 
 
 def _proper_end(solution: Solution) -> bool:
@@ -157,34 +155,40 @@ def reference(scene: Scene, budget: Budget, stiff: bool = False) -> Reference | 
     tolerances a hundred apart, which the names tell.
     """
     order = [n for n in (STIFF_REFERENCES if stiff else REFERENCES) if n in registry]
-    found: list[tuple[str, Solution]] = []
-    for name in order:
-        tolerance = TIGHT.get(name, TIGHT_OTHERS)
-        one = solve(
-            scene, budget, integrator=name, rtol=tolerance, atol=tolerance, step=None, error_estimate=False
-        )
-        if one.result is not None and len(one.times) > 1 and _proper_end(one):
-            found.append((name, one))
-        if len(found) == 2:
-            break
-    if len(found) == 1:
-        name = found[0][0]
-        tolerance = 100.0 * TIGHT.get(name, TIGHT_OTHERS)
-        one = solve(
-            scene, budget, integrator=name, rtol=tolerance, atol=tolerance, step=None, error_estimate=False
-        )
-        if one.result is not None and len(one.times) > 1 and _proper_end(one):
-            found.append((f"{name} at {tolerance:.0e}", one))
-    if len(found) < 2:
+    pair = _two_runs(scene, budget, order)
+    if len(pair) < 2:
         return None
-    (first, a), (second, b) = found
+    (first, a), (second, b) = pair
     count = min(len(a.times), len(b.times))
     if a.error is not None or b.error is not None:
         count = min(count, len(a.times) - 1, len(b.times) - 1)  # the last sample is where each one stopped
     x, y = a.states[:count], b.states[:count]
     ends_early = a.error.message if a.error is not None else ""
-    scale = ranges(x, a.positions)
-    return agreed(a.times[:count], x, y, scale, VOUCHED, (first, second), ends_early)
+    found = agreed(a.times[:count], x, y, ranges(x, a.positions), AGREED, (first, second))
+    return None if found is None else dataclasses.replace(found, ends_early=ends_early)
+
+
+def _two_runs(scene: Scene, budget: Budget, order: Sequence[str]) -> list[tuple[str, Solution]]:
+    """Return the first two of the methods that get through at tight tolerance, or one at two tolerances."""
+
+    def run(name: str, looser: float) -> Solution | None:
+        tolerance = looser * TIGHT.get(name, TIGHT_OTHERS)
+        one = solve(
+            scene, budget, integrator=name, rtol=tolerance, atol=tolerance, step=None, error_estimate=False
+        )
+        through = one.result is not None and len(one.times) > 1 and _proper_end(one)
+        return one if through else None
+
+    found: list[tuple[str, Solution]] = []
+    for name in order:
+        if (one := run(name, 1.0)) is not None:
+            found.append((name, one))
+        if len(found) == 2:
+            return found
+    if len(found) == 1 and (one := run(found[0][0], LOOSER)) is not None:
+        name = found[0][0]
+        found.append((f"{name} at {LOOSER * TIGHT.get(name, TIGHT_OTHERS):.0e}", one))
+    return found
 
 
 def ranges(states: Array, positions: int) -> Array:
@@ -266,7 +270,7 @@ def _status(error: RobodynError) -> str:
 def judge(trial: Trial, done: Solution, ref: Reference | None) -> Trial:
     """Fill in error and status of a run that got through, as far as the reference goes."""
     if ref is None:
-        trial.message = trial.message or "no reference, so nothing vouches for this result"
+        trial.message = trial.message or "no reference to compare this result with"
         return trial
     states = done.states[: len(ref.times)]
     if len(states) < len(ref.times) - 2:

@@ -43,7 +43,7 @@ STEPS = 10  # step sizes tried for a method without step control, each half the 
 LONGEST = 400_000  # steps after which a run counts as too slow
 SECONDS = 20.0  # as the last resort, the time after which it does; three times that for a reference
 REFERENCES = (("gauss", 3e-14), ("dop853", 3e-14), ("rodas5p", 1e-12), ("radau13", 1e-13), ("radau", 1e-11))
-VOUCHED = (
+AGREED = (
     1e-9  # relative agreement that the references must keep; beyond the time they lose it nothing is compared
 )
 
@@ -90,7 +90,7 @@ def _motion(system: System, states: Array) -> Array:
 
 
 def reference(system: System, start: Array, duration: float) -> Reference:
-    """Return the reference solution over the part of the duration for which it can vouch.
+    """Return the reference solution over the part of the duration on which two methods agree.
 
     Raises
     ------
@@ -111,16 +111,16 @@ def reference(system: System, start: Array, duration: float) -> Reference:
             break
     if len(found) < 2:
         raise NumericalError(
-            "no two methods get through this scene at tight tolerance, so nothing can vouch for a reference"
+            "no two methods get through this scene at tight tolerance, so there is no reference"
         )
     (first, x), (second, y) = found
     scale = np.maximum(np.ptp(x, axis=0), 1e-12)
-    ref = agreed(grid.times(0, SAMPLES), x, y, scale, VOUCHED, (first, second))
+    ref = agreed(grid.times(0, SAMPLES), x, y, scale, AGREED, (first, second))
     if ref is None:
         apart = np.max(np.abs(x - y) / scale, axis=1)
         raise NumericalError(
             f"{first} and {second} at tight tolerance agree to no more than {apart[1:].min():.1e} of the motion's "
-            "range, so nothing can vouch for a reference"
+            "range, so there is no reference"
         )
     return ref
 

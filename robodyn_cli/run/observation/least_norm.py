@@ -50,7 +50,7 @@ class LeastNorm:
 
     def __init__(self, problem: Problem, more: Mapping[str, Sequence[Scalar]] | None = None) -> None:
         self.problem = problem
-        self.rank = len(problem.working.rows)
+        self.rank = len(problem.independent_rows.rows)
         self.kernel = SampleKernel({**equations_of(problem), **(more or {})}, GROUPS)
 
     def evaluate(self, samples: int, groups: Mapping[str, Array]) -> dict[str, Array]:

@@ -9,15 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.expr.calculus import jacobian
-from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
+from robodyn_cli.expr.graph import Expr, Scalar, free_symbols, is_nonzero
 from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.formulations.system import System
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import UNKNOWN_GROUP
 from robodyn_cli.record import record
-from robodyn_cli.run.observation.evaluation import without_idle_unknowns
 from robodyn_cli.run.observation.places import FORCES, place_dataset, place_outputs
 from robodyn_cli.run.observation.units import joint_columns
 
@@ -77,6 +75,9 @@ def _potential(problem: Problem) -> Scalar:
     energy = problem.potential
     if all(symbol.value[1] != UNKNOWN_GROUP for symbol in free_symbols([energy])):
         return energy
+    from robodyn_cli.expr.calculus import jacobian
+    from robodyn_cli.run.observation.evaluation import without_idle_unknowns
+
     gradient = jacobian([energy], [q for q in problem.q if isinstance(q, Expr)])[0]
     return without_idle_unknowns([energy], list(gradient.values()))[0]
 
@@ -88,7 +89,7 @@ def _actuator_torques(problem: Problem) -> list[Scalar]:
         return tau
     for i in problem.constraints.prescribed:
         for k, x in enumerate(problem.constraints.rows[i].psi):
-            if isinstance(x, Expr) or x != 0.0:
+            if is_nonzero(x):
                 tau[k] = tau[k] + x * problem.forward.lam[i]
     return tau
 

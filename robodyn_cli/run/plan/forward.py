@@ -169,8 +169,8 @@ class Forward:
 
     def _combination(self) -> int:
         """Return the operations of W Psi and W gamma."""
-        working, given = self.problem.working, self.problem.constraints
-        combined = [*working.psi(self.problem.model.nv).ravel(), *working.gamma]
+        independent, given = self.problem.independent_rows, self.problem.constraints
+        combined = [*independent.psi(self.problem.model.nv).ravel(), *independent.gamma]
         return count_operations(combined) - count_operations([*self.problem.psi.ravel(), *given.gamma])
 
     def _stabilisation(self, ledger: Ledger) -> None:

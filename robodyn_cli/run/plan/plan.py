@@ -125,7 +125,7 @@ def describe(problem: Problem, redundant: int) -> str:
     ]
     if model.loops:
         parts.append(plural(len(model.loops), "loop"))
-        rows = len(problem.working.rows)
+        rows = len(problem.independent_rows.rows)
         every = len(problem.constraints.rows) + len(problem.constraints.dropped)
         every += 0 if problem.dependent else redundant
         parts.append(f"{plural(rows, 'constraint row')} of {every}")
