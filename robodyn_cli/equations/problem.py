@@ -336,6 +336,11 @@ class Problem:
         return [body.v + j for body in reversed(self.model.bodies) for j in range(body.joint.nv)]
 
     # -- forward dynamics -----------------------------------------------------------------------------
+    @property
+    def has_multipliers(self) -> bool:
+        """Whether constraints or held joints act on the accelerations."""
+        return bool(self.constraints.rows or self.contact_joints)
+
     @cached_property
     def forward(self) -> Multipliers:
         """Accelerations (and multipliers) for the applied torques, by whichever way takes fewer operations."""
@@ -354,7 +359,7 @@ class Problem:
         """Return accelerations and multipliers for ``gamma`` of the independent rows, and those of held joints."""
         f = self.applied - self.bias
         held = self.contact_joints
-        if not self.constraints.rows and not held:
+        if not self.has_multipliers:
             return Multipliers(self.free_accelerations(f), zeros(0)), []
         factor = LdlFactor.of(self.mass_matrix, self.elimination_order)
         units = zeros(len(held), self.model.nv)
@@ -371,13 +376,17 @@ class Problem:
         lam = multipliers_of_rows(self.constraints, self.combinations, found.lam[:rows])
         return Multipliers(found.qdd, lam), list(found.lam[rows:])
 
-    def free_accelerations(self, f: Values) -> Vector:
-        """Return M^-1 f for the open tree: articulated bodies, or factored mass matrix where that is shorter."""
+    def ways_to_accelerations(self, f: Values) -> dict[str, Vector]:
+        """Return M^-1 f (nv,) of the open tree by the ways that may suit its size."""
         articulated = ArticulatedFactor(self.model, self.q, self.X).solve(f)
         if self.model.nv > DENSE_LIMIT:
-            return articulated
+            return {"articulated bodies": articulated}
         dense = LdlFactor.of(self.mass_matrix, self.elimination_order).solve(f)
-        return min((dense, articulated), key=count_operations)
+        return {"factored mass matrix": dense, "articulated bodies": articulated}
+
+    def free_accelerations(self, f: Values) -> Vector:
+        """Return M^-1 f (nv,) of the open tree by the way that takes fewer operations."""
+        return min(self.ways_to_accelerations(f).values(), key=count_operations)
 
     # -- energy ---------------------------------------------------------------------------------------
     @cached_property

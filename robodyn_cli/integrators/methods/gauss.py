@@ -17,7 +17,7 @@ from robodyn_cli.integrators.methods.gauss_correction import Corrected
 from robodyn_cli.integrators.methods.gauss_dense import dense_width
 from robodyn_cli.integrators.methods.gauss_tables import gauss_table
 from robodyn_cli.integrators.runtime.layout import Real, Whole
-from robodyn_cli.integrators.stepping.stepper import SLACK, Attempt
+from robodyn_cli.integrators.stepping.stepper import SLACK, Attempt, StepProgram
 from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.arrays import Array, Total
 from robodyn_cli.kernels.ir import Int, Value
@@ -56,6 +56,23 @@ class Gauss(Corrected):
         rates = system.nv + system.nz
         return (self.lanes + 2 * dense_width(self.stages) + 1) * rates + system.size
 
+    def programs(self, system: System) -> list[StepProgram]:
+        residual = self.residual_of(system)
+        if residual is None:
+            return [StepProgram("accelerations", system.dynamics.program, self.lanes)]
+        found = [
+            StepProgram("corrections of accelerations, each round", residual.correction, self.lanes),
+            StepProgram("factors of the mass matrix, once a step", residual.factors, self.lanes),
+        ]
+        if self.adaptive and self.is_steep(system):
+            found.append(StepProgram("accelerations at the ends of steps", system.dynamics.program))
+        return found
+
+    @staticmethod
+    def is_steep(system: System) -> bool:
+        """Tell whether smooth rates may change all at once."""
+        return any(i.op in STEEP for i in system.dynamics.program.instructions)
+
     def prepare(self, w: Writer) -> None:
         f = w.f
         self.table = gauss_table(self.stages)
@@ -71,7 +88,7 @@ class Gauss(Corrected):
         self.before = f.slot()
         self.round = f.int_slot()
         self.primed = f.int_slot()
-        self.steep = any(i.op in STEEP for i in w.system.dynamics.program.instructions)
+        self.steep = self.is_steep(w.system)
         self.accept = ACCEPT_STEEP if self.steep else ACCEPT
         if self.steep:
             self.edge, self.tops = w.array(1, 1), w.array(1, 1)

@@ -25,7 +25,7 @@ class Corrected(Stepper):
     table: GaussTable
 
     @property
-    def lanes(self) -> int:
+    def lanes(self) -> int:  # type: ignore[override]
         """Lanes of a vector of stages."""
         return padded_width(self.stages)
 

@@ -24,7 +24,7 @@ from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Value
 from robodyn_cli.kernels.program import Program
-from robodyn_cli.record import mutable_record
+from robodyn_cli.record import mutable_record, record
 
 SLACK = 2e-15  # a sample this close beyond the end of a step belongs to it
 
@@ -37,6 +37,15 @@ class Attempt:
     factor: Value
 
 
+@record
+class StepProgram:
+    """A program that the steps of a method evaluate; lanes : at how many states at once."""
+
+    name: str
+    program: Program
+    lanes: int = 1
+
+
 class Stepper:
     """A method of integration. ``order`` is that of the solution, ``dense_order`` that of the dense output.
 
@@ -44,6 +53,7 @@ class Stepper:
     """
 
     name = ""
+    lanes = 1  # stages that are evaluated at once
     order = 0
     dense_order = 0
     adaptive = True
@@ -67,6 +77,14 @@ class Stepper:
     def residual_of(self, system: System) -> Residual | None:
         """Return the rates as corrections of a guess, where the method works with those."""
         return None
+
+    def programs(self, system: System) -> list[StepProgram]:
+        """Return what the steps evaluate beside events and corrections; for systems that are no loops over bodies."""
+        found = [StepProgram("accelerations", system.dynamics.program)]
+        derivatives = self.linearisation(system)
+        if derivatives is not None:
+            found.append(StepProgram("accelerations and their derivatives", derivatives))
+        return found
 
     def obstacle(self, system: System) -> str:
         """Return why the method cannot do a system, or nothing."""
