@@ -153,5 +153,11 @@ def _turned(R: Matrix, setting: Setting) -> tuple[Components, Matrix, tuple[Half
         return vector(axis) * setting.turn(axis), identity(), ()
     phi, B = rotation_vector(R)
     s, c = _sine_and_cosine(R)
-    # at half a turn the components of s that are not zero all change their signs
-    return phi, B, tuple(HalfTurn.of(x, c, 1.0) for x in s if is_nonzero(x))
+    half_turns = []
+    for k in range(3):
+        if is_nonzero(s[k]):
+            # s changes its sign at half a turn. R_kk = 2 a_k^2 - 1 there: of the three components only those with
+            # a_k^2 > 1/4 are watched, since the others may touch zero
+            aside = maximum(0.25 - 0.5 * (1.0 + R[k, k]), 0.0)
+            half_turns.append(HalfTurn.of(phi[k], s[k] + aside, c, 1.0))
+    return phi, B, tuple(half_turns)

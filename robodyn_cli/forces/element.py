@@ -75,20 +75,23 @@ class Action:
 class HalfTurn:
     """Where an angle jumps from half a turn to minus half a turn, and the force with it.
 
-    switch : changes its sign there. there : > 0 only there, since a continuous function of the attitude changes its
-    sign at one more place (here: 127 deg or more to one side).
+    angle : what jumps [rad]. switch : changes its sign there. there : > 0 only there, since a continuous function of
+    the attitude changes its sign at one more place (here: 127 deg or more to one side).
     """
 
+    angle: Any
     switch: Any
     there: Any
 
     @staticmethod
-    def of(s: Any, c: Any, r: Any) -> HalfTurn:
-        """Return that of an angle theta with s = r a sin(theta), c = r cos(theta) and r > 0, |a| <= 1.
+    def of(angle: Any, s: Any, c: Any, r: Any) -> HalfTurn:
+        """Return that of a component ``angle`` = a theta of a turn by theta, |a| <= 1.
+
+        It has s = r a sin(theta), c = r cos(theta), r > 0:
 
         s + 2 (r + c) = r (1 + cos(theta)) (a tan(theta / 2) + 2).
         """
-        return HalfTurn(s + 2.0 * (r + c), HALF_TURN * r - (r + c))
+        return HalfTurn(angle, s + 2.0 * (r + c), HALF_TURN * r - (r + c))
 
 
 @record
@@ -164,3 +167,12 @@ def along(force: Vector) -> tuple[Action, ...]:
     """Return the actions of a force on the first end, and its opposite on the second, along their line."""
     wrench = Wrench(zeros(3), force)
     return Action(0, wrench), Action(1, -wrench)
+
+
+def half_turn_warning(force: str, time: float) -> str:
+    """Return what is said of the first time at which the angle of a force jumps."""
+    return (
+        f"force {force!r}: its ends are half a turn apart at t = {time:.6g} s, where its angle jumps from one side to "
+        "the other and its torque with it; full turns are counted only between bodies that turn about parallels of one "
+        "axis"
+    )

@@ -67,7 +67,7 @@ class TorsionalSpring:
             from_rest, along = s * cr - c * sr, c * cr + s * sr
             deflection = atan2(from_rest, along)  # half a turn to either side of rest
             square = c * c + s * s
-            half_turns = (HalfTurn.of(from_rest, along, sqrt(square)),)
+            half_turns = (HalfTurn.of(deflection, from_rest, along, sqrt(square)),)
             gradient = vector([-c * u / square, -s * u / square, 1.0])
         direction = first @ gradient
         rate = dot(direction, ends[1].w - ends[0].w)

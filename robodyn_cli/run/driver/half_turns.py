@@ -5,6 +5,7 @@ from __future__ import annotations
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.forces.element import half_turn_warning
 from robodyn_cli.formulations.events import GO_ON, Event, EventFunction, EventKind, Outcome
 from robodyn_cli.record import record
 from robodyn_cli.run.driver.motion import Motion, Watcher
@@ -53,12 +54,3 @@ class HalfTurns(Watcher):
         other = HalfTurns.__new__(HalfTurns)
         other.functions, other.system, other.first = self.functions, self.system, {}
         return other
-
-
-def half_turn_warning(force: str, time: float) -> str:
-    """Return what is said of the first time at which the angle of a force jumps."""
-    return (
-        f"force {force!r}: its ends are half a turn apart at t = {time:.6g} s, where its angle jumps from one side to "
-        "the other and its torque with it; full turns are counted only between bodies that turn about parallels of one "
-        "axis"
-    )

@@ -9,7 +9,13 @@ import numpy as np
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, Residual, Termination, as_keys
 from robodyn_cli.run.inverse.build import build_inverse
-from robodyn_cli.run.inverse.checks import beyond_limits, error_estimate, joint_figures, path_error
+from robodyn_cli.run.inverse.checks import (
+    beyond_limits,
+    error_estimate,
+    half_turns,
+    joint_figures,
+    path_error,
+)
 from robodyn_cli.run.inverse.program import InverseProgram, Loops, Sampled
 from robodyn_cli.run.inverse.summary import (
     CLOSED_DEFINITIONS,
@@ -133,7 +139,11 @@ def summarise(
         status="ok",
         termination=Termination("end of the trajectory", float(sampled.times[-1])),
         samples=len(sampled.times),
-        warnings=beyond_limits(problem, sampled.times, sampled.motion) or ABSENT,
+        warnings=[
+            *beyond_limits(problem, sampled.times, sampled.motion),
+            *half_turns(problem, sampled),
+        ]
+        or ABSENT,
         mechanism=ABSENT if loops is None else _mechanism(loops),
         inverse_kinematics=planned.method or ABSENT,
         ik_residual=path_error(planned, sampled),
