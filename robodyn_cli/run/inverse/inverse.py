@@ -17,6 +17,7 @@ from robodyn_cli.run.inverse.checks import (
     path_error,
 )
 from robodyn_cli.run.inverse.program import InverseProgram, Loops, Sampled
+from robodyn_cli.run.inverse.rest import rest_warnings, with_rest
 from robodyn_cli.run.inverse.summary import (
     CLOSED_DEFINITIONS,
     DEFINITIONS,
@@ -73,7 +74,7 @@ def inverse(
     with watch.stage("equations"):
         program = build_inverse(scene)
     with watch.stage("solve"):
-        planned = program.plan(count)
+        planned = with_rest(program.problem, program.plan(count))
     with watch.stage("equations"):
         function = program.compile(count)
     with watch.stage("evaluate"):
@@ -142,6 +143,7 @@ def summarise(
         warnings=[
             *beyond_limits(problem, sampled.times, sampled.motion),
             *half_turns(problem, sampled),
+            *rest_warnings(problem, planned),
         ]
         or ABSENT,
         mechanism=ABSENT if loops is None else _mechanism(loops),
