@@ -77,7 +77,7 @@ class Built:
 
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(Writer, "evaluate", note)
-            write_run(system, methods[method](), True)
+            write_run(system, methods[method], True)
         return found
 
 

@@ -16,7 +16,7 @@ from robodyn_cli.formulations.residual import Residual
 from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods
-from robodyn_cli.integrators.stepping.stepper import Stepper
+from robodyn_cli.integrators.stepping.stepper import Method
 from robodyn_cli.integrators.stepping.writer import INLINE_LIMIT, LANES
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.run.deploy.deploy import build_deployment
@@ -47,8 +47,8 @@ class Forward:
         self.stabilisation = self.motion.scene.simulate.stabilisation
 
     @cached_property
-    def method(self) -> Stepper:
-        return methods[self.motion.choice.method]()
+    def method(self) -> Method:
+        return methods[self.motion.choice.method]
 
     @cached_property
     def residual(self) -> Residual | None:
