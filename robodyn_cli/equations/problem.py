@@ -37,6 +37,7 @@ from robodyn_cli.equations.switching import Switching
 from robodyn_cli.expr.functions import interpolate
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations, is_nonzero
 from robodyn_cli.loops.base import Row
+from robodyn_cli.model.base_parameters import dynamics_model
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.scene import types as sc
@@ -83,6 +84,11 @@ class Problem:
         return g if any(is_nonzero(x) for x in g) else None
 
     @cached_property
+    def rigid(self) -> Model:
+        """The bodies as M, C and G need them (see ``dynamics_model``)."""
+        return dynamics_model(self.model)
+
+    @cached_property
     def X(self) -> list[Transform]:
         return transforms(self.model, self.q)
 
@@ -93,28 +99,28 @@ class Problem:
 
     @cached_property
     def mass_matrix(self) -> Matrix:
-        return crba(self.model, self.q, self.X)
+        return crba(self.rigid, self.q, self.X)
 
     @cached_property
     def bias(self) -> Vector:
         """h = C v + G."""
-        return rnea(self.model, self.q, self.v, zeros(self.model.nv), self.gravity, self.X)
+        return rnea(self.rigid, self.q, self.v, zeros(self.model.nv), self.gravity, self.X)
 
     @cached_property
     def inverse_dynamics(self) -> Vector:
         """M a + C v + G."""
-        return rnea(self.model, self.q, self.v, self.a, self.gravity, self.X)
+        return rnea(self.rigid, self.q, self.v, self.a, self.gravity, self.X)
 
     def rigid_terms(self) -> dict[str, Vector]:
         """Return M a, C v and G apart: ``inertia``, ``coriolis`` and, where there is gravity, ``gravity``."""
         nv = self.model.nv
         rest = zeros(nv)
         terms = {
-            "inertia": rnea(self.model, self.q, rest, self.a, None, self.X),
-            "coriolis": rnea(self.model, self.q, self.v, rest, None, self.X),
+            "inertia": rnea(self.rigid, self.q, rest, self.a, None, self.X),
+            "coriolis": rnea(self.rigid, self.q, self.v, rest, None, self.X),
         }
         if self.gravity is not None:
-            terms["gravity"] = rnea(self.model, self.q, rest, rest, self.gravity, self.X)
+            terms["gravity"] = rnea(self.rigid, self.q, rest, rest, self.gravity, self.X)
         return terms
 
     # -- torques --------------------------------------------------------------------------------------
@@ -321,7 +327,7 @@ class Problem:
 
     def ways_to_accelerations(self, f: Values) -> dict[str, Vector]:
         """Return M^-1 f (nv,) of the open tree by the ways that may suit its size."""
-        articulated = ArticulatedFactor(self.model, self.q, self.X).solve(f)
+        articulated = ArticulatedFactor(self.rigid, self.q, self.X).solve(f)
         if self.model.nv > DENSE_LIMIT:
             return {"articulated bodies": articulated}
         dense = LdlFactor.of(self.mass_matrix, self.elimination_order).solve(f)

@@ -128,4 +128,4 @@ class Rolled:
 
 def rolled(problem: Problem, z_rate: Sequence[Scalar], asked: object = None) -> Formulated:
     """Return the equations of a long open tree, by loops over its bodies."""
-    return Formulated(Rolled(problem.model, list(problem.applied), z_rate))
+    return Formulated(Rolled(problem.rigid, list(problem.applied), z_rate))

@@ -73,7 +73,8 @@ def simulate(
         driver = Driver.of(motion, StiffnessWatch.for_choice(motion.choice))
     failure = _drive(motion, driver, recorder, progress, watch)
     redundant = redundant_rows(motion, recorder)
-    facts = motion_facts(motion, driver, recorder, redundant) | _facts_of_run(motion, driver)
+    facts = motion_facts(motion, driver, recorder, redundant)
+    facts |= _facts_of_run(motion, driver, facts.get("warnings", []))
     failure = (redundant and redundant.violated) or failure or recorder.not_finite
     failure = failure or _judge_energy(motion, driver, recorder, facts)
     if failure is None and motion.scene.simulate.error_estimate:
@@ -107,10 +108,13 @@ def _drive(
     return None
 
 
-def _facts_of_run(motion: Motion, driver: Driver) -> dict[str, Any]:
-    """Return the fields of the summary that watchers and the supervisor have something to say to."""
+def _facts_of_run(motion: Motion, driver: Driver, said: list[str]) -> dict[str, Any]:
+    """Return the fields of the summary that watchers and the supervisor have something to say to.
+
+    said : warnings so far.
+    """
     facts: dict[str, Any] = {}
-    warnings = _unresolved_formulas(motion.problem)
+    warnings = [*said, *_unresolved_formulas(motion.problem)]
     if motion.passive:
         from robodyn_cli.run.driver.start import start_warnings
 

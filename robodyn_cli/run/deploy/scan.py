@@ -169,13 +169,16 @@ def scan(
 
     multipliers : whether these are judged too.
     """
-    rank, dead, growth = motion.watchers
+    rank, dead, growth, *others = motion.watchers
     assert (
         isinstance(rank, Bifurcation) and isinstance(dead, DeadPoint) and isinstance(growth, MultiplierGrowth)
     )
     duration = motion.scene.simulate.duration
     driver = Driver(
-        motion.system, motion.choice.method, options, (rank, dead, *([growth] if multipliers else []))
+        motion.system,
+        motion.choice.method,
+        options,
+        (rank, dead, *([growth] if multipliers else []), *others),
     )
     driver.tick = lambda time: progress(time, duration)
     driver.start(0.0, motion.start)
