@@ -70,7 +70,8 @@ def simulate(
         driver = Driver.of(motion, supervisor_for(motion.choice))
     failure = _drive(motion, driver, recorder, progress, watch)
     redundant = redundant_rows(motion, recorder)
-    facts = motion_facts(motion, driver, recorder, redundant) | _warnings(motion, driver)
+    facts = motion_facts(motion, driver, recorder, redundant)
+    facts |= _warnings(motion, driver, facts.get("warnings", []))
     failure = (redundant and redundant.violated) or failure or recorder.not_finite
     failure = failure or _judge_energy(motion, driver, recorder, facts)
     if failure is None and motion.scene.simulate.error_estimate:
@@ -104,9 +105,12 @@ def _drive(
     return None
 
 
-def _warnings(motion: Motion, driver: Driver) -> dict[str, Any]:
-    """Return the field of the summary that says what is doubtful about the motion, where anything is."""
-    warnings = _unresolved_formulas(motion.problem)
+def _warnings(motion: Motion, driver: Driver, said: list[str]) -> dict[str, Any]:
+    """Return the field of the summary that says what is doubtful about the motion, where anything is.
+
+    said : warnings so far.
+    """
+    warnings = [*said, *_unresolved_formulas(motion.problem)]
     if motion.passive:
         from robodyn_cli.run.driver.start import start_warnings
 
@@ -131,7 +135,7 @@ def _unresolved_formulas(problem: Problem) -> list[str]:
     return [
         f"{key}: this function of time changes so often, or on so short a scale, that not every change was found; "
         "steps may miss some: set simulate.max_step below the shortest"
-        for key, found in problem.time_structures
+        for key, found in problem.switching.time_structures
         if not found.resolved
     ]
 

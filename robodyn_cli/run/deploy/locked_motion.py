@@ -17,7 +17,7 @@ from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.deploy.lock import Latch, Lock
 from robodyn_cli.run.deploy.summary import AfterLock, LatchLoad, Overload
-from robodyn_cli.run.driver.build import contact_watchers
+from robodyn_cli.run.driver.build import contact_watchers, half_turns
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.method import supervisor_for
 from robodyn_cli.run.driver.motion import Motion
@@ -69,7 +69,7 @@ def follow_locked(motion: Motion, lock: Lock, latch: Latch, before: Recorder, wa
     s = motion.scene.simulate
     with watch.stage("equations"):
         problem = latch.locked.problem
-        watchers = tuple(contact_watchers(problem))
+        watchers = (*contact_watchers(problem), *half_turns(problem))
         functions = [function for watcher in watchers for function in watcher.functions]
         system = build_system(problem, s.stabilisation, functions)
         locked = dataclasses.replace(motion, problem=problem, system=system, watchers=watchers)

@@ -26,10 +26,10 @@ from robodyn_cli.run.driver.build import contact_watchers
 from robodyn_cli.run.driver.driver import Driver, MethodChange
 from robodyn_cli.run.driver.method import supervisor_for
 from robodyn_cli.run.driver.motion import Motion, Watcher
-from robodyn_cli.run.driver.rank_loss import Passage, PosesAhead
-from robodyn_cli.run.driver.singularity import classify, driven_dead_point, loop_rows, passive_determinant
 from robodyn_cli.run.observation.least_norm import LeastNorm
 from robodyn_cli.run.progress import Progress, no_progress
+from robodyn_cli.run.singular.rank_loss import Passage, PosesAhead
+from robodyn_cli.run.singular.singularity import classify, driven_dead_point, loop_rows, passive_determinant
 
 Array = NDArray[np.float64]
 Pose = tuple[float, Array]  # a time [s] and the state x (nx,) there

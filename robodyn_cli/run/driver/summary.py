@@ -133,6 +133,8 @@ def motion_facts(
         facts |= watcher.facts(driver.time)
     if driver.changes:
         facts["switches"] = [MethodKeys(c.time, c.to, c.decay_time) for c in driver.changes]
+    if warnings := [text for watcher in motion.watchers for text in watcher.warnings]:
+        facts["warnings"] = warnings
     if motion.gains is not None:
         facts["baumgarte"] = motion.gains
     return facts
