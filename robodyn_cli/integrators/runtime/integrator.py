@@ -53,7 +53,7 @@ class Integrator:
     method : name in the registry.
     parameters : values of the symbolic parameters p; by default those of the system.
 
-    ``tick``, where set, is told the time every few milliseconds of a run.
+    ``tick`` is told the time every few milliseconds. After ``pause`` steps a run comes back, between events.
     """
 
     def __init__(self, system: System, method: str = "gauss", parameters: Any = ()) -> None:
@@ -86,6 +86,8 @@ class Integrator:
         n[IntegerSlot.LAST_SAMPLE] = -1
         self.events_seen = 0
         self._since, self._restart = time, math.inf
+        self.pause: int | None = None
+        self._crowd: deque[float] = deque(maxlen=CROWD)  # times of the last events
         if self.system.partition is not None:
             self.parameters.start(time, self.y)
 
@@ -124,15 +126,16 @@ class Integrator:
             self._watch(self.event_values(), signs)
 
     # -- running --------------------------------------------------------------------------------------
-    def _call(self, end: float) -> Status:
-        w, n, options = self.w, self.n, self.options
+    def _call(self, end: float, pause: int | None = None) -> Status:
+        w, n = self.w, self.n
+        limit = min(self.options.max_steps, pause or self.options.max_steps)
         w[DoubleSlot.T_END] = end
         if self._step is not None:
             w[DoubleSlot.H] = self._step
         elif not w[DoubleSlot.H] > 0.0:
             # start well below any sensible step: growth is quick, and a first step that is far too long can
             # look good where derivatives happen to vanish
-            w[DoubleSlot.H] = min(1e-3 * (end - w[DoubleSlot.T]), options.max_step)
+            w[DoubleSlot.H] = min(1e-3 * (end - w[DoubleSlot.T]), self.options.max_step)
             if not self.method.adaptive:
                 # a step that no control lets grow again must not be what an event has left of it
                 self._step = w[DoubleSlot.H]
@@ -143,10 +146,10 @@ class Integrator:
         while True:
             # back here every few milliseconds: interrupts are heard, and progress is told
             most = n[IntegerSlot.ACCEPTED] + n[IntegerSlot.REJECTED] + self._slice
-            n[IntegerSlot.MAX_STEPS] = min(options.max_steps, most)
+            n[IntegerSlot.MAX_STEPS] = min(limit, most)
             start = perf_counter()
             status = self.engine.run_to_event()
-            if status is not Status.MAX_STEPS or most >= options.max_steps:
+            if status is not Status.MAX_STEPS or most >= limit:
                 return status
             spent = perf_counter() - start
             if spent < SLICE_TIME:
@@ -229,11 +232,10 @@ class Integrator:
                 emit(grid.times(last - count, last), rows[:, :count].T.copy())
                 n[IntegerSlot.ROWS] = self.memory.saved_n[IntegerSlot.ROWS] = 0
 
-        crowd: deque[float] | None = None
         for stop in self._stops(end):
             while True:
                 try:
-                    status = self._call(stop)
+                    status = self._call(stop, self.pause)
                 except NumericalError:  # of who is told the progress: what the run has come to stays
                     flush()
                     raise
@@ -241,16 +243,18 @@ class Integrator:
                 if status is Status.DONE:
                     break
                 if status is Status.EVENT:
-                    crowd = deque(maxlen=CROWD) if crowd is None else crowd
-                    crowd.append(self.memory.saved_w[DoubleSlot.T])
-                    if len(crowd) == CROWD and crowd[-1] - crowd[0] <= CROWDED * max(1.0, crowd[-1]):
-                        raise chatter(s.events[self.n[IntegerSlot.EVENT]], crowd[-1])
+                    self._refuse_crowd(self.memory.saved_w[DoubleSlot.T])
                     outcome = self._handle(self._locate(stop, grid, flush))
                     if outcome is not GO_ON:
                         return outcome
                 else:
                     self._check(status)
         return self._handle(self._at_end()) if watch else GO_ON
+
+    def _refuse_crowd(self, time: float) -> None:
+        self._crowd.append(time)
+        if len(self._crowd) == CROWD and time - self._crowd[0] <= CROWDED * max(1.0, time):
+            raise chatter(self.system.events[self.n[IntegerSlot.EVENT]], time)
 
     def _begin_samples(self, grid: Grid, capacity: int, emit: Callable[[Array, Array], None]) -> None:
         """Provide room for a block of samples, and write one that lies at the current time."""

@@ -20,12 +20,15 @@ from numpy.typing import NDArray
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.events import Leap
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.integrator import Counters, Grid, Integrator, Options
+from robodyn_cli.integrators.event_location.events import chatter
+from robodyn_cli.integrators.runtime.integrator import CROWDED, Counters, Grid, Integrator, Options
+from robodyn_cli.integrators.runtime.layout import IntegerSlot
 from robodyn_cli.record import record
 from robodyn_cli.run.driver.motion import Motion, Watcher
 
 Array = NDArray[np.float64]
 Emit = Callable[[Array, Array], None]
+STANDSTILL = 1_000  # steps
 BLOCK = 65536  # samples that are handed on at a time
 
 
@@ -93,6 +96,7 @@ class Driver:
         self.given = parameters
         self.tick: Callable[[float], None] | None = None
         self.end = 0.0
+        self._paused = (0.0, 0)  # time and steps when the supervisor was last asked
         self.first = method
         self._begin_anew()
 
@@ -146,22 +150,23 @@ class Driver:
         if self.changes:
             self._begin_anew()
         self._done = Counters()
+        self._paused = (time, 0)
         for watcher in self.watchers:
             state = watcher.begin(time, state, self.options)
         self._go_on_from(time, state)
 
     def _go_on_from(self, time: float, state: Array) -> None:
         self.integrator.tick = self.tick
-        self.integrator.reset(time, state, self._limited())
+        left = self.options.max_steps - self._done.steps - self._done.rejected
+        self.integrator.reset(time, state, dataclasses.replace(self.options, max_steps=left))
+        self._set_pause()
         for watcher in self.watchers:
             self.integrator.apply(watcher.arm(state), watcher)
 
-    def _limited(self) -> Options:
-        """Return the options with the number of steps after which the integrator has to come back."""
-        most = self.options.max_steps
-        if self.supervisor is not None and self.supervisor.steps is not None:
-            most = min(most, self.supervisor.steps)
-        return dataclasses.replace(self.options, max_steps=most - self._done.steps - self._done.rejected)
+    def _set_pause(self) -> None:
+        """Tell the integrator after how many of its steps the supervisor asks."""
+        steps = None if self.supervisor is None else self.supervisor.steps
+        self.integrator.pause = None if steps is None else steps - self._done.steps - self._done.rejected
 
     def advance(self, end: float) -> None:
         """Go to ``end`` without samples or events.
@@ -228,15 +233,31 @@ class Driver:
         self._done = self.counters
         self._go_on_from(behind, state)
 
+    def _refuse_standstill(self) -> None:
+        """Raise where many steps about the place where a right-hand side jumps have come no further.
+
+        Raises
+        ------
+        NumericalError : with the function that jumps.
+        """
+        (time, attempts), self._paused = self._paused, (self.time, self.attempts)
+        events = self.system.events
+        if not any(e.is_discontinuity for e in events) or self.attempts - attempts < STANDSTILL:
+            return
+        if self.time - time <= CROWDED * max(1.0, self.time):
+            last = events[self.integrator.n[IntegerSlot.EVENT]]
+            raise chatter(last, self.time)
+
     def _goes_on(self, error: NumericalError) -> bool:
         """After many steps, let the supervisor choose the method to go on with; tell whether the run goes on."""
         asks = None if self.supervisor is None else self.supervisor.steps
         if asks is None or error.details.get("status") != "max_steps" or self.attempts < asks:
             return False
         assert self.supervisor is not None
+        self._refuse_standstill()
         change = self.supervisor.reconsider(self)
         if change is None:
-            self.integrator.options = self._limited()
+            self._set_pause()
             return True
         time, state = self.time, self.state
         self.changes.append(change)
