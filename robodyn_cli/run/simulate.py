@@ -145,7 +145,7 @@ def _unresolved_formulas(problem: Problem) -> list[str]:
     return [
         f"{key}: this function of time changes so often, or on so short a scale, that not every change was found; "
         "steps may miss some: set simulate.max_step below the shortest"
-        for key, found in problem.time_structures
+        for key, found in problem.switching.time_structures
         if not found.resolved
     ]
 

@@ -32,7 +32,7 @@ def follow_motion(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
     contact = bool(problem.contact_joints)
     stops = problem.scene.simulate.singular == "stop"
     if problem.model.closures and (stops or not contact):
-        from robodyn_cli.run.driver.rank_loss import Passage, RankLoss
+        from robodyn_cli.run.singular.rank_loss import Passage, RankLoss
 
         found.append(RankLoss(problem) if stops else Passage(problem))
     if contact:
