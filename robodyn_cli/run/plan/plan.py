@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from robodyn_cli.equations.plan_facts import Facts, idle_constants, plural, unknown_data
 from robodyn_cli.equations.plan_terms import (
     Ledger,
@@ -46,6 +48,7 @@ def command_of(scene: sc.Scene) -> str:
     return "inverse" if scene.trajectory is not None else "simulate"
 
 
+@np.errstate(all="ignore")  # what absurd data make of the figures is no news for a terminal
 def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
     """Return what the command keeps and leaves out of the general problem, ready for JSON.
 
