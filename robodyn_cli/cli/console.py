@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Any, TextIO
 
 from robodyn_cli.cli import interrupts
-from robodyn_cli.errors import OutputError, RobodynError
+from robodyn_cli.errors import OutputError, RobodynError, no_linear_algebra
 from robodyn_cli.exit_codes import INTERNAL, INTERRUPTED
 
 
@@ -100,7 +100,11 @@ def guarded(command: Callable[..., int]) -> Callable[..., int]:
         except MemoryError:
             return console.report("MemoryError", "out of memory: ask for fewer samples", INTERNAL)
         except Exception as error:
-            return console.interrupted() if interrupts.seen() else _internal(error, console)
+            if interrupts.seen():
+                return console.interrupted()
+            if type(error).__name__ == "LinAlgError":  # numpy may not have been imported
+                return console.fail(no_linear_algebra(error))
+            return _internal(error, console)
 
     return run
 

@@ -26,7 +26,9 @@ from tests.fuzz.smaller import smaller
 
 INTERRUPT_AFTER = 10.0  # seconds, then a case is interrupted as by ctrl-C
 HANGS_AFTER = 30.0  # seconds, then the worker is killed
-MEMORY = 6 << 30
+MINIMISED_AFTER = 150.0  # seconds that making a finding smaller may take
+SMALLER = "being made smaller"
+MEMORY = 6 << 30  # bytes a worker may ask for
 
 
 def work(seeds: range, stored: Path, out: Path, pipe: Connection) -> None:
@@ -43,6 +45,7 @@ def work(seeds: range, stored: Path, out: Path, pipe: Connection) -> None:
             outcome = try_case(case, Path(name) / "case", INTERRUPT_AFTER)
             if outcome.finding and outcome.finding not in seen:
                 seen.add(outcome.finding)
+                pipe.send((seed, None, SMALLER))
                 case = smaller(case, outcome.finding, Path(name) / "case", INTERRUPT_AFTER)
                 write(out, case, outcome, seed)
             pipe.send((seed, outcome.code, outcome.finding))
@@ -76,17 +79,16 @@ class Pool:
         process = multiprocessing.Process(target=work, args=(seeds, self.stored, self.arguments.out, theirs))
         process.start()
         theirs.close()
-        self.workers[mine] = [process, first, time.monotonic()]
+        # importing the program takes its time too
+        self.workers[mine] = [process, first, time.monotonic() + 2.0 * HANGS_AFTER]
 
     def run(self, until: float) -> None:
         """Gather outcomes until the time is over."""
         while time.monotonic() < until and sum(self.codes.values()) < self.arguments.cases:
             for pipe in wait(list(self.workers), 1.0):
                 self._hear(pipe)  # type: ignore[arg-type]
-            for pipe, (_, seed, since) in list(self.workers.items()):
-                if time.monotonic() - since > HANGS_AFTER * 20:  # a finding is being made smaller
-                    self._replace(pipe, seed, "hang while it is made smaller")
-                elif time.monotonic() - since > HANGS_AFTER and not pipe.poll():
+            for pipe, (_, seed, until_then) in list(self.workers.items()):
+                if time.monotonic() > until_then and not pipe.poll():
                     self._replace(pipe, seed, "hang")
         for process, _, _ in self.workers.values():
             process.kill()
@@ -97,7 +99,8 @@ class Pool:
         except (EOFError, OSError):
             self._replace(pipe, self.workers[pipe][1], "crash")
             return
-        self.workers[pipe][1:] = [seed, time.monotonic()]
+        patience = MINIMISED_AFTER if finding == SMALLER else HANGS_AFTER
+        self.workers[pipe][1:] = [seed, time.monotonic() + patience]
         if code is not None:
             self.codes[str(code)] += 1
             if finding:
