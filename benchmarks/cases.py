@@ -164,9 +164,18 @@ class FourBar:
         return abs(float(result) - LOCK)
 
 
-def pendulum(key: str) -> Chain:
-    from reference import START, VARIANTS
+# the lecture's arm in four variants: ratio of the second mass and inertia, spring [N m/rad] on joint 2,
+# damper [N m s/rad] on both joints
+VARIANTS = {
+    "plain": (1.0, 0.0, 0.0),
+    "stiff": (1.0, 1e6, 1e4),
+    "light": (1e-6, 1e6, 1e4),
+    "heavy": (1e6, 0.0, 0.0),
+}
+START = (-0.5, 0.25)  # angles in units of pi
 
+
+def pendulum(key: str) -> Chain:
     ratio, spring, damper = VARIANTS[key]
     arm = arms.planar_2r()
     scale = np.array([1.0, ratio])

@@ -16,19 +16,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from cases import ARM_DURATION, ARM_START, START, VARIANTS
 
 Real = np.longdouble
 FILE = Path(__file__).with_name("reference.json")
 # seconds; each engine is judged at those of them that its steps reach
 JUDGED = tuple(round(m * 10.0**e, 9) for e in range(-4, 2) for m in (1, 2, 5) if m * 10.0**e <= 10)
-# ratio of the second mass and inertia, spring [N m/rad] on joint 2, dampers [N m s/rad] on both joints
-VARIANTS = {
-    "plain": (1.0, 0.0, 0.0),
-    "stiff": (1.0, 1e6, 1e4),
-    "light": (1e-6, 1e6, 1e4),
-    "heavy": (1e6, 0.0, 0.0),
-}
-START = (-0.5, 0.25)  # of pi
 
 
 def rates(variant: str) -> Any:
@@ -154,7 +147,6 @@ def arm_rates(arm: Any) -> Any:
 def solve_arm(stages: int, steps: int) -> Any:
     """Return the state of the 7-joint arm at its end."""
     from arms import seven_joint_arm
-    from cases import ARM_DURATION, ARM_START
 
     f, A = arm_rates(seven_joint_arm()), radau(stages)
     y = np.array([Real(repr(x)) for x in ARM_START] + [Real(0)] * len(ARM_START))

@@ -34,8 +34,12 @@ class Registry(MutableMapping[str, T]):
         if name not in self._members:
             module, _, member = self._places[name].partition(":")
             found: Any = getattr(importlib.import_module(f"{self._package}.{module}"), member)
-            self._members[name] = found() if self._made else found
+            self._members[name] = self.make(name, found) if self._made else found
         return self._members[name]
+
+    def make(self, name: str, found: Any) -> T:
+        """Return the member that a registry with ``made`` holds; ``found`` : what its line names."""
+        return found()
 
     def __setitem__(self, name: str, member: T) -> None:
         self._places.setdefault(name, "")

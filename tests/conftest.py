@@ -1,43 +1,57 @@
-"""Tests that go through all methods of integration: what a method refuses by name is left out, and fixed steps."""
+"""What tests in several folders share, and which of them are quick."""
 
 from __future__ import annotations
 
-from collections.abc import Generator
+import copy
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from robodyn_cli.errors import CapabilityError
+SLOW = frozenset(Path(__file__).with_name("slow.txt").read_text(encoding="utf-8").split())
 
 
-@pytest.hookimpl(wrapper=True)
-def pytest_pyfunc_call(pyfuncitem: Any) -> Generator[None, Any, Any]:
-    """Skip where a partitioned method meets accelerations it cannot split, or one at index 3 a joint it cannot do."""
-    try:
-        return (yield)
-    except CapabilityError as error:
-        chosen = getattr(pyfuncitem, "callspec", None)
-        refused = any(words in error.message for words in ("partitioned", "does not do this scene"))
-        if chosen is None or "method" not in chosen.params or not refused:
-            raise
-        pytest.skip(error.message)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark as ``quick`` the first case of each test function that ``slow.txt`` does not name."""
+    met = set(SLOW)
+    for item in items:
+        if not isinstance(item, pytest.Function):
+            continue
+        name = f"{item.module.__name__}.{item.originalname}"
+        if name not in met:
+            met.add(name)
+            item.add_marker(pytest.mark.quick)
 
 
 @pytest.fixture
 def fixed_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """Methods named ``fixed NAME`` that take every step as it comes."""
     from robodyn_cli.integrators.registry import methods
-    from robodyn_cli.integrators.stepping.stepper import Attempt
 
     monkeypatch.setenv("ROBODYN_CACHE", "off")
     for name, method in list(methods.items()):
+        fixed = copy.copy(method)
+        fixed.adaptive = False
+        monkeypatch.setattr(fixed, "stepper", _accepting(fixed.stepper))
+        monkeypatch.setitem(methods, f"fixed {name}", fixed)
 
-        class Fixed(method):  # type: ignore[misc, valid-type]
-            adaptive = False
 
-            def attempt(self, w: Any, t: Any, h: Any, failed: str) -> Attempt:
-                outcome = super().attempt(w, t, h, failed)
+def _accepting(make: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """Return what makes steppers whose steps count whatever their error, if it is finite."""
+
+    def stepper(w: Any) -> Any:
+        made = make(w)
+        attempt = made.attempt
+
+        def accepted(*arguments: Any) -> Any:
+            outcome = attempt(*arguments)
+            if outcome.square is not None:
                 with w.f.strict():
-                    return Attempt(outcome.error * 0.0, w.f.constant(1.0))
+                    outcome.square = outcome.square * 0.0
+            return outcome
 
-        monkeypatch.setitem(methods, f"fixed {name}", Fixed)
+        made.attempt = accepted
+        return made
+
+    return stepper

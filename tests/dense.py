@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from robodyn_cli.spatial.algebra import Transform
+from robodyn_cli.spatial.algebra import Transform, Twist, Wrench, vector
 from robodyn_cli.spatial.inertia import ArticulatedInertia, RigidInertia
 from tests.numeric import real
 
@@ -13,6 +13,16 @@ def tilde(a: np.ndarray) -> np.ndarray:
     """Return the matrix of a x ."""
     x, y, z = a
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def twist(m: np.ndarray) -> Twist:
+    """Return six numbers as a motion vector."""
+    return Twist(vector(m[:3].tolist()), vector(m[3:].tolist()))
+
+
+def wrench(f: np.ndarray) -> Wrench:
+    """Return six numbers as a force vector."""
+    return Wrench(vector(f[:3].tolist()), vector(f[3:].tolist()))
 
 
 def motion_transform(X: Transform) -> np.ndarray:

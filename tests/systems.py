@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ellipj, ellipk
 
+from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr import functions as f
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.formulations.dynamics import Expanded
@@ -35,13 +37,17 @@ def system(
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """A system, its state at t = 0, the exact states (T, nx) at times (T,), and a time to integrate to."""
+    """A system, its state at t = 0, the exact states (T, nx) at times (T,), and a time to integrate to.
+
+    kind : of the system, as ``tests/methods.py`` tells them apart by who refuses them.
+    """
 
     name: str
     system: System
     start: tuple[float, ...]
     exact: Callable[[Array], Array]
     end: float
+    kind: str = "accelerations from positions and time"
 
     def __str__(self) -> str:
         return self.name
@@ -101,7 +107,7 @@ def damped() -> Case:
         q = np.exp(-0.2 * t) * (np.cos(2 * t) + 0.1 * np.sin(2 * t))
         return _columns(q, np.exp(-0.2 * t) * (-2.02) * np.sin(2 * t))
 
-    return Case("damped", body, (1.0, 0.0), exact, 12.0)
+    return Case("damped", body, (1.0, 0.0), exact, 12.0, "accelerations from velocities")
 
 
 def linear(name: str, A: Array, body: System, start: Sequence[float], end: float) -> Case:
@@ -118,7 +124,8 @@ def controlled() -> Case:
     """A state z that feeds back into the acceleration: an integral controller."""
     body = system(1, lambda t, q, v, z, p: ([-4 * q[0] - v[0] - 1.5 * z[0]], [q[0] - 0.5 * z[0]]), nz=1)
     A = np.array([[0.0, 1.0, 0.0], [-4.0, -1.0, -1.5], [1.0, 0.0, -0.5]])
-    return linear("controlled", A, body, (1.0, 0.0, 0.3), 12.0)
+    case = linear("controlled", A, body, (1.0, 0.0, 0.3), 12.0)
+    return dataclasses.replace(case, kind="accelerations from velocities")
 
 
 def chain(n: int = 5) -> Case:
@@ -195,6 +202,21 @@ def advance(case: Case, method: str, end: float | None = None, **options: Any) -
     integrator.reset(0.0, case.start, settings(method, **options))
     integrator.advance(case.end if end is None else end)
     return integrator
+
+
+def step_ends(case: Case, method: str, end: float | None = None, **options: Any) -> tuple[Integrator, Array]:
+    """Integrate a case step by step; returns the integrator and the ends of its steps (n,)."""
+    integrator = Integrator(case.system, method)
+    integrator.reset(0.0, case.start, settings(method, **options))
+    ends = [0.0]
+    stop = case.end if end is None else end
+    while integrator.time < stop:
+        attempts = integrator.counters.steps + integrator.counters.rejected
+        integrator.options = dataclasses.replace(integrator.options, max_steps=attempts + 1)
+        with contextlib.suppress(NumericalError):
+            integrator.advance(stop)
+        ends += [integrator.time] if integrator.time > ends[-1] else []
+    return integrator, np.array(ends)
 
 
 def samples(

@@ -26,8 +26,8 @@ class Polar(Joint):
     def S_rate(self, q: Vector, qd: Vector) -> Any:
         return matrix([[0.0, 0.0, 0.0, 0.0, qd[1], 0.0], [0.0] * 6]).T
 
-    def bias(self, q: Vector, qd: Vector) -> Vector:
-        return self.S_rate(q, qd) @ qd
+    def angle(self, q: Vector) -> Any:
+        return q[0]
 
 
 wide_joints: dict[str, Joint] = {

@@ -1,86 +1,84 @@
-"""Forward dynamics by the articulated-body algorithm, O(N)."""
+"""Forward dynamics by the articulated-body algorithm, O(N).
+
+The names are those of Featherstone (2008), table 7.1: S motion subspace, IA and pA articulated-body inertia and bias
+force, U, D and u (equations 7.43 to 7.45), Ia and pa what the parent feels of them, a' acceleration before the joint's
+own part.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from robodyn_cli.algorithms.kinematics import slice_q, slice_v, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
-from robodyn_cli.algorithms.rnea import Wrench, rnea
-from robodyn_cli.expr.graph import is_number
+from robodyn_cli.algorithms.rnea import rnea
+from robodyn_cli.expr.graph import is_nonzero
 from robodyn_cli.model.model import BASE, Body, Model
 from robodyn_cli.record import record
-from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, cross, dot, zeros
+from robodyn_cli.spatial.algebra import Matrix, Transform, Twist, Values, Vector, Wrench, columns, zeros
 from robodyn_cli.spatial.inertia import ArticulatedInertia
-
-Acceleration = tuple[Vector, Vector]  # angular, and of the body's origin; body coordinates
 
 
 @record
 class JointFactor:
-    """What a joint contributes to the factorisation of M: U = I^A S, D^-1 = (S^T U + armature)^-1."""
+    """What a joint adds to the factorisation of M.
 
-    S: Any
-    U: Any
-    U_D: Any
+    S : (6, nv) motion subspace. U : (6, nv), IA S. D_inverse : (nv, nv), D = S^T U + armature. U_D : U D^-1.
+    """
+
+    S: Matrix
+    U: Matrix
+    U_D: Matrix
     D_inverse: Matrix
 
-    def bear(self, y: Vector, wrench: Wrench) -> tuple[Vector, Wrench]:
-        """Return the acceleration that the joint alone would take, and the wrench that its parent feels.
+    def inward(self, tau: Vector, pA: Wrench) -> tuple[Vector, Wrench]:
+        """Return D^-1 u (nv,) and the bias force pa that the parent feels.
 
-        share = D^-1 (y - S^T f);  f^a = f + U share   (Featherstone 2008, equations 7.24 and 7.44).
+        u = tau - S^T pA;  pa = pA + U D^-1 u, without velocity terms (c = 0).
         """
-        n, f = wrench
-        u = zeros(len(y))
-        for j in range(len(y)):
-            u[j] = y[j] - (dot(self.S[:3, j], n) + dot(self.S[3:, j], f))
-        share = self.D_inverse @ u
-        reaction = self.U @ share
-        return share, (n + reaction[:3], f + reaction[3:])
+        D_u = self.D_inverse @ (tau - pA.project(self.S))
+        return D_u, pA + Wrench.along(self.U, D_u)
 
-    def follow(self, X: Transform, share: Vector, parent: Acceleration) -> tuple[Vector, Acceleration]:
-        """Return the joint's acceleration and the body's: share - U_D^T X a_p;  X a_p + S qdd."""
-        w_p, a_p = parent
-        w, a = X.E @ w_p, X.E @ (a_p + cross(w_p, X.r))
-        own = share - self.U_D.T @ np.concatenate([w, a])
-        return own, (w + self.S[:3] @ own, a + self.S[3:] @ own)
+    def outward(self, X: Transform, D_u: Vector, a_parent: Twist) -> tuple[Vector, Twist]:
+        """Return the joint's acceleration (nv,) and the body's.
+
+        a' = X a_parent;  qdd = D^-1 (u - U^T a');  a = a' + S qdd.
+        """
+        a = a_parent.to_child(X)
+        qdd = D_u - self.U_D.T @ a.components
+        return qdd, a + Twist.along(self.S, qdd)
 
 
-def factor_joint(
-    body: Body, q: Vector, inertia: ArticulatedInertia
-) -> tuple[JointFactor, ArticulatedInertia]:
-    """Return a joint's factor and the inertia felt through it, I^a = I^A - U D^-1 U^T.
+def factor_joint(body: Body, q: Vector, IA: ArticulatedInertia) -> tuple[JointFactor, ArticulatedInertia]:
+    """Return a joint's factor and the inertia that the parent feels through it, Ia = IA - U D^-1 U^T.
 
-    Source: Featherstone (2008), equations 7.14 and 7.43 to 7.45.
+    Source: Featherstone (2008), table 7.1; the rotor's inertia is added to the diagonal of D.
     """
-    nv = body.joint.nv
     S = body.joint.S(q)
-    columns = [inertia.column(S[:, j]) for j in range(nv)]
-    U = np.stack(columns, axis=1)
+    U = np.stack([(IA @ s).components for s in columns(S)], axis=1)
     D = S.T @ U
-    for j in range(nv):
+    for j in range(body.joint.nv):
         D[j, j] = D[j, j] + body.armature
     D_inverse = invert_symmetric(D)
     U_D = U @ D_inverse
-    felt = inertia
-    for j in range(nv):
-        felt = felt.downdate(U[:, j], U_D[:, j])
-    if is_number(body.armature) and body.armature == 0.0:
-        felt = _released(felt, S)
-    return JointFactor(S, U, U_D, D_inverse), felt
+    Ia = IA
+    for j in range(body.joint.nv):
+        Ia = Ia.downdate(U[:, j], U_D[:, j])
+    if not is_nonzero(body.armature):
+        Ia = _without_free_axes(Ia, S)
+    return JointFactor(S, U, U_D, D_inverse), Ia
 
 
-def _released(felt: ArticulatedInertia, S: Any) -> ArticulatedInertia:
-    """Return I^a with the rows and columns zero that are zero but for rounding: I^a S = 0 without a rotor.
+def _without_free_axes(Ia: ArticulatedInertia, S: Matrix) -> ArticulatedInertia:
+    """Return Ia with the rows and columns set to zero that are zero but for rounding: Ia S = 0 without a rotor.
 
-    They are known where a joint moves along or about coordinate axes, and spare arithmetic down the tree.
+    For a joint that moves along or about coordinate axes they are known, and zeros save operations down the tree.
     """
-    A, H, M = felt.A.copy(), felt.H.copy(), felt.M.copy()
+    A, H, M = Ia.A.copy(), Ia.H.copy(), Ia.M.copy()
     for j in range(S.shape[1]):
-        moved = [i for i in range(6) if not is_number(S[i, j]) or S[i, j] != 0.0]
+        moved = [i for i in range(6) if is_nonzero(S[i, j])]
         if len(moved) != 1:
             continue
         i = moved[0]
@@ -99,11 +97,11 @@ def invert_symmetric(D: Matrix) -> Matrix:
         out[0, 0] = 1.0 / D[0, 0]
         return out
     factor = LdlFactor.of(D)
-    columns = []
+    solved = []
     for k in range(n):
         unit = [1.0 if i == k else 0.0 for i in range(n)]
-        columns.append(factor.solve(unit))
-    return np.stack(columns, axis=1)
+        solved.append(factor.solve(unit))
+    return np.stack(solved, axis=1)
 
 
 class ArticulatedFactor:
@@ -112,44 +110,46 @@ class ArticulatedFactor:
     def __init__(self, model: Model, q: Values, X: Sequence[Transform] | None = None) -> None:
         self.model = model
         self.X = transforms(model, q) if X is None else X
-        inertia = [ArticulatedInertia.from_rigid(b.inertia) for b in model.bodies]
+        IA = [ArticulatedInertia.from_rigid(b.inertia) for b in model.bodies]
         self.joints: list[JointFactor] = [None] * len(model.bodies)  # type: ignore[list-item]
         for k in reversed(range(len(model.bodies))):
             body = model.bodies[k]
-            self.joints[k], felt = factor_joint(body, slice_q(body, q), inertia[k])
+            self.joints[k], Ia = factor_joint(body, slice_q(body, q), IA[k])
             if body.parent != BASE:
-                inertia[body.parent] = inertia[body.parent] + felt.to_parent(self.X[k])
+                IA[body.parent] = IA[body.parent] + Ia.to_parent(self.X[k])
 
     def solve(self, y: Values) -> Vector:
-        """Return x with M x = y (nv,): torques collect down the tree, accelerations spread up it."""
+        """Return x with M x = y (nv,): accelerations for torques without velocity and gravity terms."""
         bodies = self.model.bodies
-        pull: list[Wrench] = [(zeros(3), zeros(3)) for _ in bodies]
-        share: list[Vector] = [zeros(0)] * len(bodies)
+        pA = [Wrench.zero() for _ in bodies]
+        D_u: list[Vector] = [zeros(0)] * len(bodies)
         for k in reversed(range(len(bodies))):
             body = bodies[k]
-            share[k], felt = self.joints[k].bear(slice_v(body, y), pull[k])
+            D_u[k], pa = self.joints[k].inward(slice_v(body, y), pA[k])
             if body.parent != BASE:
-                n, f = self.X[k].force_to_parent(*felt)
-                n_p, f_p = pull[body.parent]
-                pull[body.parent] = (n_p + n, f_p + f)
+                pA[body.parent] = pA[body.parent] + pa.to_parent(self.X[k])
         x = zeros(self.model.nv)
-        motion: dict[int, Acceleration] = {BASE: (zeros(3), zeros(3))}
+        a = {BASE: Twist.zero()}
         for k, body in enumerate(bodies):
-            own, motion[k] = self.joints[k].follow(self.X[k], share[k], motion[body.parent])
-            for j in range(body.joint.nv):
-                x[body.v + j] = own[j]
+            qdd, a[k] = self.joints[k].outward(self.X[k], D_u[k], a[body.parent])
+            x[body.v : body.v + body.joint.nv] = qdd
         return x
 
 
 def aba(model: Model, q: Values, qd: Values, tau: Values, gravity: Vector | None = None) -> Vector:
     """Return the joint accelerations for given torques: M^-1 (tau - h).
 
-    The velocity and gravity terms come from one Newton-Euler pass with qdd = 0; the articulated-body
-    recursion then runs on what is left, so its own velocity terms vanish (Featherstone 2008, section 7.3).
+    The velocity and gravity terms h come from one Newton-Euler pass with qdd = 0; the articulated-body recursion
+    then runs on what is left, so that its own velocity terms c and p vanish (Featherstone 2008, section 7.3).
 
     Parameters
     ----------
-    q, qd, tau : (nq,), (nv,), (nv,); tau with joint springs, dampers and friction already added.
+    q, qd, tau : (nq,), (nv,), (nv,); tau [N m or N] with joint springs, dampers and friction already added.
+    gravity : (3,) base coordinates [m/s^2]; None for none.
+
+    Returns
+    -------
+    qdd : (nv,) [rad/s^2 or m/s^2].
 
     Raises
     ------

@@ -15,81 +15,71 @@ from robodyn_cli.algorithms.kinematics import (
     slice_v,
     step_motion,
 )
-from robodyn_cli.algorithms.linear import LdlFactor, minimum_degree, stands
+from robodyn_cli.algorithms.linear import LdlFactor, minimum_degree
 from robodyn_cli.expr.calculus import directional
-from robodyn_cli.expr.graph import Expr
+from robodyn_cli.expr.graph import Expr, is_nonzero
 from robodyn_cli.loops.base import LoopFrame, Row
 from robodyn_cli.model.model import BASE, FixedFrame, Loop, Model
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, vector, zeros
 
 
-def loop_rows(
-    model: Model,
-    loop: Loop,
-    X: Sequence[Transform],
-    q: Values,
-    qd: Values,
-    gravity: Vector | None = None,
-    shared: dict[int, tuple[dict[int, Pose], dict[int, Motion]]] | None = None,
-) -> list[Row]:
-    """Return the rows of one loop closure.
+class LoopRows:
+    """Constraint rows of loop closures at q, qd, each relative to the last common ancestor of its two bodies.
 
-    ``gravity`` may be given so that accelerations are shared with the Newton-Euler pass: it cancels in the
-    difference of the two ends. ``shared`` keeps poses and motions by common ancestor for the next loop.
+    Parameters
+    ----------
+    X : transforms from parent to body. q, qd : (nq,), (nv,).
+    gravity : (3,) base coordinates; it cancels in the difference of the two ends, and where it is given their
+        accelerations are the same expressions as those of the Newton-Euler pass.
     """
-    root = model.common_ancestor(loop.first.body, loop.second.body)
-    known = {} if shared is None else shared
-    if root not in known:
-        known[root] = _kinematics(model, X, q, qd, gravity, root)
-    pose, motion = known[root]
-    ends = [_frame(model, q, qd, pose, motion, frame, root) for frame in (loop.first, loop.second)]
-    rows: list[Row] = loop.element.rows(*ends)
-    return rows
 
+    def __init__(
+        self, model: Model, X: Sequence[Transform], q: Values, qd: Values, gravity: Vector | None = None
+    ) -> None:
+        self.model, self.X, self.q, self.qd, self.gravity = model, X, q, qd, gravity
+        self._known: dict[int, tuple[dict[int, Pose], dict[int, Motion]]] = {}
 
-def _kinematics(
-    model: Model, X: Sequence[Transform], q: Values, qd: Values, gravity: Vector | None, root: int
-) -> tuple[dict[int, Pose], dict[int, Motion]]:
-    """Return poses and motions (for qdd = 0) relative to a body, in its coordinates."""
-    pose = poses(model, X, root)
-    rest = zeros(model.nv)
-    if root == BASE:
-        motion = motions(model, X, q, qd, rest, gravity)
-    else:
-        motion = {root: Motion.at_rest()}
+    def of(self, loop: Loop) -> list[Row]:
+        """Return the rows of one closure."""
+        root = self.model.common_ancestor(loop.first.body, loop.second.body)
+        rows: list[Row] = loop.element.rows(self._end(loop.first, root), self._end(loop.second, root))
+        return rows
+
+    def _kinematics(self, root: int) -> tuple[dict[int, Pose], dict[int, Motion]]:
+        """Return poses and motions (for qdd = 0) relative to a body, in its coordinates."""
+        if root not in self._known:
+            self._known[root] = poses(self.model, self.X, root), self._motions(root)
+        return self._known[root]
+
+    def _motions(self, root: int) -> dict[int, Motion]:
+        model, rest = self.model, zeros(self.model.nv)
+        if root == BASE:
+            return motions(model, self.X, self.q, self.qd, rest, self.gravity)
+        found = {root: Motion.at_rest()}
         for k, body in enumerate(model.bodies):
-            if k != root and body.parent in motion:
-                motion[k] = step_motion(
-                    body, X[k], slice_q(body, q), slice_v(body, qd), slice_v(body, rest), motion[body.parent]
-                )
-    return pose, motion
+            if k != root and body.parent in found:
+                rates = slice_v(body, self.qd), slice_v(body, rest)
+                found[k] = step_motion(body, self.X[k], slice_q(body, self.q), *rates, found[body.parent])
+        return found
 
-
-def _frame(
-    model: Model,
-    q: Values,
-    qd: Values,
-    pose: dict[int, Pose],
-    motion: dict[int, Motion],
-    frame: FixedFrame,
-    root: int,
-) -> LoopFrame:
-    here, moving = pose[frame.body], motion[frame.body]
-    p = here.point(frame.p)
-    Jv, Jw = point_jacobian(model, q, pose, frame.body, p, root)
-    drift, second = _prescribed_motion(model, frame)
-    return LoopFrame(
-        p,
-        here.R @ frame.R,
-        Jv,
-        Jw,
-        here.R @ moving.w,
-        here.R @ (moving.acceleration_of(frame.p) + second),
-        here.R @ moving.wd,
-        qd,
-        here.R @ drift,
-    )
+    def _end(self, frame: FixedFrame, root: int) -> LoopFrame:
+        pose, motion = self._kinematics(root)
+        here, moving = pose[frame.body], motion[frame.body]
+        p = here.point(frame.p)
+        Jv, Jw = point_jacobian(self.model, self.q, pose, frame.body, p, root)
+        drift, second = _prescribed_motion(self.model, frame)
+        return LoopFrame(
+            p,
+            here.R @ frame.R,
+            Jv,
+            Jw,
+            here.R @ moving.w,
+            here.R @ (moving.acceleration_of(frame.p) + second),
+            here.R @ moving.wd,
+            self.qd,
+            here.R @ drift,
+        )
 
 
 def _prescribed_motion(model: Model, frame: FixedFrame) -> tuple[Vector, Vector]:
@@ -103,15 +93,15 @@ def _prescribed_motion(model: Model, frame: FixedFrame) -> tuple[Vector, Vector]
 
 
 def vanishes(row: Row) -> bool:
-    """Tell whether a row is identically zero (a planar loop out of its plane), and closed as it is meant."""
+    """Tell whether a row is identically zero, as those of a planar loop out of its plane are, and may be dropped."""
     if not isinstance(row.cosine, Expr) and row.cosine < 0.5:
-        return False  # nothing moves the links out of the wrong attitude: assembly says so
-    return not any(isinstance(x, Expr) or x != 0.0 for x in (row.eta, row.gamma, row.eta_t, *row.psi))
+        return False  # the links are half a turn off and no joint can turn them: assembly refuses that
+    return not any(is_nonzero(x) for x in (row.eta, row.gamma, row.eta_t, *row.psi))
 
 
 @record
 class Multipliers:
-    """Solution of equation (36): accelerations and multipliers."""
+    """Accelerations qdd (nv,) and multipliers lam (m,), the solution of equation (36) of the lecture."""
 
     qdd: Vector
     lam: Vector
@@ -127,7 +117,7 @@ def solve_with_multipliers(
 
     Parameters
     ----------
-    switches : of the last rows, each 1 where the row holds, or 0 where its multiplier is zero instead.
+    switches : one a row for the last rows: 1 where the row holds, 0 where its multiplier is zero instead.
     """
     m = psi.shape[0]
     b = factor.forward(f)
@@ -135,7 +125,7 @@ def solve_with_multipliers(
     scaled = [{k: y * factor.inverse[k] for k, y in row.items()} for row in Y]
     A = zeros(m, m)
     rhs = zeros(m)
-    for i, j in _meeting(Y):
+    for i, j in _overlapping(Y):
         A[i, j] = A[j, i] = _product(scaled[i], Y[j])
     for i in range(m):
         total = gamma[i]
@@ -159,8 +149,8 @@ def solve_with_multipliers(
 
 
 def _entries(row: Values) -> dict[int, Any]:
-    """Return a row without its zeros."""
-    return {k: x for k, x in enumerate(row) if stands(x)}
+    """Return the nonzero entries of a row by column."""
+    return {k: x for k, x in enumerate(row) if is_nonzero(x)}
 
 
 def _product(x: dict[int, Any], y: dict[int, Any]) -> Any:
@@ -172,8 +162,8 @@ def _product(x: dict[int, Any], y: dict[int, Any]) -> Any:
     return total
 
 
-def _meeting(rows: Sequence[dict[int, Any]]) -> list[tuple[int, int]]:
-    """Return the pairs i >= j of rows that share a column."""
+def _overlapping(rows: Sequence[dict[int, Any]]) -> list[tuple[int, int]]:
+    """Return the pairs i >= j of rows with a column in common: the other entries of the Gram matrix are zero."""
     of_column: dict[int, list[int]] = {}
     for i, row in enumerate(rows):
         for k in row:
@@ -206,7 +196,7 @@ def gram(psi: Matrix) -> Matrix:
     """Return Psi Psi^T (m, m); rows without a common column cost nothing."""
     rows = [_entries(row) for row in psi]
     A = zeros(len(rows), len(rows))
-    for i, j in _meeting(rows):
+    for i, j in _overlapping(rows):
         A[i, j] = A[j, i] = _product(rows[i], rows[j])
     return A
 
@@ -225,7 +215,7 @@ def determinant(A: Matrix) -> Any:
             if len(smaller) != size - 1:
                 continue
             for column in range(n):
-                if column in smaller or (not isinstance(A[row, column], Expr) and A[row, column] == 0.0):
+                if column in smaller or not is_nonzero(A[row, column]):
                     continue
                 sign = -1.0 if sum(c < column for c in smaller) % 2 else 1.0
                 key = smaller | {column}

@@ -4,28 +4,38 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from robodyn_cli.algorithms.kinematics import Velocity, slice_q, slice_v, transforms, velocities
+from robodyn_cli.algorithms.kinematics import slice_q, slice_v, transforms, velocities
 from robodyn_cli.model.model import BASE, Body, Model
 from robodyn_cli.record import record
-from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, cross, dot, skew, zeros
-from robodyn_cli.spatial.inertia import RigidInertia, momentum
+from robodyn_cli.spatial.algebra import (
+    Matrix,
+    Transform,
+    Twist,
+    Values,
+    Vector,
+    Wrench,
+    columns,
+    cross,
+    skew,
+    zeros,
+)
+from robodyn_cli.spatial.inertia import RigidInertia
 
 
 @record
 class VelocityInertia:
-    """What a moving body bears for a velocity s of its frame: n = Z s_w, f = -p x s_w.
+    """The 6x6 matrix B(I, v) of Echeandia and Wensing (2021) of a moving body: B s = (Z s_w, s_w x p).
 
-    Sums over the body's points, position r from the frame's origin, velocity r-dot, both in frame axes:
-    Z = -sum dm r~ r-dot~ (3, 3) [kg m^2/s], not symmetric; p = sum dm r-dot (3,) [kg m/s], the momentum.
-    This is the 6x6 matrix B(I, v) of Echeandia and Wensing (2021) in the twelve numbers that are not zero;
-    its symmetric part is half the rate of the spatial inertia seen from the base.
+    Z = -sum dm r~ r-dot~ (3, 3) [kg m^2/s], not symmetric; p = sum dm r-dot (3,) [kg m/s], the momentum: sums over the
+    body's points with position r from the frame's origin and velocity r-dot, both in frame axes. Its symmetric part
+    is half the rate of the spatial inertia seen from the base.
     """
 
     Z: Matrix
     p: Vector
 
     @staticmethod
-    def of_body(body: RigidInertia, velocity: Velocity) -> VelocityInertia:
+    def of_body(body: RigidInertia, velocity: Twist) -> VelocityInertia:
         """Return Z and p of a rigid body, from r-dot = v + w x r.
 
         Z = -h~ v~ - I w~ + (tr(I) w / 2 - I w)~;  p = m v + w x h.
@@ -43,13 +53,13 @@ class VelocityInertia:
         p = X.E.T @ self.p
         return VelocityInertia(_add_product(X.E.T @ self.Z @ X.E, X.r, p), p)
 
-    def wrench(self, s: Vector) -> tuple[Vector, Vector]:
-        """Return B s (moment, force) for a velocity s = (angular, linear)."""
-        return self.Z @ s[:3], cross(s[:3], self.p)
+    def __matmul__(self, s: Twist) -> Wrench:
+        """Return B s."""
+        return Wrench(self.Z @ s.w, cross(s.w, self.p))
 
-    def transposed_couple(self, s: Vector) -> Vector:
-        """Return the moment of B^T s, which has no force."""
-        return self.Z.T @ s[:3] + cross(self.p, s[3:])
+    def transposed(self, s: Twist) -> Wrench:
+        """Return B^T s, which is a pure moment."""
+        return Wrench(self.Z.T @ s.w + cross(self.p, s.v), zeros(3))
 
 
 def _add_product(Z: Matrix, a: Vector, b: Vector) -> Matrix:
@@ -62,16 +72,13 @@ def _add_product(Z: Matrix, a: Vector, b: Vector) -> Matrix:
     return out
 
 
-def subspace_rate(body: Body, q: Vector, qd: Vector, S: Matrix, velocity: Velocity) -> Matrix:
-    """Return the rate (6, nv) of a joint's motion subspace seen from the base, in body coordinates.
+def subspace_rate(body: Body, q: Vector, qd: Vector, S: Sequence[Twist], velocity: Twist) -> list[Twist]:
+    """Return the rates of a joint's motion subspace S seen from the base, in body coordinates, column by column.
 
-    v x S + S_rate, with the spatial cross product (Featherstone 2008, section 2.10).
+    S_rate + v x S (Featherstone 2008, section 2.10).
     """
-    out = body.joint.S_rate(q, qd).copy()
-    for j in range(body.joint.nv):
-        out[:3, j] = out[:3, j] + cross(velocity.w, S[:3, j])
-        out[3:, j] = out[3:, j] + cross(velocity.w, S[3:, j]) + cross(velocity.v, S[:3, j])
-    return out
+    own = columns(body.joint.S_rate(q, qd))
+    return [rate + velocity.cross(s) for rate, s in zip(own, S)]
 
 
 def coriolis(model: Model, q: Values, qd: Values, X: Sequence[Transform] | None = None) -> Matrix:
@@ -87,41 +94,29 @@ def coriolis(model: Model, q: Values, qd: Values, X: Sequence[Transform] | None 
     X : transforms from parent to body, where they are known already.
 
     Source: Echeandia and Wensing (2021), "Numerical methods to compute the Coriolis matrix and Christoffel
-    symbols for rigid-body systems", algorithm 1; O(N depth).
+    symbols for rigid-body systems", algorithm 1, with its F1, F2 and F3; O(N depth).
     """
     X = transforms(model, q) if X is None else X
     bodies = model.bodies
     velocity = velocities(model, X, q, qd)
     I = [b.inertia for b in bodies]
     B = [VelocityInertia.of_body(b.inertia, velocity[k]) for k, b in enumerate(bodies)]
-    S = [b.joint.S(slice_q(b, q)) for b in bodies]
+    S = [columns(b.joint.S(slice_q(b, q))) for b in bodies]
     S_dot = [subspace_rate(b, slice_q(b, q), slice_v(b, qd), S[k], velocity[k]) for k, b in enumerate(bodies)]
     C = zeros(model.nv, model.nv)
     for k in reversed(range(len(bodies))):
         body = bodies[k]
-        for j in range(body.joint.nv):
-            # of composite body k: I S-dot + B S, for C's column; I S and B^T S, for its row
-            n, f = _add(momentum(I[k], S_dot[k][:3, j], S_dot[k][3:, j]), B[k].wrench(S[k][:, j]))
-            n_row, f_row = momentum(I[k], S[k][:3, j], S[k][3:, j])
-            couple = B[k].transposed_couple(S[k][:, j])
+        for j, (s, s_dot) in enumerate(zip(S[k], S_dot[k]), start=body.v):
+            F1, F2, F3 = I[k] @ s_dot + B[k] @ s, I[k] @ s, B[k].transposed(s)
             i = k
             while i != BASE:
-                for m in range(bodies[i].joint.nv):
-                    s, s_dot = S[i][:, m], S_dot[i][:, m]
-                    C[bodies[i].v + m, body.v + j] = dot(s[:3], n) + dot(s[3:], f)
+                for m, (s_i, s_dot_i) in enumerate(zip(S[i], S_dot[i]), start=bodies[i].v):
+                    C[m, j] = F1.dot(s_i)
                     if i != k:
-                        C[body.v + j, bodies[i].v + m] = (
-                            dot(s_dot[:3], n_row) + dot(s_dot[3:], f_row) + dot(s[:3], couple)
-                        )
-                n, f = X[i].force_to_parent(n, f)
-                n_row, f_row = X[i].force_to_parent(n_row, f_row)
-                couple = X[i].E.T @ couple
+                        C[j, m] = F2.dot(s_dot_i) + F3.dot(s_i)
+                F1, F2, F3 = (F.to_parent(X[i]) for F in (F1, F2, F3))
                 i = bodies[i].parent
         if body.parent != BASE:
             I[body.parent] = I[body.parent] + I[k].to_parent(X[k])
             B[body.parent] = B[body.parent] + B[k].to_parent(X[k])
     return C
-
-
-def _add(a: tuple[Vector, Vector], b: tuple[Vector, Vector]) -> tuple[Vector, Vector]:
-    return a[0] + b[0], a[1] + b[1]

@@ -6,41 +6,47 @@ from collections.abc import Sequence
 
 from robodyn_cli.algorithms.kinematics import slice_q, transforms
 from robodyn_cli.model.model import BASE, Model
-from robodyn_cli.spatial.algebra import Matrix, Transform, Values, cross, dot, zeros
-from robodyn_cli.spatial.inertia import RigidInertia
+from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, columns, zeros
 
 
 def crba(model: Model, q: Values, X: Sequence[Transform] | None = None) -> Matrix:
     """Return the joint-space mass matrix M (nv, nv), rotors included.
 
-    Source: Featherstone (2008), table 6.2. Symmetric: both halves hold the same expressions.
+    M_ji = S_j^T F with F = X_j^T ... X_i^T (Ic_i S_i) for each ancestor j of i; Ic_i is the inertia of the composite
+    body i, which is body i and all that it carries. Both halves of M hold the same expressions.
+
+    Parameters
+    ----------
+    q : (nq,).
+    X : transforms from parent to body, where they are known already.
+
+    Source: Featherstone (2008), table 6.2; rotors as N^2 J on the joint's diagonal.
     """
     X = transforms(model, q) if X is None else X
-    composite: list[RigidInertia] = [b.inertia for b in model.bodies]
+    bodies = model.bodies
+    S = [b.joint.S(slice_q(b, q)) for b in bodies]
+    Ic = [b.inertia for b in bodies]
+    for i in reversed(range(len(bodies))):
+        parent = bodies[i].parent
+        if parent != BASE:
+            Ic[parent] = Ic[parent] + Ic[i].to_parent(X[i])
     M = zeros(model.nv, model.nv)
-    for k in reversed(range(len(model.bodies))):
-        body = model.bodies[k]
-        if body.parent != BASE:
-            composite[body.parent] = composite[body.parent] + composite[k].to_parent(X[k])
-    for k, body in enumerate(model.bodies):
-        S = body.joint.S(slice_q(body, q))
-        I = composite[k]
-        for j in range(body.joint.nv):
-            w, v = S[:3, j], S[3:, j]
-            n = I.I @ w + cross(I.h, v)
-            f = I.m * v - cross(I.h, w)
-            for i in range(j + 1):
-                entry = dot(S[:3, i], n) + dot(S[3:, i], f)
-                if i == j:
-                    entry = entry + body.armature
-                M[body.v + i, body.v + j] = M[body.v + j, body.v + i] = entry
-            child, ancestor = k, body.parent
-            while ancestor != BASE:
-                n, f = X[child].force_to_parent(n, f)
-                above = model.bodies[ancestor]
-                S_a = above.joint.S(slice_q(above, q))
-                for i in range(above.joint.nv):
-                    entry = dot(S_a[:3, i], n) + dot(S_a[3:, i], f)
-                    M[above.v + i, body.v + j] = M[body.v + j, above.v + i] = entry
-                child, ancestor = ancestor, above.parent
+    for i, body in enumerate(bodies):
+        F = [Ic[i] @ s for s in columns(S[i])]
+        for k, f in enumerate(F):
+            own = f.project(S[i][:, : k + 1])
+            own[k] = own[k] + body.armature
+            _place(M, body.v + k, body.v, own)
+        j = i
+        while bodies[j].parent != BASE:
+            F = [f.to_parent(X[j]) for f in F]
+            j = bodies[j].parent
+            for k, f in enumerate(F):
+                _place(M, body.v + k, bodies[j].v, f.project(S[j]))
     return M
+
+
+def _place(M: Matrix, column: int, first: int, entries: Vector) -> None:
+    """Put entries into a column of a symmetric matrix, from row ``first`` on, and into the row of its mirror image."""
+    for row, x in enumerate(entries, start=first):
+        M[row, column] = M[column, row] = x

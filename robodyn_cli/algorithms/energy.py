@@ -1,18 +1,18 @@
-"""Energies of the mechanism, and the power of joint torques."""
+"""Kinetic and potential energy of the mechanism."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
 
-from robodyn_cli.algorithms.kinematics import Velocity, slice_q, slice_v, step_velocity, transforms
+from robodyn_cli.algorithms.kinematics import slice_q, slice_v, step_velocity, transforms
 from robodyn_cli.model.model import BASE, Body, Model
-from robodyn_cli.spatial.algebra import Transform, Values, Vector, cross, dot
+from robodyn_cli.spatial.algebra import Transform, Twist, Values, Vector, cross, dot
 from robodyn_cli.spatial.inertia import RigidInertia
 
 
-def body_kinetic_energy(inertia: RigidInertia, velocity: Velocity) -> Any:
-    """Return w.(I w / 2 + h x v) + m v.v / 2 [J], all about the body's origin in body coordinates."""
+def body_kinetic_energy(inertia: RigidInertia, velocity: Twist) -> Any:
+    """Return the kinetic energy of a body [J], w.(I w / 2 + h x v) + m v.v / 2, in body coordinates."""
     w, v = velocity.w, velocity.v
     return dot(w, (0.5 * inertia.I) @ w + cross(inertia.h, v)) + 0.5 * inertia.m * dot(v, v)
 
@@ -31,7 +31,7 @@ def kinetic_energy(model: Model, q: Values, qd: Values, X: Sequence[Transform] |
     X : transforms from parent to body, where they are known already.
     """
     X = transforms(model, q) if X is None else X
-    velocity = {BASE: Velocity.at_rest()}
+    velocity = {BASE: Twist.zero()}
     total: Any = 0.0
     for k, body in enumerate(model.bodies):
         rate = slice_v(body, qd)
@@ -76,15 +76,3 @@ def spring_energy(model: Model, q: Values) -> Any:
         for force in body.forces:
             total = total + force.element.potential(q[body.q])
     return total
-
-
-def potential_energy(
-    model: Model, q: Values, gravity: Vector | None, X: Sequence[Transform] | None = None
-) -> Any:
-    """Return the potential energy of gravity and of joint springs [J]; parameters as ``gravity_energy``."""
-    return gravity_energy(model, q, gravity, X) + spring_energy(model, q)
-
-
-def power(tau: Values, qd: Values) -> Any:
-    """Return the power tau.qd [W] of joint torques ``tau`` (nv,) [N m or N] at joint rates ``qd`` (nv,)."""
-    return dot(tau, qd)

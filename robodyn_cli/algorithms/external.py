@@ -1,7 +1,7 @@
-"""Forces on bodies from outside the joints: where they act, and what they are in the joints, J^T f.
+"""Forces on bodies from outside the joints: where they act, and the joint torques J^T f that they amount to.
 
-Each group of forces is carried down the tree to ``root``, the last common ancestor of the bodies it acts on: below that
-it has no effect (the wrenches cancel there), so nothing below is touched. The work grows with the length of the path.
+Each group of forces is carried down the tree to ``root``, the last common ancestor of the bodies on which it acts.
+Below that the wrenches cancel, so no joint there is visited. The work grows with the length of the path.
 """
 
 from __future__ import annotations
@@ -10,13 +10,14 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from robodyn_cli.algorithms.kinematics import Pose, Velocity, slice_q, slice_v, step_velocity
-from robodyn_cli.algorithms.rnea import Wrench, joint_torque
-from robodyn_cli.expr.graph import Expr
+from robodyn_cli.algorithms.kinematics import Pose, slice_q, slice_v, step_velocity
+from robodyn_cli.algorithms.rnea import joint_torque
+from robodyn_cli.expr.graph import Expr, is_nonzero
+from robodyn_cli.forces.element import End
 from robodyn_cli.model.model import BASE, FixedFrame, Model
-from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, cross, rotation_to_z, snap, zeros
+from robodyn_cli.spatial.algebra import Transform, Twist, Values, Vector, Wrench, rotation_to_z, snap, zeros
 
-PARALLEL = 1e-12
+PARALLEL = 1e-12  # sine of the angle up to which two axes count as parallel
 
 
 class PathKinematics:
@@ -25,7 +26,7 @@ class PathKinematics:
     def __init__(self, model: Model, X: Sequence[Transform], q: Values, qd: Values, root: int) -> None:
         self.model, self.X, self.q, self.qd, self.root = model, X, q, qd, root
         self._pose: dict[int, Pose] = {root: Pose.identity(), BASE: Pose.identity()}
-        self._velocity: dict[int, Velocity] = {root: Velocity.at_rest(), BASE: Velocity.at_rest()}
+        self._velocity: dict[int, Twist] = {root: Twist.zero(), BASE: Twist.zero()}
 
     def _reach(self, body: int) -> None:
         path = []
@@ -40,16 +41,15 @@ class PathKinematics:
             )
 
     def pose(self, body: int) -> Pose:
-        """Return the pose of a body that hangs on the root."""
+        """Return the pose of a body that the root carries."""
         self._reach(body)
         return self._pose[body]
 
-    def place(self, frame: FixedFrame) -> tuple[Vector, Matrix, Vector, Vector]:
-        """Return origin, axes, velocity of the origin and angular velocity of a frame fixed to a body."""
+    def end(self, frame: FixedFrame) -> End:
+        """Return place, axes and velocity of a frame fixed to a body."""
         pose = self.pose(frame.body)
-        own = self._velocity[frame.body]
-        v = pose.R @ (own.v + cross(own.w, frame.p))
-        return pose.point(frame.p), pose.R @ frame.R, v, pose.R @ own.w
+        velocity = self._velocity[frame.body].shifted(frame.p).rotated(pose.R)
+        return End(pose.point(frame.p), pose.R @ frame.R, velocity)
 
 
 def path_torques(
@@ -59,31 +59,29 @@ def path_torques(
 
     Parameters
     ----------
-    wrenches : moment [N m] about the body's origin and force [N] in body coordinates, by body; what acts on ``root``
-        has no effect.
+    wrenches : about the body's origin in body coordinates, by body; what acts on ``root`` has no effect.
     """
     tau = zeros(model.nv)
     carried = {k: w for k, w in wrenches.items() if k not in (root, BASE)}
     while carried:
         k = max(carried)  # parents come first in the tree
-        n, f = carried.pop(k)
+        wrench = carried.pop(k)
         body = model.bodies[k]
-        own = joint_torque(body, slice_q(body, q), (n, f))
-        for j in range(body.joint.nv):
-            tau[body.v + j] = tau[body.v + j] + own[j]
+        tau[body.v : body.v + body.joint.nv] = joint_torque(body, slice_q(body, q), wrench)
         if body.parent not in (root, BASE):
-            n, f = X[k].force_to_parent(n, f)
-            below = carried.get(body.parent)
-            carried[body.parent] = (n, f) if below is None else (below[0] + n, below[1] + f)
+            carried[body.parent] = carried.get(body.parent, Wrench.zero()) + wrench.to_parent(X[k])
     return tau
 
 
 def turn_about(model: Model, q: Values, ends: Sequence[FixedFrame], axis: Sequence[float], root: int) -> Any:
     """Return the angle [rad] by which the second frame is turned against the first about ``axis``, or None.
 
-    It is zero where the frames' axes coincide. Not None only if every joint between them that turns does so about the
-    parallel of ``axis`` (3,), which is given in the axes of each frame: then the angle is a sum of joint positions, and
-    counts full turns.
+    The angle is zero where the frames' axes coincide. If all joints between the frames turn about parallels of ``axis``
+    only, it is a sum of joint angles and counts full turns; otherwise it is None.
+
+    Parameters
+    ----------
+    axis : (3,) in the axes of each frame. root : last common ancestor of the two frames' bodies.
     """
     A = rotation_to_z(axis)
     total: Any = 0.0
@@ -97,12 +95,13 @@ def turn_about(model: Model, q: Values, ends: Sequence[FixedFrame], axis: Sequen
             if k in (root, BASE):
                 break
             body = model.bodies[k]
-            if body.joint.type == "revolute":
+            angle = body.joint.angle(slice_q(body, q))
+            if angle is None:
+                return None
+            if is_nonzero(angle):
                 if max(abs(R[0, 2]), abs(R[1, 2])) > PARALLEL:
                     return None
-                total = total + (sign if R[2, 2] > 0.0 else -sign) * q[body.q]
-            elif body.joint.type != "prismatic":
-                return None
+                total = total + (sign if R[2, 2] > 0.0 else -sign) * angle
             R = body.X_tree.E.T @ R
             k = body.parent
         at_zero.append(R)

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from robodyn_cli.model.model import BASE, Body, FixedFrame, Model
+from robodyn_cli.model.model import BASE, Body, Model
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import (
     Matrix,
     Transform,
+    Twist,
     Values,
     Vector,
     cross,
@@ -93,28 +94,14 @@ def point_jacobian(
     return linear, angular
 
 
-@record
-class Velocity:
-    """Angular velocity w [rad/s] and velocity v [m/s] of a body's origin, body coordinates."""
-
-    w: Vector
-    v: Vector
-
-    @staticmethod
-    def at_rest() -> Velocity:
-        """Return the velocity of the base."""
-        return Velocity(zeros(3), zeros(3))
+def step_velocity(body: Body, X: Transform, q: Vector, qd: Vector, parent: Twist) -> Twist:
+    """Return a body's velocity from its parent's, both in body coordinates: v = X v_p + S qd (table 5.1)."""
+    return parent.to_child(X) + Twist.along(body.joint.S(q), qd)
 
 
-def step_velocity(body: Body, X: Transform, q: Vector, qd: Vector, parent: Velocity) -> Velocity:
-    """Return a body's velocity from its parent's: w = E w_p + S_w qd;  v = E (v_p + w_p x r) + S_v qd."""
-    S = body.joint.S(q)
-    return Velocity(X.E @ parent.w + S[:3] @ qd, X.E @ (parent.v + cross(parent.w, X.r)) + S[3:] @ qd)
-
-
-def velocities(model: Model, X: Sequence[Transform], q: Values, qd: Values) -> dict[int, Velocity]:
-    """Return the velocity of each body, the base included."""
-    found = {BASE: Velocity.at_rest()}
+def velocities(model: Model, X: Sequence[Transform], q: Values, qd: Values) -> dict[int, Twist]:
+    """Return the spatial velocity of each body in its own coordinates, the base (at rest) included."""
+    found = {BASE: Twist.zero()}
     for k, body in enumerate(model.bodies):
         found[k] = step_velocity(body, X[k], slice_q(body, q), slice_v(body, qd), found[body.parent])
     return found
@@ -122,10 +109,11 @@ def velocities(model: Model, X: Sequence[Transform], q: Values, qd: Values) -> d
 
 @record
 class Motion:
-    """Angular velocity, angular acceleration and linear acceleration of a body's origin, body coordinates.
+    """Angular velocity w, angular acceleration wd and acceleration a of a body's origin, body coordinates.
 
-    The linear acceleration is the classical one (of the material point), less gravity where the recursion was
-    started with it.
+    a is the classical acceleration of the material point, less gravity where the recursion was started with it. The
+    spatial acceleration would be (wd, a - w x v) (Featherstone 2008, section 2.11); the classical one does without v,
+    which saves operations.
     """
 
     w: Vector
@@ -158,19 +146,19 @@ def squared_skew(w: Vector) -> Matrix:
 
 
 def step_motion(body: Body, X: Transform, q: Vector, qd: Vector, qdd: Vector, parent: Motion) -> Motion:
-    """Return a body's motion from its parent's (Luh, Walker and Paul 1980, equations 11 to 13, any joint).
+    """Return a body's motion from its parent's, for any joint (Luh, Walker and Paul 1980, equations 11 to 13).
 
-    With S = (S_w, S_v), joint velocity (w_J, v_J) = S qd in body coordinates:
-    w = E w_p + w_J;  wd = E wd_p + (E w_p) x w_J + S_w qdd + c_w;
-    a = E (a_p + wd_p x r + w_p x (w_p x r)) + 2 (E w_p) x v_J + w_J x v_J + S_v qdd + c_v.
+    With the joint's velocity (w_J, v_J) = S qd and its acceleration (wd_J, a_J) = S qdd + S_rate qd, both in body
+    coordinates: w = E w_p + w_J;  wd = E wd_p + (E w_p) x w_J + wd_J;
+    a = E (a_p + wd_p x r + w_p x (w_p x r)) + 2 (E w_p) x v_J + w_J x v_J + a_J.
     """
     S = body.joint.S(q)
-    c = body.joint.bias(q, qd)
-    joint_w, joint_v = S[:3] @ qd, S[3:] @ qd
+    v_J = Twist.along(S, qd)
+    a_J = Twist.along(S, qdd) + Twist.along(body.joint.S_rate(q, qd), qd)
     w_p = X.E @ parent.w
-    w = w_p + joint_w
-    wd = X.E @ parent.wd + cross(w_p, joint_w) + S[:3] @ qdd + c[:3]
-    a = X.E @ parent.acceleration_of(X.r) + cross(2.0 * w_p + joint_w, joint_v) + S[3:] @ qdd + c[3:]
+    w = w_p + v_J.w
+    wd = X.E @ parent.wd + cross(w_p, v_J.w) + a_J.w
+    a = X.E @ parent.acceleration_of(X.r) + cross(2.0 * w_p + v_J.w, v_J.v) + a_J.v
     return Motion(w, wd, a)
 
 
@@ -189,8 +177,3 @@ def motions(
             body, X[k], slice_q(body, q), slice_v(body, qd), slice_v(body, qdd), found[body.parent]
         )
     return found
-
-
-def base_point(pose: dict[int, Pose], frame: FixedFrame) -> Vector:
-    """Return base coordinates of the origin of a fixed frame."""
-    return pose[frame.body].point(frame.p)

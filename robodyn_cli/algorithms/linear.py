@@ -5,21 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from robodyn_cli.expr.graph import Expr
+from robodyn_cli.expr.graph import is_nonzero
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Matrix, Values, Vector, zeros
 
-LISTED = 8  # rows from which on an order of elimination is looked for
-
-
-def stands(x: Any) -> bool:
-    """Tell whether an entry is there: an expression, or a number other than zero."""
-    return isinstance(x, Expr) or x != 0.0
+SMALLEST_ORDERED = 8  # rows from which on an order of elimination pays
 
 
 def pattern(A: Matrix) -> list[list[int]]:
-    """Return the places of a matrix's entries, row by row."""
-    return [[k for k, x in enumerate(row) if stands(x)] for row in A]
+    """Return the columns of a matrix's nonzero entries, row by row."""
+    return [[k for k, x in enumerate(row) if is_nonzero(x)] for row in A]
 
 
 def minimum_degree(A: Matrix) -> tuple[int, ...]:
@@ -29,7 +24,7 @@ def minimum_degree(A: Matrix) -> tuple[int, ...]:
     joins its neighbours. A small matrix keeps its own order.
     """
     n = A.shape[0]
-    if n < LISTED:
+    if n < SMALLEST_ORDERED:
         return tuple(range(n))
     near = [{k for k in row if k != i} for i, row in enumerate(pattern(A))]
     left = set(range(n))
@@ -72,13 +67,13 @@ class LdlFactor:
                 pivot = pivot - x * LD[j][k]
             inverse.append(1.0 / pivot)
             below = {i for k in L[j] for i in columns[k] if i > j}
-            below.update(i for i in range(j + 1, n) if stands(A[order[i], order[j]]))
+            below.update(i for i in range(j + 1, n) if is_nonzero(A[order[i], order[j]]))
             for i in sorted(below):
                 entry = A[order[i], order[j]]
                 for k, x in L[i].items():
                     if k in LD[j]:
                         entry = entry - x * LD[j][k]
-                if stands(entry):
+                if is_nonzero(entry):
                     LD[i][j] = entry
                     L[i][j] = columns[j][i] = entry * inverse[j]
         return LdlFactor(tuple(L), tuple(columns), tuple(inverse), order)

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from robodyn_cli.algorithms.kinematics import Pose, motions, poses
-from robodyn_cli.algorithms.rnea import Wrench, carry_down, inertial_wrench
+from robodyn_cli.algorithms.kinematics import Motion, Pose, poses
+from robodyn_cli.algorithms.rnea import carry_down, inertial_wrench
 from robodyn_cli.loops.base import LoopFrame
 from robodyn_cli.model.model import BASE, FixedFrame, Loop, Model
 from robodyn_cli.record import record
-from robodyn_cli.spatial.algebra import Transform, Values, Vector, cross, identity, zeros
+from robodyn_cli.spatial.algebra import Transform, Wrench, identity, zeros
 
 
 @record
 class LoopWrench:
-    """What a closure exerts on its two links: (moment about the link's own point, force).
+    """What a closure exerts on its two links, each about the link's own point of the closure.
 
     Both in the coordinates of ``root``, the last body that the two chains share.
     """
@@ -27,7 +27,7 @@ class LoopWrench:
 
 @record
 class Reactions:
-    """Wrenches (moment, force) in joints and closures [N m, N].
+    """Wrenches in joints and closures.
 
     joints : what the parent exerts on each body, about the body's origin in body coordinates. loops : of each
     closure. base : what the ground exerts on the whole mechanism, about the base's origin in base coordinates.
@@ -41,9 +41,8 @@ class Reactions:
 def loop_wrench(model: Model, loop: Loop, X: Sequence[Transform], lam: Mapping[str, Any]) -> LoopWrench:
     """Return what a closure exerts on its links.
 
-    The power of a row's multiplier is lambda Psi v. With the velocities of the two ends themselves in the place of
-    v, Psi is the wrench of a unit multiplier (principle of virtual power), so the rows of the closure give it as
-    they stand.
+    A row's multiplier has the power lambda Psi v. With the velocities of the two ends in the place of v, Psi itself is
+    the wrench of a unit multiplier (principle of virtual power), so the closure's own rows give it.
 
     Parameters
     ----------
@@ -56,7 +55,7 @@ def loop_wrench(model: Model, loop: Loop, X: Sequence[Transform], lam: Mapping[s
     for row in loop.element.rows(*ends):
         if row.name in lam:
             total = total + row.psi * lam[row.name]
-    return LoopWrench(root, (total[3:6], total[0:3]), (total[9:12], total[6:9]))
+    return LoopWrench(root, Wrench(total[3:6], total[0:3]), Wrench(total[9:12], total[6:9]))
 
 
 def _free_end(here: Pose, frame: FixedFrame, place: int) -> LoopFrame:
@@ -70,12 +69,9 @@ def _free_end(here: Pose, frame: FixedFrame, place: int) -> LoopFrame:
 
 def reactions(
     model: Model,
-    q: Values,
-    qd: Values,
-    qdd: Values,
-    lam: Mapping[str, Any],
-    gravity: Vector | None,
     X: Sequence[Transform],
+    motion: Mapping[int, Motion],
+    lam: Mapping[str, Any],
     applied: Mapping[int, Wrench] | None = None,
 ) -> Reactions:
     """Return the wrench in every joint and closure, and that of the ground.
@@ -84,24 +80,21 @@ def reactions(
 
     Parameters
     ----------
-    q, qd, qdd : (nq,), (nv,), (nv,): a motion. lam : multipliers by row. gravity : (3,) base coordinates [m/s^2].
-    applied : further wrenches on bodies, about the body's origin in body coordinates, by index.
+    X : transforms from parent to body. motion : of each body, gravity included (see ``motions``).
+    lam : multipliers by row. applied : further wrenches on bodies, about the body's origin in body coordinates.
     """
-    motion = motions(model, X, q, qd, qdd, gravity)
     needed = {k: inertial_wrench(body, motion[k]) for k, body in enumerate(model.bodies)}
-    needed[BASE] = (zeros(3), zeros(3))
-    for k, (n, f) in (applied or {}).items():
-        needed[k] = (needed[k][0] - n, needed[k][1] - f)
+    needed[BASE] = Wrench.zero()
+    for k, exerted in (applied or {}).items():
+        needed[k] = needed[k] - exerted
     found = []
     for loop in model.loops:
         wrench = loop_wrench(model, loop, X, lam)
         found.append(wrench)
         pose = poses(model, X, wrench.root)
-        for frame, (n, f) in ((loop.first, wrench.on_first), (loop.second, wrench.on_second)):
-            here = pose[frame.body]
-            arm = here.R @ frame.p
-            n_body, f_body = here.R.T @ (n + cross(arm, f)), here.R.T @ f
-            own = needed[frame.body]
-            needed[frame.body] = (own[0] - n_body, own[1] - f_body)
+        for frame, exerted in ((loop.first, wrench.on_first), (loop.second, wrench.on_second)):
+            R = pose[frame.body].R
+            about_origin = exerted.shifted(R @ frame.p).rotated(R.T)
+            needed[frame.body] = needed[frame.body] - about_origin
     joints, base = carry_down(model, X, [needed[k] for k in range(len(model.bodies))], needed[BASE])
     return Reactions(joints, found, base)

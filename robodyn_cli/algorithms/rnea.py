@@ -6,38 +6,29 @@ from collections.abc import Sequence
 
 from robodyn_cli.algorithms.kinematics import Motion, slice_q, slice_v, step_motion, transforms
 from robodyn_cli.model.model import BASE, Body, Model
-from robodyn_cli.spatial.algebra import Transform, Values, Vector, cross, dot, zeros
-
-Wrench = tuple[Vector, Vector]
+from robodyn_cli.spatial.algebra import Transform, Values, Vector, Wrench, cross, zeros
 
 
 def inertial_wrench(body: Body, motion: Motion) -> Wrench:
-    """Return the wrench (moment about the body's origin, force) that the motion needs.
+    """Return the wrench about the body's origin that the motion needs, in body coordinates.
 
-    f = m a + (wd~ + w~ w~) h;  n = I wd + w x I w + h x a   (Newton and Euler about the origin).
+    f = m a + (wd~ + w~ w~) h;  n = I wd + w x I w + h x a   (Newton and Euler about the origin); the same as
+    I a + v x* I v with the spatial acceleration (Featherstone 2008, equation 5.9).
     """
     inertia = body.inertia
     f = inertia.m * motion.a + motion.rate_matrix() @ inertia.h
     n = inertia.I @ motion.wd + cross(motion.w, inertia.I @ motion.w) + cross(inertia.h, motion.a)
-    return n, f
+    return Wrench(n, f)
 
 
 def joint_torque(body: Body, q: Vector, wrench: Wrench) -> Vector:
-    """Return S^T f, the part of a wrench that the joint's actuator bears (nv,)."""
-    S = body.joint.S(q)
-    n, f = wrench
-    out = zeros(body.joint.nv)
-    for j in range(body.joint.nv):
-        out[j] = dot(S[:3, j], n) + dot(S[3:, j], f)
-    return out
+    """Return S^T f (nv,), the part of a wrench that the joint's actuator bears."""
+    return wrench.project(body.joint.S(q))
 
 
 def drive_torque(body: Body, q: Vector, qdd: Vector, wrench: Wrench) -> Vector:
     """Return what the joint's actuator must give (nv,): its part of the wrench and its rotor's inertia."""
-    own = joint_torque(body, q, wrench)
-    for j in range(body.joint.nv):
-        own[j] = own[j] + body.armature * qdd[j]
-    return own
+    return joint_torque(body, q, wrench) + body.armature * qdd
 
 
 def rnea(
@@ -48,18 +39,20 @@ def rnea(
     gravity: Vector | None = None,
     X: Sequence[Transform] | None = None,
 ) -> Vector:
-    """Return the joint torques of the rigid bodies and rotors: M qdd + C qd + G.
+    """Return the joint torques of the rigid bodies and rotors, tau = M qdd + C qd + G.
 
     Parameters
     ----------
     q, qd, qdd : (nq,), (nv,), (nv,).
     gravity : (3,) base coordinates [m/s^2]; None for none.
+    X : transforms from parent to body, where they are known already.
 
     Returns
     -------
     tau : (nv,) [N m or N]; gravity's pull included, joint springs, dampers and friction not.
 
-    Source: Luh, Walker and Paul 1980; rotors as N^2 J on the joint's diagonal, without gyroscopic effect.
+    Source: Featherstone (2008), table 5.1, with classical accelerations (Luh, Walker and Paul 1980); rotors as N^2 J on
+    the joint's diagonal, without gyroscopic effect.
     """
     X = transforms(model, q) if X is None else X
     motion = {BASE: Motion.at_rest(gravity)}
@@ -80,8 +73,7 @@ def collect_torques(
     tau = zeros(model.nv)
     for body, through in zip(model.bodies, carried):
         own = drive_torque(body, slice_q(body, q), slice_v(body, qdd), through)
-        for j in range(body.joint.nv):
-            tau[body.v + j] = own[j]
+        tau[body.v : body.v + body.joint.nv] = own
     return tau
 
 
@@ -102,13 +94,12 @@ def carry_down(
     what the ground exerts, about the base's origin in base coordinates.
     """
     carried = list(wrench)
-    base = (zeros(3), zeros(3)) if base is None else base
+    base = Wrench.zero() if base is None else base
     for k in reversed(range(len(model.bodies))):
         parent = model.bodies[k].parent
-        n, f = X[k].force_to_parent(*carried[k])
-        n_p, f_p = base if parent == BASE else carried[parent]
+        share = carried[k].to_parent(X[k])
         if parent == BASE:
-            base = (n_p + n, f_p + f)
+            base = base + share
         else:
-            carried[parent] = (n_p + n, f_p + f)
+            carried[parent] = carried[parent] + share
     return carried, base

@@ -98,4 +98,6 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but er
 NoErrorEstimate = Annotated[
     bool, typer.Option("--no-error-estimate", help="Skip the second integration that estimates the error.")
 ]
-Strict = Annotated[bool, typer.Option("--strict", help="Take warnings about the scene as errors.")]
+Strict = Annotated[
+    bool, typer.Option("--strict", help="Take warnings about the scene and the result as errors.")
+]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.interrupts import tidy_up_first
-from robodyn_cli.errors import RobodynError, SceneError
+from robodyn_cli.errors import NumericalError, RobodynError, SceneError
 from robodyn_cli.exit_codes import OF_STATUS, REPLACING
 from robodyn_cli.record import record
 
@@ -179,8 +179,12 @@ def _compute(
         failure, result = error, error.result
     finally:
         console.clear()
-    for text in result.summary.get("warnings", ()):
+    warnings = result.summary.get("warnings", ())
+    for text in warnings:
         console.note(f"robodyn: warning: {text}")
+    if job.strict and warnings and failure is None:
+        failure = NumericalError(f"{warnings[0]} (an error because of --strict)", warnings=list(warnings))
+        result.status = result.summary["status"] = "failed"
     head = {"status": result.status, "command": job.command, "title": result.title}
     result.summary = {**head, **result.summary, **({"error": _error(failure)} if failure else {})}
     return result, failure

@@ -1,9 +1,9 @@
-"""Constraint rows that depend on each other, and the combinations of them that do not.
+"""Constraint rows that depend on each other, and independent combinations of them.
 
-Of m rows that agree with each other, only r say something new (a planar loop modelled in space, Bennett's
-linkage). Any r independent combinations W Psi, W eta (W of shape (r, m), constant for a while) give the same
-motion as all rows. W is not part of the equations: its entries are parameters p, chosen at a pose and chosen anew
-along the motion (see ``formulations.row_combinations``).
+Of m consistent rows only r are independent in a planar loop modelled in space, or in Bennett's linkage. Any r
+independent combinations W eta with Jacobian W Psi, W (r, m) piecewise constant, give the same motion as all rows. The
+entries of W are parameters p of the equations, chosen at a pose and again along the motion (see
+``formulations.row_combinations``).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Dependence:
 
     @property
     def numbers(self) -> int:
-        """How many parameters it takes: the entries of W, and the threshold at which W is chosen anew."""
+        """Number of parameters: the entries of W, and the threshold at which W is chosen again."""
         return self.rank * len(self.rows) + 1
 
 
@@ -90,8 +90,8 @@ def _uncombined(every: Constraints, found: Sequence[Combination]) -> list[int]:
     return [i for i in range(len(every.rows)) if i not in mixed]
 
 
-def working_rows(every: Constraints, found: Sequence[Combination]) -> Constraints:
-    """Return the combinations, then the rows that depend on no others."""
+def independent_rows(every: Constraints, found: Sequence[Combination]) -> Constraints:
+    """Return rows with the rank of all: the combinations, then the rows that depend on no others."""
     if not found:
         return every
     rows: list[Row] = []
@@ -103,7 +103,7 @@ def working_rows(every: Constraints, found: Sequence[Combination]) -> Constraint
 
 
 def multipliers_of_rows(every: Constraints, found: Sequence[Combination], lam: Vector) -> Vector:
-    """Return the multipliers of all rows (m,) from those of ``working_rows``: W^T lambda."""
+    """Return the multipliers of all rows (m,) from those of ``independent_rows``: W^T lambda."""
     if not found:
         return lam
     out = zeros(len(every.rows))

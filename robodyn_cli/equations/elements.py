@@ -7,11 +7,10 @@ from functools import cached_property
 from typing import Any
 
 from robodyn_cli.algorithms.external import PathKinematics, path_torques, turn_about
-from robodyn_cli.algorithms.rnea import Wrench
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.forces.element import Effect, End, Setting
+from robodyn_cli.forces.element import Action, Effect, Setting
 from robodyn_cli.model.model import BASE, FixedFrame, Force, Model
-from robodyn_cli.spatial.algebra import Transform, Values, Vector, cross
+from robodyn_cli.spatial.algebra import Transform, Values, Vector, Wrench
 
 
 class Elements:
@@ -64,10 +63,7 @@ class Elements:
             self.model.base.E,
             lambda axis: turn_about(self.model, self.q, force.ends, axis, root),
         )
-        effect: Effect = force.element.effect(
-            tuple(End(*kinematics.place(end)) for end in force.ends), setting
-        )
-        return effect
+        return force.element.effect(tuple(kinematics.end(frame) for frame in force.ends), setting)
 
     @cached_property
     def torques(self) -> dict[str, Vector]:
@@ -80,9 +76,7 @@ class Elements:
                 end = force.ends[action.end]
                 if end.body in (BASE, root):
                     continue
-                n, f = self._on_body(end, root, action)
-                before = group.get(end.body)
-                group[end.body] = (n, f) if before is None else (before[0] + n, before[1] + f)
+                group[end.body] = group.get(end.body, Wrench.zero()) + self._on_body(end, root, action)
         terms: dict[str, Vector] = {}
         for (term, root), group in wrenches.items():
             tau = path_torques(self.model, self.q, self.X, group, root)
@@ -91,21 +85,19 @@ class Elements:
 
     @cached_property
     def wrenches(self) -> dict[int, Wrench]:
-        """What all elements exert on each body and on the base: moment about its origin and force, body coordinates."""
+        """What all elements exert on each body and on the base, about its origin in its coordinates."""
         found: dict[int, Wrench] = {}
         for force, effect in zip(self.model.forces, self.effects):
             for action in effect.actions:
                 end = force.ends[action.end]
-                n, f = self._on_body(end, self.root(force), action)
-                before = found.get(end.body)
-                found[end.body] = (n, f) if before is None else (before[0] + n, before[1] + f)
+                exerted = self._on_body(end, self.root(force), action)
+                found[end.body] = found.get(end.body, Wrench.zero()) + exerted
         return found
 
-    def _on_body(self, end: FixedFrame, root: int, action: Any) -> Wrench:
-        """Return moment about the body's origin and force, in body coordinates."""
-        R = end.R if action.local else self._from(root).pose(end.body).R.T
-        f = R @ action.force
-        return R @ action.moment + cross(end.p, f), f
+    def _on_body(self, end: FixedFrame, root: int, action: Action) -> Wrench:
+        """Return an action's wrench about the body's origin, in body coordinates."""
+        to_body = end.R if action.local else self._from(root).pose(end.body).R.T
+        return action.wrench.rotated(to_body).shifted(end.p)
 
     @property
     def potential(self) -> Scalar:
@@ -132,7 +124,7 @@ class Elements:
     def formulas(self) -> list[tuple[str, list[Scalar]]]:
         """What formulas of the elements come to, with the key of the element."""
         return [
-            (f"forces.{force.name}", [x for a in effect.actions for x in (*a.force, *a.moment)])
+            (f"forces.{force.name}", [x for a in effect.actions for x in (*a.wrench.f, *a.wrench.n)])
             for force, effect in zip(self.model.forces, self.effects)
             if force.element.term == "external"
         ]

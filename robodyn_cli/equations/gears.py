@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.expr.graph import Scalar, is_number
+from robodyn_cli.expr.graph import Scalar, is_nonzero
 from robodyn_cli.forces.friction import Friction
 from robodyn_cli.forces.gear import Gear
 from robodyn_cli.model.model import Body, Model
@@ -59,7 +59,7 @@ def losses_of_drive(
     found = {}
     for body, gear in geared(model):
         k = body.v
-        if (is_number(body.armature) and body.armature != 0.0) or body.joint_name in prescribed:
+        if is_nonzero(body.armature) or body.joint_name in prescribed:
             what = "rotor_inertia" if body.joint_name not in prescribed else "prescribed motion"
             raise CapabilityError(
                 f"joint {body.joint_name}: gear losses together with {what} are done by `inverse` only; allowed in "

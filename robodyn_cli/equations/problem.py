@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robodyn_cli.algorithms.aba import ArticulatedFactor
-from robodyn_cli.algorithms.constraints import Multipliers, loop_rows, solve_with_multipliers, vanishes
+from robodyn_cli.algorithms.constraints import LoopRows, Multipliers, solve_with_multipliers, vanishes
 from robodyn_cli.algorithms.crba import crba
 from robodyn_cli.algorithms.energy import gravity_energy, kinetic_energy, spring_energy
 from robodyn_cli.algorithms.kinematics import Pose, poses, slice_q, slice_v, transforms
@@ -27,15 +27,15 @@ from robodyn_cli.equations.dependence import (
     Combination,
     Dependence,
     combinations,
+    independent_rows,
     multipliers_of_rows,
-    working_rows,
 )
 from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
 from robodyn_cli.equations.elements import Elements
 from robodyn_cli.equations.gears import geared, losses_of_drive, losses_of_load
 from robodyn_cli.equations.joint_forces import JointForces
 from robodyn_cli.expr.functions import interpolate
-from robodyn_cli.expr.graph import Expr, Scalar, count_operations
+from robodyn_cli.expr.graph import Expr, Scalar, count_operations, is_nonzero
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import FixedFrame, Model
@@ -57,7 +57,7 @@ class Problem:
     scene : the checked scene.
     symbolic : constants kept as parameters p, in this order (see ``build_model``).
     keep_rows : constraint rows to keep, by index; all by default.
-    dependent : rows that depend on each other in every pose (see ``working``).
+    dependent : rows that depend on each other in every pose (see ``independent_rows``).
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class Problem:
     def gravity(self) -> Vector | None:
         """Gravity in base coordinates, None where it is zero."""
         g = self.model.gravity
-        return g if any(isinstance(x, Expr) or x != 0.0 for x in g) else None
+        return g if any(is_nonzero(x) for x in g) else None
 
     @cached_property
     def X(self) -> list[Transform]:
@@ -272,9 +272,9 @@ class Problem:
         """Rows of the loop closures, then of couplers, then of prescribed joints."""
         rows: list[Row] = []
         dropped: list[str] = []
-        shared: dict[int, Any] = {}
+        closures = LoopRows(self.model, self.X, self.q, self.v, self.gravity)
         for loop in self.model.loops:
-            for row in loop_rows(self.model, loop, self.X, self.q, self.v, self.gravity, shared):
+            for row in closures.of(loop):
                 if vanishes(row):
                     dropped.append(row.name)
                 else:
@@ -308,9 +308,9 @@ class Problem:
         return combinations(self.graph, self.dependent, self.constraints.names, len(self.model.parameters))
 
     @cached_property
-    def working(self) -> Constraints:
-        """Rows to solve with: independent combinations of those that depend on each other, and the others."""
-        return working_rows(self.constraints, self.combinations)
+    def independent_rows(self) -> Constraints:
+        """The rows that the equations are solved with: combinations of dependent rows, then the other rows."""
+        return independent_rows(self.constraints, self.combinations)
 
     def moved(self, dq: Values) -> list[Scalar]:
         """Return q - dq (nq,) for a step dq (nv,), along the joints' manifolds."""
@@ -323,12 +323,12 @@ class Problem:
     @property
     def loop_rank(self) -> int:
         """How many rows of the loops are independent."""
-        return len(self.working.rows) - len(self.working.prescribed)
+        return len(self.independent_rows.rows) - len(self.independent_rows.prescribed)
 
     @property
-    def independent_rows(self) -> Matrix:
-        """Psi of the loops (r, nv), dependent rows combined."""
-        return self.working.psi(self.model.nv)[: self.loop_rank]
+    def loop_psi(self) -> Matrix:
+        """Psi of the independent rows of the loops (r, nv)."""
+        return self.independent_rows.psi(self.model.nv)[: self.loop_rank]
 
     @cached_property
     def elimination_order(self) -> list[int]:
@@ -336,6 +336,11 @@ class Problem:
         return [body.v + j for body in reversed(self.model.bodies) for j in range(body.joint.nv)]
 
     # -- forward dynamics -----------------------------------------------------------------------------
+    @property
+    def has_multipliers(self) -> bool:
+        """Whether constraints or held joints act on the accelerations."""
+        return bool(self.constraints.rows or self.contact_joints)
+
     @cached_property
     def forward(self) -> Multipliers:
         """Accelerations (and multipliers) for the applied torques, by whichever way takes fewer operations."""
@@ -348,19 +353,19 @@ class Problem:
 
     @cached_property
     def _solved(self) -> tuple[Multipliers, list[Scalar]]:
-        return self.solution(self.working.gamma)
+        return self.solution(self.independent_rows.gamma)
 
     def solution(self, gamma: Sequence[Scalar]) -> tuple[Multipliers, list[Scalar]]:
-        """Return accelerations and multipliers for ``gamma`` of the working rows, and multipliers of held joints."""
+        """Return accelerations and multipliers for ``gamma`` of the independent rows, and those of held joints."""
         f = self.applied - self.bias
         held = self.contact_joints
-        if not self.constraints.rows and not held:
+        if not self.has_multipliers:
             return Multipliers(self.free_accelerations(f), zeros(0)), []
         factor = LdlFactor.of(self.mass_matrix, self.elimination_order)
         units = zeros(len(held), self.model.nv)
         for k, joint in enumerate(held):
             units[k, joint.v] = 1.0
-        psi = np.concatenate([self.working.psi(self.model.nv), units])
+        psi = np.concatenate([self.independent_rows.psi(self.model.nv), units])
         found = solve_with_multipliers(
             factor, f, psi, [*gamma, *(0.0 for _ in held)], [joint.hold for joint in held]
         )
@@ -371,13 +376,17 @@ class Problem:
         lam = multipliers_of_rows(self.constraints, self.combinations, found.lam[:rows])
         return Multipliers(found.qdd, lam), list(found.lam[rows:])
 
-    def free_accelerations(self, f: Values) -> Vector:
-        """Return M^-1 f for the open tree: articulated bodies, or factored mass matrix where that is shorter."""
+    def ways_to_accelerations(self, f: Values) -> dict[str, Vector]:
+        """Return M^-1 f (nv,) of the open tree by the ways that may suit its size."""
         articulated = ArticulatedFactor(self.model, self.q, self.X).solve(f)
         if self.model.nv > DENSE_LIMIT:
-            return articulated
+            return {"articulated bodies": articulated}
         dense = LdlFactor.of(self.mass_matrix, self.elimination_order).solve(f)
-        return min((dense, articulated), key=count_operations)
+        return {"factored mass matrix": dense, "articulated bodies": articulated}
+
+    def free_accelerations(self, f: Values) -> Vector:
+        """Return M^-1 f (nv,) of the open tree by the way that takes fewer operations."""
+        return min(self.ways_to_accelerations(f).values(), key=count_operations)
 
     # -- energy ---------------------------------------------------------------------------------------
     @cached_property

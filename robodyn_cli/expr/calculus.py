@@ -2,23 +2,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.functions import cos, cosh, exp, log, power, sign, sin, sinh, sqrt, where
-from robodyn_cli.expr.graph import Expr, Scalar, reachable
+from robodyn_cli.expr.graph import Expr, Scalar, is_nonzero, reachable
+from robodyn_cli.expr.rebuild import apply
 
 SparseRow = dict[int, Scalar]
 
 
-def partials(node: Expr) -> list[tuple[Expr, Scalar]]:
-    """Return (argument, d node / d argument) for each argument.
+# derivative of a function of one argument a, from a and the function's own node y
+_SLOPES: dict[str, Callable[[Expr, Expr], Scalar]] = {
+    "neg": lambda a, y: -1.0,
+    "sin": lambda a, y: cos(a),
+    "cos": lambda a, y: -sin(a),
+    "tan": lambda a, y: 1.0 + y * y,
+    "asin": lambda a, y: 1.0 / sqrt(1.0 - a * a),
+    "acos": lambda a, y: -1.0 / sqrt(1.0 - a * a),
+    "atan": lambda a, y: 1.0 / (1.0 + a * a),
+    "sinh": lambda a, y: cosh(a),
+    "cosh": lambda a, y: sinh(a),
+    "tanh": lambda a, y: 1.0 - y * y,
+    "exp": lambda a, y: exp(a),
+    "log": lambda a, y: 1.0 / a,
+    "sqrt": lambda a, y: 0.5 / y,
+    "abs": lambda a, y: sign(a),
+}
 
-    Kinks (abs, sign, min, max, where, table knots) are differentiated as if the switching point were not met.
+
+def partials(node: Expr) -> list[tuple[Expr, Scalar]]:
+    """Return (argument, d node / d argument) for each argument on which the node depends smoothly.
+
+    Where a function switches (abs, sign, knots of a table) the derivative is that of one side.
+
+    Raises
+    ------
+    CapabilityError : the operation has no derivative.
     """
     op, args = node.op, node.args
     a = args[0]
+    if op in _SLOPES:
+        return [(a, _SLOPES[op](a, node))]
     # constants as numbers, or they would not be folded
     value: list[Any] = [e.value if e.op == "const" else e for e in args]
     if op == "add":
@@ -30,60 +56,33 @@ def partials(node: Expr) -> list[tuple[Expr, Scalar]]:
     if op == "div":
         inverse = 1.0 / args[1]
         return [(a, inverse), (args[1], -(node * inverse))]
-    if op == "neg":
-        return [(a, -1.0)]
-    if op == "sin":
-        return [(a, cos(a))]
-    if op == "cos":
-        return [(a, -sin(a))]
-    if op == "tan":
-        return [(a, 1.0 + node * node)]
-    if op == "asin":
-        return [(a, 1.0 / sqrt(1.0 - a * a))]
-    if op == "acos":
-        return [(a, -1.0 / sqrt(1.0 - a * a))]
-    if op == "atan":
-        return [(a, 1.0 / (1.0 + a * a))]
-    if op == "sinh":
-        return [(a, cosh(a))]
-    if op == "cosh":
-        return [(a, sinh(a))]
-    if op == "tanh":
-        return [(a, 1.0 - node * node)]
-    if op == "exp":
-        return [(a, exp(a))]
-    if op == "log":
-        return [(a, 1.0 / a)]
-    if op == "sqrt":
-        return [(a, 0.5 / node)]
-    if op == "abs":
-        return [(a, sign(a))]
-    if op == "sign":
-        return []
     if op == "atan2":
         y, x = value
         r2 = x * x + y * y
         return [(a, x / r2), (args[1], -(y / r2))]
     if op == "pow":
-        base, exponent = value
-        found = [(a, exponent * power(base, exponent - 1.0))] if isinstance(base, Expr) else []
-        if isinstance(exponent, Expr):
-            # 0 ** x is 0 wherever it has a slope
-            found.append((args[1], node * log(base) if isinstance(base, Expr) or base != 0.0 else 0.0))
-        return found
+        return _partials_of_power(node, *value)
     if op == "table":
         knots, values, order = node.value
-        if order:
-            return []
-        return [(a, node.graph.interpolate(a, knots, values, 1))]
+        return [] if order else [(a, node.graph.interpolate(a, knots, values, 1))]
+    if op == "sign":
+        return []
     raise CapabilityError(f"the operation {op} has no derivative")
+
+
+def _partials_of_power(node: Expr, base: Any, exponent: Any) -> list[tuple[Expr, Scalar]]:
+    found = [(node.args[0], exponent * power(base, exponent - 1.0))] if isinstance(base, Expr) else []
+    if isinstance(exponent, Expr):
+        # 0 ** x is 0 wherever it has a slope
+        found.append((node.args[1], node * log(base) if is_nonzero(base) else 0.0))
+    return found
 
 
 def branches(node: Expr) -> tuple[Scalar, Expr, Expr] | None:
     """Return (x, a, b) of a node that is a where x > 0 and b elsewhere, None for any other.
 
-    Its derivative is chosen in the same way. Weighting both derivatives with 0 and 1 would let the branch that is
-    not taken spoil the other: 0 times infinity.
+    Its derivative is that of the branch taken. A sum of both derivatives weighted with 0 and 1 would be wrong where
+    the other branch's derivative is infinite.
     """
     if node.op == "where":
         return node.args[0], node.args[1], node.args[2]
@@ -119,7 +118,7 @@ def jacobian(outputs: Sequence[Scalar], inputs: Sequence[Expr]) -> list[SparseRo
             for column, entry in inner.items():
                 term = partial * entry
                 row[column] = row[column] + term if column in row else term
-        gradient[node.index] = {k: e for k, e in row.items() if isinstance(e, Expr) or e != 0.0}
+        gradient[node.index] = {k: e for k, e in row.items() if is_nonzero(e)}
     return [dict(gradient.get(e.index, {})) if isinstance(e, Expr) else {} for e in outputs]
 
 
@@ -147,8 +146,6 @@ def directional(
 
 def substitute(outputs: Sequence[Scalar], replacement: dict[int, Scalar]) -> list[Scalar]:
     """Return the outputs with nodes (by index) replaced, rebuilt and folded again."""
-    from robodyn_cli.expr.rebuild import apply
-
     new: dict[int, Scalar] = dict(replacement)
     for node in reachable(outputs):
         if node.index in new:

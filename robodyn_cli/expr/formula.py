@@ -40,7 +40,7 @@ MAX_SWITCHES = 100
 # words that cannot name a joint or a parameter: they would change the meaning of a formula
 RESERVED = frozenset({"t", "deg", "if", *CONSTANTS})
 
-GROUPS = ("q", "qd", "p")
+QUALIFIERS = ("q", "qd", "p")
 
 _DEGREE = math.pi / 180.0
 _BINDING = {"+": 10, "-": 10, "*": 20, "/": 20, "^": 40, "**": 40}
@@ -324,7 +324,7 @@ class _Parser:
             if token.text == "deg":
                 self.unexpected(token, "'deg' goes after a number, as in 45 deg")
             group, dot, name = token.text.partition(".")
-            if dot and (group not in GROUPS or name.count(".") > (group != "p")):
+            if dot and (group not in QUALIFIERS or name.count(".") > (group != "p")):
                 self.fail(
                     token,
                     f"unknown name {token.text!r}; a dot is allowed only in q.JOINT, qd.JOINT, q.JOINT.COORDINATE and "

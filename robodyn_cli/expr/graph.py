@@ -7,7 +7,6 @@ multiplied by zero never appear, and equal subexpressions exist once (hash-consi
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from typing import Any, Union
 
@@ -78,6 +77,14 @@ class Expr:
 def is_number(x: Any) -> bool:
     """Tell whether ``x`` is a plain number (folded), not an expression."""
     return not isinstance(x, Expr)
+
+
+def is_nonzero(x: Any) -> bool:
+    """Tell whether ``x`` is structurally nonzero: an expression, or a number other than zero.
+
+    Only numbers are known while the graph is built, so an expression counts as nonzero whatever value it takes later.
+    """
+    return isinstance(x, Expr) or x != 0.0
 
 
 class Graph:
@@ -327,8 +334,3 @@ def free_symbols(outputs: Iterable[Scalar]) -> list[Expr]:
 def count_operations(outputs: Iterable[Scalar]) -> int:
     """Count the operations that evaluating the outputs takes (leaves are free)."""
     return sum(e.op not in ("sym", "const") for e in reachable(outputs))
-
-
-def finite(x: float) -> bool:
-    """Tell whether a folded constant is an ordinary number."""
-    return math.isfinite(x)

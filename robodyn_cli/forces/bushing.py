@@ -8,11 +8,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from robodyn_cli.expr.functions import atan2, maximum, sqrt, where
-from robodyn_cli.expr.graph import Expr
+from robodyn_cli.expr.graph import is_nonzero
 from robodyn_cli.forces.element import Effect, End, Setting, between_key, opposite
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, ListOf, Name, Vector, key
-from robodyn_cli.spatial.algebra import Matrix, cross, dot, identity, matrix, skew, vector, zeros
+from robodyn_cli.spatial.algebra import Matrix, Wrench, cross, dot, identity, matrix, skew, vector, zeros
 from robodyn_cli.spatial.algebra import Vector as Components
 
 SMALL = 1e-2  # sin^2 of the angle below which series replace quotients
@@ -37,7 +37,7 @@ def rotation_vector(R: Matrix) -> tuple[Components, Matrix]:
     """
     s = 0.5 * vector([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])  # sin(theta) a
     c = 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
-    turning = [k for k in range(3) if isinstance(s[k], Expr) or s[k] != 0.0]
+    turning = [k for k in range(3) if is_nonzero(s[k])]
     if len(turning) <= 1:
         phi = zeros(3)
         for k in turning:
@@ -135,5 +135,5 @@ class Bushing:
         xi_rate = np.concatenate([x_rate, B @ (first.R.T @ (second.w - first.w))])
         elastic, loss = K @ xi, C @ xi_rate
         load = elastic + loss
-        actions = opposite(ends, first.R @ -load[:3], first.R @ -(B.T @ load[3:]))
+        actions = opposite(ends, Wrench(-(B.T @ load[3:]), -load[:3]).rotated(first.R))
         return Effect(actions, 0.5 * dot(xi, elastic), -dot(xi_rate, loss))

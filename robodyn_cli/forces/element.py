@@ -9,28 +9,37 @@ Checklist for another kind:
 2. ``effect`` returns forces, potential energy and power that belong together: with q-dot the joint rates,
    (sum of J^T f) . q-dot = -d/dt potential + power. ``tests/conformance/test_forces.py`` checks that over the registry.
 3. ``term`` is the part of the torques under which ``inverse`` reports it: ``passive`` or ``external``.
-4. ``switches`` returns expressions at whose sign changes the force jumps or has a kink, so that steps end there.
+4. ``switches`` returns expressions at whose sign changes the force or its rate jumps, so that steps end there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 from robodyn_cli.expr.functions import sqrt
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import ListOf, Text, key
-from robodyn_cli.spatial.algebra import Matrix, Vector, cross, dot
+from robodyn_cli.spatial.algebra import Matrix, Twist, Vector, Wrench, dot, zeros
 
 
 @record
 class End:
-    """A place on a body: origin p [m], axes R (columns), velocity v of the origin [m/s], angular velocity w [rad/s]."""
+    """A place on a body: origin p [m], axes R (columns), and the body's velocity about that origin."""
 
     p: Vector
     R: Matrix
-    v: Vector
-    w: Vector
+    velocity: Twist
+
+    @property
+    def v(self) -> Vector:
+        """Velocity of the origin [m/s]."""
+        return self.velocity.v
+
+    @property
+    def w(self) -> Vector:
+        """Angular velocity [rad/s]."""
+        return self.velocity.w
 
 
 @record
@@ -51,11 +60,10 @@ class Setting:
 
 @record
 class Action:
-    """A force [N] through the origin of an end, and a moment [N m]; ``local``: along the end's own axes."""
+    """A wrench about the origin of an end; ``local``: in the end's own axes."""
 
     end: int
-    force: Vector
-    moment: Vector
+    wrench: Wrench
     local: bool = False
 
 
@@ -71,8 +79,13 @@ class Effect:
 class ForceElement(Protocol):
     """A force element of a scene (see the checklist above)."""
 
-    term: str
-    name: str
+    term: ClassVar[str]
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def type(self) -> str: ...
 
     @property
     def references(self) -> tuple[str, ...]: ...
@@ -94,10 +107,9 @@ def idle_problems(stiffness: float, damping: float) -> Iterable[tuple[tuple[str,
         yield (), "needs a 'stiffness' or a 'damping' that is not zero"
 
 
-def opposite(ends: tuple[End, ...], force: Vector, moment: Vector) -> tuple[Action, ...]:
-    """Return the force and moment on the second end, and the same wrench with the other sign on the first."""
-    arm = ends[1].p - ends[0].p
-    return Action(1, force, moment), Action(0, -force, -(moment + cross(arm, force)))
+def opposite(ends: tuple[End, ...], wrench: Wrench) -> tuple[Action, ...]:
+    """Return a wrench on the second end, and its opposite on the first."""
+    return Action(1, wrench), Action(0, -wrench.shifted(ends[1].p - ends[0].p))
 
 
 @record
@@ -122,5 +134,5 @@ class Line:
 
 def along(force: Vector) -> tuple[Action, ...]:
     """Return the actions of a force on the first end, and its opposite on the second, along their line."""
-    nothing = force * 0.0
-    return Action(0, force, nothing), Action(1, -force, nothing)
+    wrench = Wrench(zeros(3), force)
+    return Action(0, wrench), Action(1, -wrench)

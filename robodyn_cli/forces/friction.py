@@ -81,9 +81,14 @@ class Friction:
         return _signed(self.coulomb)
 
     @property
+    def dry(self) -> bool:
+        """Whether there is Coulomb friction, or friction at rest."""
+        return self.levels() != (0.0, 0.0) or self.static is not None
+
+    @property
     def set_valued(self) -> bool:
         """Whether a simulation holds the joint at rest by events."""
-        return self.law == "set_valued" and (self.levels() != (0.0, 0.0) or self.static is not None)
+        return self.law == "set_valued" and self.dry
 
     def problems(self) -> Iterable[tuple[tuple[str, ...], str]]:
         """Yield what does not fit together."""
@@ -132,7 +137,7 @@ class Friction:
         """
         plus, minus = self.sliding(qd, gear_ratio)
         drag = self.viscous_torque(qd, gear_ratio)
-        if self.levels() == (0.0, 0.0) and self.static is None:
+        if not self.dry:
             return drag
         if not smooth:
             direction = sign(qd)

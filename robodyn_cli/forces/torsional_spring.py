@@ -10,7 +10,7 @@ from robodyn_cli.expr.functions import atan2
 from robodyn_cli.forces.element import Effect, End, Setting, between_key, idle_problems, opposite
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Direction, Name, Number, key
-from robodyn_cli.spatial.algebra import dot, rotation_to_z, vector, zeros
+from robodyn_cli.spatial.algebra import Wrench, dot, rotation_to_z, vector, zeros
 
 
 @record
@@ -68,5 +68,5 @@ class TorsionalSpring:
         rate = dot(direction, ends[1].w - ends[0].w)
         loss = self.damping * rate
         moment = direction * -(self.stiffness * deflection + loss)
-        actions = opposite(ends, zeros(3), moment)
+        actions = opposite(ends, Wrench(moment, zeros(3)))
         return Effect(actions, 0.5 * self.stiffness * deflection * deflection, -loss * rate)

@@ -10,7 +10,7 @@ from robodyn_cli.forces.element import Action, Effect, End, Setting
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Either, Formula, ListOf, Name, Section, Text, Vector, key
 from robodyn_cli.spatial.algebra import Vector as Components
-from robodyn_cli.spatial.algebra import dot, vector, zeros
+from robodyn_cli.spatial.algebra import Wrench, vector, zeros
 
 
 @record
@@ -54,13 +54,12 @@ def _times(value: Any) -> tuple[float, ...]:
     return tuple(row[0] for row in value.table) if isinstance(value, VectorTable) else ()
 
 
-def _effect(force: Components, moment: Components, end: End, frame: str, setting: Setting) -> Effect:
-    local = frame == "body"
-    if not local:
-        force, moment = setting.world @ force, setting.world @ moment
-        return Effect((Action(0, force, moment),), 0.0, dot(force, end.v) + dot(moment, end.w))
-    power = dot(force, end.R.T @ end.v) + dot(moment, end.R.T @ end.w)
-    return Effect((Action(0, force, moment, local=True),), 0.0, power)
+def _effect(wrench: Wrench, end: End, frame: str, setting: Setting) -> Effect:
+    if frame == "body":
+        power = wrench.dot(end.velocity.rotated(end.R.T))
+        return Effect((Action(0, wrench, local=True),), 0.0, power)
+    wrench = wrench.rotated(setting.world)
+    return Effect((Action(0, wrench),), 0.0, wrench.dot(end.velocity))
 
 
 @record
@@ -87,12 +86,13 @@ class PointForce:
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
-        """Times at which the table has kinks."""
+        """Times at which the slope of the table jumps."""
         return _times(self.force)
 
     def effect(self, ends: tuple[End, ...], setting: Setting) -> Effect:
         """Return the force; all of its power comes from outside."""
-        return _effect(_components(self.force, setting), zeros(3), ends[0], self.frame, setting)
+        wrench = Wrench(zeros(3), _components(self.force, setting))
+        return _effect(wrench, ends[0], self.frame, setting)
 
 
 @record
@@ -121,10 +121,10 @@ class PointWrench:
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
-        """Times at which the tables have kinks."""
+        """Times at which the slopes of the tables jump."""
         return (*_times(self.force), *_times(self.moment))
 
     def effect(self, ends: tuple[End, ...], setting: Setting) -> Effect:
         """Return force and moment; all of their power comes from outside."""
-        force, moment = _components(self.force, setting), _components(self.moment, setting)
-        return _effect(force, moment, ends[0], self.frame, setting)
+        wrench = Wrench(_components(self.moment, setting), _components(self.force, setting))
+        return _effect(wrench, ends[0], self.frame, setting)

@@ -16,7 +16,7 @@ from robodyn_cli.scene.types import Baumgarte
 
 def baumgarte(problem: Problem, z_rate: Sequence[Scalar], gains: Baumgarte) -> Formulated:
     """Return the equations of index 1 with the feedback of ``gains`` [1/s]."""
-    constraints, alpha, beta = problem.working, gains.alpha, gains.beta
+    constraints, alpha, beta = problem.independent_rows, gains.alpha, gains.beta
     rate = constraints.velocity_residual(problem.v)
     gamma = [
         g + 2.0 * alpha * r + beta * beta * e for g, r, e in zip(constraints.gamma, rate, constraints.eta)

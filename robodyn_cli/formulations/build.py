@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from robodyn_cli.equations.contact_joints import moving_freely
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.expr.graph import Expr, Scalar
+from robodyn_cli.expr.graph import Scalar, is_nonzero
 from robodyn_cli.formulations.events import EventFunction, EventKind, Passing
 from robodyn_cli.formulations.formulated import Formulation
 from robodyn_cli.formulations.layout import Layout
@@ -73,7 +73,7 @@ def build_system(
 
 def formulation_of(problem: Problem, stabilisation: str | Baumgarte, expanded: bool = False) -> str:
     """Return the name of the formulation that suits a mechanism; without constraints there is nothing to stabilise."""
-    if not problem.working.rows:
+    if not problem.independent_rows.rows:
         return "rolled" if not expanded and is_rolled(problem) else "none"
     return "baumgarte" if isinstance(stabilisation, Baumgarte) else stabilisation
 
@@ -82,7 +82,7 @@ def work_rate(problem: Problem) -> tuple[Scalar, ...]:
     """Return the power of actuators and damping, () where nothing drives or brakes."""
     power = problem.power
     impacts = any(joint.stops for joint in problem.contact_joints)  # they take energy at once
-    return (power,) if isinstance(power, Expr) or power != 0.0 or impacts else ()
+    return (power,) if is_nonzero(power) or impacts else ()
 
 
 def is_rolled(problem: Problem) -> bool:

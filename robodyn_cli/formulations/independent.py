@@ -48,7 +48,7 @@ class CoordinatePartition:
         nv = problem.model.nv
         self.first = len(problem.model.parameters)
         self.count = nv + 1
-        self.rows = problem.working.psi(nv)
+        self.rows = problem.independent_rows.psi(nv)
         self.shape = self.rows.shape
         self.psi = Evaluator(list(self.rows.ravel()))
         w = [problem.graph.symbol(f"w[{k}]", PARAMETER_GROUP, self.first + k) for k in range(nv)]
@@ -101,8 +101,8 @@ def independent(problem: Problem, z_rate: Sequence[Scalar], asked: object = None
             "Baumgarte's {alpha, beta}"
         )
     nv, choice = problem.model.nv, CoordinatePartition(problem)
-    q_step = problem.moved(correction(choice.masked, problem.working.eta))
-    rate = problem.working.velocity_residual(problem.v)
+    q_step = problem.moved(correction(choice.masked, problem.independent_rows.eta))
+    rate = problem.independent_rows.velocity_residual(problem.v)
     v_step: list[Scalar] = [x - d for x, d in zip(problem.v, correction(choice.masked, rate))]
     q: list[Any] = list(problem.q)
     for _ in range(NEWTON_STEPS):

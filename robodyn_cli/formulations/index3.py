@@ -40,11 +40,11 @@ class Index3:
 
     @property
     def rows(self) -> int:
-        return len(self.problem.working.rows)
+        return len(self.problem.independent_rows.rows)
 
     @cached_property
     def program(self) -> Program:
-        p, constraints = self.problem, self.problem.working
+        p, constraints = self.problem, self.problem.independent_rows
         psi = constraints.psi(p.model.nv)
         multipliers = p.graph.symbols([f"lambda{k}" for k in range(self.rows)], "l")
         r = list(p.inverse_dynamics - p.applied)

@@ -27,7 +27,7 @@ def projection(problem: Problem) -> tuple[list[Scalar], list[Scalar]]:
 
     Both are of least norm in the velocity coordinates, on which Psi acts.
     """
-    constraints = problem.working
+    constraints = problem.independent_rows
     psi = constraints.psi(problem.model.nv)
     dq = correction(psi, constraints.eta)
     dv = correction(psi, constraints.velocity_residual(problem.v))

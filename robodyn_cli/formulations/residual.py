@@ -21,8 +21,8 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.kernels.program import Program, make_program
+from robodyn_cli.model.base_parameters import with_base_parameters
 from robodyn_cli.model.model import Model
-from robodyn_cli.model.regroup import regrouped
 from robodyn_cli.spatial.algebra import Vector
 
 INPUTS = (*GROUPS, "a", "l")
@@ -46,11 +46,13 @@ class Residual:
     @staticmethod
     def fits(problem: Problem) -> bool:
         """Tell whether a mechanism's equations can be written so."""
-        return not problem.working.rows and not problem.contact_joints and problem.model.nv <= LARGEST
+        return (
+            not problem.independent_rows.rows and not problem.contact_joints and problem.model.nv <= LARGEST
+        )
 
     @cached_property
     def _model(self) -> Model:
-        return regrouped(self.problem.model)
+        return with_base_parameters(self.problem.model)
 
     @cached_property
     def _factor(self) -> LdlFactor:

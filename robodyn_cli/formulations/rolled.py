@@ -10,7 +10,7 @@ import numpy as np
 from robodyn_cli.algorithms.aba import aba
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.expr.graph import Expr, Scalar
+from robodyn_cli.expr.graph import Scalar, is_nonzero
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.dynamics import GROUPS, LANES, Emission, Groups, Numbers
 from robodyn_cli.formulations.formulated import Formulated
@@ -43,7 +43,7 @@ class Rolled:
         self.forces = tuple(forces)
         self.z_rate = tuple(z_rate)
         # joints that nothing acts on are left out, so that free chains of any length share their code
-        self.places = tuple(k for k, x in enumerate(self.forces) if isinstance(x, Expr) or x != 0.0)
+        self.places = tuple(k for k, x in enumerate(self.forces) if is_nonzero(x))
 
     @cached_property
     def program(self) -> Program:

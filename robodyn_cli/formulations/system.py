@@ -228,7 +228,9 @@ class System:
                 str(self.layout),
                 str(self.corrections.normalised),
             ]
-        return " ".join([size, str(self.nz), *code, *(str(e.direction) for e in self.events)])
+        return " ".join(
+            [size, str(self.nz), *code, *(f"{e.direction}{'j' * e.is_discontinuity}" for e in self.events)]
+        )
 
 
 def _program(**outputs: Sequence[Scalar]) -> Program:

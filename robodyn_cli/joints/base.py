@@ -1,16 +1,17 @@
-"""What a joint must know about itself.
+"""What a joint knows about itself.
 
-To add a joint, write a file with a subclass and one line in the registry. The checklist that the conformance
-tests run over every registered joint:
+To add a joint, write a file with a subclass and one line in the registry. No other part asks for the kind of a joint.
+The checklist, which the conformance tests run over every registered joint:
 
 1. ``transform(q)``: X from the frame before the joint to the body's frame, textbook sign.
 2. ``S``: motion subspace in body coordinates, (6, nv), angular rows first.
-3. ``S_rate(q, qd)`` and ``bias(q, qd)``: dS/dt, and c = dS/dt qd, in body coordinates (zero for constant S).
+3. ``S_rate(q, qd)``: dS/dt in body coordinates, entry by entry (zero for constant S).
 4. ``velocity_map(q, v)``: q-dot from v; the identity unless the velocities are ``quasi``.
 5. ``integrate(q, dq)``, ``difference(q0, q1)``, ``normalise(q)``: steps on the joint's own manifold.
-6. ``unfelt(inertia)``: U with U S = 0 that looks the same from the parent at every q, or None.
+6. ``parent_inertia(inertia)``: the part of a body's inertia that may be counted to the parent, or None.
 7. ``units`` and ``names`` of q, ``v_units`` and ``v_names`` of v, where they differ from those of q.
-8. ``needs`` and ``takes``: keys by which a scene places it; ``by_dh`` and ``dh_variable`` where D-H parameters do.
+8. ``angle(q)``: how far it turns about its z axis, or None where it may turn about others.
+9. ``needs`` and ``takes``: keys by which a scene places it; ``by_dh`` and ``dh_variable`` where D-H parameters do.
 """
 
 from __future__ import annotations
@@ -27,8 +28,9 @@ class Joint:
     quasi : q-dot is not v but ``velocity_map(q, v)``. units : of q, ``rad``, ``m`` or ``1``; v_units : ``rad`` or
     ``m``, per second that of v. names, v_names : what a coordinate is called behind the joint's name
     (``ball.qw``); a joint with one coordinate goes by its own name. v_units, v_names : as units and names by default.
-    needs, takes : keys of the scene, of ``axis``, ``axis2``, ``pitch``, that must or may stand beside ``origin``.
-    by_dh : whether D-H parameters may place it instead; dh_variable : the one of them, ``theta`` or ``d``, that is q.
+    subspace : columns of S where it is constant. needs, takes : keys of the scene, of ``axis``, ``axis2``, ``pitch``,
+    that must or may stand beside ``origin``. by_dh : whether D-H parameters may place it instead. dh_variable : the D-H
+    parameter that is q: ``theta`` of a joint that only turns about its z axis, ``d`` of one that only slides along it.
     """
 
     type: ClassVar[str] = ""
@@ -46,13 +48,13 @@ class Joint:
     dh_variable: ClassVar[str] = ""
 
     def __init_subclass__(cls) -> None:
-        """Let velocities go by the units and names of positions where nothing else is said."""
+        """Give velocities the units and names of positions where the class states no others."""
         cls.v_units = cls.v_units or cls.units
         cls.v_names = cls.v_names or cls.names
 
     @staticmethod
     def coordinates(joint: str, names: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the columns of q or v of the joint called ``joint``: its own name where they have none."""
+        """Return the names of the columns of q or v of a joint: its own name where ``names`` is empty."""
         return tuple(f"{joint}.{name}" for name in names) or (joint,)
 
     def transform(self, q: Vector) -> Transform:
@@ -63,18 +65,21 @@ class Joint:
         """Return the motion subspace (6, nv), body coordinates, angular rows first."""
         return matrix(self.subspace).T if self.subspace else zeros(6, 0)
 
-    def bias(self, q: Vector, qd: Vector) -> Vector:
-        """Return S-dot qd (6,), body coordinates; zero where S is constant."""
-        return zeros(6)
-
     def S_rate(self, q: Vector, qd: Vector) -> Any:
         """Return dS/dt (6, nv) in body coordinates, entry by entry; zero where S is constant."""
         return zeros(6, self.nv)
 
-    def unfelt(self, inertia: RigidInertia) -> RigidInertia | None:
-        """Return the part of a body's inertia that might as well be the parent's, if there is any.
+    def parent_inertia(self, inertia: RigidInertia) -> RigidInertia | None:
+        """Return the part I' of a body's inertia that may be counted to the parent, None if there is none.
 
-        U S = 0 and X(q)^T U X(q) is the same at every q, so the joint's motion neither moves nor changes it.
+        I' S = 0, and X(q)^T I' X(q) is the same at every q: the joint neither moves it nor changes its place.
+        """
+        return None
+
+    def angle(self, q: Vector) -> Any:
+        """Return the angle [rad] by which the joint has turned about its z axis, counted without end.
+
+        None for a joint that can turn about another axis.
         """
         return None
 

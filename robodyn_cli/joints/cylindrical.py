@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from robodyn_cli.joints.base import Joint
 from robodyn_cli.spatial.algebra import Transform, Vector, rotation_about, vector
 
@@ -18,3 +20,6 @@ class Cylindrical(Joint):
 
     def transform(self, q: Vector) -> Transform:
         return Transform(rotation_about(2, q[0]).T, vector([0.0, 0.0, q[1]]))
+
+    def angle(self, q: Vector) -> Any:
+        return q[0]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from robodyn_cli.joints.base import Joint
 from robodyn_cli.spatial.algebra import Transform, Vector
 
@@ -15,3 +17,6 @@ class Fixed(Joint):
 
     def transform(self, q: Vector) -> Transform:
         return Transform.identity()
+
+    def angle(self, q: Vector) -> Any:
+        return 0.0

@@ -29,3 +29,6 @@ class Helical(Joint):
 
     def S(self, q: Vector) -> Any:
         return matrix([[0.0, 0.0, 1.0, 0.0, 0.0, self.pitch]]).T
+
+    def angle(self, q: Vector) -> Any:
+        return q[0]

@@ -31,6 +31,5 @@ class Planar(Joint):
         c, s = cos(q[2]) * qd[2], sin(q[2]) * qd[2]
         return matrix([[0.0, 0.0, 0.0, -s, -c, 0.0], [0.0, 0.0, 0.0, c, -s, 0.0], [0.0] * 6]).T
 
-    def bias(self, q: Vector, qd: Vector) -> Vector:
-        out: Vector = self.S_rate(q, qd) @ qd
-        return out
+    def angle(self, q: Vector) -> Any:
+        return q[2]

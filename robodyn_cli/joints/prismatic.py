@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from robodyn_cli.joints.base import Joint
 from robodyn_cli.spatial.algebra import Transform, Vector, identity, vector, zeros
 from robodyn_cli.spatial.inertia import RigidInertia
@@ -21,6 +23,9 @@ class Prismatic(Joint):
     def transform(self, q: Vector) -> Transform:
         return Transform(identity(), vector([0.0, 0.0, q[0]]))
 
-    def unfelt(self, inertia: RigidInertia) -> RigidInertia:
-        """Return the rotational inertia: bodies on a slide turn as their parent does."""
+    def parent_inertia(self, inertia: RigidInertia) -> RigidInertia:
+        """Return the rotational inertia: a body on a slide turns as its parent does."""
         return RigidInertia(0.0, zeros(3), inertia.I)
+
+    def angle(self, q: Vector) -> Any:
+        return 0.0

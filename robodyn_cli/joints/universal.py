@@ -30,7 +30,3 @@ class Universal(Joint):
     def S_rate(self, q: Vector, qd: Vector) -> Any:
         first = [0.0, cos(q[1]) * qd[1], -(sin(q[1]) * qd[1]), 0.0, 0.0, 0.0]
         return matrix([first, [0.0] * 6]).T
-
-    def bias(self, q: Vector, qd: Vector) -> Vector:
-        out: Vector = self.S_rate(q, qd) @ qd
-        return out

@@ -56,14 +56,19 @@ def _llvm() -> Any:
     return llvm
 
 
+def code_writers() -> list[Path]:
+    """Return the sources that write code, those in subfolders included."""
+    root = Path(__file__).resolve().parent.parent
+    folders = ("kernels", "formulations", "integrators")
+    return sorted(path for folder in folders for path in (root / folder).rglob("*.py"))
+
+
 @lru_cache(maxsize=1)
 def code_version() -> str:
     """Return a digest of the sources that write code, so that a cached object never outlives them."""
-    root = Path(__file__).resolve().parent.parent
     hasher = hashlib.sha256()
-    for folder in ("kernels", "formulations", "integrators"):
-        for path in sorted((root / folder).glob("*.py")):
-            hasher.update(path.read_bytes())
+    for path in code_writers():
+        hasher.update(path.read_bytes())
     import llvmlite
 
     hasher.update(llvmlite.__version__.encode())

@@ -1,4 +1,4 @@
-"""Write LLVM IR as if it were arithmetic: values with operators, structured loops and branches.
+"""Write LLVM IR as if it were arithmetic: values with operators; control flow as ``with`` blocks (``flow``).
 
 A ``Function`` collects the text of one function. Loop state lives in stack slots in the entry block, which LLVM
 turns into registers. Vectors of doubles are lanes: ``width`` 1 is a plain double.
@@ -11,8 +11,9 @@ the exact order of operations is emitted inside ``strict()``.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
+from robodyn_cli.kernels.flow import Block, Flow, Loop
 from robodyn_cli.kernels.values import Condition, Int, Operand, Value, double_type, int_type, literal, ref_of
 
 RELAXED = "reassoc nsz arcp contract"
@@ -23,9 +24,11 @@ __all__ = [
     "CONTRACT",
     "RELAXED",
     "STRICT",
+    "Block",
     "Condition",
     "Function",
     "Int",
+    "Loop",
     "Operand",
     "Value",
     "double_type",
@@ -36,7 +39,7 @@ __all__ = [
 ]
 
 
-class Function:
+class Function(Flow):
     """The text of one function under construction."""
 
     def __init__(
@@ -49,32 +52,17 @@ class Function:
         attributes: str = "",
         flags: str = RELAXED,
     ) -> None:
+        super().__init__()
         self.title = name
         self.arguments = list(arguments)
         self.result = result
         self.internal = internal
         self.attributes = attributes
         self.flags = flags
-        self.lines: list[str] = []
-        self.slots: list[str] = []
         self.declarations: set[str] = set()
         self.globals: list[str] = []
-        self.counter = 0
 
     # -- plumbing -------------------------------------------------------------------------------------
-    def fresh(self, prefix: str = "v") -> str:
-        self.counter += 1
-        return f"{prefix}{self.counter}"
-
-    def raw(self, text: str) -> None:
-        self.lines.append("  " + text)
-
-    def name(self, text: str) -> str:
-        """Emit an instruction and return the register that holds its result."""
-        ref = "%" + self.fresh()
-        self.lines.append(f"  {ref} = {text}")
-        return ref
-
     def emit(self, text: str, width: int) -> Value:
         return Value(self, self.name(text), width)
 
@@ -86,15 +74,6 @@ class Function:
         kind = "internal " if self.internal else ""
         head = f"define {kind}{self.result} @{self.title}({', '.join(self.arguments)}) {self.attributes} {{\nentry:\n"
         return head + "\n".join(self.slots + self.lines) + "\n}\n"
-
-    @contextlib.contextmanager
-    def entry(self) -> Iterator[None]:
-        """Emit at the start of the function, for addresses that all of it uses."""
-        before, self.lines = self.lines, self.slots
-        try:
-            yield
-        finally:
-            self.lines = before
 
     @contextlib.contextmanager
     def arithmetic(self, flags: str) -> Iterator[None]:
@@ -120,6 +99,10 @@ class Function:
             return Value(self, literal(x[0]), 1)
         return Value(self, "<" + ", ".join(f"double {literal(c)}" for c in x) + ">", len(x))
 
+    def integer(self, n: int) -> Int:
+        """Return a constant integer."""
+        return Int(self, str(n))
+
     def lift(self, x: Operand, width: int) -> Value:
         """Return ``x`` as a value of at least ``width`` lanes."""
         if isinstance(x, Value):
@@ -142,6 +125,14 @@ class Function:
             f"shufflevector {double_type(width)} {one}, {double_type(width)} poison, {zero}", width
         )
 
+    def shuffle(self, a: Value, b: Value, picks: Sequence[int]) -> Value:
+        """Return lanes of two vectors of one width, those of the second numbered from there on."""
+        t = double_type(a.width)
+        order = ", ".join(f"i32 {k}" for k in picks)
+        return self.emit(
+            f"shufflevector {t} {a.ref}, {t} {b.ref}, <{len(picks)} x i32> <{order}>", len(picks)
+        )
+
     def lane(self, x: Value, k: int) -> Value:
         """Return lane k as a scalar."""
         return x if x.width == 1 else self.emit(f"extractelement {double_type(x.width)} {x.ref}, i32 {k}", 1)
@@ -150,9 +141,7 @@ class Function:
         """Return lane k in every lane."""
         if x.width == 1:
             return x
-        picks = ", ".join([f"i32 {k}"] * x.width)
-        t = double_type(x.width)
-        return self.emit(f"shufflevector {t} {x.ref}, {t} poison, <{x.width} x i32> <{picks}>", x.width)
+        return self.shuffle(x, x, [k] * x.width)
 
     def pack(self, xs: Sequence[Value], width: int) -> Value:
         """Return scalars as the lanes of a vector; lanes beyond them repeat the last."""
@@ -228,6 +217,9 @@ class Function:
         t = double_type(width)
         return self.emit(f"select {kind} {condition.ref}, {t} {x.ref}, {t} {y.ref}", width)
 
+    def select_address(self, condition: Condition, a: str, b: str) -> str:
+        return self.name(f"select i1 {condition.ref}, ptr {a}, ptr {b}")
+
     def select_int(self, condition: Condition, a: Int | int, b: Int | int) -> Int:
         return self.emit_int(f"select i1 {condition.ref}, i64 {ref_of(a)}, i64 {ref_of(b)}")
 
@@ -276,39 +268,42 @@ class Function:
             return address
         return self.name(f"getelementptr double, ptr {address}, i64 {ref_of(index)}")
 
+    def table(self, name: str, numbers: Iterable[float]) -> str:
+        """Keep numbers in the module's memory, under a name of their own, and return their address."""
+        entries = [f"double {literal(x)}" for x in numbers]
+        kind = f"[{len(entries)} x double]"
+        self.globals.append(
+            f"@{name} = private unnamed_addr constant {kind} [{', '.join(entries)}], align 64"
+        )
+        return f"@{name}"
+
+    def load_argument(self, name: str, kind: str, address: str) -> None:
+        """Load a pointer or an integer into a register of that name, as if it were an argument."""
+        self.raw(f"%{name} = load {kind}, ptr {address}, align 8")
+
+    def copy(self, target: str, source: str, size: str) -> None:
+        """Copy so many bytes; ``size`` : the register that says how many."""
+        self.declarations.add("declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)")
+        self.raw(f"call void @llvm.memcpy.p0.p0.i64(ptr {target}, ptr {source}, i64 {size}, i1 false)")
+
     def prefetch(self, address: str, write: bool) -> None:
         """Ask for the memory at an address, which need not exist, before it is read (or written)."""
         self.declarations.add("declare void @llvm.prefetch.p0(ptr, i32, i32, i32)")
         self.raw(f"call void @llvm.prefetch.p0(ptr {address}, i32 {int(write)}, i32 2, i32 1)")
+
+    def call(self, name: str, arguments: Sequence[str]) -> None:
+        """Call a function that returns nothing; arguments with their types."""
+        self.raw(f"call void @{name}({', '.join(arguments)})")
+
+    def call_int(self, name: str, arguments: Sequence[str]) -> Int:
+        """Call a function that returns an integer; arguments with their types."""
+        return self.emit_int(f"call i64 @{name}({', '.join(arguments)})")
 
     def bump(self, address: str, by: int = 1) -> Int:
         """Add to a counter in memory and return its new value."""
         n = self.load_int(address) + by
         self.store_int(n, address)
         return n
-
-    # -- control flow ---------------------------------------------------------------------------------
-    def label(self, hint: str) -> str:
-        return self.fresh(hint + ".")
-
-    def place(self, label: str) -> None:
-        self.lines.append(f"{label}:")
-
-    def jump(self, label: str) -> None:
-        self.raw(f"br label %{label}")
-
-    def branch(self, condition: Condition, yes: str, no: str) -> None:
-        self.raw(f"br i1 {condition.ref}, label %{yes}, label %{no}")
-
-    @contextlib.contextmanager
-    def when(self, condition: Condition) -> Iterator[None]:
-        """Emit the body so that it runs only if the condition holds."""
-        yes, after = self.label("then"), self.label("after")
-        self.branch(condition, yes, after)
-        self.place(yes)
-        yield
-        self.jump(after)
-        self.place(after)
 
     @contextlib.contextmanager
     def count(self, n: Int | int, *, start: int = 0, step: int = 1, down: bool = False) -> Iterator[Int]:
@@ -319,24 +314,12 @@ class Function:
         if down and step != 1:
             raise ValueError("counting down goes by one")
         address = self.int_slot()
-        head, body, done = self.label("count"), self.label("body"), self.label("done")
         self.store_int(start, address)
-        self.jump(head)
-        self.place(head)
-        k = self.load_int(address)
-        self.branch(self.compare_int("slt", k, n), body, done)
-        self.place(body)
-        if down:
-            last = self.emit_int(f"add i64 {ref_of(n)}, {start - 1}")
-            yield last - k
-        else:
-            yield k
-        self.store_int(k + step, address)
-        self.jump(head)
-        self.place(done)
-
-    def ret(self, value: Int | int | None = None) -> None:
-        self.raw("ret void" if value is None else f"ret i64 {ref_of(value)}")
+        with self.loop() as loop:
+            k = self.load_int(address)
+            loop.leave(unless=self.compare_int("slt", k, n))
+            yield self.emit_int(f"add i64 {ref_of(n)}, {start - 1}") - k if down else k
+            self.store_int(k + step, address)
 
 
 def module(functions: Sequence[Function]) -> str:

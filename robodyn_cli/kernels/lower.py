@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Mapping, Sequence
 
 from robodyn_cli.errors import CapabilityError
@@ -31,15 +30,11 @@ def _sign(f: Function, x: Value) -> Value:
 def _table(f: Function, x: Value, knots: Sequence[float], values: Sequence[float], order: int) -> Value:
     """Piecewise linear look-up by bisection, lane by lane."""
     n = len(knots)
-    name = f"@{f.title}.{f.fresh('table')}"
+    name = f"{f.title}.{f.fresh('table')}"
     slopes = [(values[k + 1] - values[k]) / (knots[k + 1] - knots[k]) for k in range(n - 1)]
 
-    def array(suffix: str, data: Sequence[float]) -> str:
-        body = ", ".join("double 0x" + struct.pack(">d", float(d)).hex().upper() for d in data)
-        f.globals.append(f"{name}.{suffix} = private unnamed_addr constant [{len(data)} x double] [{body}]")
-        return f"{name}.{suffix}"
-
-    at, start, slope = array("t", knots), array("y", values), array("s", [*slopes, 0.0])
+    at, start = f.table(f"{name}.t", knots), f.table(f"{name}.y", values)
+    slope = f.table(f"{name}.s", [*slopes, 0.0])
     results = []
     for k in range(x.width):
         u = f.lane(x, k)
@@ -225,7 +220,7 @@ def call_program(
     for output, entries in program.outputs.items():
         results[output] = f.slot(width, max(1, len(entries)))
         pointers.append(results[output])
-    f.raw(f"call void @{name}({', '.join(f'ptr {p}' for p in pointers)})")
+    f.call(name, [f"ptr {p}" for p in pointers])
     return {
         output: [f.load(f.offset(results[output], k * width), width, 8 * width) for k in range(len(entries))]
         for output, entries in program.outputs.items()

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.kernels.compiler import compile_module, machine
-from robodyn_cli.kernels.ir import module
-from robodyn_cli.kernels.rolled_loops import rolled_function, write_sample_kernel
+from robodyn_cli.kernels.rolled_loops import write_sample_kernel
 from robodyn_cli.kernels.rolled_tables import RolledPlan
 from robodyn_cli.model.model import Model
 
@@ -110,34 +109,3 @@ class RolledForwardDynamics(RolledKernel):
     def __call__(self, q: Array, qd: Array, tau: Array) -> Array:
         """Return the joint accelerations (T, nv) for q (T, nq), qd (T, nv) and tau (T, nv)."""
         return self.evaluate(q, qd, tau)
-
-
-class RolledState:
-    """A recursion at one state, without lanes: the right-hand side that a stepping loop calls.
-
-    ``address`` is that of ``rhs(tables, q, v, x, out, scratch)``, all pointers; x is tau and out qdd, or the
-    other way round with ``recipe`` "inverse". A loop that wants the function in its own module, or several
-    states in the lanes, writes ``rolled_function`` instead.
-    """
-
-    def __init__(self, model: Model, recipe: str = "forward") -> None:
-        if model.closures and recipe == "forward":
-            raise CapabilityError("rolled forward dynamics takes open trees; the model has closed loops")
-        self.plan = plan = RolledPlan(model, recipe)
-        host = machine()
-        compiled = compile_module(
-            f"rolled state {plan.digest}",
-            lambda: module(
-                [rolled_function("rhs", plan.recursion, plan.serial, 1, host.fused, internal=False)]
-            ),
-        )
-        self.address = compiled.address("rhs")
-        self._call = compiled.function("rhs", *[ctypes.c_void_p] * 6)
-        self._scratch = plan.scratch(1)
-
-    def __call__(self, q: Array, v: Array, x: Array) -> Array:
-        """Return qdd from tau, or tau from qdd (nv,)."""
-        out = np.empty(self.plan.nv)
-        arrays = [np.ascontiguousarray(a, dtype=np.float64) for a in (q, v, x)]
-        self._call(*(a.ctypes.data for a in (self.plan.tables, *arrays, out, self._scratch)))
-        return out

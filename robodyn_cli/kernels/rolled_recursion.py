@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
-from robodyn_cli.expr.graph import Expr, Scalar
+from robodyn_cli.expr.graph import Expr, Scalar, is_nonzero
 from robodyn_cli.joints.base import Joint
 from robodyn_cli.kernels.program import Program, make_program
 from robodyn_cli.kernels.rolled_steps import QUANTITIES, RECIPES, ROTATION, BodyStage, Place, Structure
 from robodyn_cli.record import record
 
-GROUPS = ("p", "q", "v", "x", "kept", *QUANTITIES)
+BODY_GROUPS = ("p", "q", "v", "x", "kept", *QUANTITIES)
 
 
 @record
@@ -123,7 +123,7 @@ def make_recursion(
 def _can_differ(stage: BodyStage, place: Place) -> bool:
     """Tell whether some step of a body gives an entry of a quantity another value than zero."""
     given = (draft.outputs.get(place, 0.0) for draft in stage.drafts)
-    return any(isinstance(x, Expr) or x != 0.0 for x in given)
+    return any(is_nonzero(x) for x in given)
 
 
 def _needed(stages: Sequence[BodyStage]) -> list[set[Place]]:
@@ -167,4 +167,4 @@ def _step(outputs: Mapping[Place, Scalar], needed: set[Place], present: Mapping[
         if (group, k) in needed and (group not in present or present[group][k]):
             values.setdefault(group, []).append(value)
             places.setdefault(group, []).append(k)
-    return Step(make_program(dict(values), GROUPS), {group: tuple(ks) for group, ks in places.items()})
+    return Step(make_program(dict(values), BODY_GROUPS), {group: tuple(ks) for group, ks in places.items()})

@@ -26,7 +26,7 @@ from robodyn_cli.joints.base import Joint
 from robodyn_cli.kernels.program import TRIGONOMETRIC
 from robodyn_cli.model.model import BASE, Body
 from robodyn_cli.record import record
-from robodyn_cli.spatial.algebra import Transform, Vector, matrix, vector, zeros
+from robodyn_cli.spatial.algebra import Transform, Twist, Vector, Wrench, matrix, vector, zeros
 from robodyn_cli.spatial.inertia import ArticulatedInertia, RigidInertia
 
 DOWN = {"motion": 9, "deviation": 6}
@@ -62,8 +62,12 @@ def _symmetric(xs: Sequence[Scalar]) -> Any:
     return out
 
 
-def _pair(xs: Sequence[Scalar]) -> tuple[Vector, Vector]:
-    return vector(xs[0:3]), vector(xs[3:6])
+def _wrench(xs: Sequence[Scalar]) -> Wrench:
+    return Wrench(vector(xs[0:3]), vector(xs[3:6]))
+
+
+def _twist(xs: Sequence[Scalar]) -> Twist:
+    return Twist(vector(xs[0:3]), vector(xs[3:6]))
 
 
 def _motion(xs: Sequence[Scalar]) -> Motion:
@@ -158,18 +162,18 @@ class BodyStage:
     def _outward_motion(self, qdd: Vector) -> None:
         """Motion from the parent's, and the wrench that it needs; the joint's sines and cosines are kept."""
         motion = step_motion(self.body, self.X, self.q, self.v, qdd, _motion(self._quantity("motion")))
-        n, f = inertial_wrench(self.body, motion)
+        wrench = inertial_wrench(self.body, motion)
         placed = [*self.X.E.ravel(), *self.X.r, *self.joint.S(self.q).ravel()]
         keep = [node for node in reachable(placed) if node.op in TRIGONOMETRIC]
-        self._step(True, keep, motion=[*motion.w, *motion.wd, *motion.a], wrench=[*n, *f])
+        self._step(True, keep, motion=[*motion.w, *motion.wd, *motion.a], wrench=list(wrench.components))
 
     def inverse_dynamics(self) -> None:
         """The steps of ``rnea``; x is qdd."""
         self._outward_motion(self.x)
-        wrench = _pair(self._quantity("wrench"))
-        n, f = self.X.force_to_parent(*wrench)
+        wrench = _wrench(self._quantity("wrench"))
+        felt = wrench.to_parent(self.X)
         torque = drive_torque(self.body, self.q, self.x, wrench)
-        self._step(False, wrench=[*n, *f], out=list(torque))
+        self._step(False, wrench=list(felt.components), out=list(torque))
 
     def forward_dynamics(self) -> None:
         """The steps of ``aba``, its two inward passes in one; x is tau.
@@ -178,14 +182,14 @@ class BodyStage:
         and are only ever used as a sum, so one quantity holds both.
         """
         self._outward_motion(zeros(self.joint.nv))
-        inertia = ArticulatedInertia.from_rigid(self.body.inertia) + _articulated(self._quantity("inertia"))
-        factor, felt = factor_joint(self.body, self.q, inertia)
-        share, reaction = factor.bear(self.x, _pair(self._quantity("wrench")))
-        n, f = self.X.force_to_parent(*reaction)
-        keep = [*factor.U_D.ravel(), *share]
-        self._step(False, keep, wrench=[*n, *f], inertia=_entries(felt.to_parent(self.X)))
-        own, (w, a) = factor.follow(self.X, share, _pair(self._quantity("deviation")))
-        self._step(True, deviation=[*w, *a], out=list(own))
+        IA = ArticulatedInertia.from_rigid(self.body.inertia) + _articulated(self._quantity("inertia"))
+        factor, Ia = factor_joint(self.body, self.q, IA)
+        D_u, pa = factor.inward(self.x, _wrench(self._quantity("wrench")))
+        wrench = pa.to_parent(self.X)
+        keep = [*factor.U_D.ravel(), *D_u]
+        self._step(False, keep, wrench=list(wrench.components), inertia=_entries(Ia.to_parent(self.X)))
+        qdd, a = factor.outward(self.X, D_u, _twist(self._quantity("deviation")))
+        self._step(True, deviation=list(a.components), out=list(qdd))
 
 
 RECIPES: dict[str, tuple[Callable[[BodyStage], None], tuple[str, ...]]] = {

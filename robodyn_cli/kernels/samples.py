@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,25 +45,31 @@ def write_sample_kernel(program: Program, lanes: int, fused: bool) -> str:
 
 
 class SampleKernel:
-    """A compiled function of samples.
+    """A compiled function of samples; it is compiled when it is first called.
 
     Calling it takes arrays by group, shape (T, n) or (T,) for a group of one, and returns {output: (T, n)}.
     Arrays in column order (``order="F"``) are read in place; others are copied once. Parameters ``p`` have
     shape (n,).
     """
 
+    compiled = True
+
     def __init__(self, outputs: Mapping[str, Sequence[Scalar]], known: Sequence[str]) -> None:
         self.program = make_program(dict(outputs), known)
+        self.lanes = machine().lanes
+
+    @cached_property
+    def _call(self) -> Callable[..., None]:
+        """The compiled code; whoever only asks for ``program`` does not wait for it."""
         host = machine()
-        self.lanes = host.lanes
         level = 1 if self.program.operations < 20_000 else 0
         compiled = compile_module(
-            f"samples {self.lanes} {self.program.digest}",
+            f"samples {host.lanes} {self.program.digest}",
             lambda: write_sample_kernel(self.program, host.lanes, host.fused),
             level,
         )
         count = len(self.program.inputs) + len(self.program.outputs)
-        self._call = compiled.function("kernel", *[ctypes.c_void_p] * count, ctypes.c_int64)
+        return compiled.function("kernel", *[ctypes.c_void_p] * count, ctypes.c_int64)
 
     def __call__(self, **groups: Array) -> dict[str, Array]:
         lengths = {np.shape(a)[0] for g, a in groups.items() if g != PARAMETERS}

@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING, Union
-
-if TYPE_CHECKING:
-    from robodyn_cli.kernels.ir import Function
+from typing import Protocol, Union
 
 Operand = Union["Value", float]
+
+
+class Emitter(Protocol):
+    """What operators need of the function that they write into."""
+
+    flags: str
+
+    def name(self, text: str) -> str: ...
+    def emit(self, text: str, width: int) -> Value: ...
+    def emit_int(self, text: str) -> Int: ...
+    def lift(self, x: Operand, width: int) -> Value: ...
+    def splat(self, x: Value, width: int) -> Value: ...
+    def compare_int(self, predicate: str, a: Int | int, b: Int | int) -> Condition: ...
 
 
 def double_type(width: int) -> str:
@@ -31,7 +41,7 @@ class Value:
 
     __slots__ = ("f", "ref", "width")
 
-    def __init__(self, f: Function, ref: str, width: int) -> None:
+    def __init__(self, f: Emitter, ref: str, width: int) -> None:
         self.f = f
         self.ref = ref
         self.width = width
@@ -74,7 +84,7 @@ class Int:
 
     __slots__ = ("f", "ref")
 
-    def __init__(self, f: Function, ref: str) -> None:
+    def __init__(self, f: Emitter, ref: str) -> None:
         self.f = f
         self.ref = ref
 
@@ -103,7 +113,7 @@ class Int:
 
 def ref_of(x: Int | int) -> str:
     """Return the operand text of an integer."""
-    return x.ref if isinstance(x, Int) else str(x)
+    return x.ref if isinstance(x, Int) else str(int(x))  # before Python 3.11 an IntEnum writes its name
 
 
 class Condition:
@@ -111,7 +121,7 @@ class Condition:
 
     __slots__ = ("f", "ref", "width")
 
-    def __init__(self, f: Function, ref: str, width: int) -> None:
+    def __init__(self, f: Emitter, ref: str, width: int) -> None:
         self.f = f
         self.ref = ref
         self.width = width

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from robodyn_cli.errors import SceneError
-from robodyn_cli.expr.graph import Graph, is_number
+from robodyn_cli.expr.graph import Graph, is_nonzero
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.model.model import (
     BASE,
@@ -20,7 +20,7 @@ from robodyn_cli.model.model import (
     Model,
 )
 from robodyn_cli.model.placement import joint_kind, joint_placement
-from robodyn_cli.record import mutable_record
+from robodyn_cli.record import mutable_record, record
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import (
     Matrix,
@@ -48,13 +48,28 @@ def moved_link(robot: sc.Robot, index: int) -> str:
     return joint.link if joint.link is not None else robot.links[index].name
 
 
-@mutable_record
+@record
 class _Placed:
     """Where a link is: the body that carries it, its joint frame and its link frame in body coordinates."""
 
     body: int
     joint_frame: Transform
     link_frame: Transform
+
+    def frame_of_com(self, link: sc.Link) -> Transform:
+        """Return the frame in which the link's centre of mass and inertia are given."""
+        return self.joint_frame if (link.com_frame or "joint") == "joint" else self.link_frame
+
+
+@mutable_record
+class _Moving:
+    """A body that its joint moves; inertia is the sum over the links that it carries, None before the first."""
+
+    name: str
+    joint: sc.Joint
+    parent: int
+    X_tree: Transform
+    inertia: RigidInertia | None = None
 
 
 class _Values:
@@ -86,10 +101,9 @@ def _inertia(link: sc.Link, values: _Values, frame: Transform) -> RigidInertia:
     """Return a link's inertia in body coordinates; ``frame`` takes body coordinates to those of ``com_frame``."""
     path = f"links.{link.name}"
     m = values.get(f"{path}.mass", link.mass, f"mass of {link.name}")
-    if is_number(m) and m == 0.0 and link.com is None and link.inertia == sc.Inertia():
+    if not is_nonzero(m) and link.com is None and link.inertia == sc.Inertia():
         return RigidInertia.zero()
-    com = link.com if link.com is not None else (None, None, None)
-    c = vector([values.get(f"{path}.com.{k}", com[k], f"com[{k}] of {link.name}") for k in range(3)])
+    c = _com(link, values)
     I = {
         k: values.get(f"{path}.inertia.{k}", getattr(link.inertia, k), f"inertia.{k} of {link.name}")
         for k in ("xx", "yy", "zz", "xy", "xz", "yz")
@@ -102,6 +116,14 @@ def _inertia(link: sc.Link, values: _Values, frame: Transform) -> RigidInertia:
                 I[k] = 0.0
     tensor = matrix([[I["xx"], I["xy"], I["xz"]], [I["xy"], I["yy"], I["yz"]], [I["xz"], I["yz"], I["zz"]]])
     return RigidInertia.from_com(m, c, tensor).to_parent(frame)
+
+
+def _com(link: sc.Link, values: _Values) -> Vector:
+    """Return a link's centre of mass in the frame in which it is given."""
+    com = link.com if link.com is not None else (None, None, None)
+    return vector(
+        [values.get(f"links.{link.name}.com.{k}", com[k], f"com[{k}] of {link.name}") for k in range(3)]
+    )
 
 
 def build_model(scene: sc.Scene, symbolic: Sequence[str] = (), graph: Graph | None = None) -> Model:
@@ -117,55 +139,28 @@ def build_model(scene: sc.Scene, symbolic: Sequence[str] = (), graph: Graph | No
     graph = graph or Graph()
     values = _Values(graph, symbolic)
     robot = scene.robot
-    links = {link.name: link for link in robot.links}
-    placed: dict[str, _Placed] = {"base": _Placed(BASE, Transform.identity(), Transform.identity())}
-    bodies: list[dict[str, Any]] = []
-    merged: dict[int, RigidInertia] = {}
-    for index in _topological(robot):
-        joint = robot.joints[index]
-        name = moved_link(robot, index)
-        parent = placed[parent_link(robot, index)]
-        X_joint, joint_frame, link_frame = joint_placement(robot, joint, values.get)
-        X_tree = X_joint @ parent.link_frame
-        link = links[name]
-        if joint.type == "fixed":
-            here = _Placed(parent.body, joint_frame @ X_tree, link_frame @ X_tree)
-        else:
-            here = _Placed(len(bodies), joint_frame, link_frame)
-            bodies.append({"joint": joint, "X_tree": X_tree, "parent": parent.body, "name": name})
-        placed[name] = here
-        if here.body != BASE:
-            frame = here.joint_frame if (link.com_frame or "joint") == "joint" else here.link_frame
-            own = _inertia(link, values, frame)
-            merged[here.body] = merged[here.body] + own if here.body in merged else own
+    placed, moving = _place_links(robot, values)
     gravity = vector([values.get(f"gravity.{k}", g) for k, g in enumerate(scene.gravity)])
     base = Transform.from_pose(rotation_rpy(robot.base.rpy), vector(robot.base.xyz))
-    finished = _number(robot, bodies, merged, values)
+    bodies = _number(robot, moving, values)
     # in the order of their places, which is that of the YAML
-    joints = [(b.joint_name, b.joint) for b in sorted(finished, key=lambda b: b.v)]
-    points = {
-        name: _moving(scene, graph, point, _fixed_frame(placed, links, point, values))
-        for name, point in (robot.points or {}).items()
-    }
-    frames = {
-        name: _fixed_frame(placed, links, frame, values) for name, frame in (robot.frames or {}).items()
-    }
-    link_frames = {name: FixedFrame(p.body, p.link_frame.r, p.link_frame.E.T) for name, p in placed.items()}
+    joints = [(b.joint_name, b.joint) for b in sorted(bodies, key=lambda b: b.v)]
+    places = _Places(scene, placed, values)
     model = Model(
         name=scene.title or "scene",
-        bodies=finished,
-        nq=sum(b.joint.nq for b in finished),
-        nv=sum(b.joint.nv for b in finished),
+        bodies=bodies,
+        nq=sum(b.joint.nq for b in bodies),
+        nv=sum(b.joint.nv for b in bodies),
         gravity=base.E @ gravity,
         graph=graph,
         base=base,
-        points=points,
-        frames=frames,
-        links=link_frames,
-        outlines=_outlines(robot, placed, points, bodies),
-        loops=tuple(_loop(scene, placed, links, points, element, values) for element in scene.loops),
+        points=places.points,
+        frames=places.frames,
+        links={name: FixedFrame(p.body, p.link_frame.r, p.link_frame.E.T) for name, p in placed.items()},
+        outlines=_outlines(robot, placed, places.points, bodies),
+        loops=tuple(places.loop(element) for element in scene.loops),
         couplers=tuple(coupler.name for coupler in scene.couplers),
-        forces=tuple(_force(scene, placed, links, points, frames, e, values) for e in scene.forces),
+        forces=tuple(places.force(element) for element in scene.forces),
         joint_names=tuple(name for name, _ in joints),
         q_names=tuple(x for name, joint in joints for x in joint.coordinates(name, joint.names)),
         v_names=tuple(x for name, joint in joints for x in joint.coordinates(name, joint.v_names)),
@@ -175,6 +170,30 @@ def build_model(scene: sc.Scene, symbolic: Sequence[str] = (), graph: Graph | No
     )
     values.check()
     return model
+
+
+def _place_links(robot: sc.Robot, values: _Values) -> tuple[dict[str, _Placed], list[_Moving]]:
+    """Return where each link is, and the bodies that move; a link on a fixed joint is part of its parent's body."""
+    links = {link.name: link for link in robot.links}
+    placed: dict[str, _Placed] = {"base": _Placed(BASE, Transform.identity(), Transform.identity())}
+    moving: list[_Moving] = []
+    for index in _topological(robot):
+        joint = robot.joints[index]
+        name = moved_link(robot, index)
+        parent = placed[parent_link(robot, index)]
+        X_joint, joint_frame, link_frame = joint_placement(robot, joint, values.get)
+        X_tree = X_joint @ parent.link_frame
+        if joint_types[joint.type].nv == 0:
+            here = _Placed(parent.body, joint_frame @ X_tree, link_frame @ X_tree)
+        else:
+            here = _Placed(len(moving), joint_frame, link_frame)
+            moving.append(_Moving(name, joint, parent.body, X_tree))
+        placed[name] = here
+        if here.body != BASE:
+            own = _inertia(links[name], values, here.frame_of_com(links[name]))
+            before = moving[here.body].inertia
+            moving[here.body].inertia = own if before is None else before + own
+    return placed, moving
 
 
 def _topological(robot: sc.Robot) -> list[int]:
@@ -195,9 +214,7 @@ def _topological(robot: sc.Robot) -> list[int]:
     return order
 
 
-def _number(
-    robot: sc.Robot, bodies: list[dict[str, Any]], merged: dict[int, RigidInertia], values: _Values
-) -> tuple[Body, ...]:
+def _number(robot: sc.Robot, moving: list[_Moving], values: _Values) -> tuple[Body, ...]:
     """Give bodies their places in q and v, which follow the joints' order in the YAML."""
     start: dict[str, tuple[int, int]] = {}
     nq = nv = 0
@@ -206,18 +223,18 @@ def _number(
         start[joint.name] = (nq, nv)
         nq += kind.nq
         nv += kind.nv
-    finished = []
-    for k, body in enumerate(bodies):
-        joint = body["joint"]
+    bodies = []
+    for body in moving:
+        joint = body.joint
         rotor = values.get(f"joints.{joint.name}.rotor_inertia", joint.rotor_inertia)
-        finished.append(
+        bodies.append(
             Body(
-                name=body["name"],
+                name=body.name,
                 joint_name=joint.name,
                 joint=joint_kind(joint),
-                parent=body["parent"],
-                X_tree=body["X_tree"],
-                inertia=merged.get(k, RigidInertia.zero()),
+                parent=body.parent,
+                X_tree=body.X_tree,
+                inertia=RigidInertia.zero() if body.inertia is None else body.inertia,
                 q=start[joint.name][0],
                 v=start[joint.name][1],
                 armature=joint.gear_ratio**2 * rotor,
@@ -225,97 +242,73 @@ def _number(
                 forces=tuple(JointForce(name, element) for name, element in joint.forces),
             )
         )
-    return tuple(finished)
+    return tuple(bodies)
 
 
-def _fixed_frame(
-    placed: dict[str, _Placed], links: dict[str, sc.Link], point: sc.Place, values: _Values
-) -> FixedFrame:
-    where = placed[point.link]
-    frame = where.joint_frame if point.frame == "joint" else where.link_frame
-    R: Matrix = frame.E.T
-    at: Vector
-    if point.at == "origin":
-        at = where.joint_frame.r
-    elif point.at == "end":
-        at = where.link_frame.r
-    elif point.at == "com":
-        at = _com(where, links[point.link], values)
-    else:
-        at = frame.point(vector(point.at))
-    if isinstance(point, sc.Frame):
-        R = R @ rotation_rpy(point.rpy)
-    return FixedFrame(where.body, at, R)
+class _Places:
+    """Places of the scene (points, frames, ends of loops and forces) as frames fixed to bodies."""
 
+    def __init__(self, scene: sc.Scene, placed: dict[str, _Placed], values: _Values) -> None:
+        self.scene, self.placed, self.values = scene, placed, values
+        self.links = {link.name: link for link in scene.robot.links}
+        self.points = {name: self._moving(point) for name, point in (scene.robot.points or {}).items()}
+        self.frames = {name: self._fixed(frame) for name, frame in (scene.robot.frames or {}).items()}
 
-def _moving(scene: sc.Scene, graph: Graph, point: sc.Point, frame: FixedFrame) -> FixedFrame:
-    """Return a point of the base with its prescribed motion, as a function of t."""
-    if point.motion is None:
-        return frame
-    env = {"t": graph.symbol("t", "t"), **{f"p.{n}": x for n, x in (scene.parameters or {}).items()}}
-    moved = vector([x + formula.evaluate(env) for x, formula in zip(frame.p, point.motion)])
-    return FixedFrame(frame.body, moved, frame.R)
+    def _fixed(self, point: sc.Place) -> FixedFrame:
+        where = self.placed[point.link]
+        frame = where.joint_frame if point.frame == "joint" else where.link_frame
+        R: Matrix = frame.E.T
+        at: Vector
+        if point.at == "origin":
+            at = where.joint_frame.r
+        elif point.at == "end":
+            at = where.link_frame.r
+        elif point.at == "com":
+            at = self._com(self.links[point.link])
+        else:
+            at = frame.point(vector(point.at))
+        if isinstance(point, sc.Frame):
+            R = R @ rotation_rpy(point.rpy)
+        return FixedFrame(where.body, at, R)
 
+    def _com(self, link: sc.Link) -> Vector:
+        return self.placed[link.name].frame_of_com(link).point(_com(link, self.values))
 
-def _com(where: _Placed, link: sc.Link, values: _Values) -> Vector:
-    frame = where.joint_frame if (link.com_frame or "joint") == "joint" else where.link_frame
-    com = link.com if link.com is not None else (None, None, None)
-    c = vector(
-        [values.get(f"links.{link.name}.com.{k}", com[k], f"com[{k}] of {link.name}") for k in range(3)]
-    )
-    return frame.point(c)
+    def _moving(self, point: sc.Point) -> FixedFrame:
+        """Return a point; one of the base may have a prescribed motion, as a function of t."""
+        frame = self._fixed(point)
+        if point.motion is None:
+            return frame
+        parameters = {f"p.{name}": x for name, x in (self.scene.parameters or {}).items()}
+        env = {"t": self.values.graph.symbol("t", "t"), **parameters}
+        moved = vector([x + formula.evaluate(env) for x, formula in zip(frame.p, point.motion)])
+        return FixedFrame(frame.body, moved, frame.R)
 
+    def at(self, text: str) -> FixedFrame:
+        """Return the place of a reference such as ``tip`` or ``link2.end``, with the axes of the link's frame."""
+        link, _, at = text.partition(".")
+        if not at:
+            # the axes of a loop are given in the link's frame, whatever frame placed the point
+            named, axes = self.points[text], self.placed[self.scene.robot.points[text].link].link_frame.E.T
+            return FixedFrame(named.body, named.p, axes)
+        if link == "base" and at in self.points:
+            return self.points[at]
+        own = self._fixed(sc.Point(link=link, at=at))
+        return FixedFrame(own.body, own.p, self.placed[link].link_frame.E.T)
 
-def _place(
-    scene: sc.Scene,
-    placed: dict[str, _Placed],
-    links: dict[str, sc.Link],
-    points: dict[str, FixedFrame],
-    text: str,
-    values: _Values,
-) -> FixedFrame:
-    """Return the place of a reference such as ``tip`` or ``link2.end``, with the axes of the link's frame."""
-    link, _, at = text.partition(".")
-    if not at:
-        named = scene.robot.points[text]
-        # the axes of a loop are given in the link's frame, whatever frame placed the point
-        return FixedFrame(points[text].body, points[text].p, placed[named.link].link_frame.E.T)
-    if link == "base" and at in points:
-        return points[at]
-    own = _fixed_frame(placed, links, sc.Point(link=link, at=at), values)
-    return FixedFrame(own.body, own.p, placed[link].link_frame.E.T)
+    def loop(self, element: Any) -> Loop:
+        """Return a loop closure between its two places."""
+        first, second = (self.at(text) for text in element.between)
+        return Loop(element.name, element, first, second)
 
-
-def _loop(
-    scene: sc.Scene,
-    placed: dict[str, _Placed],
-    links: dict[str, sc.Link],
-    points: dict[str, FixedFrame],
-    element: Any,
-    values: _Values,
-) -> Loop:
-    first, second = (_place(scene, placed, links, points, text, values) for text in element.between)
-    return Loop(element.name, element, first, second)
-
-
-def _force(
-    scene: sc.Scene,
-    placed: dict[str, _Placed],
-    links: dict[str, sc.Link],
-    points: dict[str, FixedFrame],
-    frames: dict[str, FixedFrame],
-    element: Any,
-    values: _Values,
-) -> Force:
-    ends = tuple(
-        frames[text] if text in frames else _place(scene, placed, links, points, text, values)
-        for text in element.references
-    )
-    return Force(element.name, element, ends)
+    def force(self, element: Any) -> Force:
+        """Return a force element with its places; a named frame keeps its own axes."""
+        ends = (self.frames[text] if text in self.frames else self.at(text) for text in element.references)
+        return Force(element.name, element, tuple(ends))
 
 
 def _outlines(
-    robot: sc.Robot, placed: dict[str, _Placed], points: dict[str, FixedFrame], bodies: list[dict[str, Any]]
+    robot: sc.Robot, placed: dict[str, _Placed], points: dict[str, FixedFrame], bodies: Sequence[Body]
 ) -> dict[str, tuple[FixedFrame, ...]]:
     """Return, for each moving link, its joint, the joints it carries (at zero), its far end, its named points."""
     outlines: dict[str, tuple[FixedFrame, ...]] = {}
@@ -331,7 +324,7 @@ def _outlines(
         for other in carried.get(name, []):
             child = placed[moved_link(robot, other)]
             merged = child.body == where.body  # by a fixed joint
-            spots.append(child.joint_frame.r if merged else bodies[child.body]["X_tree"].r)
+            spots.append(child.joint_frame.r if merged else bodies[child.body].X_tree.r)
         spots.append(where.link_frame.r)
         spots.extend(points[p].p for p, spec in (robot.points or {}).items() if spec.link == name)
         unique: list[Vector] = []

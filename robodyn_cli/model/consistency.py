@@ -14,7 +14,7 @@ def physical_warnings(scene: Scene) -> list[str]:
 
 
 def body_problems(link: Link) -> list[str]:
-    """List what no body can have: what is wrong, and by how much."""
+    """List what is wrong with a link's mass and inertia, and by how much (limits: Traversaro et al. 2016)."""
     I = link.inertia
     moments = {k: getattr(I, k) for k in ("xx", "yy", "zz")}
     texts = [

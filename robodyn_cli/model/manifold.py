@@ -1,6 +1,6 @@
 """Steps of a mechanism's q along the joints' own manifolds, on numbers.
 
-Where q-dot = v a step is a sum, one for all such joints; others go through their joint.
+A step of joints with q-dot = v is one sum for all of them; each joint with quasi-velocities makes its own.
 """
 
 from __future__ import annotations
@@ -8,12 +8,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.model.model import Body, Model
-from robodyn_cli.spatial.algebra import vector
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array, vector
 
 
 class Manifold:
@@ -43,7 +40,7 @@ class Manifold:
         return range(body.q, body.q + body.joint.nq)
 
     def neutral(self) -> Array:
-        """Return the position at which every joint is at rest: zero, and no rotation."""
+        """Return the position at which every joint's transform is the identity."""
         return self._neutral.copy()
 
     def integrate(self, q: Array, dq: Array) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from robodyn_cli.expr.graph import Graph
+from robodyn_cli.forces.element import ForceElement
 from robodyn_cli.joints.base import Joint
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Matrix, Transform, Vector
@@ -64,10 +65,10 @@ class Loop:
 
 @record
 class Force:
-    """A force element on a place or between two; ``element`` knows the law (``forces/element.py``)."""
+    """A force element on a place or between two."""
 
     name: str
-    element: Any
+    element: ForceElement
     ends: tuple[FixedFrame, ...]
 
 

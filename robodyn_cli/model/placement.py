@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 from typing import Any
@@ -9,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.joints.base import Joint
-from robodyn_cli.joints.helical import Helical
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import (
@@ -37,8 +37,11 @@ def axis_frame(joint: sc.Joint) -> Matrix:
 
 
 def joint_kind(joint: sc.Joint) -> Joint:
-    """Return what a joint of the scene is."""
-    return Helical(joint.pitch) if joint.pitch is not None else joint_types[joint.type]
+    """Return the kind of a joint of the scene, with the scene's values of the kind's own parameters (its fields)."""
+    kind = joint_types[joint.type]
+    if not dataclasses.is_dataclass(kind):
+        return kind
+    return dataclasses.replace(kind, **{f.name: getattr(joint, f.name) for f in dataclasses.fields(kind)})
 
 
 def joint_placement(
@@ -46,9 +49,10 @@ def joint_placement(
 ) -> tuple[Transform, Transform, Transform]:
     """Return (X_tree from the parent's link frame, joint frame, link frame), the latter two from the body frame.
 
-    The body frame has the joint's axis as z. For revolute and prismatic joints with D-H parameters it is the
-    frame right after the joint's own motion.
+    The body frame has the joint's axis as z. With D-H parameters it is the frame right after the joint's own motion.
+    A joint with a D-H variable moves by the scene's ``offset`` beside q.
     """
+    kind = joint_kind(joint)
     X = Transform.identity()
     if joint.origin is not None:
         X = Transform.from_pose(rotation_rpy(joint.origin.rpy), vector(joint.origin.xyz))
@@ -68,24 +72,20 @@ def joint_placement(
         R = axis_frame(joint)
         to_axis = Transform(R.T, zeros(3))
         back = Transform(R, zeros(3))
-        shift = one
-        if joint.type == "revolute":
-            shift = turn(offset)
-        elif joint.type == "prismatic":
-            shift = slide(offset)
+        shift = kind.transform(vector([offset])) if kind.dh_variable else one
         return shift @ to_axis @ X, back, back
     a, alpha = get("a", joint.a or 0.0), get("alpha", joint.alpha or 0.0)
     d, theta = get("d", joint.d or 0.0), get("theta", joint.theta or 0.0)
-    if joint.type == "revolute":
+    if kind.dh_variable == "theta":
         theta = offset
-    elif joint.type == "prismatic":
+    elif kind.dh_variable == "d":
         d = offset
     bend = Transform(rotation_about(0, alpha).T, zeros(3)) @ Transform(identity(), vector([a, 0.0, 0.0]))
     if robot.convention == "modified":
         # Rx(alpha) Tx(a) Rz(theta) Tz(d): what is constant about z comes before the joint, it commutes
         return turn(theta) @ slide(d) @ bend @ X, one, one
     # standard: Rz(theta) Tz(d) Tx(a) Rx(alpha); the link frame lies beyond the joint's motion
-    if joint.type == "prismatic":
+    if kind.dh_variable == "d":
         return slide(d) @ turn(theta) @ X, one, bend
-    # a fixed joint is a revolute one that stands at theta
+    # a fixed joint is a revolute one held at theta
     return turn(theta) @ X, one, bend @ slide(d)

@@ -19,6 +19,12 @@ from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.method import Change, StiffnessWatch
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.driver.second_run import ErrorEstimate, FirstRun, estimate_error
+from robodyn_cli.run.driver.self_check import (
+    accuracy_warnings,
+    energy_out_of_balance,
+    is_judged_by_energy,
+    shortened_steps,
+)
 from robodyn_cli.run.driver.summary import MotionSummary, motion_facts, redundant_rows
 from robodyn_cli.run.observation.recorder import Recorder
 from robodyn_cli.run.progress import Progress, no_progress
@@ -69,6 +75,7 @@ def simulate(
     redundant = redundant_rows(motion, recorder)
     facts = motion_facts(motion, driver, recorder, redundant) | _facts_of_run(motion, driver)
     failure = (redundant and redundant.violated) or failure or recorder.not_finite
+    failure = failure or _judge_energy(motion, driver, recorder, facts)
     if failure is None and motion.scene.simulate.error_estimate:
         with watch.stage("error_estimate"):
             facts["error_estimate"] = _estimate(motion, driver, recorder, progress)
@@ -108,6 +115,7 @@ def _facts_of_run(motion: Motion, driver: Driver) -> dict[str, Any]:
         from robodyn_cli.run.driver.start import start_warnings
 
         warnings += start_warnings(motion.problem, motion.assembled.q, motion.passive)
+    warnings += shortened_steps(motion, driver)
     if warnings:
         facts["warnings"] = warnings
     for watcher in driver.watchers:
@@ -115,6 +123,17 @@ def _facts_of_run(motion: Motion, driver: Driver) -> dict[str, Any]:
     if isinstance(driver.supervisor, StiffnessWatch) and driver.supervisor.changes:
         facts["switches"] = driver.supervisor.changes
     return facts
+
+
+def _judge_energy(
+    motion: Motion, driver: Driver, recorder: Recorder, facts: dict[str, Any]
+) -> RobodynError | None:
+    """Return the error of a balance of energy that is lost; a warning where the scene has chosen a method that may."""
+    lost = energy_out_of_balance(motion, driver, recorder)
+    if lost is None or is_judged_by_energy(motion):
+        return lost
+    facts["warnings"] = [*facts.get("warnings", ()), lost.message]
+    return None
 
 
 def _unresolved_formulas(problem: Problem) -> list[str]:
@@ -155,6 +174,8 @@ def _report(
     if estimate is not None and estimate.reason is not ABSENT:
         words = f"no second run confirms this motion: {estimate.reason}"
         facts["warnings"] = [*facts.get("warnings", ()), words]
+    if doubts := accuracy_warnings(estimate):
+        facts["warnings"] = [*facts.get("warnings", ()), *doubts]
     status, termination = "ok", {"reason": "duration", "time": driver.time}
     if failure is not None:
         status, termination = "failed", {"reason": failure.message, **failure.details}

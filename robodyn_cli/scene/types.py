@@ -14,6 +14,7 @@ from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.expr.expectation import Expectation
 from robodyn_cli.expr.formula import Formula as FormulaTree
 from robodyn_cli.forces.registry import force_types
+from robodyn_cli.integration_methods import METHODS
 from robodyn_cli.loops.registry import loop_types
 from robodyn_cli.record import record
 from robodyn_cli.scene.mechanism_options import (
@@ -22,7 +23,6 @@ from robodyn_cli.scene.mechanism_options import (
     LoadLimit,
     StaticsOptions,
 )
-from robodyn_cli.scene.methods import METHODS
 from robodyn_cli.scene.robot_types import Frame as Frame
 from robodyn_cli.scene.robot_types import Inertia as Inertia
 from robodyn_cli.scene.robot_types import Joint as Joint

@@ -1,33 +1,31 @@
-"""Close the loops: from rough initial values to exact positions and consistent velocities."""
+"""Close the loops: exact positions and consistent velocities from rough initial values."""
 
 from __future__ import annotations
 
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.errors import GeometryError, SingularConfigurationError
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 from robodyn_cli.solve.closure import Equations, Numbers, newton
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[Any]
 ATTEMPTS = 24  # random starts
 CLOSED = 1e-11  # rad, or part of the size of the mechanism
 RANK_TOLERANCE = 1e-7  # ratio of singular values below which a configuration counts as singular
-MOTION_SAMPLES = 80  # configurations on each side of the start at which a choice of rows is judged
+MOTION_SAMPLES = 80  # configurations on each side of the start at which choices of rows are compared
 MOTION_STEP = 0.1  # rad, or part of the size of the mechanism, between them
-MOST_CHOICES = 3000  # choices of rows that are all looked at
+MOST_CHOICES = 3000  # up to so many choices of rows are compared one by one
 
 
 @record
 class Assembled:
-    """A closed configuration: q, v, the largest residuals, and rows that depend on the others."""
+    """A closed configuration: q (nq,), v (nv,), the largest residuals, independent rows, and the other rows."""
 
     q: Array
     v: Array
@@ -38,7 +36,7 @@ class Assembled:
 
 
 def mechanism_size(model: Model) -> float:
-    """Return a length that stands for the size of the mechanism [m]."""
+    """Return a characteristic length of the mechanism [m]: the sum of the distances from joint to joint, or more."""
     total = 0.0
     for body in model.bodies:
         total += float(np.linalg.norm([x if not isinstance(x, Expr) else 0.0 for x in body.X_tree.r]))
@@ -83,14 +81,14 @@ def assemble(
         return Assembled(q, v, 0.0, 0.0, (), ())
     size = mechanism_size(model)
     lengths = np.array([size if unit == "m" else 1.0 for unit in model.v_units])
-    # what is said of a quaternion is said of all three of its velocities
-    said = [manifold.columns(k) for k in range(model.nv)]
+    # a value for a quaternion counts for all three of its velocities
+    places = [manifold.columns(k) for k in range(model.nv)]
     missing = [
         k
-        for k, cs in enumerate(said)
+        for k, cs in enumerate(places)
         if not any(model.q_names[c] in given or model.q_names[c] in hold for c in cs)
     ]
-    held = [k for k, cs in enumerate(said) if any(model.q_names[c] in hold for c in cs)]
+    held = [k for k, cs in enumerate(places) if any(model.q_names[c] in hold for c in cs)]
     numbers.sizes = np.array([size if row.kind in ("force", "m") else 1.0 for row in numbers.rows])
     task = _Closing(
         lengths,
@@ -112,11 +110,11 @@ def assemble(
 
 @record
 class _Closing:
-    """What closing may move.
+    """Which coordinates may move while the loops are closed.
 
-    Velocity coordinates but for the last two: lengths : (nv,) what stands for a large motion. free : not held;
-    missing : without an initial value. turning : places in q of the missing ones that are angles. held : columns of q
-    and values.
+    lengths : (nv,) size of a large motion of each velocity coordinate. free : velocity coordinates that are not held.
+    missing : those without an initial value. turning : places in q of the missing ones that are angles. held : columns
+    of q that are held, with their values.
     """
 
     lengths: Array
@@ -127,9 +125,9 @@ class _Closing:
 
 
 def _close(numbers: Numbers, q: Array, task: _Closing) -> Array:
-    """Return the closed configuration nearest to q; first from q itself, then from starts around it.
+    """Return the closed configuration nearest to q, from q itself or from starts around it.
 
-    Missing coordinates may be anywhere. The others are moved further and further only if that does not close.
+    Missing coordinates start anywhere. The others start further and further from q, but only if nothing nearer closes.
     """
     found, tried = _close_from(
         numbers, q, task, [q, *_starts(numbers, q, task.missing, task.lengths, np.pi, 1)]
@@ -142,7 +140,7 @@ def _close(numbers: Numbers, q: Array, task: _Closing) -> Array:
             tried += more
     if not found:
         raise _open_loop(numbers, task, tried)
-    # where some closed configurations are singular and others are not, it is not the singular ones that are meant
+    # a regular configuration is preferred to a singular one, however near
     ranks = [_rank(numbers.psi(closed))[0] for _, closed in found]
     return min((f for f, rank in zip(found, ranks) if rank == max(ranks)), key=lambda f: f[0])[1]
 
@@ -150,7 +148,7 @@ def _close(numbers: Numbers, q: Array, task: _Closing) -> Array:
 def _starts(
     numbers: Numbers, q: Array, coordinates: list[int], lengths: Array, spread: float, seed: int
 ) -> list[Array]:
-    """Return starts that differ from q by up to ``spread`` in some coordinates; none if there are no such."""
+    """Return starts that differ from q by up to ``spread`` in the given coordinates; none without coordinates."""
     rng = np.random.default_rng(seed)
     starts = []
     for _ in range(ATTEMPTS if coordinates else 0):
@@ -163,7 +161,7 @@ def _starts(
 def _close_from(
     numbers: Numbers, q: Array, task: _Closing, starts: list[Array]
 ) -> tuple[list[tuple[float, Array]], list[tuple[float, Array]]]:
-    """Return what closes, with its distance from q, and all that was reached, with its residual."""
+    """Return (distance from q, configuration) of what closes, and (residual, configuration) of every start."""
     given = [k for k in range(numbers.nv) if k not in task.missing]
     found, tried = [], []
     for start in starts:
@@ -178,13 +176,13 @@ def _close_from(
         if np.abs(numbers.relative(wrapped)).max() <= CLOSED:
             closed = wrapped
         moved = np.abs(numbers.manifold.difference(q, closed)) / task.lengths
-        # to a few digits, so that rounding does not choose between equal ones
+        # rounded, so that rounding errors do not choose between equal distances
         found.append((float(f"{moved[given].sum() + 1e-6 * moved[task.missing].sum():.9g}"), closed))
     return found, tried
 
 
 def _open_loop(numbers: Numbers, task: _Closing, tried: list[tuple[float, Array]]) -> GeometryError:
-    """Return the error of a loop that cannot close, with the smallest gap that is possible."""
+    """Return the error of a loop that cannot close, with the smallest gap that was found."""
     from scipy.optimize import minimize  # takes 0.4 s to import: only where something is already wrong
 
     free = task.free
@@ -203,7 +201,7 @@ def _open_loop(numbers: Numbers, task: _Closing, tried: list[tuple[float, Array]
 
         q = start
         if free:
-            # over half a turn from the start on the gradient would need the rate of the manifold's exponential
+            # with quasi-velocities the gradient away from the start needs the rate of the manifold's exponential
             exact = not numbers.manifold.quasi
             found = minimize(
                 squares if exact else lambda x: squares(x)[0],
@@ -216,17 +214,25 @@ def _open_loop(numbers: Numbers, task: _Closing, tried: list[tuple[float, Array]
     assert best is not None
     eta = numbers.eta(best[1])
     if np.abs(eta / numbers.sizes).max() <= CLOSED:
-        names = ", ".join(numbers.turned(best[1]))
-        if not names:
-            there = ", ".join(f"{n} {x:.6g}" for n, x in zip(numbers.q_names, best[1]))
-            raise GeometryError(
-                f"the loops close only far from 'initial.q', at {there}; give a start near that, or another one",
-                gap=0.0, q=best[1].tolist(),
-            )  # fmt: skip
-        raise GeometryError(
-            f"the loops close only with {names} in another attitude than asked for; check its rpy",
-            loop=names, gap=0.0, q=best[1].tolist(),
-        )  # fmt: skip
+        return _closed_elsewhere(numbers, best[1])
+    return _smallest_gap(numbers, task, best[1], eta)
+
+
+def _closed_elsewhere(numbers: Numbers, q: Array) -> GeometryError:
+    """Return the error of loops that close, but far from the start or in another attitude."""
+    names = ", ".join(numbers.turned(q))
+    if not names:
+        there = ", ".join(f"{n} {x:.6g}" for n, x in zip(numbers.q_names, q))
+        text = (
+            f"the loops close only far from 'initial.q', at {there}; give a start near that, or another one"
+        )
+        return GeometryError(text, gap=0.0, q=q.tolist())
+    text = f"the loops close only with {names} in another attitude than asked for; check its rpy"
+    return GeometryError(text, loop=names, gap=0.0, q=q.tolist())
+
+
+def _smallest_gap(numbers: Numbers, task: _Closing, q: Array, eta: Array) -> GeometryError:
+    """Return the error of the loop with the largest gap at q, where the loops come nearest to closing."""
     gaps: dict[str, float] = {}
     for value, row in zip(eta, numbers.rows):
         if row.kind == "force":
@@ -234,19 +240,18 @@ def _open_loop(numbers: Numbers, task: _Closing, tried: list[tuple[float, Array]
             gaps[loop] = float(np.hypot(gaps.get(loop, 0.0), value))
     held = ", ".join(f"{name} = {value:.6g}" for name, value in task.held.items())
     condition = f"with {held} held" if held else "whatever the joints do"
+    worst = int(np.abs(eta / numbers.sizes).argmax())
+    row, apart = numbers.rows[worst], float(abs(eta[worst]))
     loop = max(gaps, key=lambda name: gaps[name]) if gaps else ""
-    row = numbers.rows[int(np.abs(eta / numbers.sizes).argmax())]
-    if not gaps or gaps[loop] < abs(eta[numbers.rows.index(row)]):
-        loop, gap, what = (
-            row.name.rsplit(".", 1)[0],
-            float(abs(eta[numbers.rows.index(row)])),
-            "the axes stay apart",
+    if not gaps or gaps[loop] < apart:
+        loop, gap = row.name.rsplit(".", 1)[0], apart
+        text = (
+            f"the loop {loop!r} cannot close: the axes stay apart by {gap:.6g} (row {row.name}) {condition}"
         )
-        text = f"the loop {loop!r} cannot close: {what} by {gap:.6g} (row {row.name}) {condition}"
     else:
         gap = gaps[loop]
         text = f"the loop {loop!r} cannot close: at best a gap of {gap:.6g} m remains {condition}"
-    return GeometryError(text, loop=loop, gap=gap, row=row.name, q=best[1].tolist())
+    return GeometryError(text, loop=loop, gap=gap, row=row.name, q=q.tolist())
 
 
 def _close_rates(
@@ -286,7 +291,12 @@ def _rank(psi: Array) -> tuple[int, Array]:
 
 
 def _independent_rows(numbers: Numbers, q: Array, lengths: Array) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Tell rows that always depend on the others (redundant) from a loss of rank at this configuration alone."""
+    """Return independent rows and redundant ones, which depend on the others in every configuration.
+
+    Raises
+    ------
+    SingularConfigurationError : rows depend on each other at this configuration alone.
+    """
     psi = numbers.psi(q)
     here, _ = _rank(psi)
     m = len(numbers.rows)
@@ -336,7 +346,7 @@ def _along_the_motion(numbers: Numbers, q: Array, lengths: Array) -> list[Array]
 
 
 def _best_rows(samples: list[Array], rank: int, m: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return the rows that stay furthest from depending on each other over all samples of Psi, and the others."""
+    """Return the rows with the largest worst ratio of singular values over all samples of Psi, and the others."""
     psi = np.stack(samples)
     largest = np.linalg.svd(psi, compute_uv=False)[:, 0]
 

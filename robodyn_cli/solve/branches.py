@@ -1,20 +1,18 @@
-"""All the ways in which loops close, found from many starts.
+"""The configurations in which loops close, found from many starts.
 
-Newton's method from quasi-random starts (Halton 1960), what it finds told apart modulo whole turns. That finds what
-has a region of attraction worth the name; it proves nothing about what it does not find.
+Newton's method runs from quasi-random starts (Halton 1960); solutions that differ by whole turns count as one. The
+search finds configurations with a sizeable region of attraction. It does not prove that there are no others.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.record import record
 from robodyn_cli.solve.guided import Conditions
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 CLOSED = 1e-11  # rad, or part of the size of the mechanism
 SAME = 1e-6  # the same, for configurations that count as one
@@ -26,7 +24,7 @@ PATIENCE = 16  # starts without anything new, for each branch found
 
 @record
 class Search:
-    """What the search found, and what it took: configurations (nq,) in the order of discovery."""
+    """Configurations (nq,) in the order of discovery, the number of starts, and how many of them closed the loops."""
 
     found: list[Array]
     starts: int
@@ -81,29 +79,24 @@ def close(conditions: Conditions, q: Array, free: Sequence[int], t: float = 0.0)
 
 def search(
     conditions: Conditions,
-    first: Array,
+    starts: Iterable[Array],
     free: Sequence[int],
-    start: Callable[[Array], Array],
     signature: Callable[[Array], Array],
     accepted: Callable[[Array], bool],
-    most: int,
 ) -> Search:
-    """Return all configurations that close, beginning with the one from ``first``.
+    """Return the configurations that close, in the order in which the starts lead to them.
 
     Parameters
     ----------
-    first : (nq,) a configuration to begin with. free : velocity coordinates that may move.
-    start : a configuration from a point of the unit cube (len(free),). signature : numbers that are equal, to
-    ``SAME``, where configurations are. accepted : whether a closed one is closed as it is meant.
-    most : starts at most; fewer where nothing new turns up.
+    starts : configurations (nq,) to begin with; the search ends early when nothing new turns up.
+    free : velocity coordinates that may move. signature : numbers that agree, to ``SAME``, if and only if
+    configurations do. accepted : whether a closed configuration has the attitudes that the closures ask for.
     """
     found: list[Array] = []
     marks: list[Array] = []
     closed, last, count = 0, 0, 0
-    cube = halton(most, len(free))
-    for count in range(1, most + 1):
-        begin = first if count == 1 else start(cube[count - 2])
-        q, residual = close(conditions, begin, free)
+    for count, start in enumerate(starts, start=1):
+        q, residual = close(conditions, start, free)
         if residual <= CLOSED and accepted(q):
             closed += 1
             mark = signature(q)

@@ -1,19 +1,18 @@
-"""The closure equations on numbers, and the damped Newton steps that solve them."""
+"""The closure equations on numbers, and the damped Gauss-Newton steps that solve them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import Model
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[Any]
 MOST_STEP = 0.7  # rad, or part of the size of the mechanism
 
 
@@ -27,7 +26,7 @@ class Equations(Protocol):
 
 
 class Numbers:
-    """eta, Psi and eta_t on numbers."""
+    """eta (m,), Psi (m, nv) and eta_t (m,) as functions of numbers q (nq,) and t."""
 
     def __init__(self, equations: Equations, parameters: Sequence[float]) -> None:
         self.rows = equations.constraint_rows
@@ -54,7 +53,7 @@ class Numbers:
         return self._evaluate(self._psi, q, t).reshape(len(self.rows), self.nv)
 
     def turned(self, q: Array) -> list[str]:
-        """Return the loops that a closed configuration closes half a turn away from what is meant."""
+        """Return the loops whose links are half a turn away from the attitude that is asked for."""
         cosines = self._evaluate(self._cosines, q, 0.0)
         return sorted({row.name.rsplit(".", 1)[0] for row, cosine in zip(self.rows, cosines) if cosine < 0.5})
 
@@ -65,10 +64,12 @@ class Numbers:
 def newton(
     numbers: Numbers, q: Array, free: Sequence[int], lengths: Array, iterations: int = 60
 ) -> tuple[Array, float]:
-    """Solve eta = 0 in the free coordinates by damped Gauss-Newton steps; returns q and the largest residual.
+    """Solve eta = 0 by damped Gauss-Newton steps; return q and the largest residual, relative to the rows' sizes.
 
-    Free are velocity coordinates, along which steps go on the joints' manifolds. Steps are of least norm in these over
-    lengths (nv,), which makes rad and m comparable. Residuals are relative to the sizes of the rows.
+    Parameters
+    ----------
+    free : velocity coordinates that may move, on the joints' manifolds. lengths : (nv,) size of a large motion of each;
+    steps are of least norm in coordinates divided by these, which makes rad and m comparable.
     """
     q = q.copy()
     residual = numbers.relative(q)

@@ -1,4 +1,4 @@
-"""Follow a path of targets with Newton's method, one branch, from sample to sample.
+"""Follow a path of targets by Newton's method on one branch, from sample to sample.
 
 Each step extrapolates the motion by the quintic through the last two states, corrects onto the target, and is
 halved where the extrapolation misses. A redundant chain's self-motion is integrated along with it: of
@@ -14,22 +14,21 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.record import record
 from robodyn_cli.solve.newton import SINGULAR, PointSolver, Solution
 from robodyn_cli.solve.reach import Singular, Unreachable
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import JointMotion, PointMotion
 from robodyn_cli.trajectories.quintic_spline import hermite
 
-Array = NDArray[np.float64]
 Target = Callable[[Array], PointMotion]
 
 MISS = 0.1  # rad or m by which the extrapolation may miss: beyond it the branch could change unnoticed
 FIRST_MISS = 1e-5  # the same for the first step of a redundant chain, which has only one state to start from
 SELF_MOTION_ERROR = 1e-10  # rad or m a step
 HALVINGS = 18
-LISTED = 200  # samples looked at to find the worst target
+LISTED = 200  # samples among which the worst target is sought
 
 
 @record
@@ -60,7 +59,7 @@ class Follower:
         self.target = target
         self.times = times
         self.steps = 0
-        self.h = np.inf  # step length that served last
+        self.h = np.inf  # length of the last step
         self.at_samples = target(times)
 
     def run(self, start: Array) -> JointMotion:
@@ -72,7 +71,7 @@ class Follower:
         """
         found = self.solver.solve(self.at_samples.p[0], start)
         if not self.reached(found.residual):
-            # a start in a singular pose, such as an arm stretched out, may have no way to go: nudge it once
+            # from a singular pose, such as a stretched arm, Newton's method may find no direction: move off it once
             nudge = 0.05 * np.cos(np.arange(len(start))) * self.solver.moving
             found = self.solver.solve(self.at_samples.p[0], start + nudge)
         if not self.reached(found.residual):
@@ -157,7 +156,7 @@ class Follower:
         return dataclasses.replace(new, q=new.q + drift)
 
     def failure(self, now: State, t: float, p: Array, k: int) -> Exception:
-        """Return why there is no way from ``now`` to the target p (m,) at time t, not after sample k."""
+        """Return the error that says why the motion cannot go on from ``now`` to the target p (m,) at time t <= t_k."""
         here = self.solver.solve(p, now.q)
         # rates grow beyond bounds just before the limit of the reach, so look a few samples ahead as well
         for ahead in range(k, min(k + 3, len(self.times))):
@@ -174,7 +173,7 @@ class Follower:
         return float(s[self.solver.rank - 1] / s[0])
 
     def unreachable(self, first: int, q: Array) -> Unreachable:
-        """Return how far the targets from sample ``first`` on stay out of reach, looking at some of them."""
+        """Return the error with the distances by which some targets from sample ``first`` on are missed."""
         listed = np.unique(np.linspace(first, len(self.times) - 1, LISTED).round().astype(int))
         left = []
         for k in listed:
@@ -186,8 +185,7 @@ class Follower:
 
 
 def extrapolate(before: State | None, now: State, h: float) -> tuple[Array, float | None]:
-    """Return the positions (n,) expected a time h on, and the error of the self-motion's step (None:
-    unknown).
+    """Return the positions (n,) extrapolated by h, and the error of the self-motion's step (None: unknown).
 
     With two states: the quintic through both, whose fifth derivative gives the error h^5 q^(5) / 720.
     """

@@ -1,8 +1,8 @@
 """Balanced configurations of mechanisms: generalised forces that the constraints can hold.
 
-r(q) = Psi^T lambda, F(q) = 0. With N spanning what the constraints leave free, N^T r vanishes, and the reduced
-stiffness K = N^T (d/dq)(r - Psi^T lambda) N says whether a small displacement is driven back: every eigenvalue
-positive is a stable balance (for forces with a potential: a minimum of it).
+r(q) = Psi^T lambda, F(q) = 0. With the columns of N spanning the motions that the constraints allow, N^T r = 0. The
+balance is stable if every eigenvalue of the reduced stiffness K = N^T (d/dq)(r - Psi^T lambda) N has a positive real
+part; for forces with a potential it is then a minimum of the potential.
 """
 
 from __future__ import annotations
@@ -16,25 +16,24 @@ from robodyn_cli.record import record
 from robodyn_cli.solve.branches import close
 from robodyn_cli.solve.guided import Conditions
 from robodyn_cli.solve.load_sharing import allowed_motions
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 MOST_STEP = 0.3  # rad, or part of the size of the mechanism
 ITERATIONS = 400
 CLOSED = 1e-10
-BALANCED = 1e-13  # step that counts as none, rad or part of the size
-INDIFFERENT = 1e-9  # eigenvalue over the largest entry of the stiffness that counts as zero
+BALANCED = 1e-13  # step below which the iteration has converged, rad or part of the mechanism's size
+INDIFFERENT = 1e-9  # eigenvalue over the largest one below which it counts as zero
 
 
 class Forces(Protocol):
     """Generalised forces at rest, as functions of q."""
 
     def load(self, q: Array) -> Array:
-        """Return r (nv,): what the constraints, or holding torques, must give."""
+        """Return r (nv,): the generalised forces that constraints or holding torques must give."""
         ...
 
     def stiffness(self, q: Array, lam: Array) -> Array:
-        """Return d(r - Psi^T lambda)/dq (nv, nv) along the velocity coordinates, lambda held."""
+        """Return d(r - Psi^T lambda)/dq (nv, nv) along the velocity coordinates at constant lambda."""
         ...
 
 
@@ -43,7 +42,7 @@ class Balance:
     """A balanced configuration.
 
     lam : multipliers of the conditions, of least norm. stiffness : eigenvalues of the reduced stiffness, smallest
-    real part first. residual : largest entry of N^T r. converged : whether Newton's method came to rest.
+    real part first. residual : largest entry of N^T r. converged : whether Newton's method did.
     """
 
     q: Array
@@ -73,11 +72,11 @@ class _Here:
 
 
 def balance(conditions: Conditions, forces: Forces, q: Array) -> Balance:
-    """Return the balance that is reached downhill from a closed configuration q (nq,).
+    """Return the balance that descent reaches from a closed configuration q (nq,).
 
-    Steps are Newton's with the signs of the stiffness's eigenvalues made positive, so that they lead down a
-    potential and away from unstable balances; they are shortened where the force changes its sense on the way. A
-    start that is balanced already is left alone, stable or not.
+    Newton steps with the stiffness's eigenvalues made positive: they lead down a potential and away from unstable
+    balances. A step is halved while the force along it changes sign before its end. A start that is balanced already is
+    returned, stable or not.
     """
     here = _at(conditions, forces, q)
     bound, count, converged = MOST_STEP, 0, not here.N.shape[1]
@@ -99,7 +98,7 @@ def balance(conditions: Conditions, forces: Forces, q: Array) -> Balance:
             if not np.all(np.isfinite(moved)):
                 break
             there = _at(conditions, forces, moved)
-            # the force along the step, carried over to the new tangent space
+            # the force along the step, in the tangent space at its end
             ahead = float((there.N.T @ (here.N @ step)) @ there.free)
             if residual < CLOSED and ahead <= 0.5 * abs(slope) + 1e-300:
                 break
@@ -134,7 +133,7 @@ def _at(conditions: Conditions, forces: Forces, q: Array) -> _Here:
 
 
 def _downhill(K: Array, force: Array) -> Array:
-    """Return the step -K^-1 f with the symmetric part's eigenvalues made positive, Newton's where they are."""
+    """Return Newton's step -K^-1 f, or one with the eigenvalues of K's symmetric part made positive."""
     spectrum, V = np.linalg.eigh(0.5 * (K + K.T))
     values: Array = np.asarray(spectrum, dtype=np.float64)
     if values[0] > 1e-8 * max(float(np.abs(values).max()), 1e-300):

@@ -1,22 +1,20 @@
-"""Follow a mechanism whose loops, together with what is asked of some joints or of a point, decide about all of it.
+"""Follow the motion of a mechanism that its loops and the conditions on some joints or on a point determine.
 
-At every sample F(q, t) = 0 is solved by Newton's method along one branch, then J v = c and J v-dot = b. F holds the
-rows of the loops and of what is asked; J has full column rank wherever the motion is determined, whether or not
-some rows depend on others.
+At every sample F(q, t) = 0 is solved by Newton's method on one branch, then J v = c and J v-dot = b. F holds the rows
+of the loops and of the conditions. J has full column rank wherever these determine the motion, even if some rows
+depend on others.
 """
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[Any]
-
-MISS = 0.08  # rad, or part of the mechanism's size, by which an extrapolation may miss: beyond it a branch could change
+MISS = 0.08  # rad, or part of the mechanism's size, by which extrapolation may miss before the branch could change
 SINGULAR = 1e-8  # smallest over largest singular value of J
 SAME = 1e-9  # relative residual below which conditions agree
 ITERATIONS = 12
@@ -24,9 +22,9 @@ HALVINGS = 40
 
 
 class Conditions(Protocol):
-    """What must hold, as functions of time and of the state.
+    """Conditions F(q, t) = 0 with their derivatives.
 
-    lengths : (nv,) what stands for a large motion of each coordinate. sizes : (m,) the same of each row.
+    lengths : (nv,) size of a large motion of each coordinate. sizes : (m,) size of a large residual of each row.
     """
 
     names: tuple[str, ...]
@@ -38,11 +36,11 @@ class Conditions(Protocol):
         ...
 
     def rates(self, q: Array, v: Array, t: float) -> tuple[Array, Array]:
-        """Return c and b (m,) of J v = c, J v-dot = b; b needs v."""
+        """Return c and b (m,) of J v = c and J v-dot = b; b depends on v."""
         ...
 
     def step(self, q: Array, dq: Array) -> Array:
-        """Return the position (nq,) a small motion dq (nv,) away."""
+        """Return the position (nq,) reached from q by a small motion dq (nv,)."""
         ...
 
 
@@ -64,10 +62,11 @@ class Place:
 
 
 class Stuck(Exception):
-    """The motion cannot go on at a time: a singular configuration, or conditions that contradict each other.
+    """The motion cannot go on: the configuration is singular, or conditions contradict each other.
 
-    ``row`` names what is violated and by how much, None at a singular configuration. ``weights`` are those of rows
-    and of coordinates in the direction in which J loses rank. ``last`` is the last place that was reached.
+    last : the last place that was reached. time : where it could not go on [s]. row : the violated row and its
+    residual; None at a singular configuration. weights : of rows and of coordinates in the direction in which J
+    loses rank.
     """
 
     def __init__(
@@ -92,7 +91,7 @@ class Guide:
         return out
 
     def solve(self, q: Array, t: float) -> tuple[Array, Array, float, float]:
-        """Return q, J, the largest relative residual and how far q moved (relative), by Newton's method from q."""
+        """Return q, J, the largest relative residual and the relative motion, by Newton's method from q."""
         moved = np.zeros(len(self.conditions.lengths))
         F, J = self.conditions.at(q, t)
         size = float(np.abs(F / self.conditions.sizes).max(initial=0.0))
@@ -128,7 +127,7 @@ class Guide:
 
         Raises
         ------
-        Stuck : what is asked cannot be met there, or J is singular.
+        Stuck : the conditions cannot be met there, or J is singular.
         """
         q, J, residual, _ = self.solve(q, t)
         if not residual < SAME:
@@ -139,11 +138,11 @@ class Guide:
         return here
 
     def advance(self, now: Place, end: float) -> Place:
-        """Return the place at time ``end``, in steps as short as it takes to stay on the branch.
+        """Return the place at time ``end``, in steps short enough to stay on the branch.
 
         Raises
         ------
-        Stuck : there is no way on.
+        Stuck : the branch ends before.
         """
         whole = end - now.t
         h = min(whole, 2.0 * self._h)
@@ -172,7 +171,7 @@ class Guide:
         if not residual < SAME or not missed < MISS:
             return None
         new = self.place(q, J, t)
-        # the sign changes where a singular value passes zero, which is how branches meet
+        # branches meet where a singular value passes zero, which changes this sign
         sign, _ = np.linalg.slogdet(now.J.T @ new.J)
         if not sign > 0.0:
             return None

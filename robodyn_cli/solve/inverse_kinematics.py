@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import cached_property
 from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.errors import CapabilityError, GeometryError, SceneError, SingularConfigurationError
 from robodyn_cli.model.model import BASE, FixedFrame, Model
@@ -14,23 +14,23 @@ from robodyn_cli.record import record
 from robodyn_cli.solve import planar_path
 from robodyn_cli.solve.planar_2r import BRANCHES, ELBOW_DOWN, ELBOW_UP, Planar2R
 from robodyn_cli.solve.reach import Singular, Unreachable
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.base import Ik
 from robodyn_cli.trajectories.motion import JointMotion, PointMotion, TaskSpace
 
 if TYPE_CHECKING:
     from robodyn_cli.solve.point_kinematics import PointFunction, PointKinematics
 
-Array = NDArray[np.float64]
 Compile = Callable[["PointKinematics"], "PointFunction"]
 
 
 @record
 class PointTask:
-    """A point of a model and what is asked of it.
+    """A point of a model and the path that it is to follow.
 
     frame : the point. trajectory : its path and the options of the inverse kinematics.
     start : joint positions by name near which the motion starts (``ik.guess``, or the scene's ``initial.q``).
-    parameters : those of the scene. where : put in front of errors about the scene.
+    parameters : those of the scene. where : the prefix of messages about the scene.
     """
 
     model: Model
@@ -46,8 +46,28 @@ class PointTask:
         return options
 
     def target(self, times: Array) -> PointMotion:
-        """Return what is asked of the point at ``times`` (T,), world coordinates."""
+        """Return the target of the point at ``times`` (T,), world coordinates."""
         return self.trajectory.target(times, self.parameters)
+
+    @cached_property
+    def arm(self) -> Planar2R | None:
+        """The planar arm whose angles follow from the path in closed form, None where there is none."""
+        found = Planar2R.recognise(self.model, self.frame)
+        return found if found is not None and found.in_plane(self.target(np.zeros(1))) is not None else None
+
+    @property
+    def method(self) -> str:
+        """``analytic`` or ``newton``."""
+        return "analytic" if self.arm is not None and self.ik.method != "newton" else "newton"
+
+    def kinematics(self) -> PointKinematics:
+        """Return the expressions that Newton's method evaluates, over the symbols q and v."""
+        from robodyn_cli.solve.point_kinematics import PointKinematics
+
+        graph, names = self.model.graph, self.model.v_names
+        q, v = graph.symbols(self.model.q_names, "q"), graph.symbols([f"{n}'" for n in names], "v")
+        components = self.target(np.zeros(1)).p.shape[1]
+        return PointKinematics.of(self.model, q, v, self.frame, components)
 
     def start_positions(self) -> Array | None:
         """Return the start as an array (n,), None where there is none."""
@@ -65,7 +85,7 @@ class PointTask:
 
 @record
 class Found:
-    """Joint motion that follows a path, how it was found (``analytic`` or ``newton``), and at what cost."""
+    """Joint motion that follows a path, the method (``analytic`` or ``newton``), its iterations and steps."""
 
     motion: JointMotion
     method: str
@@ -88,17 +108,14 @@ def follow_point(task: PointTask, times: Array, compile: Compile) -> Found:
     SceneError : no branch and no start. CapabilityError : a method that does not fit the chain.
     GeometryError : a target out of reach. SingularConfigurationError : a singular pose on the way.
     """
-    point, ik, model = task.trajectory.point, task.ik, task.model
+    point, ik = task.trajectory.point, task.ik
     if task.frame.body == BASE:
         raise SceneError(f"{task.where}point {point!r} is fixed to the base and cannot follow a trajectory")
-    target = task.target(times[:1])
-    arm = Planar2R.recognise(model, task.frame)
-    if arm is not None and arm.in_plane(target) is None:
-        arm = None
+    arm = task.arm
     _check_options(ik, arm, point, task.where)
     start = task.start_positions()
     try:
-        if arm is not None and ik.method != "newton":
+        if arm is not None and task.method == "analytic":
             branch = _branch(arm, ik, start, point, task.where)
             motion = planar_path.follow(arm, task.target, times, branch, start, ik.tolerance)
             return Found(motion, "analytic")
@@ -111,7 +128,7 @@ def follow_point(task: PointTask, times: Array, compile: Compile) -> Found:
                 f"{task.where}the inverse kinematics of {point!r} needs joint positions to start from: give "
                 "trajectory.ik.guess (or initial.q)"
             )
-        return _by_newton(task, times, start, target.p.shape[1], compile)
+        return _by_newton(task, times, start, compile)
     except Unreachable as failure:
         _report_unreachable(failure, task.where + f"point {point!r}")
     except Singular as failure:
@@ -124,19 +141,13 @@ def follow_point(task: PointTask, times: Array, compile: Compile) -> Found:
         ) from None
 
 
-def _by_newton(task: PointTask, times: Array, start: Array, components: int, compile: Compile) -> Found:
+def _by_newton(task: PointTask, times: Array, start: Array, compile: Compile) -> Found:
     """Follow the path by Newton's method from one time to the next."""
     from robodyn_cli.solve.continuation import Follower
     from robodyn_cli.solve.newton import PointSolver
-    from robodyn_cli.solve.point_kinematics import PointKinematics
 
-    model, ik = task.model, task.ik
-    symbols = (
-        model.graph.symbols(model.q_names, "q"),
-        model.graph.symbols([f"{name}'" for name in model.v_names], "v"),
-    )
-    kinematics = PointKinematics.of(model, *symbols, task.frame, components)
-    solver = PointSolver(compile(kinematics), model.nv, ik.tolerance, ik.max_iterations)
+    ik = task.ik
+    solver = PointSolver(compile(task.kinematics()), task.model.nv, ik.tolerance, ik.max_iterations)
     if solver.rank == 0:
         point = task.trajectory.point
         raise SceneError(f"{task.where}no joint moves point {point!r}, so it cannot follow a trajectory")

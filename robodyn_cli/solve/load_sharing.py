@@ -1,8 +1,8 @@
-"""How actuators and loop closures of a mechanism share the generalised force that a motion, or rest, needs.
+"""How actuators and loop closures of a mechanism share the generalised force u that a motion, or rest, needs.
 
-u = B tau + Psi^T lambda with B the actuated coordinates. With N spanning the null space of Psi (the motions that the
-loops allow) the principle of virtual work leaves N^T u = N^T B tau: as many equations as degrees of freedom. What
-remains, u - B tau, is what the loops hold.
+u = B tau + Psi^T lambda, where B selects the actuated coordinates. With the columns of N spanning the null space of
+Psi (the motions that the loops allow), the principle of virtual work gives N^T u = N^T B tau: one equation for each
+degree of freedom. The loops hold the rest, u - B tau.
 """
 
 from __future__ import annotations
@@ -10,20 +10,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.record import record
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 RANK = 1e-8  # ratio of singular values below which rank is lost
 
 
 class LostRank(Exception):
-    """At a sample the loops (``what`` is ``loops``) or the hold of the actuators (``actuators``) lose rank.
+    """Psi (``what`` is ``loops``) or N^T B (``actuators``) loses rank at a sample.
 
-    weights : (m,) of the rows, or (nv,) of the coordinates that move without the actuators. passed : whether it
-    happens between this sample and the next.
+    weights : (m,) of the rows that become dependent, or (nv,) of the coordinates that the actuators no longer hold.
+    passed : whether it happens between this sample and the next.
     """
 
     def __init__(self, what: str, sample: int, weights: Array, passed: bool = False) -> None:
@@ -32,7 +30,7 @@ class LostRank(Exception):
 
 
 class TooFewActuators(Exception):
-    """The mechanism has ``freedom`` degrees of freedom, of which the actuators command ``commanded`` anywhere."""
+    """The actuators command only ``commanded`` of the mechanism's ``freedom`` degrees of freedom."""
 
     def __init__(self, freedom: int, commanded: int) -> None:
         super().__init__()
@@ -88,7 +86,7 @@ def allowed_motions(psi: Array) -> tuple[Array, int]:
 
 
 def share(psi: Array, actuated: Sequence[int], needed: Mapping[str, Array]) -> Shared:
-    """Return how actuators and loops share what is needed.
+    """Return how actuators and loops share the generalised forces that are needed.
 
     Parameters
     ----------
@@ -135,7 +133,7 @@ def share(psi: Array, actuated: Sequence[int], needed: Mapping[str, Array]) -> S
 
 
 def _refuse_passing(psi: Array, columns: list[int], A: Array, N: Array) -> None:
-    """Raise if the actuators' hold passes through zero between two samples: the sign of det (Psi, B^T) changes.
+    """Raise if N^T B is singular between two samples, where the sign of det (Psi, B^T) changes.
 
     Raises
     ------

@@ -13,12 +13,10 @@ alike in the norm.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.record import record
 from robodyn_cli.solve.point_kinematics import PointFunction
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 RANK = 1e-9
 SINGULAR = 1e-8  # smallest over largest singular value

@@ -1,4 +1,4 @@
-"""Inverse kinematics of a planar 2R arm in closed form, wherever and however it is mounted.
+"""Inverse kinematics of a planar 2R arm in closed form, in any place and attitude.
 
 In the plane across the two parallel axes, with phi the direction of the first link (joint 1 to joint 2,
 length l1) and psi that of the second (joint 2 to the point, length l2), both turning about the first axis:
@@ -14,18 +14,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.model.model import BASE, FixedFrame, Model
 from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import PointMotion
-
-Array = NDArray[np.float64]
 
 ELBOW_UP, ELBOW_DOWN = -1.0, 1.0
 BRANCHES = {"elbow_up": ELBOW_UP, "elbow_down": ELBOW_DOWN}
-PARALLEL = 1e-12
+PARALLEL = 1e-12  # sine of the angle up to which two axes count as parallel
 
 
 @record
@@ -69,7 +67,7 @@ class Planar2R:
         if model.nv != 2 or len(path) != 2 or frame.body == BASE:
             return None
         one, two = (model.bodies[k] for k in path)
-        if one.joint.type != "revolute" or two.joint.type != "revolute":
+        if one.joint.dh_variable != "theta" or two.joint.dh_variable != "theta":
             return None
         mount = one.X_tree @ model.base
         entries = [*mount.E.flat, *mount.r, *two.X_tree.E.flat, *two.X_tree.r, *frame.p]

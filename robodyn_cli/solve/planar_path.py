@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from robodyn_cli.solve.planar_2r import Planar2R, PlaneMotion
 from robodyn_cli.solve.reach import Singular, Unreachable
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import JointMotion, PointMotion
-
-Array = NDArray[np.float64]
 
 LEAST_INTERVALS = 256  # however few samples are asked for: which turn a joint is on must not depend on them
 LEVELS = 12

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.kinematics import point_jacobian, poses, slice_q, slice_v, transforms
 from robodyn_cli.expr.calculus import directional
@@ -14,8 +13,7 @@ from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.record import record
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 
 class PointFunction(Protocol):

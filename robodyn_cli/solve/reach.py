@@ -1,4 +1,4 @@
-"""How following a target can fail; the caller adds names and turns these into errors for the user."""
+"""How following a target can fail; the caller turns these into messages that name the point."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Unreachable(Exception):
 
 
 class Singular(Exception):
-    """A configuration on the way in which the point cannot move in every direction asked for.
+    """A configuration on the way in which the point cannot move in every direction that its path may need.
 
     measure : the smallest singular value of the Jacobian over the largest, or |sin beta| of a 2R arm.
     """

@@ -1,14 +1,14 @@
-"""Vectors, rotations and coordinate transforms over any scalar: numbers or expressions.
+"""Spatial algebra over any scalar: vectors, rotations, transforms, twists and wrenches of numbers or expressions.
 
 Arrays have dtype ``object`` so that their entries may be Python floats and graph expressions side by side; a
 float 0.0 anywhere removes the terms it multiplies. Notation follows Featherstone, Rigid Body Dynamics
-Algorithms (2008): a transform from A to B has E (rotation, B coordinates from A coordinates) and r (origin of
-B in A coordinates).
+Algorithms (2008), chapter 2: a transform X from A to B has E (rotation, B coordinates from A coordinates) and r
+(origin of B in A coordinates). A twist is a motion vector (w, v), a wrench a force vector (n, f), both about the
+origin of the frame in whose coordinates they are given.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from robodyn_cli.expr.functions import cos, sin
 from robodyn_cli.record import record
 
+Array = NDArray[Any]  # of numbers; shape and unit are stated where it is used
 Vector = NDArray[Any]  # dtype object, shape (3,)
 Matrix = NDArray[Any]  # dtype object, shape (3, 3)
 Values = Sequence[Any] | NDArray[Any]  # numbers or expressions in order
@@ -82,7 +83,7 @@ def congruence(A: Matrix, B: Matrix) -> Matrix:
 
 
 def snap(x: float) -> float:
-    """Return x, with what is 0 or +-1 but for rounding made exact, so that it is seen as structure."""
+    """Return x, or exactly 0, 1 or -1 where x differs from it by rounding only: exact values fold away."""
     for exact in (0.0, 1.0, -1.0):
         if abs(x - exact) < 1e-15:
             return exact
@@ -145,6 +146,7 @@ class Transform:
 
     @staticmethod
     def identity() -> Transform:
+        """Return the transform from a frame to itself."""
         return Transform(identity(), zeros(3))
 
     @staticmethod
@@ -164,12 +166,115 @@ class Transform:
         """Return the A coordinates of a point given in B coordinates."""
         return self.r + self.E.T @ p
 
-    def force_to_parent(self, n: Vector, f: Vector) -> tuple[Vector, Vector]:
-        """Return moment about A's origin and force in A coordinates, from those about B's origin (X^T f)."""
-        fa = self.E.T @ f
-        return self.E.T @ n + cross(self.r, fa), fa
+
+@record
+class Twist:
+    """Motion vector: angular part w and linear part v of the point at the frame's origin.
+
+    A body's spatial velocity [rad/s, m/s], its spatial acceleration [rad/s^2, m/s^2], or a column of a joint's
+    motion subspace S. Source: Featherstone (2008), sections 2.2 and 2.8.
+    """
+
+    w: Vector
+    v: Vector
+
+    @staticmethod
+    def zero() -> Twist:
+        """Return the twist of a body at rest."""
+        return Twist(zeros(3), zeros(3))
+
+    @staticmethod
+    def along(S: Matrix, rates: Vector) -> Twist:
+        """Return S qd for a motion subspace S (6, nv), angular rows first, and rates qd (nv,)."""
+        return Twist(S[:3] @ rates, S[3:] @ rates)
+
+    @property
+    def components(self) -> Vector:
+        """The six components, angular ones first."""
+        return np.concatenate([self.w, self.v])
+
+    def __add__(self, other: Twist) -> Twist:
+        return Twist(self.w + other.w, self.v + other.v)
+
+    def __sub__(self, other: Twist) -> Twist:
+        return Twist(self.w - other.w, self.v - other.v)
+
+    def shifted(self, p: Vector) -> Twist:
+        """Return the same motion about the point p: (w, v + w x p)."""
+        return Twist(self.w, self.v + cross(self.w, p))
+
+    def rotated(self, E: Matrix) -> Twist:
+        """Return the twist in rotated coordinates: (E w, E v)."""
+        return Twist(E @ self.w, E @ self.v)
+
+    def to_child(self, X: Transform) -> Twist:
+        """Return X m, the B coordinates of a motion given in A (X from A to B): E w, E (v + w x r)."""
+        return self.shifted(X.r).rotated(X.E)
+
+    def cross(self, m: Twist) -> Twist:
+        """Return self x m, the rate of a motion m that is fixed in a body with this velocity (equation 2.31)."""
+        return Twist(cross(self.w, m.w), cross(self.w, m.v) + cross(self.v, m.w))
+
+    def cross_wrench(self, f: Wrench) -> Wrench:
+        """Return self x* f, the rate of a force f that is fixed in a body with this velocity (equation 2.32)."""
+        return Wrench(cross(self.w, f.n) + cross(self.v, f.f), cross(self.w, f.f))
 
 
-def is_finite_vector(xs: Iterable[float]) -> bool:
-    """Tell whether all entries are ordinary numbers."""
-    return all(math.isfinite(x) for x in xs)
+@record
+class Wrench:
+    """Force vector: moment n [N m] about the frame's origin and force f [N]; or a momentum, times seconds.
+
+    Source: Featherstone (2008), sections 2.3 and 2.8.
+    """
+
+    n: Vector
+    f: Vector
+
+    @staticmethod
+    def zero() -> Wrench:
+        """Return the wrench that does nothing."""
+        return Wrench(zeros(3), zeros(3))
+
+    @staticmethod
+    def along(U: Matrix, amounts: Vector) -> Wrench:
+        """Return U x for force vectors as the columns of U (6, n), moments first, and amounts x (n,)."""
+        return Wrench(U[:3] @ amounts, U[3:] @ amounts)
+
+    @property
+    def components(self) -> Vector:
+        """The six components, those of the moment first."""
+        return np.concatenate([self.n, self.f])
+
+    def __add__(self, other: Wrench) -> Wrench:
+        return Wrench(self.n + other.n, self.f + other.f)
+
+    def __sub__(self, other: Wrench) -> Wrench:
+        return Wrench(self.n - other.n, self.f - other.f)
+
+    def __neg__(self) -> Wrench:
+        return Wrench(-self.n, -self.f)
+
+    def shifted(self, p: Vector) -> Wrench:
+        """Return the same wrench about the origin, given about the point p: (n + p x f, f)."""
+        return Wrench(self.n + cross(p, self.f), self.f)
+
+    def rotated(self, E: Matrix) -> Wrench:
+        """Return the wrench in rotated coordinates: (E n, E f)."""
+        return Wrench(E @ self.n, E @ self.f)
+
+    def to_parent(self, X: Transform) -> Wrench:
+        """Return X^T f, the A coordinates of a force given in B (X from A to B): E^T n + r x E^T f, E^T f."""
+        return self.rotated(X.E.T).shifted(X.r)
+
+    def dot(self, m: Twist) -> Any:
+        """Return n.w + f.v: the power [W] of the wrench on a body with velocity m."""
+        return dot(m.w, self.n) + dot(m.v, self.f)
+
+    def project(self, S: Matrix) -> Vector:
+        """Return S^T f (nv,), the wrench's part along each column of a motion subspace S (6, nv)."""
+        return vector([self.dot(s) for s in columns(S)])
+
+
+def columns(S: Matrix) -> list[Twist]:
+    """Return the columns of a motion subspace S (6, nv) as twists."""
+    return [Twist(S[:3, j], S[3:, j]) for j in range(S.shape[1])]

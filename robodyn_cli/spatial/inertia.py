@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
-from robodyn_cli.expr.graph import is_number
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import (
     Matrix,
     Transform,
+    Twist,
     Vector,
+    Wrench,
     congruence,
     cross,
     dot,
@@ -23,9 +22,10 @@ from robodyn_cli.spatial.algebra import (
 
 @record
 class RigidInertia:
-    """Mass m [kg], first moment h = m c [kg m] and rotational inertia I [kg m^2] about the frame's origin.
+    """Spatial inertia of a rigid body (Featherstone 2008, equation 2.63) in its ten numbers.
 
-    Spatial inertia of Featherstone (2008), equation 2.63, kept in its ten numbers.
+    m : mass [kg]. h : (3,) first moment m c [kg m], c the centre of mass. I : (3, 3) rotational inertia about the
+    frame's origin [kg m^2].
     """
 
     m: Any
@@ -34,11 +34,12 @@ class RigidInertia:
 
     @staticmethod
     def zero() -> RigidInertia:
+        """Return the inertia of a body without mass."""
         return RigidInertia(0.0, zeros(3), zeros(3, 3))
 
     @staticmethod
     def from_com(m: Any, c: Vector, I_com: Matrix) -> RigidInertia:
-        """Build from mass, centre of mass c [m] and inertia about the centre of mass (parallel axes)."""
+        """Return the inertia about the origin from mass, centre of mass c [m] and inertia about c."""
         h = m * c
         return RigidInertia(m, h, I_com + parallel_axis(h, c))
 
@@ -48,8 +49,12 @@ class RigidInertia:
     def __sub__(self, other: RigidInertia) -> RigidInertia:
         return RigidInertia(self.m - other.m, self.h - other.h, self.I - other.I)
 
+    def __matmul__(self, m: Twist) -> Wrench:
+        """Return I m: the momentum of the body for its velocity (I w + h x v, m v - h x w)."""
+        return Wrench(self.I @ m.w + cross(self.h, m.v), self.m * m.v - cross(self.h, m.w))
+
     def to_parent(self, X: Transform) -> RigidInertia:
-        """Express in the parent frame A the inertia given in B (X from A to B): X^T I X."""
+        """Return the inertia in the parent frame A, given in B (X from A to B): X^T I X (table 2.1)."""
         h = X.E.T @ self.h
         I = congruence(X.E, self.I)
         shift = _shift_matrix(X.r, h, self.m)
@@ -81,7 +86,7 @@ def _shift_matrix(r: Vector, h: Vector, m: Any) -> Matrix:
 
 @record
 class ArticulatedInertia:
-    """Symmetric spatial inertia in 3x3 blocks: n = A w + H v, f = H^T w + M v."""
+    """Articulated-body inertia, symmetric, in 3x3 blocks: n = A w + H v, f = H^T w + M v (Featherstone 2008, 7.1)."""
 
     A: Matrix
     H: Matrix
@@ -89,18 +94,18 @@ class ArticulatedInertia:
 
     @staticmethod
     def from_rigid(body: RigidInertia) -> ArticulatedInertia:
+        """Return the inertia of a body that carries nothing."""
         return ArticulatedInertia(body.I, skew(body.h), body.m * identity())
 
     def __add__(self, other: ArticulatedInertia) -> ArticulatedInertia:
         return ArticulatedInertia(self.A + other.A, self.H + other.H, self.M + other.M)
 
-    def column(self, s: Vector) -> Vector:
-        """Return the 6-vector I s for a motion s = (angular, linear)."""
-        w, v = s[:3], s[3:]
-        return np.concatenate([self.A @ w + self.H @ v, self.H.T @ w + self.M @ v])
+    def __matmul__(self, m: Twist) -> Wrench:
+        """Return I m, the force that gives the handle the acceleration m: (A w + H v, H^T w + M v)."""
+        return Wrench(self.A @ m.w + self.H @ m.v, self.H.T @ m.w + self.M @ m.v)
 
     def downdate(self, U: Vector, V: Vector) -> ArticulatedInertia:
-        """Return I - (U V^T + V U^T) / 2 for parallel U and V (I^a of Featherstone 2008, equation 7.23)."""
+        """Return I - U V^T for parallel U and V (6,), which keeps I symmetric."""
 
         def block(a: Vector, b: Vector, symmetric: bool) -> Matrix:
             out = zeros(3, 3)
@@ -128,29 +133,3 @@ class ArticulatedInertia:
             for j in range(i, 3):
                 shifted[i, j] = shifted[j, i] = A[i, j] + left[i, j] - dot(H_shifted[i], P[:, j])
         return ArticulatedInertia(shifted, H_shifted, M)
-
-
-def consistency(m: float, I_com: np.ndarray) -> list[tuple[str, float]]:
-    """List what is physically wrong with a mass and an inertia about the centre of mass.
-
-    Returns
-    -------
-    Pairs (what, deficit): a negative principal moment, a violated triangle inequality (Traversaro et al.
-    2016), inertia without mass.
-    """
-    problems: list[tuple[str, float]] = []
-    moments = np.linalg.eigvalsh(np.asarray(I_com, dtype=float))
-    scale = max(float(np.abs(moments).max()), 1e-300)
-    if moments[0] < -1e-12 * scale:
-        problems.append(("the inertia is not positive semi-definite", float(-moments[0])))
-    deficit = float(moments[2] - moments[0] - moments[1])
-    if deficit > 1e-12 * scale:
-        problems.append(("the principal moments violate the triangle inequality", deficit))
-    if m == 0.0 and scale > 1e-300 and is_number(m) and moments[2] > 0.0:
-        problems.append(("inertia without mass", float(moments[2])))
-    return problems
-
-
-def momentum(body: RigidInertia, w: Vector, v: Vector) -> tuple[Vector, Vector]:
-    """Return angular momentum about the origin and linear momentum of a body moving with (w, v)."""
-    return body.I @ w + cross(body.h, v), body.m * v - cross(body.h, w)

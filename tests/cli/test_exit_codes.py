@@ -87,6 +87,13 @@ def test_2_usage_and_scenes(words: list[str], tmp_path: Path, monkeypatch: pytes
     assert "Traceback" not in done.err
 
 
+def test_2_a_plan_of_a_scene_that_lacks_data() -> None:
+    tilted = "robot.joints.theta2.origin={rpy: [30 deg, 0, 0]}"
+    done = run("plan", CONFIGS / "2r_circle.yaml", "--set", tilted, "--json")
+    assert done.code == 2 and done.data["status"] == "failed"
+    assert "inertia.xx of link2" in done.data["missing"] and "inertia.xx of link2" in done.err
+
+
 def test_2_a_directory_in_use(scene: Path, tmp_path: Path) -> None:
     with OutputDirectory(tmp_path / "out"):
         done = run("simulate", scene, "--no-plots", "--out", tmp_path / "out")

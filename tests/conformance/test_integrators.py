@@ -12,14 +12,27 @@ from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr import functions as f
 from robodyn_cli.formulations.events import EventFunction
 from robodyn_cli.formulations.system import Corrections
+from robodyn_cli.integration_methods import METHODS as METHODS_TABLE
+from robodyn_cli.integrators.methods.explicit import ExplicitRungeKutta
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime import engine
 from robodyn_cli.integrators.runtime import integrator as module
 from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
 from robodyn_cli.integrators.stepping import writer
-from robodyn_cli.integrators.stepping.stepper import Stepper
 from robodyn_cli.kernels import compiler
 from tests import systems
+from tests.methods import (
+    ADAPTIVE,
+    ADAPTIVE_FAMILIES,
+    FAMILIES,
+    METHODS,
+    each_adaptive,
+    each_adaptive_family,
+    each_family,
+    each_method,
+    each_pair,
+    taking,
+)
 from tests.systems import (
     CASES,
     Case,
@@ -29,17 +42,19 @@ from tests.systems import (
     is_low,
     samples,
     settings,
+    step_ends,
     system,
     within_reach,
 )
 
-METHODS = tuple(methods)
-ADAPTIVE = tuple(m for m in METHODS if methods[m].adaptive)
 FOR_STIFF = {m for m in METHODS if methods[m].needs_jacobian}
 EXPLODING = {m for m in METHODS if not methods[m].adaptive} - FOR_STIFF
-each_method = pytest.mark.parametrize("method", METHODS)
-each_adaptive = pytest.mark.parametrize("method", ADAPTIVE)
-each_case = pytest.mark.parametrize("case", CASES, ids=str)
+each_family_that_takes_velocities = pytest.mark.parametrize(
+    "method", taking("accelerations from velocities", FAMILIES)
+)
+# the control of errors is tried on all cases by one method a family, and on pendulums by each
+OTHERS = tuple(m for m in ADAPTIVE if m not in FAMILIES)
+each_error = each_pair((ADAPTIVE_FAMILIES, CASES), (OTHERS, CASES[-1:]))
 ENOUGH = 5_000_000  # steps
 BLOW_UP = system(1, lambda t, q, v, z, p: [2.0 * q[0] * q[0] * q[0]])  # q = 1 / (1 - t)
 
@@ -132,8 +147,7 @@ def test_the_order_is_what_is_stated(method: str, case: Case, fixed_steps: None)
 GROWTH = {"Kepler orbit": 1e4}
 
 
-@each_adaptive
-@each_case
+@each_error
 def test_the_error_follows_the_tolerance(method: str, case: Case) -> None:
     bound = GROWTH.get(case.name, 300.0)
     errors = {}
@@ -148,8 +162,7 @@ def test_the_error_follows_the_tolerance(method: str, case: Case) -> None:
     assert errors[1e-7] < 1e-11 or 1e2 * errors[1e-7] >= 1e3 * min(errors[1e-11], 1e-10), errors
 
 
-@each_adaptive
-@each_case
+@each_error
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-7, 1e-10])
 def test_samples_are_as_good_as_the_steps(method: str, case: Case, tolerance: float) -> None:
     grid = Grid(0.0, case.end / 2000, 2001)
@@ -167,16 +180,7 @@ def test_samples_are_continuous_across_steps(method: str) -> None:
     case = systems.kepler()
     step = 5e-4 if is_low(method) else 0.05 if method == "rk4" else 0.005
     options = {"rtol": 1e-7, "atol": 1e-7} if methods[method].adaptive else {"step": step}
-    integrator = Integrator(case.system, method)
-    integrator.reset(0.0, case.start, settings(method, **options))
-    ends = []
-    while integrator.time < 5.0:
-        integrator.options = dataclasses.replace(integrator.options, max_steps=integrator.counters.steps
-                                                 + integrator.counters.rejected + 1)  # fmt: skip
-        try:
-            integrator.advance(6.0)
-        except NumericalError:
-            ends.append(integrator.time)
+    integrator, ends = step_ends(case, method, 5.0, **options)
     width = 1e-7
     for end in ends[2:12]:
         grid = Grid(end - 4 * width, width, 9)
@@ -192,7 +196,7 @@ def test_samples_are_continuous_across_steps(method: str) -> None:
 
 
 # -- the grid of samples ---------------------------------------------------------------------------------
-@each_method
+@each_family
 @pytest.mark.parametrize(("start", "step", "count"), [(0.0, 0.1, 101), (0.0, 1 / 3, 31), (-7.3, 0.73, 11), (1e5, 1e-3, 50),
                                                       (-10.0, 0.01, 1001), (0.0, 10.0, 2), (2.5, 1e-4, 7)])  # fmt: skip
 def test_sample_times_are_the_grid_and_nothing_else(
@@ -208,7 +212,7 @@ def test_sample_times_are_the_grid_and_nothing_else(
     assert largest(states - case.exact(times - start)) < fine_error(method) + 1e-10 * (abs(start) > 1e3)
 
 
-@each_method
+@each_family
 def test_a_grid_may_begin_later_or_end_earlier_or_lie_outside(method: str) -> None:
     case = systems.oscillator()
     for grid, expected in (
@@ -228,7 +232,7 @@ def test_a_grid_may_begin_later_or_end_earlier_or_lie_outside(method: str) -> No
         assert integrator.time == 5.0
 
 
-@each_method
+@each_family
 @pytest.mark.parametrize("case", [systems.forced(work=True), systems.chain(4)], ids=str)
 def test_blocks_and_slices_change_nothing(method: str, case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     """However often the compiled loop comes back, to empty its output or to look up, the run is the same."""
@@ -251,7 +255,7 @@ def test_blocks_and_slices_change_nothing(method: str, case: Case, monkeypatch: 
     assert ticks == sorted(ticks) and len(ticks) >= 2
 
 
-@each_method
+@each_family
 def test_a_run_may_stop_and_resume(method: str) -> None:
     case = systems.kepler()
     grid = Grid(0.0, 0.05, 201)
@@ -267,7 +271,7 @@ def test_a_run_may_stop_and_resume(method: str) -> None:
         assert integrator.time == 10.0
 
 
-@each_method
+@each_family_that_takes_velocities
 def test_runs_repeat_exactly_after_a_reset(method: str) -> None:
     case = systems.controlled()
     integrator = Integrator(case.system, method)
@@ -284,7 +288,7 @@ def test_runs_repeat_exactly_after_a_reset(method: str) -> None:
         assert counters == results[0][1]
 
 
-@each_method
+@each_family
 def test_integrators_of_the_same_code_share_nothing(method: str) -> None:
     case = systems.kepler()
     alone = advance(case, method, 4.0, **fine(method)).state
@@ -334,7 +338,7 @@ def table_case(breakpoints: tuple[float, ...]) -> Case:
     return Case("table", body, (0.3, -0.2), exact, 6.0)
 
 
-@each_method
+@each_family
 def test_kinks_cost_no_accuracy(method: str) -> None:
     case = table_case(TABLE[0])
     grid = Grid(0.0, 6.0 / 777, 778)
@@ -348,15 +352,44 @@ def test_kinks_cost_no_accuracy(method: str) -> None:
         assert end_error(case, integrator) <= 100 * tolerance
 
 
+def unseen(method: str, ends: np.ndarray) -> float:
+    """Return the error that the kinks of the table leave where at most one stage of a step lies beyond them.
+
+    The stages of a Gauss method lie inside the step. A torque whose slope changes by b at a distance d from an end of
+    the step, d below that of the second stage, is integrated as if it did not change there: q' is off by b d^2 / 2.
+    """
+    if not method.startswith("gauss"):
+        return 0.0
+    nodes = np.polynomial.legendre.leggauss(methods[method].order // 2)[0]
+    second = 0.5 * (1.0 + np.sort(nodes)[1])
+    slopes = np.concatenate([[0.0], np.diff(TABLE[1]) / np.diff(TABLE[0]), [0.0]])
+    error = 0.0
+    for kink, change in zip(TABLE[0], np.diff(slopes)):
+        k = int(np.searchsorted(ends, kink))
+        if 0 < k < len(ends):
+            distance = min(ends[k] - kink, kink - ends[k - 1])
+            if distance < second * (ends[k] - ends[k - 1]):
+                error += 0.5 * abs(change) * distance**2
+    return error
+
+
 @each_adaptive
 def test_without_breakpoints_kinks_are_found_by_the_step_control(method: str) -> None:
+    """Nothing says where the torque's slope jumps: the estimate of the error has to notice.
+
+    That of the Gauss methods is the decay of the Legendre coefficients: 100 tolerances are accepted in the last, and 1000
+    in the last but one, which stands for all where a kink lies in the middle of a step, so that those of odd degree
+    vanish. Those that are cut off fall slowly behind a kink, and make up ten times as much. The table has four kinks.
+    """
     case, told = table_case(()), table_case(TABLE[0])
-    blind = advance(case, method, rtol=1e-10, atol=1e-10)
-    assert end_error(case, blind) < 1e-4
+    tolerance = within_reach(method, 1e-10)
+    bound = 4 * 1e4 * tolerance if method.startswith("gauss") else 100.0 * tolerance
+    blind, ends = step_ends(case, method, rtol=1e-10, atol=1e-10)
+    assert end_error(case, blind) < bound + unseen(method, ends)
     assert advance(told, method, rtol=1e-10, atol=1e-10).counters.evaluations < blind.counters.evaluations
 
 
-@each_method
+@each_family
 @pytest.mark.parametrize(
     "points", [(0.0,), (6.0,), (7.0, 8.0), (-1.0,), (3.0, 3.0), (1e-300,), (3.0, 3.0 + 4e-16)]
 )
@@ -388,8 +421,8 @@ FRONTS = {
 }
 
 
-@each_adaptive
-@pytest.mark.parametrize("width", [1e-2, 1e-3, 1e-4, 1e-5])
+@each_adaptive_family
+@pytest.mark.parametrize("width", [1e-2, 1e-3, 1e-4, 9e-6])
 @pytest.mark.parametrize("kind", FRONTS)
 def test_steep_fronts_are_not_stepped_over(method: str, kind: str, width: float) -> None:
     """Smooth, but so steep that all of it fits between two stages, or between a stage and the end of a step."""
@@ -405,7 +438,7 @@ def test_steep_fronts_are_not_stepped_over(method: str, kind: str, width: float)
 
 
 # -- parameters -------------------------------------------------------------------------------------------
-@each_method
+@each_family_that_takes_velocities
 def test_parameters(method: str) -> None:
     body = system(1, lambda t, q, v, z, p: [-p[0] * q[0] + p[2] * f.where(q[0], v[0], 0.0)])
     for w, extra in ((1.0, 0.0), (2.0, 0.0), (1.5, np.nan)):
@@ -434,10 +467,11 @@ def test_counters_add_up(method: str) -> None:
     counters = integrator.counters
     assert counters.steps > 5 and counters.events == 0 and counters.projections == 0
     assert counters.evaluations >= counters.steps + counters.rejected
-    stages = getattr(methods[method], "table", None)
-    if stages is not None and hasattr(stages, "b"):
-        width = methods[method].stages  # type: ignore[attr-defined]
-        assert counters.evaluations == width * (counters.steps + counters.rejected)
+    kind = methods[method]
+    if isinstance(kind, ExplicitRungeKutta):
+        new, tries = kind.table.stages - 1, counters.steps + counters.rejected
+        states = 1 if kind.table.first_same_as_last else counters.steps
+        assert counters.evaluations == new * tries + states
     assert set(counters.as_dict()) == {"steps", "rejected", "evaluations", "projections", "events"}
     for limit in (1, 5, counters.steps - 1):
         with pytest.raises(NumericalError, match=f"more than {limit} steps, stopped at t = ") as caught:
@@ -447,7 +481,28 @@ def test_counters_add_up(method: str) -> None:
     assert again.counters == counters
 
 
-@each_adaptive
+def test_the_last_stage_is_the_first_of_the_next_step() -> None:
+    free = advance(systems.kepler(), "dopri5", rtol=1e-8, atol=1e-8).counters
+    assert free.evaluations == 6 * (free.steps + free.rejected) + 1
+    # not where the state is put back on its constraint
+    integrator = Integrator(constrained_pendulum(), "dopri5")
+    integrator.reset(0.0, (-1.0, 0.0, 0.0, 0.0), Options(1e-8, 1e-8))
+    integrator.advance(2.0)
+    held = integrator.counters
+    assert held.evaluations == 6 * (held.steps + held.rejected) + held.steps
+    # nor where it was replaced, or another interval begins
+    case = systems.oscillator()
+    integrator = Integrator(case.system, "dopri5")
+    integrator.reset(0.0, (1.0, 0.0), Options(1e-10, 1e-12))
+    integrator.advance(1.0)
+    integrator.set_state((0.0, 2.0))
+    integrator.advance(2.0)
+    spent = integrator.counters
+    assert spent.evaluations == 6 * (spent.steps + spent.rejected) + 2
+    np.testing.assert_allclose(integrator.state, (2.0 * np.sin(1.0), 2.0 * np.cos(1.0)), atol=1e-8)
+
+
+@each_adaptive_family
 def test_the_longest_step_is_kept(method: str) -> None:
     case = systems.oscillator()
     integrator = advance(case, method, 10.0, rtol=1e-3, atol=1e-3, max_step=0.05)
@@ -471,7 +526,7 @@ def test_fixed_steps_are_counted_exactly() -> None:
         assert advance(case, method, 1.0).counters.steps == 1000  # without a step: a thousandth of the run
 
 
-@each_method
+@each_family
 def test_a_step_may_be_suggested_to_any_method(method: str) -> None:
     case = systems.oscillator()
     step = 1e-4 if is_low(method) else 0.01
@@ -481,7 +536,7 @@ def test_a_step_may_be_suggested_to_any_method(method: str) -> None:
 
 
 # -- failures -----------------------------------------------------------------------------------------------
-@each_adaptive
+@each_adaptive_family
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-10])
 def test_a_blow_up_in_finite_time_is_caught_where_it_happens(method: str, tolerance: float) -> None:
     integrator = Integrator(BLOW_UP, method)
@@ -492,7 +547,7 @@ def test_a_blow_up_in_finite_time_is_caught_where_it_happens(method: str, tolera
     assert np.all(np.isfinite(integrator.state))
 
 
-@each_method
+@each_family
 def test_samples_before_a_failure_are_kept(method: str) -> None:
     integrator = Integrator(BLOW_UP, method)
     options = fine(method)
@@ -515,7 +570,7 @@ FAILING = {
 }
 
 
-@each_method
+@each_family
 @pytest.mark.parametrize("kind", FAILING)
 def test_rates_that_are_no_numbers_are_never_accepted(method: str, kind: str) -> None:
     rates, where = FAILING[kind]
@@ -535,7 +590,7 @@ def test_rates_that_are_no_numbers_are_never_accepted(method: str, kind: str) ->
         assert "finite" in caught.value.message
 
 
-@each_method
+@each_family
 @pytest.mark.parametrize("place", [0, 1])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_a_start_that_is_no_number_is_caught(method: str, place: int, value: float) -> None:
@@ -553,7 +608,7 @@ def test_a_state_of_the_wrong_length_is_an_error() -> None:
 
 
 # -- scales -------------------------------------------------------------------------------------------------
-@each_adaptive
+@each_adaptive_family
 @pytest.mark.parametrize("rate", [1e-8, 1e-3, 1e4, 1e9])
 @pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
 def test_units_do_not_matter(method: str, rate: float, size: float) -> None:
@@ -576,6 +631,10 @@ def test_units_do_not_matter(method: str, rate: float, size: float) -> None:
     )
 
 
+# between the ends of a step: the powers of a polynomial through seven or eight stages multiply rounding by some 1e4
+ROUNDING = {"gauss": 1e-11, "radau13": 1e-11}
+
+
 @each_adaptive
 @pytest.mark.parametrize("duration", [1e-12, 1e-9, 1e-6])
 def test_short_runs(method: str, duration: float) -> None:
@@ -583,10 +642,11 @@ def test_short_runs(method: str, duration: float) -> None:
     grid = Grid.over(duration, 11)
     times, states, integrator = samples(case.system, method, case.start, grid)
     assert len(times) == 11 and integrator.time == times[-1]
-    np.testing.assert_allclose(states[:, 1], -np.sin(1.0) * times, rtol=1e-9)
+    np.testing.assert_allclose(integrator.state[1], -np.sin(1.0) * duration, rtol=1e-12)
+    np.testing.assert_allclose(states[:, 1], -np.sin(1.0) * times, rtol=ROUNDING.get(method, 1e-12))
 
 
-@each_adaptive
+@each_adaptive_family
 @pytest.mark.parametrize("start", [-1e6, 1e6])
 def test_far_from_time_zero(method: str, start: float) -> None:
     body = system(1, lambda t, q, v, z, p: [-q[0] + f.sin(3.0 * (t - start))])
@@ -596,7 +656,7 @@ def test_far_from_time_zero(method: str, start: float) -> None:
     assert largest(states - case.exact(times - start)) < 200 * within_reach(method, 1e-9)
 
 
-@each_adaptive
+@each_adaptive_family
 def test_a_tolerance_of_zero_for_what_is_zero(method: str) -> None:
     """atol = 0 with components that start at zero, pass it, or stay there."""
     case = systems.oscillator()
@@ -616,7 +676,7 @@ def test_a_tolerance_of_zero_for_what_is_zero(method: str) -> None:
     np.testing.assert_array_equal(integrator.state[[1, 3]], 0.0)
 
 
-@each_adaptive
+@each_adaptive_family
 def test_a_quadrature_faster_than_the_motion_is_resolved(method: str) -> None:
     body = system(1, lambda t, q, v, z, p: ([-q[0]], [f.cos(20.0 * t)]), nz=1)
     for tolerance in (1e-4, 1e-7, within_reach(method, 1e-10)):
@@ -642,7 +702,7 @@ def stiff(k: float, c: float) -> Case:
     )
 
 
-@each_adaptive
+@each_adaptive_family
 @pytest.mark.parametrize(
     ("k", "c"), [(1e6, 0.0), (1e6, 1e2), (1e6, 1e4), (1e8, 1e4), (1e9, 0.0), (1e9, 1e6), (0.0, 1e9)]
 )
@@ -668,7 +728,7 @@ def test_stiff_motion_is_right_or_refused(method: str, k: float, c: float, toler
     assert largest(v - exact[2:]) < 100 * tolerance * cycles * max(1.0, 1e-3 * np.sqrt(k))
 
 
-@each_adaptive
+@each_adaptive_family
 def test_a_stiff_pendulum_agrees_with_radau(method: str) -> None:
     from scipy.integrate import solve_ivp
 
@@ -699,7 +759,7 @@ def test_fixed_or_not_no_method_returns_what_is_not_finite(method: str) -> None:
         assert method not in EXPLODING and largest(integrator.state[:2]) < 2.0
 
 
-@each_adaptive
+@each_adaptive_family
 @pytest.mark.parametrize("duration", [1e6, 1e12])
 def test_a_very_long_run_starts_well(method: str, duration: float) -> None:
     """The first trial step is a part of the duration, and may be absurd."""
@@ -734,7 +794,7 @@ def constrained_pendulum() -> Any:
     )
 
 
-@each_method
+@each_family_that_takes_velocities
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-10])
 def test_projection_keeps_the_constraints(method: str, tolerance: float) -> None:
     body = constrained_pendulum()
@@ -807,7 +867,7 @@ def test_gauss_runs_backwards_to_where_it_came_from(case: Case) -> None:
 
 
 # -- shape of the code ----------------------------------------------------------------------------------------
-@each_method
+@each_family_that_takes_velocities
 def test_long_equations_are_called_and_give_the_same(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROBODYN_CACHE", "off")
     body = dataclasses.replace(constrained_pendulum())
@@ -820,12 +880,14 @@ def test_long_equations_are_called_and_give_the_same(method: str, monkeypatch: p
         monkeypatch.setattr(compiler, "_loaded", {})
         runs.append(samples(body, method, (-1.0, 0.0, 0.0, 0.0), grid, **fine(method)))
     (_, inline, a), (_, called, b) = runs
-    np.testing.assert_allclose(called, inline, rtol=0, atol=1e-11)
+    # the same steps give the same states; where rounding has led to other steps, both are as accurate as asked for
+    same = a.counters == b.counters
+    np.testing.assert_allclose(called, inline, rtol=0, atol=1e-11 if same else fine_error(method))
     assert a.counters.events == b.counters.events == 2
     assert abs(a.counters.steps - b.counters.steps) <= 2 + 0.05 * a.counters.steps
 
 
-@each_method
+@each_family
 def test_without_fused_multiply_add_too(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROBODYN_CACHE", "off")
     monkeypatch.setattr(compiler, "_loaded", {})
@@ -838,10 +900,10 @@ def test_without_fused_multiply_add_too(method: str, monkeypatch: pytest.MonkeyP
 @each_method
 def test_steppers_state_what_they_are(method: str) -> None:
     kind = methods[method]
-    assert issubclass(kind, Stepper) and kind.name == method
+    assert kind.name == method and kind.facts is METHODS_TABLE[method]
     assert kind.order >= 1 and 1 <= kind.dense_order <= kind.order
     assert (kind.__doc__ or "").strip()
-    assert kind().dense_size(systems.chain(4).system) > 0
+    assert kind.dense_size(systems.chain(4).system) > 0
 
 
 def test_integrate_in_one_call() -> None:

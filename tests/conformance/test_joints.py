@@ -13,8 +13,9 @@ from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.joints.base import Joint
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.model.model import BASE, Body
-from robodyn_cli.spatial.algebra import Transform, matrix, vector
+from robodyn_cli.spatial.algebra import Transform, matrix, rotation_about, vector
 from robodyn_cli.spatial.inertia import ArticulatedInertia, RigidInertia
+from tests.dense import twist, wrench
 from tests.numeric import assert_close, first_derivative, real, vee
 from tests.random_models import random_inertia
 from tests.wide_joints import wide_joints
@@ -62,7 +63,6 @@ def test_sizes_and_names(name: str) -> None:
     assert np.shape(q) == (joint.nq,)
     assert np.shape(joint.S(q)) == (6, joint.nv)
     assert np.shape(joint.S_rate(q, v)) == (6, joint.nv)
-    assert np.shape(joint.bias(q, v)) == (6,)
     assert np.shape(joint.velocity_map(q, v)) == (joint.nq,)
     if joint.nv:
         assert np.linalg.matrix_rank(real(joint.S(q))) == joint.nv
@@ -94,16 +94,15 @@ def test_subspace_is_the_rate_of_the_transform(name: str, seed: int) -> None:
 
 @registered
 @sampled
-def test_rate_and_bias_are_those_of_the_subspace(name: str, seed: int) -> None:
-    """Check 3: with v held constant, the components of the body's velocity change by the bias."""
+def test_rate_is_that_of_the_subspace(name: str, seed: int) -> None:
+    """Check 3: with v held constant, the components of the body's velocity change by S-dot v."""
     joint = JOINTS[name]
     q, v, _ = state(joint, seed)
     move = lambda t: joint.integrate(q, vector([t * x for x in v]))  # noqa: E731
     scale = 1.0 + float(np.abs(real(v)).sum()) ** 2
     assert_close(joint.S_rate(q, v), first_derivative(lambda t: joint.S(move(t)), STEP), 1e-11, scale)
-    assert_close(joint.bias(q, v), real(joint.S_rate(q, v)) @ real(v), 1e-13, scale)
     changed = first_derivative(lambda t: body_velocity(joint, move(t), v), STEP)
-    assert_close(joint.bias(q, v), changed, 1e-9, scale)
+    assert_close(real(joint.S_rate(q, v)) @ real(v), changed, 1e-9, scale)
 
 
 @registered
@@ -154,34 +153,65 @@ def test_power_of_the_torque_is_that_of_the_wrench(name: str, seed: int) -> None
     """tau.v = n.w + f.v with the velocity taken from poses."""
     joint = JOINTS[name]
     q, v, rng = state(joint, seed)
-    n, f = (vector(rng.normal(size=3).tolist()) for _ in range(2))
+    f = rng.normal(size=6)
     body = Body("b", "j", joint, BASE, Transform.identity(), RigidInertia.zero(), 0, 0)
-    tau = real(joint_torque(body, q, (n, f)))
+    tau = real(joint_torque(body, q, wrench(f)))
     moved = body_velocity(joint, q, v)
-    assert_close(
-        tau @ real(v), real(n) @ moved[:3] + real(f) @ moved[3:], 1e-11, 10.0 * (1.0 + np.abs(moved).max())
+    assert_close(tau @ real(v), f @ moved, 1e-11, 10.0 * (1.0 + np.abs(moved).max()))
+
+
+@registered
+@sampled
+def test_inertia_counted_to_the_parent_is_neither_moved_nor_changed_by_the_joint(
+    name: str, seed: int
+) -> None:
+    """Check 6: I' S = 0, and from the parent I' looks the same at every position."""
+    joint = JOINTS[name]
+    q, _, rng = state(joint, seed)
+    m, c, I = random_inertia(rng)
+    moved = joint.parent_inertia(RigidInertia.from_com(m, vector(c.tolist()), matrix(I.tolist())))
+    if moved is None:
+        return
+    inertia = ArticulatedInertia.from_rigid(moved)
+    for column in real(joint.S(q)).T:
+        assert_close((inertia @ twist(column)).components, np.zeros(6), 1e-14, scale=float(np.abs(I).max()))
+    here, neutral = (moved.to_parent(joint.transform(x)) for x in (q, vector(joint.neutral())))
+    assert_close(here.m, neutral.m, 1e-14)
+    assert_close(here.h, neutral.h, 1e-14, scale=1.0)
+    assert_close(here.I, neutral.I, 1e-14, scale=1.0)
+
+
+@registered
+@sampled
+def test_angle_is_that_of_the_turn_about_z(name: str, seed: int) -> None:
+    """Check 8, beyond full turns too; a joint without an angle turns about more axes than z."""
+    joint = JOINTS[name]
+    _, v, _ = state(joint, seed)
+    far = joint.integrate(vector(joint.neutral()), vector([9.0 * x for x in v]))
+    angle = joint.angle(far)
+    E = real(joint.transform(far).E)
+    if angle is None:
+        assert np.abs(E[:, 2] - [0.0, 0.0, 1.0]).max() > 1e-3, (
+            "it keeps its z axis: ``angle`` can say how it turns"
+        )
+        return
+    assert_close(E.T, real(rotation_about(2, float(angle))), 1e-14)
+    assert angle == 0.0 or any(float(angle) == float(x) for x in far), (
+        "the angle is a coordinate, without end"
     )
 
 
 @registered
 @sampled
-def test_unfelt_inertia_is_neither_moved_nor_changed_by_the_joint(name: str, seed: int) -> None:
-    """U S = 0, and from the parent U looks the same at every position."""
+def test_dh_variable_says_how_the_joint_moves(name: str, seed: int) -> None:
+    """Check 9, the D-H variable: theta turns about z by q, d slides along z by q."""
     joint = JOINTS[name]
-    q, _, rng = state(joint, seed)
-    m, c, I = random_inertia(rng)
-    unfelt = joint.unfelt(RigidInertia.from_com(m, vector(c.tolist()), matrix(I.tolist())))
-    if unfelt is None:
-        return
-    inertia = ArticulatedInertia.from_rigid(unfelt)
-    for column in real(joint.S(q)).T:
-        assert_close(
-            inertia.column(vector(column.tolist())), np.zeros(6), 1e-14, scale=float(np.abs(I).max())
-        )
-    here, neutral = (unfelt.to_parent(joint.transform(x)) for x in (q, vector(joint.neutral())))
-    assert_close(here.m, neutral.m, 1e-14)
-    assert_close(here.h, neutral.h, 1e-14, scale=1.0)
-    assert_close(here.I, neutral.I, 1e-14, scale=1.0)
+    q, _, _ = state(joint, seed)
+    X = joint.transform(q)
+    turn = float(q[0]) if joint.dh_variable == "theta" else 0.0
+    slide = float(q[0]) if joint.dh_variable == "d" else 0.0
+    found = np.allclose(real(X.E).T, real(rotation_about(2, turn))) and np.allclose(real(X.r), [0, 0, slide])
+    assert found == bool(joint.dh_variable or joint.nv == 0)
 
 
 @registered
@@ -198,7 +228,6 @@ def test_expressions_give_the_same_and_keep_structural_zeros(name: str, seed: in
         (joint.transform(Q).r, joint.transform(q).r),
         (joint.S(Q), joint.S(q)),
         (joint.S_rate(Q, V), joint.S_rate(q, v)),
-        (joint.bias(Q, V), joint.bias(q, v)),
         (joint.velocity_map(Q, V), joint.velocity_map(q, v)),
         (joint.integrate(Q, V), joint.integrate(q, v)),
         (joint.normalise(Q), joint.normalise(q)),

@@ -16,18 +16,14 @@ from robodyn_cli.expr.graph import Graph
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.events import EventFunction, Stopping
-from robodyn_cli.formulations.projection import residuals
 from robodyn_cli.formulations.system import Corrections, System
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
 from robodyn_cli.scene.load import load_scene, load_scene_text
 from robodyn_cli.solve.assembly import assemble
+from tests.methods import each_adaptive, each_adaptive_family, each_family, taking
 from tests.systems import collect, settings, system, within_reach
 
-METHODS = tuple(methods)
-ADAPTIVE = tuple(m for m in METHODS if methods[m].adaptive)
-each_method = pytest.mark.parametrize("method", METHODS)
-each_adaptive = pytest.mark.parametrize("method", ADAPTIVE)
 CONFIGS = Path(robodyn_cli.__file__).resolve().parent.parent / "configs"
 GRAVITY = 9.81
 
@@ -61,7 +57,7 @@ initial: {q: {hinge: 180 deg}, qd: {hinge: 0}}
 """
 
 
-@each_method
+@each_family
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-7, 1e-10])
 def test_simple_pendulum_against_elliptic_functions(method: str, tolerance: float) -> None:
     """Released horizontal at (-1, 0); theta from the downward vertical, sin(theta/2) = k sn(K - w t)."""
@@ -125,7 +121,7 @@ def rod_errors(states: np.ndarray, step: float = 0.5) -> dict[float, float]:
     return found
 
 
-@each_adaptive
+@each_adaptive_family
 @pytest.mark.parametrize("duration", [5.5, 1e5])
 @pytest.mark.parametrize("tolerance", [10.0**-k for k in range(3, 14)])
 def test_a_start_where_derivatives_vanish(method: str, tolerance: float, duration: float) -> None:
@@ -178,7 +174,7 @@ def test_the_lectures_double_pendulum(rtol: float, atol: float, bound: float) ->
     assert integrator.counters.evaluations < 3000
 
 
-@each_method
+@pytest.mark.parametrize("method", taking("accelerations from velocities"))
 def test_every_method_finds_the_lectures_end(method: str) -> None:
     scene = load_scene(CONFIGS / "double_pendulum.yaml")
     integrator = Integrator(build_system(Problem(scene)), method)
@@ -188,7 +184,7 @@ def test_every_method_finds_the_lectures_end(method: str) -> None:
 
 
 # -- a closed loop ------------------------------------------------------------------------------------------
-@each_method
+@pytest.mark.parametrize("method", taking("a closed loop"))
 def test_a_loop_stays_closed_and_all_methods_agree(method: str) -> None:
     scene = load_scene(CONFIGS / "four_bar_deploy.yaml")
     problem = Problem(scene)
@@ -198,7 +194,8 @@ def test_a_loop_stays_closed_and_all_methods_agree(method: str) -> None:
     assert body.nz == 1, "the spring's work"
     integrator = Integrator(body, method)
     reference = Integrator(body, "gauss")
-    gaps = residuals(problem)
+    constraints = problem.constraints
+    gaps = {"position": constraints.eta, "velocity": constraints.velocity_residual(problem.v)}
     for stop in (1.0, 4.0, 8.0):
         for each, chosen in ((integrator, options(method, 1e-9)), (reference, Options(1e-13, 1e-13))):
             if stop == 1.0:
@@ -208,7 +205,7 @@ def test_a_loop_stays_closed_and_all_methods_agree(method: str) -> None:
         values = {"q": q.tolist(), "v": v.tolist(), "t": [stop]}
         assert largest(evaluate(gaps["position"], values)) < 2e-15
         # index 3 leaves a residual of the order of the method
-        bound = 2e-15 if methods[method]().projects(body) else 1e-8
+        bound = 2e-15 if methods[method].projects(body) else 1e-8
         assert largest(evaluate(gaps["velocity"], values)) < bound
         assert largest(integrator.state - reference.state) < 1e-5
         (kinetic,) = evaluate([problem.kinetic], values)
@@ -239,7 +236,7 @@ def test_equal_systems_share_code_and_different_ones_do_not() -> None:
     )
 
 
-@each_method
+@each_family
 def test_systems_that_differ_only_in_python_get_their_own_treatment(method: str) -> None:
     """Two systems with the same code, one stopping at its event: the cache must not mix them up."""
     graph = Graph()

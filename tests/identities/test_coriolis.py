@@ -13,8 +13,7 @@ from robodyn_cli.expr.calculus import directional, jacobian
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.model.model import Model
-from robodyn_cli.spatial.algebra import vector
-from tests.dense import motion_transform, spatial_inertia, star, velocity_product
+from tests.dense import motion_transform, spatial_inertia, star, twist, velocity_product
 from tests.identities.trees import State, flat, symbols, trees
 from tests.numeric import assert_close, examples, first_derivative, real
 from tests.random_models import random_tree
@@ -117,10 +116,8 @@ def test_body_matrix_is_that_of_the_paper(model: Model) -> None:
         dense_X = motion_transform(X[k])
         assert_close(_dense(own.to_parent(X[k])), dense_X.T @ B @ dense_X, 1e-13)
         motion = np.random.default_rng(k).normal(size=6)
-        n, f = own.wrench(vector(motion.tolist()))
-        assert_close([*n, *f], B @ motion, 1e-13)
-        couple = own.transposed_couple(vector(motion.tolist()))
-        assert_close([*couple, 0.0, 0.0, 0.0], B.T @ motion, 1e-13)
+        assert_close((own @ twist(motion)).components, B @ motion, 1e-13)
+        assert_close(own.transposed(twist(motion)).components, B.T @ motion, 1e-13)
 
 
 def _bar_star(f: np.ndarray) -> np.ndarray:
@@ -129,5 +126,4 @@ def _bar_star(f: np.ndarray) -> np.ndarray:
 
 
 def _dense(B: VelocityInertia) -> np.ndarray:
-    columns = [np.concatenate([real(x) for x in B.wrench(vector(e.tolist()))]) for e in np.eye(6)]
-    return np.stack(columns, axis=1)
+    return np.stack([real((B @ twist(e)).components) for e in np.eye(6)], axis=1)

@@ -10,12 +10,13 @@ from hypothesis import given
 
 from robodyn_cli.algorithms.aba import ArticulatedFactor, aba, invert_symmetric
 from robodyn_cli.algorithms.crba import crba
+from robodyn_cli.algorithms.kinematics import slice_q, slice_v, transforms
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.model.model import Model
-from robodyn_cli.spatial.algebra import matrix, vector
+from robodyn_cli.model.model import BASE, Model
+from robodyn_cli.spatial.algebra import Twist, Wrench, matrix, vector, zeros
 from robodyn_cli.spatial.inertia import RigidInertia
 from tests.identities.trees import State, condition, flat, symbols, torque_scale, trees
 from tests.numeric import EPS, assert_close, examples, real
@@ -36,6 +37,36 @@ def test_forward_dynamics_inverts_inverse_dynamics(model: Model) -> None:
     # and the other way round, on the scale of the torques
     qdd = aba(model, s.q, s.qd, s.tau, model.gravity)
     assert_close(rnea(model, s.q, s.qd, qdd, model.gravity), s.tau, tolerance, scale + np.abs(s.tau).max())
+
+
+def by_the_book(model: Model, s: State) -> list[float]:
+    """Inverse dynamics with spatial accelerations, line by line as in table 5.1 of Featherstone (2008)."""
+    X = transforms(model, s.q)
+    v, a = {BASE: Twist.zero()}, {BASE: Twist(zeros(3), -model.gravity)}
+    f: dict[int, Wrench] = {}
+    S = [b.joint.S(slice_q(b, s.q)) for b in model.bodies]
+    for i, b in enumerate(model.bodies):
+        qd, qdd = slice_v(b, s.qd), slice_v(b, s.qdd)
+        v_J, c_J = Twist.along(S[i], qd), Twist.along(b.joint.S_rate(slice_q(b, s.q), qd), qd)
+        v[i] = v[b.parent].to_child(X[i]) + v_J
+        a[i] = a[b.parent].to_child(X[i]) + Twist.along(S[i], qdd) + c_J + v[i].cross(v_J)
+        f[i] = b.inertia @ a[i] + v[i].cross_wrench(b.inertia @ v[i])
+    tau = [0.0] * model.nv
+    for i in reversed(range(len(model.bodies))):
+        b = model.bodies[i]
+        for j, x in enumerate(f[i].project(S[i])):
+            tau[b.v + j] = float(x) + b.armature * s.qdd[b.v + j]
+        if b.parent != BASE:
+            f[b.parent] = f[b.parent] + f[i].to_parent(X[i])
+    return tau
+
+
+@examples(40)
+@given(trees())
+def test_inverse_dynamics_is_the_recursion_of_the_book(model: Model) -> None:
+    s = State.random(model)
+    tau = rnea(model, s.q, s.qd, s.qdd, model.gravity)
+    assert_close(tau, by_the_book(model, s), 1e-13, torque_scale(model, s))
 
 
 @examples(40)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 from hypothesis import given
@@ -10,13 +11,7 @@ from hypothesis import strategies as st
 
 from robodyn_cli.algorithms.aba import aba
 from robodyn_cli.algorithms.crba import crba
-from robodyn_cli.algorithms.energy import (
-    gravity_energy,
-    kinetic_energy,
-    potential_energy,
-    power,
-    spring_energy,
-)
+from robodyn_cli.algorithms.energy import gravity_energy, kinetic_energy, spring_energy
 from robodyn_cli.algorithms.kinematics import poses, transforms
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.expr.calculus import directional, jacobian
@@ -26,10 +21,15 @@ from robodyn_cli.forces.damper import Damper
 from robodyn_cli.forces.friction import Friction
 from robodyn_cli.forces.spring import Spring
 from robodyn_cli.model.model import BASE, JointForce, Model
-from robodyn_cli.spatial.algebra import vector
+from robodyn_cli.spatial.algebra import dot, vector
 from tests.identities.trees import State, symbols, trees
 from tests.numeric import assert_close, examples, first_derivative, real
 from tests.random_models import random_tree
+
+
+def potential_energy(model: Model, q: Any) -> Any:
+    """Gravity and joint springs."""
+    return gravity_energy(model, q, model.gravity) + spring_energy(model, q)
 
 
 def with_forces(model: Model, seed: int) -> Model:
@@ -129,19 +129,19 @@ def test_energy_changes_by_the_power_of_torques_less_what_is_dissipated(model: M
     model = with_forces(model, seed)
     s = State.random(model)
     q, qd, qdd, _ = symbols(model)
-    energy = kinetic_energy(model, q, qd) + potential_energy(model, q, model.gravity)
+    energy = kinetic_energy(model, q, qd) + potential_energy(model, q)
     rate = directional([energy], [*q, *qd], [*qd, *qdd])
     lost = joint_forces(model, s.q, s.qd, dissipative=True)
     total = s.tau + lost + joint_forces(model, s.q, s.qd, dissipative=False)
     motion = aba(model, s.q, s.qd, total, model.gravity)
     got = evaluate(rate, {**s.inputs, "qdd": [float(x) for x in motion]})[0]
-    dissipated = -float(power(lost, s.qd))
+    dissipated = -float(dot(lost, s.qd))
     assert dissipated >= 0.0
     inertial = np.abs(real(rnea(model, s.q, s.qd, motion, model.gravity))) @ np.abs(s.qd)
     scale = float(
         inertial + np.abs(real(crba(model, s.q)) @ real(motion)) @ np.abs(s.qd) + np.abs(s.tau @ s.qd)
     )
-    assert_close(got, power(s.tau, s.qd) - dissipated, 1e-11, scale)
+    assert_close(got, dot(s.tau, s.qd) - dissipated, 1e-11, scale)
 
 
 @examples(25)
@@ -152,12 +152,12 @@ def test_energy_rate_by_differences(model: Model) -> None:
 
     def energy(t: float) -> float:
         q, qd = s.q + t * s.qd + t * t / 2 * s.qdd, s.qd + t * s.qdd
-        return float(kinetic_energy(model, q, qd) + potential_energy(model, q, model.gravity))
+        return float(kinetic_energy(model, q, qd) + potential_energy(model, q))
 
     tau = rnea(model, s.q, s.qd, s.qdd, model.gravity)
     h = 0.02 / max(1.0, float(np.abs(s.qd).sum()), float(np.sqrt(np.abs(s.qdd).sum())))
     scale = abs(energy(0.0)) / h + float(np.abs(real(tau)) @ np.abs(s.qd))
-    assert_close(first_derivative(energy, h), power(tau, s.qd), 1e-11, scale)
+    assert_close(first_derivative(energy, h), dot(tau, s.qd), 1e-11, scale)
 
 
 @examples(12)
@@ -168,15 +168,15 @@ def test_graph_gives_the_same_numbers(model: Model, seed: int) -> None:
     q, qd, _, tau = symbols(model)
     graph = [
         kinetic_energy(model, q, qd),
-        potential_energy(model, q, model.gravity),
+        potential_energy(model, q),
         spring_energy(model, q),
-        power(tau, qd),
+        dot(tau, qd),
     ]
     numbers = [
         kinetic_energy(model, s.q, s.qd),
-        potential_energy(model, s.q, model.gravity),
+        potential_energy(model, s.q),
         spring_energy(model, s.q),
-        power(s.tau, s.qd),
+        dot(s.tau, s.qd),
     ]
     for got, expected in zip(evaluate(graph, s.inputs), numbers):
         assert_close(got, expected, 1e-13, max(abs(float(expected)), 1.0))

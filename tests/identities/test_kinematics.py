@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robodyn_cli.algorithms.kinematics import (
-    base_point,
     motions,
     point_jacobian,
     poses,
@@ -179,7 +178,7 @@ def test_poses_are_products_of_transforms(model: Model) -> None:
         assert_close(R @ R.T, np.eye(3), 1e-13)
         assert np.linalg.det(R) > 0.0
         frame = FixedFrame(k, POINT, identity())
-        assert_close(base_point(pose, frame), R @ real(POINT) + real(pose[k].p), 1e-14, 10.0)
+        assert_close(pose[frame.body].point(frame.p), R @ real(POINT) + real(pose[k].p), 1e-14, 10.0)
         for root in path:
             below = poses(model, X, root)
             assert_close(pose[root].point(below[k].p), pose[k].p, 1e-13, 10.0)

@@ -10,7 +10,6 @@ from robodyn_cli.algorithms.coriolis import coriolis
 from robodyn_cli.algorithms.crba import crba
 from robodyn_cli.algorithms.energy import gravity_energy, kinetic_energy
 from robodyn_cli.algorithms.kinematics import (
-    base_point,
     motions,
     point_jacobian,
     poses,
@@ -106,7 +105,7 @@ def test_frames(n: int, seed: int) -> None:
     hurry = size**2 + float(np.abs(s.qdd).sum())
     for name, frame in model.frames.items():
         site = m.model.site(name).id
-        here = base_point(pose, frame)
+        here = pose[frame.body].point(frame.p)
         assert_close(here, m.data.site_xpos[site], 1e-12, 10.0)
         axes = real(pose[frame.body].R) @ real(frame.R)
         assert_close(axes, m.data.site_xmat[site].reshape(3, 3), 1e-12)

@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from robodyn_cli.algorithms.constraints import loop_rows
-from robodyn_cli.algorithms.kinematics import poses, transforms, velocities
+from robodyn_cli.algorithms.constraints import LoopRows
+from robodyn_cli.algorithms.kinematics import motions, poses, transforms, velocities
 from robodyn_cli.algorithms.reactions import Reactions, loop_wrench, reactions
 from robodyn_cli.algorithms.rnea import joint_torque, rnea
 from robodyn_cli.loops.registry import loop_types
@@ -22,7 +22,8 @@ from tests.random_models import random_rotation
 
 
 def find(model: Model, s: State, lam: dict[str, float]) -> Reactions:
-    return reactions(model, s.q, s.qd, s.qdd, lam, model.gravity, transforms(model, s.q))
+    X = transforms(model, s.q)
+    return reactions(model, X, motions(model, X, s.q, s.qd, s.qdd, model.gravity), lam)
 
 
 @cases
@@ -32,9 +33,9 @@ def test_joint_forces_of_pinocchio(n: int, seed: int) -> None:
     p = to_pinocchio(model)
     pin.rnea(p.model, p.data, p.to(s.q), p.to(s.qd), p.to(s.qdd))
     scale = torque_scale(model, s)
-    for k, (moment, force) in enumerate(find(model, s, {}).joints):
-        assert_close(force, p.data.f[p.body[k]].linear, 1e-12, scale)
-        assert_close(moment, p.data.f[p.body[k]].angular, 1e-12, scale)
+    for k, found in enumerate(find(model, s, {}).joints):
+        assert_close(found.f, p.data.f[p.body[k]].linear, 1e-12, scale)
+        assert_close(found.n, p.data.f[p.body[k]].angular, 1e-12, scale)
 
 
 def closed(seed: int) -> tuple[Model, dict[str, float]]:
@@ -66,7 +67,7 @@ def closed(seed: int) -> tuple[Model, dict[str, float]]:
     lam = {}
     for loop in loops:
         X = transforms(model, [0.0] * 8)
-        for row in loop_rows(model, loop, X, [0.0] * 8, [0.0] * 8):
+        for row in LoopRows(model, X, [0.0] * 8, [0.0] * 8).of(loop):
             lam[row.name] = float(rng.normal() * 10)
     return model, lam
 
@@ -79,7 +80,7 @@ def test_closures_do_the_work_of_their_multipliers(seed: int) -> None:
     X = transforms(model, s.q)
     expected = real(rnea(model, s.q, s.qd, s.qdd, model.gravity))
     for loop in model.loops:
-        for row in loop_rows(model, loop, X, s.q, s.qd):
+        for row in LoopRows(model, X, s.q, s.qd).of(loop):
             expected = expected - real(row.psi) * lam[row.name]
     found = find(model, s, lam)
     for k, body in enumerate(model.bodies):
@@ -121,19 +122,19 @@ def test_every_body_and_the_whole_are_in_balance(seed: int) -> None:
     for k, body in enumerate(model.bodies):
         m, c, _ = mass_properties(body)
         act(k, np.zeros(3), m * real(model.gravity), real(pose[k].point(vector(c.tolist()))))
-        n, f = (real(pose[k].R) @ real(x) for x in found.joints[k])
+        n, f = (real(pose[k].R) @ real(x) for x in (found.joints[k].n, found.joints[k].f))
         act(k, n, f, real(pose[k].p))
         act(body.parent, -n, -f, real(pose[k].p))
     for loop in model.loops:
         wrench = loop_wrench(model, loop, X, lam)
         R = real(pose[wrench.root].R)
-        for frame, (n, f) in ((loop.first, wrench.on_first), (loop.second, wrench.on_second)):
-            act(frame.body, R @ real(n), R @ real(f), real(pose[frame.body].point(frame.p)))
+        for frame, own in ((loop.first, wrench.on_first), (loop.second, wrench.on_second)):
+            act(frame.body, R @ real(own.n), R @ real(own.f), real(pose[frame.body].point(frame.p)))
     size = max(float(np.abs(x).max()) for x in force.values())
     for k in range(len(model.bodies)):
         assert_close(force[k], rate[k], 1e-8, size)
     # what the ground gives is what the base passes on
-    ground = np.concatenate([real(found.base[1]), real(found.base[0])])
+    ground = np.concatenate([real(found.base.f), real(found.base.n)])
     assert_close(ground, -force[BASE], 1e-12, size)
     weight = sum(mass_properties(b)[0] for b in model.bodies) * real(model.gravity)
     moment = sum(

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.algorithms.kinematics import base_point, poses, transforms
+from robodyn_cli.algorithms.kinematics import poses, transforms
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import Model
 from robodyn_cli.run.mechanism.motion import compile_point, with_led_point
@@ -60,7 +60,7 @@ def forward(model: Model, point: str, q: np.ndarray) -> np.ndarray:
     found = []
     for row in q:
         pose = poses(model, transforms(model, [float(x) for x in row]))
-        found.append(model.base.point(base_point(pose, frame)))
+        found.append(model.base.point(pose[frame.body].point(frame.p)))
     return real(np.array(found))
 
 

@@ -54,6 +54,15 @@ def finish(process: subprocess.Popen[str]) -> tuple[int, int, list[float]]:
     return compiled, cached, values
 
 
+def test_every_source_that_writes_code_is_in_the_key_of_the_cache() -> None:
+    """Also those in subfolders: else code that an older version has compiled would run on."""
+    package = ROOT / "robodyn_cli"
+    folders = (package / "kernels", package / "formulations", package / "integrators")
+    sources = {Path(folder) / f for top in folders for folder, _, names in os.walk(top) for f in names}
+    assert {p for p in sources if p.suffix == ".py"} == set(compiler.code_writers())
+    assert package / "integrators" / "stepping" / "loop.py" in sources
+
+
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty cache, and a process that remembers nothing."""

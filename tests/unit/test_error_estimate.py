@@ -11,10 +11,11 @@ from types import ModuleType
 import pytest
 
 from robodyn_cli import deploy, load_scene, simulate
-from robodyn_cli.integrators.registry import methods as registry
+from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.integrator import Options
 from robodyn_cli.run.driver.second_run import remainder, tighter
 from tests.mechanisms import CONFIGS
+from tests.methods import ADAPTIVE, taking
 
 ROOT = Path(__file__).parents[2]
 
@@ -33,11 +34,13 @@ def script() -> ModuleType:
 
 TOLD: dict[str, int] = {}
 METHODS = ("gauss", "rodas5p")
+# a method whose Jacobian takes a minute to compile there is left out
+INSTEAD = {"stewart_platform": ("gauss", "dopri5")}
 
 
 @pytest.mark.parametrize("path", script().scenes(), ids=lambda p: p.stem)
 def test_estimate_is_within_a_factor_of_ten(path: Path) -> None:
-    rows = list(script().measure(path, METHODS, (1e-5, 1e-9)))
+    rows = list(script().measure(path, INSTEAD.get(path.stem, METHODS), (1e-5, 1e-9)))
     told = [row for row in rows if row.ratio is not None]
     TOLD[path.stem] = len(told)
     for row in told:
@@ -46,12 +49,12 @@ def test_estimate_is_within_a_factor_of_ten(path: Path) -> None:
         assert row.estimate is not None, row
 
 
-@pytest.mark.parametrize("method", registry)
+@pytest.mark.parametrize("method", taking("accelerations from velocities"))
 def test_estimates_of_each_method(method: str) -> None:
     path = ROOT / "configs" / "double_pendulum.yaml"
     rows = list(script().measure(path, [method], (1e-3, 1e-6, 1e-9)))
     told = [row for row in rows if row.ratio is not None]
-    assert told or not rows
+    assert told
     for row in told:
         assert 0.1 <= row.ratio <= 10.0, row
 
@@ -78,12 +81,11 @@ def test_error_of_the_time_of_the_lock(method: str, rtol: str) -> None:
 
 
 def test_the_second_run_takes_less_than_twice_the_steps() -> None:
-    for name, kind in registry.items():
-        if kind.adaptive:
-            options, _ = tighter(Options(rtol=1e-7, atol=1e-9), 0.1, name)
-            more = (1e-7 / options.rtol) ** (kind.proportion / kind.order)
-            assert more < 1.95, name
-            assert 1.0 <= remainder(name, 1000, round(1000 * more)) < 2.0
+    for name in ADAPTIVE:
+        options, _ = tighter(Options(rtol=1e-7, atol=1e-9), 0.1, name)
+        more = (1e-7 / options.rtol) ** (methods[name].proportion / methods[name].order)
+        assert more < 1.95, name
+        assert 1.0 <= remainder(name, 1000, round(1000 * more)) < 2.0
 
 
 def test_estimate_says_where_it_means_nothing() -> None:

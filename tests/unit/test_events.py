@@ -13,12 +13,8 @@ from robodyn_cli.integrators.event_location.events import Found, Root, crosses, 
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.integrator import Grid, Integrator
 from robodyn_cli.integrators.runtime.layout import Status
+from tests.methods import each_adaptive_family, each_family
 from tests.systems import collect, events_of, is_low, settings, system, told, within_reach
-
-METHODS = tuple(methods)
-ADAPTIVE = tuple(m for m in METHODS if methods[m].adaptive)
-each_method = pytest.mark.parametrize("method", METHODS)
-each_adaptive = pytest.mark.parametrize("method", ADAPTIVE)
 
 
 def options(method: str, tolerance: float = 1e-10) -> dict[str, Any]:
@@ -57,7 +53,7 @@ def ball(*heights: float, floor: Any = None) -> Any:
 
 
 # -- accuracy and direction -------------------------------------------------------------------------------
-@each_method
+@each_family
 @pytest.mark.parametrize("direction", [-1, 0, 1])
 @pytest.mark.parametrize("tolerance", [1e-1, 1e-3, 1e-6, 1e-10])
 def test_all_zeros_of_a_sine(method: str, direction: int, tolerance: float) -> None:
@@ -78,7 +74,7 @@ def test_all_zeros_of_a_sine(method: str, direction: int, tolerance: float) -> N
     assert integrator.counters.events == len(found)
 
 
-@each_method
+@each_family
 def test_an_event_at_a_given_time_and_one_at_a_given_speed(method: str) -> None:
     body = oscillator((lambda t, q, v: t - 2.5, 0), (lambda t, q, v: v - 0.5, -1))
     found, _ = events_of(body, method, (0.0, 1.0), 6.0, **options(method))
@@ -89,7 +85,7 @@ def test_an_event_at_a_given_time_and_one_at_a_given_speed(method: str) -> None:
 
 
 # -- several at once ----------------------------------------------------------------------------------------
-@each_method
+@each_family
 @pytest.mark.parametrize("gap", [1e-2, 1e-6, 1e-9, 1e-13])
 def test_events_close_together_come_in_the_order_of_time(method: str, gap: float) -> None:
     """The function listed first crosses last; all lie in one step, in one eighth of it."""
@@ -101,7 +97,7 @@ def test_events_close_together_come_in_the_order_of_time(method: str, gap: float
     )
 
 
-@each_method
+@each_family
 def test_simultaneous_events_are_all_told(method: str) -> None:
     body = oscillator(
         (lambda t, q, v: q, 0), (lambda t, q, v: -2.0 * q, 0), (lambda t, q, v: q, 1), (lambda t, q, v: q, -1)
@@ -113,7 +109,7 @@ def test_simultaneous_events_are_all_told(method: str) -> None:
     np.testing.assert_allclose(times[:, 0], [np.pi, 2 * np.pi], atol=accuracy(method))
 
 
-@each_method
+@each_family
 def test_balls_that_land_together_all_bounce(method: str) -> None:
     """A jump at one event must not hide another at the same time."""
     body = ball(5.0, 5.0, 5.0)
@@ -135,7 +131,7 @@ def test_balls_that_land_together_all_bounce(method: str) -> None:
 
 
 # -- jumps ----------------------------------------------------------------------------------------------
-@each_method
+@each_family
 @pytest.mark.parametrize("restitution", [1.0, 0.9, 0.5])
 def test_a_bouncing_ball_follows_the_closed_form(method: str, restitution: float) -> None:
     def bounce(integrator: Integrator, event: Event) -> bool:
@@ -160,7 +156,7 @@ def test_a_bouncing_ball_follows_the_closed_form(method: str, restitution: float
     assert integrator.time == found[-1].time, "the run stops at the event that says so"
 
 
-@each_method
+@each_family
 def test_samples_around_a_jump_belong_to_their_side(method: str) -> None:
     body = oscillator((lambda t, q, v: t - 1.05, 0))
 
@@ -182,7 +178,7 @@ def test_samples_around_a_jump_belong_to_their_side(method: str) -> None:
     assert states[4, 0] == pytest.approx(np.sin(1.4) + np.cos(0.35), abs=1e-7)
 
 
-@each_method
+@each_family
 def test_a_jump_across_the_event_is_not_an_event(method: str) -> None:
     body = oscillator((lambda t, q, v: q - 0.5, 0), (lambda t, q, v: t - 0.1, 0))
 
@@ -197,7 +193,7 @@ def test_a_jump_across_the_event_is_not_an_event(method: str) -> None:
 
 
 # -- beginnings and ends ------------------------------------------------------------------------------------
-@each_method
+@each_family
 @pytest.mark.parametrize("speed", [1.0, -1.0])
 def test_starting_at_zero_is_no_event(method: str, speed: float) -> None:
     body = oscillator((lambda t, q, v: q, 0))
@@ -205,7 +201,7 @@ def test_starting_at_zero_is_no_event(method: str, speed: float) -> None:
     np.testing.assert_allclose([e.time for e in found], [np.pi], atol=accuracy(method))
 
 
-@each_method
+@each_family
 def test_staying_at_zero_is_no_event(method: str) -> None:
     body = oscillator(
         (lambda t, q, v: 0.0 * t, 0), (lambda t, q, v: q, 0), (lambda t, q, v: f.maximum(q, 0.0), 0)
@@ -214,7 +210,7 @@ def test_staying_at_zero_is_no_event(method: str) -> None:
     assert found == []
 
 
-@each_method
+@each_family
 @pytest.mark.parametrize("at", [0.0, -1e3, 1e3])
 def test_an_event_exactly_at_the_end_is_told_once(method: str, at: float) -> None:
     body = system(
@@ -229,7 +225,7 @@ def test_an_event_exactly_at_the_end_is_told_once(method: str, at: float) -> Non
     assert before == []
 
 
-@each_method
+@each_family
 def test_an_event_at_a_breakpoint_or_where_a_run_resumes_is_not_lost(method: str) -> None:
     """A step ends with the function exactly at zero: which way it went shows in the next one."""
     body = system(
@@ -254,7 +250,7 @@ def test_an_event_at_a_breakpoint_or_where_a_run_resumes_is_not_lost(method: str
 
 
 # -- what is no crossing ----------------------------------------------------------------------------------
-@each_method
+@each_family
 @pytest.mark.parametrize("offset", [0.0, 1e-3, -1e-3, 1e-6])
 def test_a_grazing_touch(method: str, offset: float) -> None:
     """sin t - (1 + offset) touches, misses or crosses twice."""
@@ -270,7 +266,7 @@ def test_a_grazing_touch(method: str, offset: float) -> None:
         assert len(found) in (0, 2) and all(abs(e.time - np.pi / 2) < 1e-4 for e in found)
 
 
-@each_method
+@each_family
 def test_a_jumping_event_function_is_located_too(method: str) -> None:
     body = oscillator((lambda t, q, v: f.sign(q - 0.25), 0))
     found, _ = events_of(body, method, (0.0, 1.0), 4.0, **options(method))
@@ -280,7 +276,7 @@ def test_a_jumping_event_function_is_located_too(method: str) -> None:
 
 
 # -- stops -------------------------------------------------------------------------------------------------
-@each_method
+@each_family
 @pytest.mark.parametrize("terminal", [True, False])
 def test_an_event_ends_the_run_if_its_owner_says_so(method: str, terminal: bool) -> None:
     body = system(
@@ -303,7 +299,7 @@ def test_an_event_ends_the_run_if_its_owner_says_so(method: str, terminal: bool)
         assert integrator.counters.events == 1
 
 
-@each_method
+@each_family
 def test_events_can_be_left_unwatched(method: str) -> None:
     body = oscillator((lambda t, q, v: q, 0))
     seen: list[float] = []
@@ -316,7 +312,7 @@ def test_events_can_be_left_unwatched(method: str) -> None:
     np.testing.assert_allclose(seen, [2 * np.pi, 4 * np.pi], atol=10 * accuracy(method))
 
 
-@each_method
+@each_family
 def test_trials_are_counted_too(method: str) -> None:
     integrator = Integrator(oscillator((lambda t, q, v: q, 0)), method)
     integrator.reset(0.0, (0.0, 1.0), settings(method, **options(method)))
@@ -331,13 +327,13 @@ def test_trials_are_counted_too(method: str) -> None:
 
         return call
 
-    for name in ("drive", "trial"):
+    for name in ("run_to_event", "trial_step"):
         setattr(integrator.engine, name, counting(getattr(integrator.engine, name)))
     integrator.run(10.0, Grid(0.0, 0.5, 21), lambda t, x: None)
     assert list(integrator.counters.as_dict().values())[:3] == spent.tolist()
 
 
-@each_method
+@each_family
 def test_watching_costs_few_evaluations_and_no_accuracy(method: str) -> None:
     never = oscillator((lambda t, q, v: q - 2.0, 0))
     found, watched = events_of(never, method, (0.0, 1.0), 20.0, **options(method))
@@ -348,7 +344,7 @@ def test_watching_costs_few_evaluations_and_no_accuracy(method: str) -> None:
     np.testing.assert_array_equal(watched.state, plain.state)
 
 
-@each_adaptive
+@each_adaptive_family
 def test_what_lies_before_a_failure_is_still_found(method: str) -> None:
     """q = 1 / (1 - t) passes 50 before it blows up."""
     body = system(

@@ -108,6 +108,26 @@ def test_a_constant_force_and_a_force_against_it() -> None:
     assert np.abs(found["forces/potential"][:, 0] - 3 * found["q"][:, 0]).max() < 1e-12
 
 
+@pytest.mark.parametrize(
+    ("joint", "start"),
+    [
+        ("type: cylindrical", "{q: {a: [0, 0]}, qd: {a: [8, 0]}}"),
+        ("type: planar", "{q: {a: [0, 0, 0]}, qd: {a: [0, 0, 8]}}"),
+        ("type: helical, pitch: 1e-9", "{q: {a: 0}, qd: {a: 8}}"),
+    ],
+)
+def test_a_torsional_spring_counts_full_turns_of_every_joint_about_its_axis(joint: str, start: str) -> None:
+    """A wheel on a joint that also slides turns as one on a hinge does."""
+    spring = (
+        "forces: [{name: s, type: torsional_spring, between: [base.origin, wheel.origin], stiffness: 0.5}]"
+    )
+    text = TURNER.replace("type: revolute", joint).replace("{zz: 0.5}", "{xx: 1, yy: 1, zz: 0.5}")
+    found = run(text.replace("{q: {a: 0}, qd: {a: 8}}", start), spring)
+    turned = found["q"][:, {"planar": 2}.get(joint.split()[1], 0)]
+    assert turned.max() > 2 * np.pi
+    assert np.abs(turned - run(TURNER, spring)["q"][:, 0]).max() < 1e-9
+
+
 def test_a_torsional_spring_counts_full_turns() -> None:
     k, J = 0.5, 0.5
     spring = f"{{name: s, type: torsional_spring, between: [base.origin, wheel.origin], stiffness: {k}, rest: 90 deg}}"

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import ctypes
+import enum
 import hashlib
+import re
 from collections.abc import Callable
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from robodyn_cli.kernels import ir
 from robodyn_cli.kernels.compiler import compile_module
 from robodyn_cli.kernels.ir import RELAXED, Function, Value, double_type, int_type, literal, module
 from robodyn_cli.kernels.mathematics import polynomial, rough_power
+from robodyn_cli.kernels.values import ref_of
 from tests.kernels import SPECIAL, WIDTHS
 
 widths = pytest.mark.parametrize("width", WIDTHS)
@@ -259,3 +264,55 @@ def test_a_module_declares_each_function_once() -> None:
     text = module(pair)
     assert text.count("declare double @llvm.sqrt.f64") == 1
     assert "define internal void @b" in text and "define void @a" in text
+
+
+def test_otherwise_has_to_follow_its_when() -> None:
+    function = Function("f", ["i64 %n"], result="i64")
+    positive = function.compare_int("sgt", function.int_argument("n"), 0)
+    with function.when(positive):
+        function.ret(1)
+    with function.otherwise():
+        function.ret(2)
+    with pytest.raises(ValueError, match="has to follow"), function.otherwise():
+        pass
+
+
+def test_loops_and_blocks_are_left_and_begun_again() -> None:
+    """Collatz: the steps from n to 1, and -1 where there are more than a hundred."""
+    function = Function("run", ["i64 %n"], result="i64")
+    place, count = function.int_slot(), function.int_slot()
+    function.store_int(function.int_argument("n"), place)
+    function.store_int(0, count)
+    with function.block() as given_up:
+        with function.loop() as steps:
+            n = function.load_int(place)
+            steps.leave(function.compare_int("eq", n, 1))
+            given_up.leave(unless=function.compare_int("sle", function.bump(count), 100))
+            with function.when(function.compare_int("eq", n & 1, 0)):
+                function.store_int(function.emit_int(f"sdiv i64 {n.ref}, 2"), place)
+                steps.again()
+            function.store_int(n * 3 + 1, place)
+        function.ret(function.load_int(count))
+    function.ret(-1)
+    run = compile_module("collatz", lambda: module([function])).function(
+        "run", ctypes.c_int64, result=ctypes.c_int64
+    )
+    assert [run(n) for n in (1, 2, 3, 6, 7, 27)] == [0, 1, 7, 8, 16, -1]
+
+
+def test_labels_and_jumps_stay_where_code_is_written() -> None:
+    package = Path(ir.__file__).parents[1]
+    jumps = re.compile(r"\bf\\.(label|jump|branch|place)\(|\bbr (i1|label)\b")
+    for path in package.rglob("*.py"):
+        if path.parts[len(package.parts)] != "kernels":
+            assert not jumps.search(path.read_text("utf-8")), path
+
+
+def test_members_of_enumerations_are_written_as_numbers() -> None:
+    """Before Python 3.11 the text of an ``IntEnum`` member is its name."""
+
+    class Outcome(enum.IntEnum):
+        DONE = 3
+        __str__ = enum.Enum.__str__
+
+    assert str(Outcome.DONE) == "Outcome.DONE" and ref_of(Outcome.DONE) == "3"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from robodyn_cli import load_scene_text
-from robodyn_cli.algorithms.constraints import loop_rows, vanishes
+from robodyn_cli.algorithms.constraints import LoopRows, vanishes
 from robodyn_cli.algorithms.kinematics import transforms
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.calculus import directional, jacobian
@@ -54,7 +54,7 @@ def closed(kind: str, seed: int) -> tuple[Model, Loop]:
 
 def numbers(model: Model, loop: Loop, q: Any, v: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return eta (m,), Psi (m, nv) and gamma (m,) at a state."""
-    rows = loop_rows(model, loop, transforms(model, q), q, v, model.gravity)
+    rows = LoopRows(model, transforms(model, q), q, v, model.gravity).of(loop)
     return real([r.eta for r in rows]), real([list(r.psi) for r in rows]), real([r.gamma for r in rows])
 
 
@@ -93,7 +93,7 @@ def test_rows_by_the_graph(kind: str) -> None:
     model, loop = closed(kind, 11)
     s = State.random(model)
     q, v, *_ = symbols(model)
-    rows = loop_rows(model, loop, transforms(model, q), q, v, model.gravity)
+    rows = LoopRows(model, transforms(model, q), q, v, model.gravity).of(loop)
     slopes = jacobian([r.eta for r in rows], q)
     for row, slope in zip(rows, slopes):
         exact = [slope.get(k, 0.0) for k in range(model.nv)]
@@ -128,7 +128,7 @@ def test_rows_that_vanish_in_the_plane(kind: str, left: int) -> None:
     loop = Loop("loop", cls(**given), *ends)
     model = dataclasses.replace(model, bodies=bodies, gravity=vector([0, -9.81, 0]), loops=(loop,))
     q, v, *_ = symbols(model)
-    rows = loop_rows(model, loop, transforms(model, q), q, v, model.gravity)
+    rows = LoopRows(model, transforms(model, q), q, v, model.gravity).of(loop)
     assert sum(not vanishes(r) for r in rows) == (left if kind != "planar" else 0)
 
 

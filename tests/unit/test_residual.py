@@ -13,7 +13,7 @@ from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.residual import Residual
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.methods.gauss import Gauss
+from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
 from robodyn_cli.run.driver.prepare import prepare
 from tests.mechanisms import CONFIGS
@@ -107,10 +107,10 @@ def test_old_factors_slow_an_iteration_down_and_lead_nowhere_else() -> None:
 
 def test_gauss_takes_corrections_where_they_are_shorter() -> None:
     residual, system, _ = built()
-    assert Gauss().residual_of(system) is residual
+    assert methods["gauss"].residual_of(system) is residual
     assert residual.correction.operations < 0.7 * system.dynamics.program.operations
     pendulum = prepare(load_scene(CONFIGS / "double_pendulum.yaml")).problem
-    assert Gauss().residual_of(build_system(pendulum)) is None
+    assert methods["gauss"].residual_of(build_system(pendulum)) is None
 
 
 @pytest.mark.parametrize("name", ["four_bar_deploy", "stick_slip"])

@@ -23,7 +23,6 @@ from robodyn_cli.kernels.ir import module
 from robodyn_cli.kernels.rolled import (
     RolledForwardDynamics,
     RolledInverseDynamics,
-    RolledState,
 )
 from robodyn_cli.kernels.rolled_loops import rolled_function, write_sample_kernel
 from robodyn_cli.kernels.rolled_tables import RolledPlan
@@ -260,28 +259,31 @@ def test_fewer_lanes(lanes: int, fused: bool) -> None:
     assert_close(out, RolledForwardDynamics(model)(q, v, x), 1e-12)
 
 
+def right_hand_side(plan: RolledPlan, width: int, *samples: np.ndarray) -> np.ndarray:
+    """Call the function that a stepping loop calls, for so many states at once (width, nv)."""
+    code = compile_module(
+        f"test state {width} {plan.digest}",
+        lambda: module(
+            [rolled_function("rhs", plan.recursion, plan.serial, width, machine().fused, internal=False)]
+        ),
+    )
+    arrays = [np.ascontiguousarray(a.T) for a in samples]
+    out = np.empty((plan.nv, width))
+    memory = [plan.tables, *arrays, out, plan.scratch(width)]
+    code.function("rhs", *[ctypes.c_void_p] * 6)(*(a.ctypes.data for a in memory))
+    return out.T
+
+
 @pytest.mark.parametrize("branching", [0.0, 0.5])
 def test_right_hand_side_of_one_state(branching: float) -> None:
     model = shuffled(random_tree(12, 10, branching=branching), 1)
     q, v, x = samples(model, 8)
     for kernel in (RolledForwardDynamics(model), RolledInverseDynamics(model)):
-        state = RolledState(model, kernel.recipe)
         expected = kernel(q, v, x)
-        for k in (0, 5):
-            assert_close(state(q[k], v[k], x[k]), expected[k], 1e-12)
-        # four states at once, as a stepping loop would call it
-        plan = state.plan
-        code = compile_module(
-            f"test state {plan.digest}",
-            lambda plan=plan: module(
-                [rolled_function("rhs", plan.recursion, plan.serial, 4, machine().fused, internal=False)]
-            ),
-        )
-        arrays = [np.ascontiguousarray(a[:4].T) for a in (q, v, x)]
-        out = np.empty((12, 4))
-        memory = [plan.tables, *arrays, out, plan.scratch(4)]
-        code.function("rhs", *[ctypes.c_void_p] * 6)(*(a.ctypes.data for a in memory))
-        assert_close(out.T, expected[:4], 1e-12)
+        # one state, and four at once, as a stepping loop calls it
+        for width in (1, 4):
+            found = right_hand_side(kernel.plan, width, *(a[:width] for a in (q, v, x)))
+            assert_close(found, expected[:width], 1e-12)
 
 
 # -- one code for many models -------------------------------------------------------------------------------
@@ -343,9 +345,8 @@ def test_refusals_name_the_reason() -> None:
         RolledInverseDynamics(dataclasses.replace(model, bodies=(), nq=0, nv=0))
     end = FixedFrame(0, zeros(3), identity())
     closed = dataclasses.replace(model, loops=(Loop("pin", None, end, end),))
-    for make in (RolledForwardDynamics, RolledState):
-        with pytest.raises(CapabilityError, match="loops"):
-            make(closed)
+    with pytest.raises(CapabilityError, match="loops"):
+        RolledForwardDynamics(closed)
     RolledInverseDynamics(closed)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -11,8 +12,8 @@ import pytest
 from robodyn_cli.expr.graph import Expr, Graph
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.spatial import algebra as al
-from robodyn_cli.spatial.algebra import Transform, matrix, vector
-from tests.dense import motion_transform, tilde
+from robodyn_cli.spatial.algebra import Transform, Twist, Wrench, matrix, vector
+from tests.dense import motion_transform, star, tilde, twist, velocity_product, wrench
 from tests.numeric import assert_close, real
 from tests.random_models import random_rotation
 
@@ -148,12 +149,112 @@ def test_transform_from_pose(rng: np.random.Generator) -> None:
     assert_close(real(X.point(vector([1.0, 0.0, 0.0]))) - p, R[:, 0], 1e-15)
 
 
-def test_force_to_parent_is_the_transposed_motion_transform(rng: np.random.Generator) -> None:
-    X, n, f = random_transform(rng), rng.normal(size=3), rng.normal(size=3)
-    moment, force = X.force_to_parent(vector(n.tolist()), vector(f.tolist()))
-    assert_close([*moment, *force], motion_transform(X).T @ np.concatenate([n, f]), 1e-15)
+def same(found: Twist | Wrench, expected: np.ndarray, tolerance: float = 1e-14) -> None:
+    assert_close(found.components, expected, tolerance)
 
 
-def test_is_finite_vector() -> None:
-    assert al.is_finite_vector([0.0, -1e300])
-    assert not al.is_finite_vector([0.0, math.nan]) and not al.is_finite_vector([math.inf])
+def test_a_twist_in_the_child_frame_is_that_of_the_motion_transform(rng: np.random.Generator) -> None:
+    X, m = random_transform(rng), rng.normal(size=6)
+    same(twist(m).to_child(X), motion_transform(X) @ m)
+    same(twist(m).to_child(X).to_child(X.inverse()), m)
+
+
+def test_a_wrench_in_the_parent_frame_is_that_of_the_transposed_motion_transform(
+    rng: np.random.Generator,
+) -> None:
+    """X^T for the way up; X* = X^-T for the way down, through the inverse transform."""
+    X, f = random_transform(rng), rng.normal(size=6)
+    same(wrench(f).to_parent(X), motion_transform(X).T @ f)
+    same(wrench(f).to_parent(X.inverse()), np.linalg.inv(motion_transform(X)).T @ f)
+
+
+def test_transport_goes_through_a_chain_of_frames_in_one_step(rng: np.random.Generator) -> None:
+    first, second, m, f = random_transform(rng), random_transform(rng), rng.normal(size=6), rng.normal(size=6)
+    same(twist(m).to_child(second @ first), real(twist(m).to_child(first).to_child(second).components))
+    same(wrench(f).to_parent(second @ first), real(wrench(f).to_parent(second).to_parent(first).components))
+
+
+def test_transport_keeps_power(rng: np.random.Generator) -> None:
+    X, m, f = random_transform(rng), twist(rng.normal(size=6)), wrench(rng.normal(size=6))
+    assert_close(f.dot(m.to_child(X)), f.to_parent(X).dot(m), 1e-14, 10.0)
+    assert_close(f.dot(m), real(f.components) @ real(m.components), 1e-15, 10.0)
+
+
+def test_a_shift_and_a_turn_are_those_of_velocities_and_moments(rng: np.random.Generator) -> None:
+    (w, v, p), R = rng.normal(size=(3, 3)), random_rotation(rng)
+    m, f = twist(np.array([*w, *v])), wrench(np.array([*w, *v]))
+    same(m.shifted(vector(p.tolist())), np.array([*w, *(v + np.cross(w, p))]))
+    same(f.shifted(vector(p.tolist())), np.array([*(w + np.cross(p, v)), *v]))
+    turned = np.array([*(R @ w), *(R @ v)])
+    same(m.rotated(matrix(R.tolist())), turned)
+    same(f.rotated(matrix(R.tolist())), turned)
+
+
+def test_sums_and_differences(rng: np.random.Generator) -> None:
+    a, b = rng.normal(size=(2, 6))
+    same(twist(a) + twist(b), a + b, 0.0)
+    same(twist(a) - twist(b), a - b, 0.0)
+    same(wrench(a) + wrench(b), a + b, 0.0)
+    same(wrench(a) - wrench(b), a - b, 0.0)
+    same(-wrench(a), -a, 0.0)
+    same(Twist.zero() + twist(a), a, 0.0)
+    same(Wrench.zero() + wrench(a), a, 0.0)
+
+
+def test_projection_and_span_of_a_subspace(rng: np.random.Generator) -> None:
+    S, f, rates = rng.normal(size=(6, 3)), rng.normal(size=6), rng.normal(size=3)
+    assert_close(wrench(f).project(matrix(S.tolist())), S.T @ f, 1e-14, 10.0)
+    same(Twist.along(matrix(S.tolist()), vector(rates.tolist())), S @ rates)
+    same(Wrench.along(matrix(S.tolist()), vector(rates.tolist())), S @ rates)
+    assert [real(s.components).tolist() for s in al.columns(matrix(S.tolist()))] == S.T.tolist()
+
+
+def test_cross_products_are_the_dense_ones(rng: np.random.Generator) -> None:
+    v, m, f = rng.normal(size=(3, 6))
+    same(twist(v).cross(twist(m)), velocity_product(v) @ m)
+    same(twist(v).cross_wrench(wrench(f)), star(v) @ f)
+
+
+def test_cross_products_keep_power_and_jacobi(rng: np.random.Generator) -> None:
+    """(v x m).f + m.(v x* f) = 0: power does not depend on the frame's own motion. And v x v = 0, Jacobi."""
+    v, m, u = (twist(rng.normal(size=6)) for _ in range(3))
+    f = wrench(rng.normal(size=6))
+    assert_close(f.dot(v.cross(m)), -v.cross_wrench(f).dot(m), 1e-14, 10.0)
+    same(v.cross(v), np.zeros(6))
+    jacobi = v.cross(m.cross(u)) + m.cross(u.cross(v)) + u.cross(v.cross(m))
+    assert_close(jacobi.components, np.zeros(6), 1e-14, 20.0)
+
+
+def test_cross_products_are_rates_of_transport(rng: np.random.Generator) -> None:
+    """In a frame that moves with velocity v, what is fixed outside changes by -v x m, and -v x* f."""
+    v, m, f = rng.normal(size=(3, 6))
+    h = 1e-4
+
+    def moved(t: float) -> Transform:
+        w = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]]) * t
+        R = np.eye(3) + w + w @ w / 2 + w @ w @ w / 6
+        return Transform(
+            matrix(R.T.tolist()), vector((t * v[3:] + np.cross(v[:3], v[3:]) * t * t / 2).tolist())
+        )
+
+    def rate(at: Callable[[float], Twist | Wrench]) -> np.ndarray:
+        return (real(at(h).components) - real(at(-h).components)) / (2 * h)
+
+    assert_close(rate(lambda t: twist(m).to_child(moved(t))), -velocity_product(v) @ m, 1e-7, 10.0)
+    back = rate(lambda t: wrench(f).to_parent(moved(t).inverse()))
+    assert_close(back, -star(v) @ f, 1e-7, 10.0)
+
+
+def test_expressions_give_the_numbers_and_zeros_stay_numbers(rng: np.random.Generator) -> None:
+    X, values = random_transform(rng), rng.normal(size=6)
+    symbols = vector(Graph().symbols([f"x{k}" for k in range(6)], "x"))
+    m, f = Twist(symbols[:3], symbols[3:]), Wrench(symbols[:3], symbols[3:])
+    inputs = {"x": values.tolist()}
+    for found, expected in [
+        (m.to_child(X), twist(values).to_child(X)),
+        (f.to_parent(X), wrench(values).to_parent(X)),
+        (m.cross(m + m.to_child(X)), twist(values).cross(twist(values) + twist(values).to_child(X))),
+    ]:
+        same(expected, np.array(evaluate(list(found.components), inputs)))
+    pure = Wrench(symbols[:3], al.zeros(3)).to_parent(X)
+    assert pure.f.tolist() == [0.0, 0.0, 0.0], "a pure moment has no force in any frame"

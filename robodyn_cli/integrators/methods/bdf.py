@@ -11,23 +11,30 @@ event lies in it) leaves the other one as it was.
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Callable
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.methods import bdf_tables as tables
-from robodyn_cli.integrators.runtime.layout import Real, Whole
+from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot
+from robodyn_cli.integrators.stepping.control import (
+    Attempt,
+    Controller,
+    mean_squares,
+    rejected_before,
+    tolerance,
+)
 from robodyn_cli.integrators.stepping.factors import RealFactors
 from robodyn_cli.integrators.stepping.newton import Limits, Rounds
-from robodyn_cli.integrators.stepping.stepper import Attempt, Stepper
+from robodyn_cli.integrators.stepping.stepper import Method, Stepper
 from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.arrays import Array, Total
-from robodyn_cli.kernels.ir import Int, Value, literal
-from robodyn_cli.kernels.mathematics import rough_power
+from robodyn_cli.kernels.ir import Block, Condition, Int, Value
+from robodyn_cli.kernels.mathematics import rough_exp2
 from robodyn_cli.kernels.program import Program
+from robodyn_cli.record import mutable_record
 
 ROWS = tables.ROWS
 LIMITS = Limits(rounds=5, converged=0.003, rounding=0.03, shorter=0.3)
-ROUNDING = 1e-15
 SAFETY = 0.85
 HOLD = 1.2  # a step that could grow by less stays as it is
 JUMP = 10.0  # a state that lies so many tolerances off the history has been replaced
@@ -38,92 +45,122 @@ LATEST, END, ANEW, BEGUN, HEAD = 0, 1, 2, 3, 8
 STAMP, STEP, ORDER, STEADY, TAKEN, FIRST = 0, 1, 2, 3, 4, 8
 
 
-class Bdf(Stepper):
+class Bdf(Method):
     """Backward differentiation formulas of order 1 to 5 (NDF): stiffly stable, order and step chosen along the run."""
 
-    name = "bdf"
-    order = 5
     dense_order = 4
-    needs_jacobian = True
 
     def linearisation(self, system: System) -> Program:
         return system.linearisation
 
     def dense_size(self, system: System) -> int:
-        return HEAD + 2 * self._history_size(system)
+        return HEAD + 2 * history_size(system.size)
 
-    def _history_size(self, system: System) -> int:
-        return FIRST + ROWS * system.size
+    def stepper(self, w: Writer) -> BdfStepper:
+        return BdfStepper(self, w)
 
-    def prepare(self, w: Writer) -> None:
+
+def history_size(n: int) -> int:
+    return FIRST + ROWS * n
+
+
+@mutable_record
+class Taken:
+    """A step: the order it was taken with, and order and steps since a change for the next one."""
+
+    order: Int
+    next_order: Int
+    next_steady: Int
+
+
+class BdfStepper(Stepper[Taken]):
+    """Writes steps of variable order.
+
+    D, next : differences before and after the step, ROWS a component, component by component within a row. predicted,
+    psi, d : as in the equation above.
+    """
+
+    def __init__(self, method: Bdf, w: Writer) -> None:
+        super().__init__(method, w)
         f, n = w.f, w.system.size
-        for name, table in (("masks", tables.masks()), ("histories", tables.histories())):
-            self._constant(w, name, table)
-        self._constant(w, "alpha", np.append(tables.ALPHA, [0.0, 0.0]))
-        self._constant(w, "error", np.append(tables.ERROR, [0.0, 0.0]))
+        self.n = n
+        self.masks = f.table("bdf.masks", tables.masks().ravel())
+        self.histories = f.table("bdf.histories", tables.histories().ravel())
+        self.alpha = f.table("bdf.alpha", [*tables.ALPHA, 0.0, 0.0])
+        self.error = f.table("bdf.error", [*tables.ERROR, 0.0, 0.0])
         self.D, self.next = Array(f, f.slot(1, ROWS * n)), Array(f, f.slot(1, ROWS * n))
         self.predicted, self.psi, self.d = (Array(f, f.slot(1, n)) for _ in range(3))
         self.x, self.rates = Array(f, f.slot(1, n)), Array(f, f.slot(1, n))
-        self.k, self.steady, self.new_k, self.new_steady = (f.int_slot() for _ in range(4))
-        self.weight, self.factor = Array(f, f.slot(1, n)), f.slot()
+        self.steady, self.next_order, self.next_steady = (f.int_slot() for _ in range(3))
+        self.factor = f.slot()
         self.rounds = Rounds(w, LIMITS)
-        # where the last run has come to its end there may be a kink: begin anew
-        t, end, last = w.get(Real.T), w.get(Real.T_END), self._head(w, END)
+        self.control = Controller(1.0, safety=SAFETY, floor=1e-10, least=0.2, most=10.0)
+        # where the last run has come to its end there may be a discontinuity: begin anew
+        t, end, last = w.get(DoubleSlot.T), w.get(DoubleSlot.T_END), self._head(END)
         arrived = f.compare("ole", f.abs(t - last), f.muladd(f.abs(last), 1e-15, 1e-300))
-        begun = f.compare("ogt", self._head(w, BEGUN), 0.5)
+        begun = f.compare("ogt", self._head(BEGUN), 0.5)
         anew = arrived & begun & f.compare("une", end, last)
-        self._set_head(w, ANEW, f.select(anew, f.constant(1.0), self._head(w, ANEW)))
-        self._set_head(w, END, end)
-
-    def _constant(self, w: Writer, name: str, table: np.ndarray) -> None:
-        flat = ", ".join(f"double {literal(float(x))}" for x in table.ravel())
-        w.f.globals.append(
-            f"@bdf.{name} = private unnamed_addr constant [{table.size} x double] [{flat}], align 64"
-        )
-
-    def _head(self, w: Writer, place: int) -> Value:
-        return w.f.load(w.f.offset("%dense", place))
-
-    def _set_head(self, w: Writer, place: int, x: Value | float) -> None:
-        w.f.store(x, w.f.offset("%dense", place))
-
-    def _history(self, w: Writer, which: Value) -> str:
-        """Return the address of history 0 or 1."""
-        f = w.f
-        return f.offset("%dense", f.to_int(which) * self._history_size(w.system) + HEAD)
+        self._set_head(ANEW, f.select(anew, f.constant(1.0), self._head(ANEW)))
+        self._set_head(END, end)
 
     # -- history --------------------------------------------------------------------------------------
-    def _begin(self, w: Writer, t: Value, h: Value, failed: str) -> str:
+    def _head(self, place: int) -> Value:
+        return self.f.load(self.f.offset("%dense", place))
+
+    def _set_head(self, place: int, x: Value | float) -> None:
+        self.f.store(x, self.f.offset("%dense", place))
+
+    def _history(self, which: Value) -> str:
+        """Return the address of history 0 or 1."""
+        f = self.f
+        return f.offset("%dense", f.to_int(which) * history_size(self.n) + HEAD)
+
+    def _ends_at(self, history: str, t: Value) -> Condition:
+        f = self.f
+        gap = f.abs(f.load(f.offset(history, STAMP)) - t)
+        return f.compare("ole", gap, f.load(f.offset(history, STEP)) * 1e-6)
+
+    def _begin(self, t: Value, h: Value, failed: Block) -> str:
         """Return the address of the history that ends at t; where there is none, one is begun at order 1."""
-        f, n = w.f, w.system.size
-        latest = self._head(w, LATEST)
-        chosen = f.slot()
-        a, b = self._history(w, latest), self._history(w, 1.0 - latest)
+        f = self.f
+        latest = self._head(LATEST)
+        fits = self._ends_at(self._history(latest), t)
+        other_fits = self._ends_at(self._history(1.0 - latest), t)
+        chosen = f.select(fits, latest, 1.0 - latest)
+        history = self._history(chosen)
+        known = (fits | other_fits) & self._continues(history)
+        with f.when(~known):
+            h1 = self._first_step(t, h)
+            f.store(-1e300, f.offset(self._history(1.0 - chosen), STAMP))
+            self._start_history(history, t, h1)
+            for place, value in ((LATEST, chosen), (ANEW, 0.0), (BEGUN, 1.0)):
+                self._set_head(place, value)
+            with f.when(f.compare("olt", h1, h * 0.999)):
+                # only the first step of a history is proposed anew here, nothing was rejected
+                self.w.put(DoubleSlot.H, h1)
+                self.w.count(IntegerSlot.REJECTED, -1)
+                self.w.count(IntegerSlot.REJECTED_IN_ROW, -1)
+                failed.leave()
+        return history
 
-        def fits(history: str) -> Value:
-            gap = f.abs(f.load(f.offset(history, STAMP)) - t)
-            return f.select(
-                f.compare("ole", gap, f.load(f.offset(history, STEP)) * 1e-6),
-                f.constant(1.0),
-                f.constant(0.0),
-            )
-
-        fit_a, fit_b = fits(a), fits(b)
-        f.store(f.select(f.compare("ogt", fit_a, 0.5), latest, 1.0 - latest), chosen)
-        history = self._history(w, f.load(chosen))
+    def _continues(self, history: str) -> Condition:
+        """Return whether the state is still where a history ends, and nothing asks for a new one."""
+        f, w = self.f, self.w
         total = Total(f)
         with f.strict():
-            for c in range(n):
-                gap = (f.load(f.offset(history, FIRST + c)) - w.state[c]) / self._scale(w, f.abs(w.state[c]))
+            for c in range(self.n):
+                gap = f.load(f.offset(history, FIRST + c)) - w.state[c]
+                gap = gap / tolerance(w, f.abs(w.state[c]))
                 total.add_product(gap, gap)
         same = f.compare("olt", total.value, JUMP * JUMP)
-        known = f.compare("ogt", fit_a + fit_b, 0.5) & f.compare("olt", self._head(w, ANEW), 0.5) & same
-        known = known & f.compare("ogt", self._head(w, BEGUN), 0.5)
-        fresh, ready = f.label("fresh"), f.label("ready")
-        f.branch(known, ready, fresh)
-        f.place(fresh)
+        asked = f.compare("olt", self._head(ANEW), 0.5)
+        return asked & same & f.compare("ogt", self._head(BEGUN), 0.5)
+
+    def _first_step(self, t: Value, h: Value) -> Value:
+        """Return the length of a first step, at most h, and leave the rates in ``d``."""
+        f, w, n = self.f, self.w, self.n
         w.rate(t, w.state, self.rates)
-        w.count(Whole.EVALUATIONS, 2)
+        w.count(IntegerSlot.EVALUATIONS, 2)
         small = h * 1e-4
         for c in range(n):
             self.x[c] = f.muladd(small, self.rates[c], w.state[c])
@@ -132,41 +169,27 @@ class Bdf(Stepper):
         with f.strict():
             bend = Total(f)
             for c in range(n):
-                gained = f.abs(h * self.d[c])
-                second = (self.rates[c] - self.d[c]) / (
-                    small * self._scale(w, f.max(f.abs(w.state[c]), gained * 1e-3))
-                )
+                size = f.max(f.abs(w.state[c]), f.abs(h * self.d[c]) * 1e-3)
+                second = (self.rates[c] - self.d[c]) / (small * tolerance(w, size))
                 bend.add_product(second, second)
             curvature = f.sqrt(bend.value * (1.0 / n))
             h1 = f.min(h, CAUTION / f.sqrt(f.max(curvature, 1e-300)))
-            h1 = f.select(f.compare("ord", h1, 0.0), h1, h * 0.1)
-        other = self._history(w, 1.0 - f.load(chosen))
-        f.store(-1e300, f.offset(other, STAMP))
-        for place, value in ((STAMP, t), (STEP, h1), (ORDER, 1.0), (STEADY, 0.0), (TAKEN, 1.0)):
+            return f.select(f.compare("ord", h1, 0.0), h1, h * 0.1)
+
+    def _start_history(self, history: str, t: Value, h: Value) -> None:
+        """Store the history of order 1 for steps of length h, from the rates in ``d``."""
+        f, w, n = self.f, self.w, self.n
+        for place, value in ((STAMP, t), (STEP, h), (ORDER, 1.0), (STEADY, 0.0), (TAKEN, 1.0)):
             f.store(value, f.offset(history, place))
         for c in range(n):
             for row in range(ROWS):
-                start = w.state[c] if row == 0 else h1 * self.d[c] if row == 1 else 0.0
+                start = w.state[c] if row == 0 else h * self.d[c] if row == 1 else 0.0
                 f.store(start, f.offset(history, FIRST + row * n + c))
-        self._set_head(w, LATEST, f.load(chosen))
-        self._set_head(w, ANEW, 0.0)
-        self._set_head(w, BEGUN, 1.0)
-        shorter = f.label("shorter")
-        f.branch(f.compare("olt", h1, h * 0.999), shorter, ready)
-        f.place(shorter)
-        # only the first step of a history is proposed anew here, nothing was rejected
-        w.put(Real.H, h1)
-        w.count(Whole.REJECTED, -1)
-        w.count(Whole.REJECTED_IN_ROW, -1)
-        f.jump(failed)
-        f.place(ready)
-        return self._history(w, f.load(chosen))
 
-    def _load(self, w: Writer, history: str, h: Value) -> None:
-        """Take a history over, for steps of length h."""
-        f, n = w.f, w.system.size
+    def _load(self, history: str, h: Value) -> Int:
+        """Take a history over, for steps of length h; return its order."""
+        f, w, n = self.f, self.w, self.n
         k = f.to_int(f.load(f.offset(history, ORDER)))
-        f.store_int(k, self.k)
         f.store_int(f.to_int(f.load(f.offset(history, STEADY))), self.steady)
         for c in range(n):
             for row in range(ROWS):
@@ -175,174 +198,165 @@ class Bdf(Stepper):
         r = h / f.load(f.offset(history, STEP))
         with f.when(f.compare("ogt", f.abs(r - 1.0), 1e-10)):
             f.store_int(0, self.steady)
-            mask = [f.load(f.offset("@bdf.masks", k * ROWS + j)) for j in range(tables.HIGHEST + 1)]
-            polynomials = tables.rescaling()
-            with f.strict():
-                for c in range(n):
-                    old = [self.D[j * n + c] * mask[j] for j in range(tables.HIGHEST + 1)]
-                    for j in range(1, tables.HIGHEST + 1):
-                        total: Value | None = None
-                        for m in range(j, tables.HIGHEST + 1):
-                            weight = self._polynomial(w, polynomials[j][m], r)
-                            total = weight * old[m] if total is None else f.muladd(weight, old[m], total)
-                        assert total is not None
-                        self.D[j * n + c] = total
+            self._rescale(k, r)
+        return k
 
-    def _polynomial(self, w: Writer, coefficients: list[float], r: Value) -> Value:
-        p = w.f.constant(coefficients[-1])
+    def _rescale(self, k: Int, r: Value) -> None:
+        """Turn the differences into those for steps r times as long."""
+        f, n, rows = self.f, self.n, range(tables.HIGHEST + 1)
+        mask = self._row(self.masks, k)
+        polynomials = tables.rescaling()
+        with f.strict():
+            for c in range(n):
+                old = [self.D[j * n + c] * mask[j] for j in rows]
+                for j in rows[1:]:
+                    total: Value | None = None
+                    for m in rows[j:]:
+                        weight = self._polynomial(polynomials[j][m], r)
+                        total = weight * old[m] if total is None else f.muladd(weight, old[m], total)
+                    assert total is not None
+                    self.D[j * n + c] = total
+
+    def _row(self, table: str, k: Int) -> list[Value]:
+        """Return what a table has for order k."""
+        f = self.f
+        return [f.load(f.offset(table, k * ROWS + j)) for j in range(tables.HIGHEST + 1)]
+
+    def _polynomial(self, coefficients: list[float], r: Value) -> Value:
+        p = self.f.constant(coefficients[-1])
         for c in reversed(coefficients[:-1]):
-            p = w.f.muladd(p, r, c)
+            p = self.f.muladd(p, r, c)
         return p
 
     # -- the step -------------------------------------------------------------------------------------
-    def attempt(self, w: Writer, t: Value, h: Value, failed: str) -> Attempt:
-        f, n = w.f, w.system.size
-        history = self._begin(w, t, h, failed)
-        self._load(w, history, h)
-        k = f.load_int(self.k)
-        rows = range(tables.HIGHEST + 1)
-        mask = [f.load(f.offset("@bdf.masks", k * ROWS + j)) for j in rows]
-        past = [f.load(f.offset("@bdf.histories", k * ROWS + j)) for j in rows]
+    def attempt(self, t: Value, h: Value, failed: Block) -> Attempt[Taken]:
+        f, w, n = self.f, self.w, self.n
+        k = self._load(self._begin(t, h, failed), h)
+        mask, past = self._row(self.masks, k), self._row(self.histories, k)
         for c in range(n):
             x, psi = self.D[c], f.constant(0.0)
-            for j in rows[1:]:
+            for j in range(1, tables.HIGHEST + 1):
                 x = f.muladd(mask[j], self.D[j * n + c], x)
                 psi = f.muladd(past[j], self.D[j * n + c], psi)
             self.predicted[c], self.psi[c], self.d[c] = x, psi, 0.0
-        g = f.load(f.offset("@bdf.alpha", k)) / h
-        factors = RealFactors(w, t + h, self.predicted, g)
-        w.count(Whole.EVALUATIONS)
-        self._iterate(w, factors, t + h, h, g, failed)
-        return self._judge(w, k)
-
-    def _scale(self, w: Writer, size: Value) -> Value:
-        f = w.f
-        return f.max(f.muladd(size, w.get(Real.RTOL), w.get(Real.ATOL)), f.muladd(size, ROUNDING, 1e-300))
-
-    def _iterate(self, w: Writer, factors: RealFactors, t: Value, h: Value, g: Value, failed: str) -> None:
-        """Solve for d by Newton's method; jumps to ``failed`` where it does not converge."""
-        f, n = w.f, w.system.size
-        self.rounds.begin()
-        for c in range(n):
-            self.x[c] = self.predicted[c] + self.d[c]
-        w.rate(t, self.x, self.rates)
-        w.count(Whole.EVALUATIONS)
-        residual = [self.rates[c] - g * (self.psi[c] + self.d[c]) for c in range(n)]
-        changes = factors.solve(residual)
-        with f.strict():
-            square = Total(f)
-            for c, change in enumerate(changes):
-                self.d[c] = self.d[c] + change
-                size = f.max(f.abs(w.state[c]), f.abs(self.predicted[c] + self.d[c]))
-                e = change / self._scale(w, size)
-                square.add_product(e, e)
-            update = f.sqrt(square.value * (1.0 / n))
-        self.rounds.judge(update, h, failed)
-
-    # -- error and order ------------------------------------------------------------------------------
-    def _judge(self, w: Writer, k: Int) -> Attempt:
-        f, n = w.f, w.system.size
+        g = f.load(f.offset(self.alpha, k)) / h
+        self._iterate(t + h, h, g, failed)
         for c in range(n):
             w.new[c] = self.predicted[c] + self.d[c]
-            self.weight[c] = 1.0 / self._scale(w, f.max(f.abs(w.state[c]), f.abs(w.new[c])))
-            for row in range(ROWS):
-                self.next[row * n + c] = self.D[row * n + c]
+        self._difference(k)
+        square = self._norm(lambda c: self.d[c], k)
+        self._choose_order(square, k)
+        taken = Taken(k, f.load_int(self.next_order), f.load_int(self.next_steady))
+        return Attempt(square, taken, factor=f.load(self.factor))
 
-        def norm(entry: Array, order: Int) -> Value:
-            """Return the mean square of error coefficient times an array of differences, in units of the tolerance."""
-            constant = f.load(f.offset("@bdf.error", order))
+    def _iterate(self, t: Value, h: Value, g: Value, failed: Block) -> None:
+        """Solve for d by Newton's method; ``failed`` is left where it does not converge."""
+        f, w, n = self.f, self.w, self.n
+        factors = RealFactors(w, t, self.predicted, g)
+        w.count(IntegerSlot.EVALUATIONS)
+        with self.rounds.repeat(h, failed) as judge:
+            for c in range(n):
+                self.x[c] = self.predicted[c] + self.d[c]
+            w.rate(t, self.x, self.rates)
+            w.count(IntegerSlot.EVALUATIONS)
+            changes = factors.solve([self.rates[c] - g * (self.psi[c] + self.d[c]) for c in range(n)])
             with f.strict():
                 square = Total(f)
-                for c in range(n):
-                    e = constant * entry[c] * self.weight[c]
+                for c, change in enumerate(changes):
+                    self.d[c] = self.d[c] + change
+                    size = f.max(f.abs(w.state[c]), f.abs(self.predicted[c] + self.d[c]))
+                    e = change / tolerance(w, size)
                     square.add_product(e, e)
-                return f.max(square.value * (1.0 / n), 1e-20)
+                update = f.sqrt(square.value * (1.0 / n))
+            judge(update)
 
-        error = norm(self.d, k)
-        # differences at the new time, from the highest down
+    # -- error and order ------------------------------------------------------------------------------
+    def _difference(self, k: Int) -> None:
+        """Set the differences at the new time, from the highest down."""
+        f, n = self.f, self.n
+        for row in range(ROWS):
+            for c in range(n):
+                self.next[row * n + c] = self.D[row * n + c]
         top = k + 1
         for c in range(n):
             d, old = self.d[c], self.D[top * n + c]
             self.next[top * n + n + c] = d - old
             self.next[top * n + c] = d
-        with f.count(top, down=True) as place:
+        with f.count(top, down=True) as j:
             for c in range(n):
-                self.next[place * n + c] = self.next[place * n + c] + self.next[place * n + n + c]
+                self.next[j * n + c] = self.next[j * n + c] + self.next[j * n + n + c]
 
-        def could(square: Value, order: Int) -> Value:
-            return self._power(w, square, order) * SAFETY
-
-        present = could(error, k)
-        steady = f.load_int(self.steady) + 1
-        f.store_int(steady, self.new_steady)
-        f.store_int(k, self.new_k)
-        rejected = f.compare_int("sgt", f.load_int(w.whole(Whole.REJECTED_IN_ROW)), 0)
+    def _norm(self, difference: Callable[[Int | int], Value], order: Int) -> Value:
+        """Return the mean square of error coefficient times differences, in units of the tolerance."""
+        f = self.f
+        constant = f.load(f.offset(self.error, order))
         with f.strict():
-            f.store(f.min(f.max(present, 0.2), 0.9), self.factor)
-            accepted = f.compare("olt", error, 1.0)
+            return mean_squares(self.w, 1, lambda c: [constant * difference(c)])[0]
+
+    def _could(self, square: Value, order: Int) -> Value:
+        """Return by what factor steps of an order with this error could change."""
+        f = self.f
+        with f.strict():
+            size = self.control.log_error(self.w, square)
+            return rough_exp2(f, self.control.log_factor(size, f.to_double(order + 1)))
+
+    def _choose_order(self, square: Value, k: Int) -> None:
+        """Choose the order of the next step, and by what factor its length changes.
+
+        Both stay until as many steps as the order and one more were taken with them; a step that could hardly grow
+        stays as it is.
+        """
+        f, n = self.f, self.n
+        present = self._could(square, k)
+        steady = f.load_int(self.steady) + 1
+        f.store_int(steady, self.next_steady)
+        f.store_int(k, self.next_order)
+        f.store(f.min(f.max(present, self.control.least), 0.9), self.factor)
+        accepted = f.compare("olt", square, 1.0)
         with f.when(accepted):
             f.store(1.0, self.factor)
         with f.when(accepted & f.compare_int("sgt", steady, k)):
-            lower, higher = self.next.part(k * n), self.next.part(k * n + 2 * n)
-            down = f.select(f.compare_int("sgt", k, 1), could(norm(lower, k - 1), k - 1), f.constant(0.0))
-            up = f.select(
-                f.compare_int("slt", k, tables.HIGHEST), could(norm(higher, k + 1), k + 1), f.constant(0.0)
-            )
+            lower = self._norm(lambda c: self.next[k * n + c], k - 1)
+            higher = self._norm(lambda c: self.next[k * n + 2 * n + c], k + 1)
+            nothing = f.constant(0.0)
+            down = f.select(f.compare_int("sgt", k, 1), self._could(lower, k - 1), nothing)
+            up = f.select(f.compare_int("slt", k, tables.HIGHEST), self._could(higher, k + 1), nothing)
             best = f.max(present, f.max(down, up))
             falls = f.compare("oge", down, best)
             rises = f.compare("oge", up, best) & ~falls
-            chosen = f.select_int(falls, k - 1, f.select_int(rises, k + 1, k))
-            growth = f.min(best, f.select(rejected, f.constant(1.0), f.constant(10.0)))
+            growth = f.min(best, f.select(rejected_before(self.w), 1.0, f.constant(self.control.most)))
             held = f.compare("olt", growth, HOLD) & f.compare("oge", growth, 0.9)
-            growth = f.select(held, f.constant(1.0), f.max(growth, 0.2))
+            growth = f.select(held, f.constant(1.0), f.max(growth, self.control.least))
             changed = f.compare("une", growth, 1.0) | falls | rises
             f.store(growth, self.factor)
-            f.store_int(chosen, self.new_k)
-            f.store_int(f.select_int(changed, 0, steady), self.new_steady)
-        return Attempt(error, f.load(self.factor))
-
-    def _power(self, w: Writer, square: Value, order: Int) -> Value:
-        """Return square ** (-1 / (2 (order + 1)))."""
-        f = w.f
-        result = rough_power(f, square, -0.25)
-        for k in range(2, tables.HIGHEST + 1):
-            result = f.select(f.compare_int("eq", order, k), rough_power(f, square, -0.5 / (k + 1)), result)
-        return result
+            f.store_int(f.select_int(falls, k - 1, f.select_int(rises, k + 1, k)), self.next_order)
+            f.store_int(f.select_int(changed, 0, steady), self.next_steady)
 
     # -- dense output ---------------------------------------------------------------------------------
-    def save_dense(self, w: Writer, t: Value, h: Value) -> None:
-        f, n = w.f, w.system.size
-        latest = 1.0 - self._used(w, t)
-        history = self._history(w, latest)
-        numbers = (
-            (STAMP, t + h), (STEP, h), (ORDER, f.to_double(f.load_int(self.new_k))),
-            (STEADY, f.to_double(f.load_int(self.new_steady))), (TAKEN, f.to_double(f.load_int(self.k))),
-        )  # fmt: skip
-        for place, value in numbers:
+    def save_dense(self, t: Value, h: Value, kept: Taken) -> None:
+        f, n = self.f, self.n
+        # the step came from the latest history, or from the one before an event was found
+        latest = self._head(LATEST)
+        used = f.select(self._ends_at(self._history(latest), t), latest, 1.0 - latest)
+        history = self._history(1.0 - used)
+        for place, number in ((ORDER, kept.next_order), (STEADY, kept.next_steady), (TAKEN, kept.order)):
+            f.store(f.to_double(number), f.offset(history, place))
+        for place, value in ((STAMP, t + h), (STEP, h)):
             f.store(value, f.offset(history, place))
         for row in range(ROWS):
             for c in range(n):
                 f.store(self.next[row * n + c], f.offset(history, FIRST + row * n + c))
-        self._set_head(w, LATEST, latest)
+        self._set_head(LATEST, 1.0 - used)
 
-    def _used(self, w: Writer, t: Value) -> Value:
-        """Return which history the step came from: the latest, or the one before an event was found."""
-        f = w.f
-        latest = self._head(w, LATEST)
-        history = self._history(w, latest)
-        gap = f.abs(f.load(f.offset(history, STAMP)) - t)
-        ends = f.compare("ole", gap, f.load(f.offset(history, STEP)) * 1e-6)
-        return f.select(ends, latest, 1.0 - latest)
-
-    def dense(self, w: Writer, u: Value, h: Value, out: Array) -> None:
-        f, n = w.f, w.system.size
-        history = self._history(w, self._head(w, LATEST))
-        k = f.to_int(f.load(f.offset(history, TAKEN)))
+    def dense(self, u: Value, h: Value, out: Array) -> None:
+        f, n = self.f, self.n
+        history = self._history(self._head(LATEST))
+        mask = self._row(self.masks, f.to_int(f.load(f.offset(history, TAKEN))))
         weights: list[Value] = []
         product = f.constant(1.0, u.width)
         for j in range(1, tables.HIGHEST + 1):
             product = product * (u + float(j - 1)) * (1.0 / j)
-            weights.append(product * f.splat(f.load(f.offset("@bdf.masks", k * ROWS + j)), u.width))
+            weights.append(product * f.splat(mask[j], u.width))
         for c in range(n):
             x = f.splat(f.load(f.offset(history, FIRST + c)), u.width)
             for j, weight in enumerate(weights, 1):

@@ -10,10 +10,14 @@ import numpy as np
 HIGHEST = 5
 ROWS = HIGHEST + 3  # backward differences of a component, those for the error estimates included
 # of the numerical differentiation formulas: a smaller error at a little less stability; order 5 has nothing to gain
-KAPPA = np.array([0.0, -0.1850, -1.0 / 9.0, -0.0823, -0.0415, 0.0])
-GAMMA = np.append(0.0, np.cumsum(1.0 / np.arange(1, HIGHEST + 1)))
-ALPHA = (1.0 - KAPPA) * GAMMA
-ERROR = np.append(KAPPA * GAMMA + 1.0 / np.arange(1, HIGHEST + 2), 0.0)
+_KAPPA = [Fraction(x) for x in ("0", "-0.185", "-1/9", "-0.0823", "-0.0415", "0")]
+_GAMMA = [sum((Fraction(1, j) for j in range(1, k + 1)), Fraction(0)) for k in range(HIGHEST + 1)]
+_ALPHA = [(1 - kappa) * gamma for kappa, gamma in zip(_KAPPA, _GAMMA)]
+ALPHA = [float(alpha) for alpha in _ALPHA]
+ERROR = [
+    *(float(kappa * gamma + Fraction(1, k + 1)) for k, (kappa, gamma) in enumerate(zip(_KAPPA, _GAMMA))),
+    0.0,
+]
 
 
 def masks() -> np.ndarray:
@@ -25,7 +29,7 @@ def histories() -> np.ndarray:
     """Return (orders, ROWS): gamma_j / alpha_k, the weights of the differences in psi."""
     out = np.zeros((ROWS, ROWS))
     for k in range(1, HIGHEST + 1):
-        out[k, 1 : k + 1] = GAMMA[1 : k + 1] / ALPHA[k]
+        out[k, 1 : k + 1] = [float(gamma / _ALPHA[k]) for gamma in _GAMMA[1 : k + 1]]
     return out
 
 

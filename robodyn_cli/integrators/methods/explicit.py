@@ -3,60 +3,82 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.methods.tableaus import (
-    DOP853,
-    DOP853_DENSE,
-    DOPRI5,
-    DOPRI5_DENSE,
-    RK4,
-    ExplicitTable,
-)
-from robodyn_cli.integrators.runtime.layout import Real, Whole
-from robodyn_cli.integrators.stepping.stepper import Attempt, Stepper
+from robodyn_cli.integration_methods import IntegrationMethod
+from robodyn_cli.integrators.methods.tableaus import DOP853, DOPRI5, RK4, ExplicitTable
+from robodyn_cli.integrators.runtime.layout import IntegerSlot
+from robodyn_cli.integrators.stepping.control import Attempt, Controller, mean_squares
+from robodyn_cli.integrators.stepping.stepper import Method, Stepper
 from robodyn_cli.integrators.stepping.writer import Writer
-from robodyn_cli.kernels.arrays import Array, Total
-from robodyn_cli.kernels.ir import Int, Value
-from robodyn_cli.kernels.mathematics import rough_power
+from robodyn_cli.kernels.arrays import Array
+from robodyn_cli.kernels.ir import Block, Int, Value
 
-SAFETY = 0.9
-# of the step controller that also looks at the previous error (Hairer and Wanner 1996, IV.2)
-MEMORY_GAIN = 0.32
+# of the step controller that also looks at the last error (Hairer and Wanner 1996, IV.2)
+SAFETY, GAIN = 0.9, 0.32
 
 
-class ExplicitRungeKutta(Stepper):
-    """Explicit Runge-Kutta pair given by its tableau."""
+class ExplicitRungeKutta(Method):
+    """Explicit Runge-Kutta method given by its tableau and its kind of dense output."""
 
-    table: ExplicitTable
-    stages: int
+    def __init__(self, table: ExplicitTable, output: type[ExplicitStepper], facts: IntegrationMethod) -> None:
+        super().__init__(facts)
+        self.table, self.output = table, output
+        self.dense_order = table.dense_order
 
-    def prepare(self, w: Writer) -> None:
-        self.K = [w.array(2, 1) for _ in range(self.stages)]
+    def dense_size(self, system: System) -> int:
+        return (self.output.rows + 1) * system.size
+
+    def stepper(self, w: Writer) -> ExplicitStepper:
+        return self.output(self, w)
+
+
+class ExplicitStepper(Stepper[Sequence[Array]]):
+    """Writes steps from a tableau; K are the rates at the stages, which dense output takes over.
+
+    The first stage is evaluated only where it is not known (``RATE_KNOWN``): it is after a rejection, and where the
+    rate at the end of the last step was evaluated and the state has stayed what it was there. It lies behind dense
+    output.
+
+    rows : of numbers, one a component, that dense output keeps.
+    """
+
+    rows: int
+
+    def __init__(self, method: ExplicitRungeKutta, w: Writer) -> None:
+        super().__init__(method, w)
+        self.table = method.table
+        first = Array(w.f, w.f.offset("%dense", w.size * self.rows))
+        self.K = [first, *(w.array(2, 1) for _ in self.table.A[1:])]
         self.x = w.array(2, 1)
+        self.known = w.integer_at(IntegerSlot.RATE_KNOWN)
+        self.control = Controller(
+            self.table.error_order, safety=SAFETY, floor=1e-10, least=0.2, most=10.0, gain=GAIN
+        )
 
-    def attempt(self, w: Writer, t: Value, h: Value, failed: str) -> Attempt:
-        f = w.f
-        for i in range(self.stages):
-            self._stage(w, t, h, i)
-        w.count(Whole.EVALUATIONS, self.stages)
+    def attempt(self, t: Value, h: Value, failed: Block) -> Attempt[Sequence[Array]]:
+        f, w = self.f, self.w
+        with f.when(f.compare_int("eq", f.load_int(self.known), 0)):
+            w.rate(t, w.state, self.K[0])
+            w.count(IntegerSlot.EVALUATIONS)
+        f.store_int(1, self.known)
+        for i in range(1, self.table.stages):
+            self._stage(t, h, i)
+        w.count(IntegerSlot.EVALUATIONS, self.table.stages - 1)
         for c in w.each(w.size):
-            w.new[c] = f.muladd(h, self._sum(w, self.table.b, c), w.state[c])
-        return self._judge(w, h)
+            w.new[c] = f.muladd(h, self._sum(self.table.b, c), w.state[c])
+        return Attempt(self._error(h), self.K)
 
-    def _stage(self, w: Writer, t: Value, h: Value, i: int) -> None:
-        f = w.f
-        row = self.table.A[i]
-        x = w.state
-        if any(row):
-            x = self.x
-            for c in w.each(w.size):
-                x[c] = f.muladd(h, self._sum(w, row, c), w.state[c])
-        w.rate(f.muladd(h, self.table.c[i], t), x, self.K[i])
+    def _stage(self, t: Value, h: Value, i: int) -> None:
+        f, w = self.f, self.w
+        for c in w.each(w.size):
+            self.x[c] = f.muladd(h, self._sum(self.table.A[i], c), w.state[c])
+        w.rate(f.muladd(h, self.table.c[i], t), self.x, self.K[i])
 
-    def _sum(self, w: Writer, weights: Sequence[float], component: Int | int) -> Value:
+    def _sum(self, weights: Sequence[float], component: Int | int) -> Value:
         """Return the weighted sum of the stages' rates of one component."""
-        f = w.f
+        f = self.f
         total: Value | None = None
         for weight, rates in zip(weights, self.K):
             if weight != 0.0:
@@ -64,159 +86,125 @@ class ExplicitRungeKutta(Stepper):
                 total = k * weight if total is None else f.muladd(k, weight, total)
         return f.constant(0.0) if total is None else total
 
-    def _judge(self, w: Writer, h: Value) -> Attempt:
-        f = w.f
+    def _error(self, h: Value) -> Value | None:
+        """Return the mean square of the error; a pair with two estimates takes them together (Hairer's DOP853)."""
+        f, estimates = self.f, self.table.errors
+        if not estimates:
+            return None
+        squares = mean_squares(self.w, len(estimates), lambda c: [self._sum(e, c) for e in estimates])
         with f.strict():
-            rtol, atol = w.get(Real.RTOL), w.get(Real.ATOL)
-            sums = [Total(f) for _ in self.table.errors]
+            if len(squares) == 1:
+                return h * h * squares[0]
+            return h * h * squares[0] * squares[0] / (f.muladd(squares[1], 0.01, squares[0]) + 1e-300)
+
+    # -- dense output ---------------------------------------------------------------------------------
+    def save_dense(self, t: Value, h: Value, kept: Sequence[Array]) -> None:
+        self.f.store_int(0, self.known)
+        with self.used(t, h):
+            self._carry_over(self._store_dense(t, h, kept))
+        if self.table.first_same_as_last:
+            self._carry_over(kept[self.table.stages - 1])
+
+    def _carry_over(self, last: Array | None) -> None:
+        """Make the rate at the end of the step the first stage of the next, unless the state is put back."""
+        w = self.w
+        if last is not None and not self.method.moves_state(w.system):
             for c in w.each(w.size):
-                scale = 1.0 / f.muladd(f.max(f.abs(w.state[c]), f.abs(w.new[c])), rtol, atol)
-                for total, weights in zip(sums, self.table.errors):
-                    e = self._sum(w, weights, c) * scale
-                    total.add_product(e, e)
-            totals = [x.value for x in sums]
-            n = w.number(w.size)
-            h2 = h * h
-            if len(totals) == 2:
-                error = h2 * totals[0] * totals[0] / (f.muladd(totals[1], 0.01, totals[0]) * n + 1e-300)
-            else:
-                error = h2 * totals[0] / n
-            bounded = f.max(error, 1e-20)
-            q = self.table.error_order
-            gain = MEMORY_GAIN / q
-            previous = w.get(Real.MEMORY_2)
-            factor = rough_power(f, bounded, -0.5 * (1.0 / q - 0.75 * gain))
-            factor = factor * rough_power(f, f.max(previous, 1e-8), 0.5 * gain) * SAFETY
-            self.last_error = bounded
-            growth = f.select(
-                f.compare_int("sgt", f.load_int(w.whole(Whole.REJECTED_IN_ROW)), 0),
-                f.constant(1.0),
-                f.constant(10.0),
-            )
-            factor = f.min(f.max(factor, 0.2), growth)
-        return Attempt(error, factor)
+                self.K[0][c] = last[c]
+            self.f.store_int(1, self.known)
 
-    def save_dense(self, w: Writer, t: Value, h: Value) -> None:
-        f = w.f
-        if self.adaptive:
-            w.put(Real.MEMORY_2, f.max(self.last_error, 1e-8))
-        with self.used(w, t, h):
-            self._store_dense(w, t, h)
+    def _end_rate(self, t: Value, h: Value, room: Array) -> Array:
+        """Return the rate at the end of the step, evaluated in ``room`` where no stage has it."""
+        w, table = self.w, self.table
+        if table.first_same_as_last:
+            return self.K[table.stages - 1]
+        w.rate(t + h, w.new, room)
+        w.count(IntegerSlot.EVALUATIONS)
+        return room
 
-    def _store_dense(self, w: Writer, t: Value, h: Value) -> None:
+    def _store_dense(self, t: Value, h: Value, K: Sequence[Array]) -> Array | None:
+        """Store the numbers of dense output; return the rate at the end of the step where it was evaluated."""
         raise NotImplementedError
 
-    def _put(self, w: Writer, row: int, component: Int | int, value: Value) -> None:
-        w.f.store(value, w.f.offset("%dense", w.size * row + component))
+    def _put(self, component: Int | int, values: Sequence[Value]) -> None:
+        f, w = self.f, self.w
+        for row, value in enumerate(values):
+            f.store(value, f.offset("%dense", w.size * row + component))
 
-    def _get(self, w: Writer, row: int, component: Int | int) -> Value:
-        return w.f.load(w.f.offset("%dense", w.size * row + component))
+    def _get(self, component: Int | int, width: int) -> list[Value]:
+        f, w = self.f, self.w
+        places = [f.offset("%dense", w.size * row + component) for row in range(self.rows)]
+        return [f.splat(f.load(place), width) for place in places]
 
 
-class Dop853(ExplicitRungeKutta):
-    """Dormand and Prince's pair of order 8 (Hairer, Norsett and Wanner 1993), dense output of order 7."""
+class CubicOutput(ExplicitStepper):
+    """Dense output by the cubic Hermite polynomial from states and rates at the ends of a step: order 3."""
 
-    name = "dop853"
-    order = 8
-    dense_order = 7
-    table = DOP853
-    stages = 12
+    rows = 4
 
-    def prepare(self, w: Writer) -> None:
-        super().prepare(w)
-        # dense output takes four more stages
-        self.K += [w.array(2, 1) for _ in range(4)]
-
-    def dense_size(self, system: System) -> int:
-        return 8 * system.size
-
-    def _store_dense(self, w: Writer, t: Value, h: Value) -> None:
-        w.rate(t + h, w.new, self.K[12])
-        for i in range(13, 16):
-            self._stage(w, t, h, i)
-        w.count(Whole.EVALUATIONS, 4)
+    def _store_dense(self, t: Value, h: Value, K: Sequence[Array]) -> Array | None:
+        w = self.w
+        last = self._end_rate(t, h, w.array(2, 1))
         for c in w.each(w.size):
-            delta = w.new[c] - w.state[c]
-            first, last = h * self.K[0][c], h * self.K[12][c]
-            rows = [w.state[c], delta, first - delta, 2.0 * delta - (first + last)]
-            rows += [h * self._sum(w, weights, c) for weights in DOP853_DENSE]
-            for k, value in enumerate(rows):
-                self._put(w, k, c, value)
+            self._put(c, (w.state[c], w.new[c], h * K[0][c], h * last[c]))
+        return last
 
-    def dense(self, w: Writer, u: Value, h: Value, out: Array) -> None:
-        f = w.f
+    def dense(self, u: Value, h: Value, out: Array) -> None:
         x = u + 1.0
+        for c in self.w.each(self.w.size):
+            a, b, da, db = self._get(c, u.width)
+            # x^2 (3 - 2 x) goes from 0 to 1; the slopes enter with x (1 - x)
+            out[c] = a + (b - a) * x * x * (3.0 - 2.0 * x) - x * u * (-u * da - x * db)
+
+
+class QuarticOutput(ExplicitStepper):
+    """Dense output by a polynomial of degree 4 from the stages, whose coefficients are ``table.dense``."""
+
+    rows = 5
+
+    def _store_dense(self, t: Value, h: Value, K: Sequence[Array]) -> Array | None:
+        w, columns = self.w, list(zip(*self.table.dense))
         for c in w.each(w.size):
-            value = f.splat(self._get(w, 7, c), u.width) * x
-            for k in range(6, 0, -1):
-                value = (value + f.splat(self._get(w, k, c), u.width)) * (x if k % 2 else -u)
-            out[c] = value + f.splat(self._get(w, 0, c), u.width)
+            self._put(c, [w.state[c], *(h * self._sum(column, c) for column in columns)])
+        return None
 
-
-class Dopri5(ExplicitRungeKutta):
-    """Dormand and Prince's pair of order 5, the method of MATLAB's ode45; dense output of order 4."""
-
-    name = "dopri5"
-    order = 5
-    dense_order = 4
-    table = DOPRI5
-    stages = 7
-
-    def dense_size(self, system: System) -> int:
-        return 5 * system.size
-
-    def _store_dense(self, w: Writer, t: Value, h: Value) -> None:
-        for c in w.each(w.size):
-            self._put(w, 0, c, w.state[c])
-            for k in range(4):
-                self._put(w, k + 1, c, h * self._sum(w, [row[k] for row in DOPRI5_DENSE], c))
-
-    def dense(self, w: Writer, u: Value, h: Value, out: Array) -> None:
-        f = w.f
+    def dense(self, u: Value, h: Value, out: Array) -> None:
         x = u + 1.0
-        for c in w.each(w.size):
-            value = f.splat(self._get(w, 4, c), u.width)
-            for k in (3, 2, 1, 0):
-                value = f.muladd(value, x, f.splat(self._get(w, k, c), u.width))
+        for c in self.w.each(self.w.size):
+            *lower, value = self._get(c, u.width)
+            for coefficient in reversed(lower):
+                value = self.f.muladd(value, x, coefficient)
             out[c] = value
 
 
-class ClassicalRungeKutta(ExplicitRungeKutta):
-    """The classical method of order 4 with a fixed step; dense output is the cubic Hermite polynomial."""
+class Dop853Output(ExplicitStepper):
+    """Dense output of order 7 of DOP853, which takes four more stages (Hairer, Norsett and Wanner 1993, II.6)."""
 
-    name = "rk4"
-    order = 4
-    dense_order = 3
-    adaptive = False
-    table = RK4
-    stages = 4
+    rows = 8
 
-    def dense_size(self, system: System) -> int:
-        return 4 * system.size
-
-    def _judge(self, w: Writer, h: Value) -> Attempt:
-        """Accept every step; only a state that is not finite is refused."""
-        f = w.f
-        with f.strict():
-            total = Total(f)
-            for c in w.each(w.size):
-                total.add_product(w.new[c], 0.0)
-            finite = f.compare("ord", total.value, 0.0)
-            error = f.select(finite, f.constant(0.0), total.value)
-        return Attempt(error, f.constant(1.0))
-
-    def _store_dense(self, w: Writer, t: Value, h: Value) -> None:
-        last = w.array(2, 1)
-        w.rate(t + h, w.new, last)
-        w.count(Whole.EVALUATIONS)
+    def _store_dense(self, t: Value, h: Value, K: Sequence[Array]) -> Array | None:
+        w, last = self.w, self.table.stages
+        self._end_rate(t, h, K[last])
+        for i in range(last + 1, len(K)):
+            self._stage(t, h, i)
+        w.count(IntegerSlot.EVALUATIONS, len(K) - last - 1)
         for c in w.each(w.size):
-            for k, value in enumerate((w.state[c], w.new[c], h * self.K[0][c], h * last[c])):
-                self._put(w, k, c, value)
+            delta = w.new[c] - w.state[c]
+            start, end = h * K[0][c], h * K[last][c]
+            rows = [w.state[c], delta, start - delta, 2.0 * delta - (start + end)]
+            self._put(c, rows + [h * self._sum(weights, c) for weights in self.table.dense])
+        return K[last]
 
-    def dense(self, w: Writer, u: Value, h: Value, out: Array) -> None:
-        f = w.f
+    def dense(self, u: Value, h: Value, out: Array) -> None:
         x = u + 1.0
-        for c in w.each(w.size):
-            a, b, da, db = (f.splat(self._get(w, k, c), u.width) for k in range(4))
-            # x^2 (3 - 2 x) goes from 0 to 1; the slopes enter with x (1 - x)
-            out[c] = a + (b - a) * x * x * (3.0 - 2.0 * x) - x * u * (-u * da - x * db)
+        for c in self.w.each(self.w.size):
+            start, *rows = self._get(c, u.width)
+            value = rows[-1] * x
+            for k in range(6, 0, -1):
+                value = (value + rows[k - 1]) * (x if k % 2 else -u)
+            out[c] = value + start
+
+
+dop853 = partial(ExplicitRungeKutta, DOP853, Dop853Output)  # of Dormand and Prince (Hairer et al. 1993)
+dopri5 = partial(ExplicitRungeKutta, DOPRI5, QuarticOutput)  # of Dormand and Prince, MATLAB's ode45
+rk4 = partial(ExplicitRungeKutta, RK4, CubicOutput)  # the classical method

@@ -8,35 +8,40 @@ inside a stiff step is at least that of its stages.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from robodyn_cli.formulations.system import System
+from robodyn_cli.integration_methods import IntegrationMethod
 from robodyn_cli.integrators.methods.radau_tables import radau_table
-from robodyn_cli.integrators.runtime.layout import Real, Whole
+from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot
+from robodyn_cli.integrators.stepping.control import (
+    Attempt,
+    Controller,
+    mean_squares,
+    rejected_before,
+    tolerance,
+)
 from robodyn_cli.integrators.stepping.factors import ComplexFactors, Pair
 from robodyn_cli.integrators.stepping.newton import Limits, Rounds
-from robodyn_cli.integrators.stepping.stepper import Attempt, Stepper
+from robodyn_cli.integrators.stepping.stepper import Method, Stepper
 from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.arrays import Array, Total
-from robodyn_cli.kernels.ir import Function, Value, double_type
-from robodyn_cli.kernels.mathematics import rough_power
+from robodyn_cli.kernels.ir import Block, Function, Value
 from robodyn_cli.kernels.program import Program
 
 ITERATIONS = 12
 LIMITS = Limits(ITERATIONS, converged=0.01, rounding=0.1, shorter=0.4, remembers=True)
-ROUNDING = 1e-15  # part of a state below which an update means nothing
 SAFETY = 0.9
-LARGEST_GROWTH = 8.0
 
 
-class Radau(Stepper):
-    """Radau IIA with 3 stages: order 5, L-stable, dense output of order 3."""
+class Radau(Method):
+    """Radau IIA with s stages: order 2 s - 1, L-stable, dense output of order s."""
 
-    name = "radau"
-    order = 5
-    dense_order = 3
-    stages = 3
-    needs_jacobian = True
+    def __init__(self, facts: IntegrationMethod) -> None:
+        super().__init__(facts)
+        self.stages = self.dense_order = (facts.order + 1) // 2
 
     def linearisation(self, system: System) -> Program:
         return system.complex_linearisation
@@ -44,19 +49,31 @@ class Radau(Stepper):
     def dense_size(self, system: System) -> int:
         return system.size * (radau_table(self.stages).lanes + 1)
 
-    def prepare(self, w: Writer) -> None:
-        f = w.f
-        T = self.table = radau_table(self.stages)
-        n = w.system.size
+    def stepper(self, w: Writer) -> RadauStepper:
+        return RadauStepper(self, w)
+
+
+class RadauStepper(Stepper[Array]):
+    """Writes steps of Radau IIA; the stage increments Z are what dense output needs."""
+
+    def __init__(self, method: Radau, w: Writer) -> None:
+        super().__init__(method, w)
+        f, n = w.f, w.system.size
+        self.stages, self.table = method.stages, radau_table(method.stages)
+        T = self.table
         self.Z, self.x, self.F, self.D = (Array(f, f.slot(T.lanes, n), T.lanes) for _ in range(4))
         self.start = Array(f, f.slot(T.shifts, n), T.shifts)
         self.rate0, self.error = Array(f, f.slot(1, n)), Array(f, f.slot(1, n))
-        self.total = f.slot()
+        self.square = f.slot()
         self.rounds = Rounds(w, LIMITS)
+        self.control = Controller(
+            self.stages + 1, safety=SAFETY, floor=1e-9, least=0.2, most=8.0, trend_safety=SAFETY
+        )
 
     # -- the step -------------------------------------------------------------------------------------
-    def attempt(self, w: Writer, t: Value, h: Value, failed: str) -> Attempt:
-        f, n, T = w.f, w.system.size, self.table
+    def attempt(self, t: Value, h: Value, failed: Block) -> Attempt[Array]:
+        f, w, T = self.f, self.w, self.table
+        n = w.system.size
         per_h = 1.0 / h
         for c in range(n):
             self.start[c] = f.splat(w.state[c], T.shifts)
@@ -64,111 +81,97 @@ class Radau(Stepper):
         g = (f.constant(list(T.g.real)) * wide, f.constant(list(T.g.imag)) * wide)
         factors = ComplexFactors(w, f.splat(t, T.shifts), self.start, g)
         w.rate(t, w.state, self.rate0)
-        w.count(Whole.EVALUATIONS, 2)
-        self._predict(w, h)
-        self._iterate(w, factors, t, h, failed)
+        w.count(IntegerSlot.EVALUATIONS, 2)
+        self._predict(h)
+        self._iterate(factors, t, h, failed)
         for c in range(n):
             w.new[c] = w.state[c] + f.lane(self.Z[c], self.stages - 1)
-        return self._judge(w, factors, t, h)
+        square = self._error(factors, t, h)
+        # a step that took many rounds wants a shorter one (Hairer and Wanner 1996, IV.8)
+        most = 2.0 * ITERATIONS + 1.0
+        with f.strict():
+            scale = most / (f.to_double(f.load_int(self.rounds.done)) + most)
+        return Attempt(square, self.Z, scale=scale)
 
-    def _iterate(self, w: Writer, factors: ComplexFactors, t: Value, h: Value, failed: str) -> None:
-        """Solve for the increments by simplified Newton iteration; jumps to ``failed`` where it does not converge."""
-        f, n, T = w.f, w.system.size, self.table
-        lanes = T.lanes
+    def _iterate(self, factors: ComplexFactors, t: Value, h: Value, failed: Block) -> None:
+        """Solve for the increments by simplified Newton iteration; ``failed`` is left where it does not converge."""
+        f, w, T = self.f, self.w, self.table
+        n, lanes = w.system.size, T.lanes
         times = f.muladd(f.splat(h, lanes), f.constant(list(T.c)), f.splat(t, lanes))
-        self.rounds.begin()
-        for c in range(n):
-            self.x[c] = self.Z[c] + f.splat(w.state[c], lanes)
-        w.rate(times, self.x, self.F)
-        w.count(Whole.EVALUATIONS)
-        wide_h = f.splat(h, lanes)
-        for c in range(n):
-            self.D[c] = f.muladd(wide_h, combine(f, self.F[c], T.A, lanes), -self.Z[c])
-        per_h = f.splat(1.0 / h, 2 * T.shifts)
-        pairs = [halves(f, combine(f, self.D[c], T.to, 2 * T.shifts) * per_h) for c in range(n)]
-        changes = [combine(f, joined(f, x), T.back, lanes) for x in factors.solve(pairs)]
+        with self.rounds.repeat(h, failed) as judge:
+            for c in range(n):
+                self.x[c] = self.Z[c] + f.splat(w.state[c], lanes)
+            w.rate(times, self.x, self.F)
+            w.count(IntegerSlot.EVALUATIONS)
+            wide_h = f.splat(h, lanes)
+            for c in range(n):
+                self.D[c] = f.muladd(wide_h, combine(f, self.F[c], T.A, lanes), -self.Z[c])
+            per_h = f.splat(1.0 / h, 2 * T.shifts)
+            pairs = [halves(f, combine(f, self.D[c], T.to, 2 * T.shifts) * per_h) for c in range(n)]
+            changes = [combine(f, joined(f, x), T.back, lanes) for x in factors.solve(pairs)]
+            judge(self._update(changes))
+
+    def _update(self, changes: Sequence[Value]) -> Value:
+        """Add a round's changes to the increments; return their norm in units of the tolerance."""
+        f, w, lanes = self.f, self.w, self.table.lanes
         with f.strict():
             square = Total(f, lanes)
             for c, change in enumerate(changes):
                 Z = self.Z[c] + change
                 self.Z[c] = Z
-                d = change * f.splat(1.0 / self._scale(w, c, f.reduce("maximum", f.abs(Z))), lanes)
+                size = f.max(f.abs(w.state[c]), f.reduce("maximum", f.abs(Z)))
+                d = change * f.splat(1.0 / tolerance(w, size), lanes)
                 square.add_product(d, d)
-            update = f.sqrt(f.reduce("add", square.value) * (1.0 / (lanes * n)))
-        self.rounds.judge(update, h, failed)
+            return f.sqrt(f.reduce("add", square.value) * (1.0 / (lanes * len(changes))))
 
-    def _scale(self, w: Writer, c: int, gained: Value) -> Value:
-        """Return the error that is allowed in a component which changes by so much."""
-        f = w.f
-        size = f.max(f.abs(w.state[c]), gained)
-        return f.max(f.muladd(size, w.get(Real.RTOL), w.get(Real.ATOL)), f.muladd(size, ROUNDING, 1e-300))
-
-    def _predict(self, w: Writer, h: Value) -> None:
+    def _predict(self, h: Value) -> None:
         """Extrapolate the last step's polynomial to the new stages."""
-        f, T = w.f, self.table
-        u = f.splat(h / w.get(Real.H_OLD), T.lanes) * f.constant(list(T.c))
-        for c in range(w.system.size):
-            self.Z[c] = self._polynomial(w, c, u)
+        f, T = self.f, self.table
+        u = f.splat(h / self.w.get(DoubleSlot.H_OLD), T.lanes) * f.constant(list(T.c))
+        for c in range(self.w.system.size):
+            self.Z[c] = self._polynomial(c, u)
 
     # -- error ----------------------------------------------------------------------------------------
-    def _judge(self, w: Writer, factors: ComplexFactors, t: Value, h: Value) -> Attempt:
-        f = w.f
-        power = 1.0 / (self.stages + 1)
-        self._estimate(w, factors, h)
-        error = f.load(self.total)
-        rejected = f.compare_int("sgt", f.load_int(w.whole(Whole.REJECTED_IN_ROW)), 0)
-        fresh = f.compare_int("eq", f.load_int(w.whole(Whole.ACCEPTED)), 0)
+    def _error(self, factors: ComplexFactors, t: Value, h: Value) -> Value:
+        """Return the mean square of the error in units of the tolerance."""
+        f, w = self.f, self.w
+        self._estimate(factors, h)
+        fresh = f.compare_int("eq", f.load_int(w.integer_at(IntegerSlot.ACCEPTED)), 0)
+        large = f.compare("oge", f.load(self.square), 1.0)
         # once more from where the estimate leads, which damps what is stiff (Hairer and Wanner 1996, IV.8.20)
-        with f.when(f.compare("oge", error, 1.0) & (rejected | fresh)):
+        with f.when(large & (rejected_before(w) | fresh)):
             for c in range(w.system.size):
                 self.error[c] = w.state[c] + self.error[c]
             w.rate(t, self.error, self.rate0)
-            w.count(Whole.EVALUATIONS)
-            self._estimate(w, factors, h)
-        with f.strict():
-            error = f.load(self.total)
-            bounded = f.max(error, 1e-18)
-            work = f.to_double(f.load_int(self.rounds.done)) + (2.0 * ITERATIONS + 1.0)
-            factor = rough_power(f, bounded, -0.5 * power) * (SAFETY * (2 * ITERATIONS + 1)) / work
-            # also from the trend of the last two errors (Gustafsson 1994)
-            last, old_h = w.get(Real.MEMORY_2), w.get(Real.H_OLD)
-            trend = rough_power(f, last / (bounded * bounded), 0.5 * power) * SAFETY * (h / old_h)
-            steady = f.compare("oeq", last, 1.0) | rejected | fresh
-            factor = f.select(steady, factor, f.min(factor, trend))
-            self.last_error = f.max(bounded, 1e-4)
-            growth = f.select(rejected, f.constant(1.0), f.constant(LARGEST_GROWTH))
-            factor = f.min(f.max(factor, 0.2), growth)
-        return Attempt(error, factor)
+            w.count(IntegerSlot.EVALUATIONS)
+            self._estimate(factors, h)
+        return f.load(self.square)
 
-    def _estimate(self, w: Writer, factors: ComplexFactors, h: Value) -> None:
+    def _estimate(self, factors: ComplexFactors, h: Value) -> None:
         """Set the error of each component, filtered, and their mean square in units of the tolerance."""
-        f, n, T = w.f, w.system.size, self.table
+        f, w, T = self.f, self.w, self.table
+        n = w.system.size
         pairs: list[Pair] = []
         g = f.constant(float(T.g[0].real)) / h
         weights = f.constant([*T.e, *[0.0] * (T.lanes - self.stages)])
         for c in range(n):
             raw = f.muladd(h * T.gamma, self.rate0[c], f.reduce("add", self.Z[c] * weights)) * g
             pairs.append((f.splat(raw, T.shifts), f.constant(0.0, T.shifts)))
-        with f.strict():
-            square = Total(f)
-            for c, (re, _) in enumerate(factors.solve(pairs)):
-                error = f.lane(re, 0)
-                self.error[c] = error
-                d = error / self._scale(w, c, f.abs(w.new[c]))
-                square.add_product(d, d)
-            f.store(square.value * (1.0 / n), self.total)
+        for c, (re, _) in enumerate(factors.solve(pairs)):
+            self.error[c] = f.lane(re, 0)
+        f.store(mean_squares(w, 1, lambda c: [self.error[c]])[0], self.square)
 
     # -- dense output ---------------------------------------------------------------------------------
-    def save_dense(self, w: Writer, t: Value, h: Value) -> None:
-        f, n, T = w.f, w.system.size, self.table
-        w.put(Real.MEMORY_2, self.last_error)
+    def save_dense(self, t: Value, h: Value, kept: Array) -> None:
+        f, w, T = self.f, self.w, self.table
+        n = w.system.size
         for c in range(n):
-            f.store(combine(f, self.Z[c], T.P, T.lanes), f.offset("%dense", c * T.lanes))
+            f.store(combine(f, kept[c], T.P, T.lanes), f.offset("%dense", c * T.lanes))
             f.store(w.new[c], f.offset("%dense", n * T.lanes + c))
 
-    def _polynomial(self, w: Writer, c: int, u: Value) -> Value:
+    def _polynomial(self, c: int, u: Value) -> Value:
         """Return by how much component c differs at u from the end of the last step."""
-        f, lanes = w.f, self.table.lanes
+        f, lanes = self.f, self.table.lanes
         p: Value | None = None
         for k in reversed(range(self.stages)):
             d = f.splat(f.load(f.offset("%dense", c * lanes + k)), u.width)
@@ -176,29 +179,11 @@ class Radau(Stepper):
         assert p is not None
         return p * u
 
-    def dense(self, w: Writer, u: Value, h: Value, out: Array) -> None:
-        f, n = w.f, w.system.size
+    def dense(self, u: Value, h: Value, out: Array) -> None:
+        f, n = self.f, self.w.system.size
         for c in range(n):
             end = f.splat(f.load(f.offset("%dense", n * self.table.lanes + c)), u.width)
-            out[c] = end + self._polynomial(w, c, u)
-
-
-class Radau9(Radau):
-    """Radau IIA with 5 stages: order 9, L-stable, dense output of order 5."""
-
-    name = "radau9"
-    order = 9
-    dense_order = 5
-    stages = 5
-
-
-class Radau13(Radau):
-    """Radau IIA with 7 stages: order 13, L-stable, dense output of order 7."""
-
-    name = "radau13"
-    order = 13
-    dense_order = 7
-    stages = 7
+            out[c] = end + self._polynomial(c, u)
 
 
 def combine(f: Function, x: Value, matrix: np.ndarray, width: int) -> Value:
@@ -219,13 +204,7 @@ def halves(f: Function, x: Value) -> Pair:
     width = x.width // 2
     if width == 1:
         return f.lane(x, 0), f.lane(x, 1)
-
-    def part(first: int) -> Value:
-        picks = ", ".join(f"i32 {first + k}" for k in range(width))
-        t = double_type(x.width)
-        return f.emit(f"shufflevector {t} {x.ref}, {t} poison, <{width} x i32> <{picks}>", width)
-
-    return part(0), part(width)
+    return f.shuffle(x, x, range(width)), f.shuffle(x, x, range(width, 2 * width))
 
 
 def joined(f: Function, pair: Pair) -> Value:
@@ -233,8 +212,4 @@ def joined(f: Function, pair: Pair) -> Value:
     width = pair[0].width
     if width == 1:
         return f.pack(list(pair), 2)
-    t = double_type(width)
-    picks = ", ".join(f"i32 {k}" for k in range(2 * width))
-    return f.emit(
-        f"shufflevector {t} {pair[0].ref}, {t} {pair[1].ref}, <{2 * width} x i32> <{picks}>", 2 * width
-    )
+    return f.shuffle(*pair, range(2 * width))

@@ -82,7 +82,9 @@ class Limit:
         found = np.where(found.real > 0.0, 1j * np.abs(found), found)
         if self.kind == "iteration":
             return self.real / float(np.abs(found).max())
-        table = methods[self.method].table  # type: ignore[attr-defined]
+        method = methods[self.method]
+        assert isinstance(method, ExplicitRungeKutta)
+        table = method.table
         return float((radius(table, found / np.abs(found)) / np.abs(found)).min())
 
 
@@ -90,11 +92,11 @@ class Limit:
 def limits() -> tuple[Limit, ...]:
     """Return the limits of the registered methods that have one; implicit ones that are solved exactly have none."""
     found = []
-    for name, cls in methods.items():
-        if issubclass(cls, ExplicitRungeKutta):
-            along = radius(cls.table, np.array([-1.0, 1j]))
+    for name, method in methods.items():
+        if isinstance(method, ExplicitRungeKutta):
+            along = radius(method.table, np.array([-1.0, 1j]))
             found.append(Limit(name, "region", float(along[0]), float(along[1])))
-        elif issubclass(cls, Gauss):
-            reach = 1.0 / float(np.abs(np.linalg.eigvals(gauss_table(cls.stages).A)).max())
+        elif isinstance(method, Gauss):
+            reach = 1.0 / float(np.abs(np.linalg.eigvals(gauss_table(method.stages).A)).max())
             found.append(Limit(name, "iteration", reach, reach))
     return tuple(found)

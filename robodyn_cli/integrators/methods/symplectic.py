@@ -12,15 +12,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.layout import Real, Whole
-from robodyn_cli.integrators.stepping.hermite import HermiteStepper
-from robodyn_cli.integrators.stepping.stepper import Attempt
+from robodyn_cli.integration_methods import IntegrationMethod
+from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot
+from robodyn_cli.integrators.stepping.control import Attempt
+from robodyn_cli.integrators.stepping.hermite import Ends, HermiteOutput, hermite_size
+from robodyn_cli.integrators.stepping.stepper import Method, Stepper
 from robodyn_cli.integrators.stepping.writer import Writer
-from robodyn_cli.kernels.arrays import Array, Total
-from robodyn_cli.kernels.ir import Value, literal
+from robodyn_cli.kernels.arrays import Array
+from robodyn_cli.kernels.ir import Block, Value
 
 SUZUKI = 1.0 / (4.0 - 4.0 ** (1.0 / 3.0))
 
@@ -39,59 +40,85 @@ def composed(order: int, *first: float) -> tuple[float, ...]:
     return gammas
 
 
-class Verlet(HermiteStepper):
-    """The Stormer-Verlet scheme with a fixed step: order 2, one evaluation a step."""
+# fmt: off
+# of order 4 by Suzuki, of orders 6 and 8 by Kahan and Li (1997)
+COMPOSITIONS = {
+    2: composed(2),
+    4: composed(4, SUZUKI, SUZUKI),
+    6: composed(
+        6, 0.39216144400731413928, 0.33259913678935943860, -0.70624617255763935981, 0.082213596293550800230
+    ),
+    8: composed(
+        8,
+        0.13020248308889008088,
+        0.56116298177510838456,
+        -0.38947496264484728641,
+        0.15884190655515560090,
+        -0.39590389413323757734,
+        0.18453964097831570709,
+        0.25837438768632204729,
+        0.29501172360931029887,
+    ),
+}
+# fmt: on
 
-    name = "verlet"
-    order = 2
-    dense_order = 2
-    adaptive = False
-    symplectic = True
-    gammas: tuple[float, ...] = composed(2)
 
-    def dense_size(self, system: System) -> int:
-        return super().dense_size(system) + system.size
+class Composition(Method):
+    """A composition of Verlet steps of order 2, 4, 6 or 8, with a fixed step."""
+
+    instead = "gauss (of any order), implicit_midpoint"
+
+    def __init__(self, facts: IntegrationMethod) -> None:
+        super().__init__(facts)
+        self.gammas = COMPOSITIONS[facts.order]
+        self.dense_order = min(facts.order, 4)
 
     def obstacle(self, system: System) -> str:
-        return obstacle(system)
+        why = _obstacle(system)
+        if not why:
+            return ""
+        needed = "a symplectic partitioned method needs accelerations that depend on positions and time only"
+        return f"{needed}, as a constant mass matrix without dampers and loops gives them; {why}"
 
-    def prepare(self, w: Writer) -> None:
-        refuse(self.name, w.system)
-        f = w.f
-        middles = np.cumsum(self.gammas) - 0.5 * np.array(self.gammas)
-        for name, row in (("gammas", self.gammas), ("middles", middles)):
-            flat = ", ".join(f"double {literal(float(x))}" for x in row)
-            f.globals.append(
-                f"@{name} = private unnamed_addr constant [{len(row)} x double] [{flat}], align 64"
-            )
+    def dense_size(self, system: System) -> int:
+        return hermite_size(system) + system.size
+
+    def stepper(self, w: Writer) -> CompositionStepper:
+        return CompositionStepper(self, w)
+
+
+class CompositionStepper(Stepper[list[Value]]):
+    """Writes composed steps; the state at the start is what dense output needs."""
+
+    def __init__(self, method: Composition, w: Writer) -> None:
+        super().__init__(method, w)
+        self.gammas = method.gammas
+        self.steps = w.f.table("gammas", self.gammas)
+        self.middles = w.f.table("middles", np.cumsum(self.gammas) - 0.5 * np.array(self.gammas))
         self.x, self.rates = w.array(2, 1), w.array(1, 1)
+        self.hermite = HermiteOutput(w)
 
-    def attempt(self, w: Writer, t: Value, h: Value, failed: str) -> Attempt:
-        f, n = w.f, w.system.size
-        self.x0 = [w.state[k] for k in range(n)]
-        for k in range(n):
-            self.x[k] = self.x0[k]
-        self._flow(w, t, h)
-        with f.strict():
-            total = Total(f)
-            for k in range(n):
-                w.new[k] = self.x[k]
-                total.add_product(w.new[k], 0.0)
-            finite = f.compare("ord", total.value, 0.0)
-            error = f.select(finite, f.constant(0.0), total.value)
-        return Attempt(error, f.constant(1.0))
+    def attempt(self, t: Value, h: Value, failed: Block) -> Attempt[list[Value]]:
+        w = self.w
+        x0 = [w.state[k] for k in range(w.system.size)]
+        for k, x in enumerate(x0):
+            self.x[k] = x
+        self._flow(t, h)
+        for k in range(len(x0)):
+            w.new[k] = self.x[k]
+        return Attempt(None, x0)
 
-    def _flow(self, w: Writer, t: Value, h: Value) -> None:
+    def _flow(self, t: Value, h: Value) -> None:
         """Take the state in ``x`` over a step of length h."""
-        f, s, x, rates = w.f, w.system, self.x, self.rates
+        f, w, s, x, rates = self.f, self.w, self.w.system, self.x, self.rates
         with f.count(len(self.gammas)) as i:
-            step = f.load(f.offset("@gammas", i)) * h
+            step = f.load(f.offset(self.steps, i)) * h
             half = step * 0.5
-            middle = f.muladd(h, f.load(f.offset("@middles", i)), t)
+            middle = f.muladd(h, f.load(f.offset(self.middles, i)), t)
             for k in range(s.nq):
                 x[k] = f.muladd(half, x[s.nq + k], x[k])
             w.dynamics(middle, x, rates)
-            w.count(Whole.EVALUATIONS)
+            w.count(IntegerSlot.EVALUATIONS)
             kicks = [rates[k] for k in range(s.nv)]
             if s.nz:
                 # what only collects, such as work, takes its rate in the middle
@@ -106,62 +133,33 @@ class Verlet(HermiteStepper):
                 x[k] = f.muladd(half, x[s.nq + k], x[k])
 
     # -- dense output ---------------------------------------------------------------------------------
-    def save_dense(self, w: Writer, t: Value, h: Value) -> None:
-        f, s = w.f, w.system
-        for k, value in enumerate(self.x0):
-            f.store(value, self._kept(w, k))
-        with f.when(f.compare_int("ne", f.load_int(w.whole(Whole.WATCH)), 0)):
-            self.increments = [w.new[k] - self.x0[k] for k in range(s.size)]
-            self.rate0 = w.rate_of(t, self.x0)
-            w.count(Whole.EVALUATIONS)
-            super().save_dense(w, t, h)
+    def save_dense(self, t: Value, h: Value, kept: list[Value]) -> None:
+        f, w, s = self.f, self.w, self.w.system
+        for k, value in enumerate(kept):
+            f.store(value, self._kept(k))
+        with f.when(f.compare_int("ne", f.load_int(w.integer_at(IntegerSlot.WATCH)), 0)):
+            new = [w.new[k] for k in range(s.size)]
+            rates = w.rate_of(t, kept), w.rate_of(t + h, new)
+            w.count(IntegerSlot.EVALUATIONS, 2)
+            self.hermite.save(t, h, Ends(kept, [b - a for a, b in zip(kept, new)], *rates))
 
-    def _kept(self, w: Writer, k: int) -> str:
-        return w.f.offset("%dense", super().dense_size(w.system) + k)
+    def _kept(self, k: int) -> str:
+        return self.f.offset("%dense", hermite_size(self.w.system) + k)
 
-    def sample(self, w: Writer, u: Value, h: Value, out: Array) -> None:
+    def dense(self, u: Value, h: Value, out: Array) -> None:
+        self.hermite.dense(u, h, out)
+
+    def sample(self, u: Value, h: Value, out: Array) -> None:
         """Take a step of its own from the start of the last one to the sample."""
-        f = w.f
+        w = self.w
         for k in range(w.system.size):
-            self.x[k] = f.load(self._kept(w, k))
-        self._flow(w, w.get(Real.T_OLD), h + h * u)
+            self.x[k] = self.f.load(self._kept(k))
+        self._flow(w.get(DoubleSlot.T_OLD), h + h * u)
         for k in range(w.system.size):
             out[k] = self.x[k]
 
 
-class Symplectic4(Verlet):
-    """Suzuki's composition of 5 Verlet steps: order 4, fixed step."""
-
-    name = "symplectic4"
-    order = 4
-    dense_order = 4
-    gammas = composed(4, SUZUKI, SUZUKI)
-
-
-class Symplectic6(Verlet):
-    """Kahan and Li's (1997) composition of 9 Verlet steps: order 6, fixed step."""
-
-    name = "symplectic6"
-    order = 6
-    dense_order = 4
-    gammas = composed(
-        6, 0.39216144400731413928, 0.33259913678935943860, -0.70624617255763935981, 0.082213596293550800230
-    )
-
-
-class Symplectic8(Verlet):
-    """Kahan and Li's (1997) composition of 17 Verlet steps: order 8, fixed step."""
-
-    name = "symplectic8"
-    order = 8
-    dense_order = 4
-    gammas = composed(
-        8, 0.13020248308889008088, 0.56116298177510838456, -0.38947496264484728641, 0.15884190655515560090,
-        -0.39590389413323757734, 0.18453964097831570709, 0.25837438768632204729, 0.29501172360931029887,
-    )  # fmt: skip
-
-
-def obstacle(system: System) -> str:
+def _obstacle(system: System) -> str:
     """Return why a system cannot be split into drift and kick, or nothing."""
     if system.dynamics.any_size:
         return "the accelerations of a long chain depend on its velocities"
@@ -175,14 +173,3 @@ def obstacle(system: System) -> str:
     if found(system.acceleration, "z") or found(system.z_rate, "z"):
         return "here they depend on further states"
     return ""
-
-
-def refuse(method: str, system: System) -> None:
-    """Raise CapabilityError where a system cannot be split."""
-    why = obstacle(system)
-    if why:
-        raise CapabilityError(
-            f"the symplectic partitioned method {method!r} needs accelerations that depend on positions and time only, "
-            f"as a constant mass matrix without dampers and loops gives them: {why}; allowed: gauss (of any order), "
-            "implicit_midpoint"
-        )

@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.event_location.trial import PLACES
+from robodyn_cli.integrators.event_location.locate_event import PLACES
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.layout import Status
 from robodyn_cli.integrators.runtime.memory import Memory
 from robodyn_cli.integrators.stepping.loop import write_run
-from robodyn_cli.integrators.stepping.stepper import Stepper
 from robodyn_cli.kernels.arrays import aligned_zeros
 from robodyn_cli.kernels.compiler import compile_module, machine
 
@@ -24,27 +23,27 @@ ADDRESS, NUMBER, DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 
 
 class Engine:
-    """Runs the compiled functions on memory that stays where it is; see ``trial.PLACES`` for what lies where.
+    """Runs the compiled functions on memory that stays where it is; see ``locate_event.PLACES`` for what lies where.
 
     memory : of the run, its copy from before the step with an event. p : parameters. out : block of samples.
-    bracket : see ``narrow_function``.
+    bracket : see ``locate_event_function``.
     """
 
     def __init__(self, system: System, method: str, p: Array) -> None:
-        stepper: Stepper = methods[method]()
+        kind = methods[method]
         host = machine()
         compiled = compile_module(
-            f"run {method} {system.digest}{stepper.digest(system)}",
-            lambda: write_run(system, methods[method](), host.fused),
+            f"run {method} {system.digest}{kind.digest(system)}",
+            lambda: write_run(system, kind, host.fused),
         )
-        self._drive = compiled.function("drive", ADDRESS, result=NUMBER)
+        self._run_to_event = compiled.function("run_to_event", ADDRESS, result=NUMBER)
         if system.events:
             self._switching = compiled.function("switching", ADDRESS)
-            self._trial = compiled.function("trial", ADDRESS, DOUBLE, NUMBER, result=NUMBER)
+            self._trial_step = compiled.function("trial_step", ADDRESS, DOUBLE, NUMBER, result=NUMBER)
         room = compiled.function("memory", NUMBER, result=NUMBER)(system.nv)
         self.fixed = (*system.dynamics.memory(), aligned_zeros(room))
         self.p = p
-        self.memory = Memory(len(system.events), system.size, stepper.dense_size(system))
+        self.memory = Memory(len(system.events), system.size, kind.dense_size(system))
         self.bracket = np.zeros((2, 1 + len(system.events)))
         self.places = np.zeros(len(PLACES), dtype=np.int64)
         self._at = self.places.ctypes.data
@@ -60,13 +59,13 @@ class Engine:
         saved, values, bracket = (a.ctypes.data for a in (memory.saved, self._values, self.bracket))
         self.places[:] = (w, n, y, p, dense, *others, saved, memory.saved.nbytes, values, bracket)
 
-    def drive(self) -> Status:
+    def run_to_event(self) -> Status:
         """Run on, and where a step meets an event, go to it or close in on it."""
-        return STATUSES[self._drive(self._at)]
+        return STATUSES[self._run_to_event(self._at)]
 
-    def trial(self, time: float, last: int) -> Status:
+    def trial_step(self, time: float, last: int) -> Status:
         """Go back to what was saved, and from there to ``time``, writing samples up to number ``last``."""
-        return STATUSES[self._trial(self._at, time, last)]
+        return STATUSES[self._trial_step(self._at, time, last)]
 
     def look(self) -> list[float]:
         """Return the event functions at the current state."""

@@ -26,11 +26,10 @@ from robodyn_cli.integrators.event_location.events import (
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.engine import Engine
 from robodyn_cli.integrators.runtime.grid import Grid as Grid
-from robodyn_cli.integrators.runtime.layout import UNARMED, Real, Status, Whole
+from robodyn_cli.integrators.runtime.layout import UNARMED, DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.runtime.options import Counters as Counters
 from robodyn_cli.integrators.runtime.options import Options as Options
 from robodyn_cli.integrators.runtime.parameters import Parameters
-from robodyn_cli.integrators.stepping.stepper import Stepper
 
 Array = NDArray[Any]
 DEFAULTS = Options()
@@ -59,7 +58,7 @@ class Integrator:
 
     def __init__(self, system: System, method: str = "gauss", parameters: Any = ()) -> None:
         self.system = system
-        self.stepper: Stepper = methods[method]()
+        self.method = methods[method]
         self.parameters = Parameters(system, parameters if len(parameters) else system.parameters)
         self.p = self.parameters.values
         self.engine = Engine(system, method, self.p)
@@ -78,13 +77,13 @@ class Integrator:
         self.options, self._step = options, options.step
         self.memory.clear()
         w, n = self.w, self.n
-        n[Whole.VELOCITIES] = self.system.nv
+        n[IntegerSlot.VELOCITIES] = self.system.nv
         self.y[:] = state
-        w[Real.T] = time
-        w[Real.RTOL], w[Real.ATOL] = options.rtol, max(options.atol, SMALLEST_ATOL)
-        w[Real.H_MAX] = options.max_step
-        w[Real.MEMORY] = w[Real.MEMORY_2] = 1.0
-        n[Whole.LAST_SAMPLE] = -1
+        w[DoubleSlot.T] = time
+        w[DoubleSlot.RTOL], w[DoubleSlot.ATOL] = options.rtol, max(options.atol, SMALLEST_ATOL)
+        w[DoubleSlot.H_MAX] = options.max_step
+        w[DoubleSlot.CONTRACTION] = w[DoubleSlot.LAST_ERROR] = 1.0
+        n[IntegerSlot.LAST_SAMPLE] = -1
         self.events_seen = 0
         self._since, self._restart = time, math.inf
         if self.system.partition is not None:
@@ -92,7 +91,7 @@ class Integrator:
 
     @property
     def time(self) -> float:
-        return self.w[Real.T]
+        return self.w[DoubleSlot.T]
 
     @property
     def state(self) -> Array:
@@ -102,7 +101,8 @@ class Integrator:
     def counters(self) -> Counters:
         n = self.n
         return Counters(
-            n[Whole.ACCEPTED], n[Whole.REJECTED], n[Whole.EVALUATIONS], n[Whole.PROJECTIONS], self.events_seen,
+            n[IntegerSlot.ACCEPTED], n[IntegerSlot.REJECTED], n[IntegerSlot.EVALUATIONS],
+            n[IntegerSlot.PROJECTIONS], self.events_seen,
         )  # fmt: skip
 
     def set_state(self, state: Any, signs: Mapping[int, float] | None = None, step: float = math.inf) -> None:
@@ -111,38 +111,41 @@ class Integrator:
         signs : the side from which event functions start, by index. step : the next step is at most so long.
         """
         self.y[:] = state
+        self.n[IntegerSlot.RATE_KNOWN] = 0
         if self.system.events:
             # the next event may come sooner than the last one did, so the step starts short again
             if self.time > self._since:
                 self._restart = RESTART * (self.time - self._since)
                 self._since = self.time
-            self.w[Real.H] = min(self.w[Real.H], self._restart, step)
+            self.w[DoubleSlot.H] = min(self.w[DoubleSlot.H], self._restart, step)
             self.memory.armed.fill(0.0)
-            self.n[Whole.WATCH] = UNARMED
+            self.n[IntegerSlot.WATCH] = UNARMED
         if signs:
             self._watch(self.event_values(), signs)
 
     # -- running --------------------------------------------------------------------------------------
     def _call(self, end: float) -> Status:
         w, n, options = self.w, self.n, self.options
-        w[Real.T_END] = end
+        w[DoubleSlot.T_END] = end
         if self._step is not None:
-            w[Real.H] = self._step
-        elif not w[Real.H] > 0.0:
+            w[DoubleSlot.H] = self._step
+        elif not w[DoubleSlot.H] > 0.0:
             # start well below any sensible step: growth is quick, and a first step that is far too long can
             # look good where derivatives happen to vanish
-            w[Real.H] = min(1e-3 * (end - w[Real.T]), options.max_step)
-            if not self.stepper.adaptive:
+            w[DoubleSlot.H] = min(1e-3 * (end - w[DoubleSlot.T]), options.max_step)
+            if not self.method.adaptive:
                 # a step that no control lets grow again must not be what an event has left of it
-                self._step = w[Real.H]
-        if not w[Real.H_OLD] > 0.0:
-            w[Real.H_OLD] = w[Real.H]
+                self._step = w[DoubleSlot.H]
+        if self._step is not None:
+            w[DoubleSlot.H_MAX] = self._step
+        if not w[DoubleSlot.H_OLD] > 0.0:
+            w[DoubleSlot.H_OLD] = w[DoubleSlot.H]
         while True:
             # back here every few milliseconds: interrupts are heard, and progress is told
-            most = n[Whole.ACCEPTED] + n[Whole.REJECTED] + self._slice
-            n[Whole.MAX_STEPS] = min(options.max_steps, most)
+            most = n[IntegerSlot.ACCEPTED] + n[IntegerSlot.REJECTED] + self._slice
+            n[IntegerSlot.MAX_STEPS] = min(options.max_steps, most)
             start = perf_counter()
-            status = self.engine.drive()
+            status = self.engine.run_to_event()
             if status is not Status.MAX_STEPS or most >= options.max_steps:
                 return status
             spent = perf_counter() - start
@@ -161,13 +164,13 @@ class Integrator:
         """Arm the event functions, whose values are these; those that just fired (``signs``) have their new sign."""
         w = self.w
         for k, (g, event) in enumerate(zip(values, self.system.events)):
-            place = Real.SIZE + k
+            place = DoubleSlot.SIZE + k
             if k in signs:
                 w[place] = signs[k] * max(abs(g), 1e-300)
             elif g != 0.0 and not crosses(event, w[place], g):
                 # a function at zero keeps the side it came from, and one that has crossed is found in the next step
                 w[place] = g
-        self.n[Whole.WATCH] = 1
+        self.n[IntegerSlot.WATCH] = 1
 
     def advance(self, end: float) -> None:
         """Integrate to ``end`` without samples or events.
@@ -179,7 +182,7 @@ class Integrator:
         if self.system.partition is not None:  # which wears out on the way
             self.run(end, Grid(end, 0.0, 0), lambda t, x: None, watch=False)
             return
-        self.n[Whole.WATCH], self.n[Whole.LAST_SAMPLE] = 0, -1
+        self.n[IntegerSlot.WATCH], self.n[IntegerSlot.LAST_SAMPLE] = 0, -1
         for stop in self._stops(end):
             self._check(self._call(stop))
 
@@ -214,17 +217,17 @@ class Integrator:
         # a partition wears out whether anyone looks or not
         watch = (watch or s.partition is not None) and bool(s.events)
         if not watch:
-            n[Whole.WATCH] = 0
-        elif not n[Whole.WATCH]:
-            n[Whole.WATCH] = UNARMED
+            n[IntegerSlot.WATCH] = 0
+        elif not n[IntegerSlot.WATCH]:
+            n[IntegerSlot.WATCH] = UNARMED
 
         def flush() -> None:
-            count = n[Whole.ROWS]
+            count = n[IntegerSlot.ROWS]
             if count:
-                last = n[Whole.NEXT_SAMPLE]
+                last = n[IntegerSlot.NEXT_SAMPLE]
                 rows = self.engine.out.reshape(s.size, capacity)
                 emit(grid.times(last - count, last), rows[:, :count].T.copy())
-                n[Whole.ROWS] = self.memory.saved_n[Whole.ROWS] = 0
+                n[IntegerSlot.ROWS] = self.memory.saved_n[IntegerSlot.ROWS] = 0
 
         crowd: deque[float] | None = None
         for stop in self._stops(end):
@@ -239,9 +242,9 @@ class Integrator:
                     break
                 if status is Status.EVENT:
                     crowd = deque(maxlen=CROWD) if crowd is None else crowd
-                    crowd.append(self.memory.saved_w[Real.T])
+                    crowd.append(self.memory.saved_w[DoubleSlot.T])
                     if len(crowd) == CROWD and crowd[-1] - crowd[0] <= CROWDED * max(1.0, crowd[-1]):
-                        raise chatter(s.events[self.n[Whole.EVENT]], crowd[-1])
+                        raise chatter(s.events[self.n[IntegerSlot.EVENT]], crowd[-1])
                     outcome = self._handle(self._locate(stop, grid, flush))
                     if outcome is not GO_ON:
                         return outcome
@@ -254,13 +257,13 @@ class Integrator:
         n, time = self.n, self.time
         if len(self.engine.out) != capacity * self.system.size:
             self.engine.make_room(capacity * self.system.size)
-        n[Whole.CAPACITY], n[Whole.ROWS] = capacity, 0
+        n[IntegerSlot.CAPACITY], n[IntegerSlot.ROWS] = capacity, 0
         first = grid.first_at(time)
-        self.w[Real.SAMPLE_START], self.w[Real.SAMPLE_STEP] = grid.start, grid.step
+        self.w[DoubleSlot.SAMPLE_START], self.w[DoubleSlot.SAMPLE_STEP] = grid.start, grid.step
         if first < grid.count and grid.begins_by(first, time):
             emit(np.array([time]), self.y[None].copy())
             first += 1
-        n[Whole.NEXT_SAMPLE], n[Whole.LAST_SAMPLE] = first, grid.count - 1
+        n[IntegerSlot.NEXT_SAMPLE], n[IntegerSlot.LAST_SAMPLE] = first, grid.count - 1
 
     def _handle(self, events: Sequence[Event]) -> Outcome:
         """Hand events at the same time to their owners, each with the state that the ones before it have left.
@@ -293,20 +296,20 @@ class Integrator:
         """Return the events whose functions have come to zero exactly at the end of the run."""
         found = []
         for k, (g, event) in enumerate(zip(self.event_values(), self.system.events)):
-            sign = -float(np.sign(self.w[Real.SIZE + k]))
+            sign = -float(np.sign(self.w[DoubleSlot.SIZE + k]))
             if g == 0.0 and crosses(event, -sign, sign):
-                self.w[Real.SIZE + k] = sign * 1e-300
+                self.w[DoubleSlot.SIZE + k] = sign * 1e-300
                 found.append(self._event(k, 0.0))
         return tuple(found)
 
     def _locate(self, stop: float, grid: Grid, flush: Callable[[], None]) -> tuple[Event, ...]:
         """Find the first event in the step ahead, and others at the same time, and go there."""
         n, last = self.n, grid.count - 1
-        seen = n[Whole.EVENT]
-        if n[Whole.LOCATED]:
-            time, fine = self.time, resolution(self.memory.saved_w[Real.T], self.time)
-            if n[Whole.NEXT_SAMPLE] <= last and grid.begins_by(n[Whole.NEXT_SAMPLE], time):
-                sign = math.copysign(1.0, self.w[Real.SIZE + seen])
+        seen = n[IntegerSlot.EVENT]
+        if n[IntegerSlot.LOCATED]:
+            time, fine = self.time, resolution(self.memory.saved_w[DoubleSlot.T], self.time)
+            if n[IntegerSlot.NEXT_SAMPLE] <= last and grid.begins_by(n[IntegerSlot.NEXT_SAMPLE], time):
+                sign = math.copysign(1.0, self.w[DoubleSlot.SIZE + seen])
                 self._go(time, last, flush)
                 self._watch(self.engine.seen(), {seen: sign})
             return (self._event(seen, fine),)
@@ -323,9 +326,9 @@ class Integrator:
         """Return where to go, and the functions that change sign there, when more than one may do so."""
         engine, events = self.engine, self.system.events
         armed, lost = self.memory.armed.tolist(), [math.nan] * len(events)
-        start = self.memory.saved_w[Real.T]
-        high = min(self.w[Real.EVENT_HIGH], stop)
-        low = min(max(self.w[Real.EVENT_LOW], start), high)
+        start = self.memory.saved_w[DoubleSlot.T]
+        high = min(self.w[DoubleSlot.EVENT_HIGH], stop)
+        low = min(max(self.w[DoubleSlot.EVENT_LOW], start), high)
         known: dict[float, Sequence[float]] = {}
 
         def values(time: float) -> Sequence[float]:
@@ -334,7 +337,7 @@ class Integrator:
             return known[time]
 
         def trial(time: float) -> Sequence[float]:
-            status = engine.trial(time, -1)
+            status = engine.trial_step(time, -1)
             if status is Status.DONE:
                 return engine.seen()
             try:
@@ -365,7 +368,7 @@ class Integrator:
 
     def _go(self, time: float, last: int, flush: Callable[[], None]) -> None:
         """Go to ``time`` from what was saved."""
-        status = self.engine.trial(time, last)
+        status = self.engine.trial_step(time, last)
         arrived = status is Status.DONE
         while status in (Status.FULL, Status.MAX_STEPS):
             flush()
@@ -388,4 +391,6 @@ class Integrator:
             return
         from robodyn_cli.integrators.runtime.stopped import Stopped
 
-        raise Stopped(status, self.time, self.w[Real.H], self.y, self.options).error(self.system, self.p)
+        raise Stopped(status, self.time, self.w[DoubleSlot.H], self.y, self.options).error(
+            self.system, self.p
+        )

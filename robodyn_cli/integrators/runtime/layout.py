@@ -8,8 +8,8 @@ FINE = 4e-16  # how narrow the bracket of an event can sensibly become, relative
 UNARMED = 2  # event functions are watched from the side that they are on at the start
 
 
-class Real:
-    """Places in the array of doubles; plain ints, which index faster than members of an enum."""
+class DoubleSlot:
+    """Slots of the array of doubles; plain ints, which index faster than members of an enum."""
 
     T = 0  # current time
     H = 1  # step to try next
@@ -21,22 +21,22 @@ class Real:
     SAMPLE_STEP = 7
     T_OLD = 8  # the last accepted step went from T_OLD over H_OLD
     H_OLD = 9
-    MEMORY = 10  # method's own memory: last contraction ratio, last error
-    EVENT_LOW = 11  # bracket of an event
-    EVENT_HIGH = 12
-    T_SAMPLE_END = 13  # samples beyond this time are left alone
-    MEMORY_2 = 14
-    EVENT_GUESS = 15  # where dense output has the event, and the slope of its function there
-    EVENT_SLOPE = 16
+    CONTRACTION = 10  # last ratio of two updates of the iteration in a step; 1 before there is one
+    LAST_ERROR = 11  # of the last accepted step, as the step controller keeps it; 1 before there is one
+    EVENT_LOW = 12  # bracket of an event
+    EVENT_HIGH = 13
+    EVENT_GUESS = 14  # where dense output has the event, and the slope of its function there
+    EVENT_SLOPE = 15
     DENSE_END = (
-        17  # the step whose rates the method keeps to predict from, which a located event has shortened
+        16  # end and length of the step whose rates the method predicts from; an event may have cut it
     )
-    DENSE_STEP = 18
+    DENSE_STEP = 17
+    T_REST = 18  # what rounding has left out of T
     SIZE = 19  # event function values follow
 
 
-class Whole:
-    """Places in the array of 64-bit integers."""
+class IntegerSlot:
+    """Slots of the array of 64-bit integers."""
 
     ACCEPTED = 0
     REJECTED = 1
@@ -46,13 +46,15 @@ class Whole:
     LAST_SAMPLE = 5
     CAPACITY = 6  # rows in the output block
     ROWS = 7  # rows written since the block was last emptied
-    PENDING = 8  # samples of the last step are still to be written
-    EVENT = 9  # which event function changed sign
-    WATCH = 10  # whether to look for events: 0, 1 or ``UNARMED``
-    REJECTED_IN_ROW = 11
-    PROJECTIONS = 12
-    VELOCITIES = 13  # how many there are, for code that serves systems of any size
-    LOCATED = 14  # the state is at the event that was met, alone
+    EVENT = 8  # which event function changed sign
+    WATCH = 9  # whether to look for events: 0, 1 or ``UNARMED``
+    REJECTED_IN_ROW = 10
+    PROJECTIONS = 11
+    VELOCITIES = 12  # how many there are, for code that serves systems of any size
+    LOCATED = 13  # the state is at the event that was met, alone
+    RATE_KNOWN = (
+        14  # a method that keeps the rate at the current state has it; not after anybody changed anything
+    )
     SIZE = 16
 
 

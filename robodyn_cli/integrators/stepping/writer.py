@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.layout import Real, Whole
-from robodyn_cli.kernels.arrays import Array, each
-from robodyn_cli.kernels.ir import RELAXED, Condition, Function, Int, Value
+from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot, Status
+from robodyn_cli.kernels.arrays import Array, Total, each
+from robodyn_cli.kernels.ir import RELAXED, Block, Condition, Function, Int, Value
 from robodyn_cli.kernels.lower import call_program, lower, outline
 from robodyn_cli.kernels.program import Program
 
@@ -15,6 +15,26 @@ INLINE_LIMIT = 400  # operations; longer programs become functions
 LONG = 24  # velocities from which on what is done for each of them is a loop
 LANES = 8
 ARGUMENTS = ("w", "n", "y", "p", "dense", "out", "tables", "scratch", "work")
+
+
+class Exit:
+    """The ways out of the loop: each leaves the ``block`` with a status."""
+
+    def __init__(self, f: Function, block: Block) -> None:
+        self.f = f
+        self.block = block
+        self._slot = f.int_slot()
+
+    @property
+    def status(self) -> Int:
+        return self.f.load_int(self._slot)
+
+    def leave(
+        self, status: Status, condition: Condition | None = None, *, unless: Condition | None = None
+    ) -> None:
+        """End the run with a status: always, if a condition holds, or unless one holds."""
+        self.f.store_int(int(status), self._slot)
+        self.block.leave(condition, unless=unless)
 
 
 class Writer:
@@ -36,7 +56,7 @@ class Writer:
         self.nv: Int | int = system.nv
         if system.dynamics.any_size or (loops and system.nv == system.nq > LONG):
             with f.entry():
-                self.nv = f.load_int(self.whole(Whole.VELOCITIES))
+                self.nv = f.load_int(self.integer_at(IntegerSlot.VELOCITIES))
                 # a multiple of the lanes, so that every row starts aligned
                 self._padded = (self.nv + (LANES - 1)) & -LANES
                 self.rates: Int | int = self.nv + system.nz
@@ -80,33 +100,46 @@ class Writer:
         f.ret(padded * self._taken[0] + self._taken[1])
         return f
 
+    def is_finite(self, x: Array) -> Condition:
+        """Return whether a state has neither NaN nor infinities."""
+        f = self.f
+        with f.strict():
+            total = Total(f)
+            for k in self.each(self.size):
+                total.add_product(x[k], 0.0)
+            return f.compare("ord", total.value, 0.0)
+
     # -- shared memory --------------------------------------------------------------------------------
-    def real(self, place: int) -> str:
+    def double_at(self, place: int) -> str:
         return self.f.offset("%w", int(place))
 
-    def whole(self, place: int) -> str:
+    def integer_at(self, place: int) -> str:
         return self.f.offset("%n", int(place))
 
     def get(self, place: int) -> Value:
-        return self.f.load(self.real(place))
+        return self.f.load(self.double_at(place))
 
     def put(self, place: int, value: Value | float) -> None:
-        self.f.store(value, self.real(place))
+        self.f.store(value, self.double_at(place))
 
     def count(self, place: int, by: int = 1) -> None:
-        self.f.bump(self.whole(place), by)
+        self.f.bump(self.integer_at(place), by)
 
     def due(self, limit: Value, slack: float) -> Condition:
         """Return whether the next sample lies before ``limit`` or, but for rounding, at it."""
         f = self.f
-        k = f.load_int(self.whole(Whole.NEXT_SAMPLE))
-        start = self.get(Real.SAMPLE_START)
+        k = f.load_int(self.integer_at(IntegerSlot.NEXT_SAMPLE))
         with f.strict():
-            time = start + f.to_double(k) * self.get(Real.SAMPLE_STEP)
-            bound = limit + (f.abs(limit) + f.abs(start)) * slack
-        return f.compare("ole", time, bound) & f.compare_int(
-            "sle", k, f.load_int(self.whole(Whole.LAST_SAMPLE))
-        )
+            time = self.sample_time(k)
+            bound = limit + (f.abs(limit) + f.abs(self.get(DoubleSlot.SAMPLE_START))) * slack
+        last = f.load_int(self.integer_at(IntegerSlot.LAST_SAMPLE))
+        return f.compare("ole", time, bound) & f.compare_int("sle", k, last)
+
+    def sample_time(self, k: Int) -> Value:
+        """Return the time of uniform sample k."""
+        f = self.f
+        with f.strict():
+            return self.get(DoubleSlot.SAMPLE_START) + f.to_double(k) * self.get(DoubleSlot.SAMPLE_STEP)
 
     # -- programs -------------------------------------------------------------------------------------
     def evaluate(

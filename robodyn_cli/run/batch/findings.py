@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.equations.plan_facts import listed_data, unknown_data
 from robodyn_cli.errors import GeometryError, RobodynError, SceneError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.formulations.build import build_system
@@ -21,6 +20,8 @@ from robodyn_cli.run.commands import execute
 from robodyn_cli.run.driver.prepare import passive_coordinates, prepare
 from robodyn_cli.run.driver.singularity import passive_determinant
 from robodyn_cli.run.inverse.build import build_inverse
+from robodyn_cli.run.plan.data import unknown_data
+from robodyn_cli.run.plan.words import listed_data
 from robodyn_cli.run.progress import no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.load import examine

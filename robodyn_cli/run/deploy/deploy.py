@@ -104,8 +104,8 @@ def deploy(
     return report(done, facts, failure, watch)
 
 
-def build_deployment(scene: Scene, watch: Stopwatch) -> Motion:
-    """Build the motion of a mechanism that is to lock.
+def build_deployment(scene: Scene, watch: Stopwatch, plan: bool = False) -> Motion:
+    """Build the motion of a mechanism that is to lock; ``plan`` as for ``build_motion``.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def build_deployment(scene: Scene, watch: Stopwatch) -> Motion:
             f"{scene.path}: deploy needs a mechanism with closed loops; this scene has none"
         )
     reactions = bool(scene.deploy.loads) or scene.deploy.after == "continue"
-    motion = build_motion(scene, watch, follow_deployment, reactions=reactions)
+    motion = build_motion(scene, watch, follow_deployment, reactions=reactions, plan=plan)
     refuse_singular_start(motion.problem, motion.assembled.q, motion.passive)
     return motion
 

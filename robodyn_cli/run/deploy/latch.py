@@ -185,7 +185,9 @@ def _latch_wrench(
     R = np.eye(3)
     for body in reversed(model.path_to(wrench.root)):
         R = np.array(X[body].E.T, dtype=float) @ R
-    moment, force = (np.array([_number(x, t) for x in part]) for part in wrench.on_second)
+    moment, force = (
+        np.array([_number(x, t) for x in part]) for part in (wrench.on_second.n, wrench.on_second.f)
+    )
     return R @ moment, R @ force
 
 

@@ -67,6 +67,11 @@ class MultiplierGrowth(Watcher):
         self.kernel = SampleKernel(lam, GROUPS) if lam else LeastNorm(self.problem)
         self.begin(0.0, motion.start, motion.options)
 
+    @property
+    def kernels(self) -> dict[str, SampleKernel]:
+        kernel = self.kernel.function if isinstance(self.kernel, LeastNorm) else self.kernel
+        return {"multipliers on the 1 ms grid": kernel}
+
     def begin(self, t: float, x: Array, options: Options) -> Array:
         self.monitor = GrowthMonitor(levels_with(self.deploy.growth), self.deploy.limit)
         return x

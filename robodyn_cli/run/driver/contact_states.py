@@ -69,6 +69,10 @@ class ContactStates(Watcher):
         self._matrices = SampleKernel({k: v for k, v in matrices.items() if v}, GROUPS)
         self._clear()
 
+    @property
+    def kernels(self) -> dict[str, SampleKernel]:
+        return {"accelerations and holding forces at events": self._rates, "impacts": self._matrices}
+
     def _clear(self) -> None:
         self.p = np.array(self.system.parameters)
         self.state: list[int] = [0] * len(self.joints)

@@ -58,7 +58,7 @@ class Equations:
         rows, nv = problem.constraints, problem.model.nv
         self.nv, self.m = nv, len(rows.rows)
         # those of loops and of prescribed joints together: both bind the motion
-        self.rank = len(problem.working.rows)
+        self.rank = len(problem.independent_rows.rows)
         self.loops, self.loop_rank = loop_rows(problem), problem.loop_rank
         geometry = {"eta": rows.eta, "psi": list(problem.psi.ravel())}
         rates: dict[str, list[Any]] = {

@@ -11,6 +11,7 @@ from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr.graph import is_number
 from robodyn_cli.model.model import BASE, Model
 from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import columns
 from robodyn_cli.spatial.inertia import ArticulatedInertia
 
 Array = NDArray[np.float64]
@@ -45,10 +46,8 @@ def lightest_joint(model: Model, q: Array) -> Lightest | None:
         body = model.bodies[k]
         here = slice_q(body, q.tolist())
         S = body.joint.S(here)
-        for j in range(body.joint.nv):
-            felt, carried = (
-                S[:, j] @ inertia.column(S[:, j]) + body.armature for inertia in (free[k], locked[k])
-            )
+        for s in columns(S):
+            felt, carried = ((inertia @ s).dot(s) + body.armature for inertia in (free[k], locked[k]))
             if not (is_number(felt) and is_number(carried) and np.isfinite(float(carried))):
                 return None
             share = float(felt) / float(carried) if carried > 0.0 else 0.0

@@ -12,6 +12,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.formulations.events import GO_ON, Event, EventFunction, Outcome
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.record import record
 from robodyn_cli.run.observation.observe import Observer
 from robodyn_cli.scene.types import Scene
@@ -66,6 +67,11 @@ class Watcher:
 
     def facts(self, end: float) -> dict[str, Any]:
         """Return fields of the summary for a run that came to ``end`` [s]."""
+        return {}
+
+    @property
+    def kernels(self) -> dict[str, SampleKernel]:
+        """What it evaluates beside its event functions, by name, once it has taken the motion."""
         return {}
 
     def follow(self, motion: Motion) -> None:

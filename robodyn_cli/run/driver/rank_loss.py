@@ -20,6 +20,7 @@ from robodyn_cli.errors import NumericalError, SingularConfigurationError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.formulations.events import GO_ON, Event, EventFunction, EventKind, Leap, Outcome
 from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.leap import Equations, State
 from robodyn_cli.run.driver.motion import Motion, Watcher
@@ -45,7 +46,7 @@ class PosesAhead(Watcher):
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
         self.nodes, self.reach = NODES, REACH
-        rows = problem.independent_rows
+        rows = problem.loop_psi
         if len(rows):
             near = closeness(rows)
             self.functions = tuple(self._rung(near, NEAR * NEAR * LOWER**k, k) for k in range(RUNGS))
@@ -60,6 +61,12 @@ class PosesAhead(Watcher):
     def begin(self, t: float, x: Array, options: Options) -> Array:
         self.options = options
         return x
+
+    @property
+    def kernels(self) -> dict[str, SampleKernel]:
+        near = self.equations
+        parts = {"loops": near.geometry, "rates": near.rates, "steps": near.shift}
+        return {f"{part} near a loss of rank": kernel for part, kernel in parts.items()}
 
     @property
     def equations(self) -> Equations:

@@ -67,7 +67,7 @@ def passive_determinant(problem: Problem, passive: Sequence[int]) -> Scalar:
     ------
     CapabilityError : the block is not square, so the input does not determine the configuration.
     """
-    rows = problem.independent_rows
+    rows = problem.loop_psi
     if len(passive) != len(rows):
         freedom = problem.model.nv - len(rows)
         raise CapabilityError(
@@ -107,7 +107,7 @@ def driven_dead_point(
     except CapabilityError:
         return None
     unknowns: list[Expr] = [*problem.q, problem.t]
-    equations = [*problem.working.eta, singular]
+    equations = [*problem.independent_rows.eta, singular]
     if len(equations) != len(unknowns):
         return None
     rows = jacobian(equations, unknowns)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,10 @@ from robodyn_cli.model.model import Model
 from robodyn_cli.run.inverse.build import open_problem
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Vector, zeros
+
+if TYPE_CHECKING:
+    from robodyn_cli.kernels.program import Program
+    from robodyn_cli.kernels.rolled_tables import RolledPlan
 
 Array = NDArray[np.float64]
 
@@ -107,7 +111,7 @@ class InverseDynamics(_Samples):
     the result is column-ordered.
 
     Short chains become straight-line code, long ones a loop over their bodies (attribute ``shape``:
-    ``unrolled`` or ``rolled``).
+    ``unrolled`` or ``rolled``; attribute ``code``: the program, or the tables of the loop).
     """
 
     names = ("q", "qd", "qdd")
@@ -115,10 +119,10 @@ class InverseDynamics(_Samples):
     def __init__(self, source: sc.Scene | Model | Problem) -> None:
         problem = open_problem(source, "inverse dynamics")
         self._open(problem)
-        self.shape, self._call, self.operations = self._compile(problem)
+        self.shape, self._call, self.operations, self.code = self._compile(problem)
 
     @staticmethod
-    def _compile(problem: Problem) -> tuple[str, Samples, int]:
+    def _compile(problem: Problem) -> tuple[str, Samples, int, Program | RolledPlan]:
         if prefer_rolled(problem.model):
             from robodyn_cli.kernels.rolled import RolledInverseDynamics
 
@@ -129,12 +133,13 @@ class InverseDynamics(_Samples):
 
             rigid, forces = RolledInverseDynamics(problem.model), _JointForces(problem)
             operations = rigid.plan.bodies * rigid.plan.recursion.operations + forces.operations
-            return "rolled", lambda q, qd, qdd: forces.take_from(rigid(q, qd, qdd), q, qd), operations
+            call = lambda q, qd, qdd: forces.take_from(rigid(q, qd, qdd), q, qd)  # noqa: E731
+            return "rolled", call, operations, rigid.plan
         tau: Any = problem.inverse_dynamics
         for term in _timeless(problem):
             tau = tau - term
         unrolled = _Unrolled(tau, "a")
-        return "unrolled", unrolled, unrolled.operations
+        return "unrolled", unrolled, unrolled.operations, unrolled.kernel.program
 
     def __call__(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Return tau (T, nv)."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import GROUPS, Problem
-from robodyn_cli.expr.graph import Expr, Scalar
+from robodyn_cli.expr.graph import Scalar, is_nonzero
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.mechanism.motion import Planned
@@ -157,9 +157,7 @@ def torque_terms(problem: Problem) -> Outputs:
     for name, term in problem.passive_forces(smooth=False).items():
         terms[name] = [-x for x in term]
     return {
-        name: term
-        for name, term in terms.items()
-        if name == "inertia" or any(isinstance(x, Expr) or x != 0.0 for x in term)
+        name: term for name, term in terms.items() if name == "inertia" or any(is_nonzero(x) for x in term)
     }
 
 

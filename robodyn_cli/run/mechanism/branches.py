@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from robodyn_cli.run.driver.singularity import loop_rows
 from robodyn_cli.run.mechanism.loop_conditions import LoopConditions
 from robodyn_cli.run.mechanism.summary import Branch, BranchSearch
 from robodyn_cli.run.observation.units import joint_columns
-from robodyn_cli.solve.branches import search
+from robodyn_cli.solve.branches import halton, search
 from robodyn_cli.solve.load_sharing import RANK
 
 Array = NDArray[np.float64]
@@ -68,8 +69,8 @@ def find_branches(problem: Problem, conditions: LoopConditions, q: Array, held: 
     def closed_as_meant(q: Array) -> bool:
         return bool(np.all(np.array(cosines(_at(q)), dtype=float) > 0.5))
 
-    start = _starts(problem, conditions, q, free, held)
-    found = search(conditions, q, free, start, signature, closed_as_meant, problem.scene.assemble.starts)
+    starts = chain([q], _starts(problem, conditions, q, free, held))
+    found = search(conditions, starts, free, signature, closed_as_meant)
     first, *others = found.found
     configurations = [first, *(np.where(angles, (x + np.pi) % (2 * np.pi) - np.pi, x) for x in others)]
     described = [_describe(problem, conditions, x, free, k == 0) for k, x in enumerate(configurations)]
@@ -108,21 +109,18 @@ def _refuse_freedom(
 
 def _starts(
     problem: Problem, conditions: LoopConditions, q: Array, free: Sequence[int], held: tuple[str, ...]
-) -> Callable[[Array], Array]:
-    """Return the map from a point of the unit cube (len(free),) to a configuration to begin with."""
+) -> Iterator[Array]:
+    """Yield configurations to begin with: points of Halton's sequence, mapped to motions of the free coordinates."""
     model, columns = problem.model, list(free)
     neutral = np.array(q)
     for body in model.bodies:
         if body.joint_name not in held:
             neutral[body.q : body.q + body.joint.nq] = body.joint.neutral()
     reach = np.where(conditions.lengths[columns] == 1.0, np.pi, 1.5 * conditions.size)
-
-    def start(point: Array) -> Array:
+    for point in halton(problem.scene.assemble.starts - 1, len(columns)):
         dq = np.zeros(model.nv)
         dq[columns] = (2.0 * point - 1.0) * reach
-        return conditions.step(neutral, dq)
-
-    return start
+        yield conditions.step(neutral, dq)
 
 
 def _describe(

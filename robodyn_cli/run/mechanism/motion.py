@@ -16,6 +16,7 @@ from robodyn_cli.scene.types import Point, Scene
 from robodyn_cli.trajectories.motion import JointMotion, TaskSpace
 
 if TYPE_CHECKING:
+    from robodyn_cli.solve.inverse_kinematics import PointTask
     from robodyn_cli.solve.point_kinematics import PointFunction, PointKinematics
 
 Array = NDArray[np.float64]
@@ -78,15 +79,24 @@ def plan_motion(problem: Problem, times: Array) -> Planned:
         )
     if not isinstance(trajectory, TaskSpace):
         return Planned(times, trajectory.motion(times, model.q_names, parameters))
-    from robodyn_cli.solve.inverse_kinematics import PointTask, follow_point
+    from robodyn_cli.solve.inverse_kinematics import follow_point
 
-    start = trajectory.ik.guess or scene.initial.q
-    where = f"{scene.path}: " if scene.path else ""
-    task = PointTask(model, model.points[trajectory.point], trajectory, start, parameters, where)
+    task = point_task(problem)
     found = follow_point(task, times, compile_point)
     counters = {"ik_iterations": found.iterations, "ik_steps": found.steps} if found.iterations else {}
     target = task.target(times).p
     return Planned(times, found.motion, trajectory.point, target, found.method, counters=counters)
+
+
+def point_task(problem: Problem) -> PointTask:
+    """Return the point that the scene's trajectory leads, and its path."""
+    from robodyn_cli.solve.inverse_kinematics import PointTask
+
+    scene, model = problem.scene, problem.model
+    trajectory: Any = scene.trajectory
+    start = trajectory.ik.guess or scene.initial.q
+    where = f"{scene.path}: " if scene.path else ""
+    return PointTask(model, model.points[trajectory.point], trajectory, start, scene.parameters, where)
 
 
 def compile_point(kinematics: PointKinematics) -> PointFunction:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.calculus import jacobian
-from robodyn_cli.expr.graph import Expr, free_symbols
+from robodyn_cli.expr.graph import free_symbols, is_nonzero
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.linearisation import differentiate
 from robodyn_cli.formulations.rolled import Rolled
@@ -119,9 +119,7 @@ def jacobians(problem: Problem, system: System, times: Array, states: Array) -> 
             row[system.nq :] = _differences(problem, system.dynamics, t, x)
         return J
     entries = differentiate(system.rates, system.nq, system.nv).J
-    places = [
-        (i, k) for i in range(n) for k in range(n) if isinstance(entries[i, k], Expr) or entries[i, k] != 0.0
-    ]
+    places = [(i, k) for i in range(n) for k in range(n) if is_nonzero(entries[i, k])]
     groups = _samples(system.own_groups(np.asarray(times, dtype=float), states, _parameters(system)))
     for (i, k), value in zip(places, evaluate([entries[place] for place in places], groups)):
         J[:, i, k] = value

@@ -211,7 +211,7 @@ def supported(method: str, system: System) -> bool:
     """Tell whether a method can do a system."""
     if registry[method].needs_jacobian and system.nv > LARGEST:
         return False
-    return not registry[method]().obstacle(system)
+    return not registry[method].obstacle(system)
 
 
 def best_at(entries: Sequence[Entry], levels: Sequence[float]) -> list[Best]:

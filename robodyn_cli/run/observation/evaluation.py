@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from robodyn_cli.expr.calculus import substitute
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations, free_symbols, reachable
 from robodyn_cli.expr.rebuild import apply
-from robodyn_cli.kernels.program import unknown_data
+from robodyn_cli.kernels.program import Program, make_program, unknown_data
 from robodyn_cli.model.model import UNKNOWN_GROUP
 from robodyn_cli.run.observation.finite import refuse_sampled
 from robodyn_cli.trajectories.motion import JointMotion
@@ -52,15 +52,25 @@ class SampleFunction:
             raise unknown_data(missing)
         self.operations = count_operations(entries)
         self.compiled = worth_compiling(self.operations, samples)
+        self._known = tuple(known)
+        # constants need no kernel; names of paths are not names in the compiled code
+        varying = [n for n, a in self.outputs.items() if any(isinstance(e, Expr) for e in a)]
+        self._names = {f"o{k}": name for k, name in enumerate(varying)}
         if self.compiled:
             from robodyn_cli.kernels.samples import SampleKernel
 
-            # constants need no kernel; names of paths are not names in the compiled code
-            varying = [n for n, a in self.outputs.items() if any(isinstance(e, Expr) for e in a)]
-            self._names = {f"o{k}": name for k, name in enumerate(varying)}
-            self._kernel = SampleKernel({o: self.outputs[n] for o, n in self._names.items()}, known)
+            self._kernel = SampleKernel(self._varying, known)
         else:
             self._interpreter = Interpreter(entries)
+
+    @property
+    def _varying(self) -> dict[str, list[Scalar]]:
+        return {o: self.outputs[name] for o, name in self._names.items()}
+
+    @property
+    def program(self) -> Program:
+        """What is evaluated, as a program, be it compiled or interpreted."""
+        return self._kernel.program if self.compiled else make_program(dict(self._varying), self._known)
 
     def __call__(self, **groups: Array) -> dict[str, Array]:
         """Return {output: (T, n)} in column order, from arrays (T, n) by symbol group."""

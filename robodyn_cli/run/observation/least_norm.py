@@ -50,12 +50,12 @@ class LeastNorm:
 
     def __init__(self, problem: Problem, more: Mapping[str, Sequence[Scalar]] | None = None) -> None:
         self.problem = problem
-        self.rank = len(problem.working.rows)
-        self.kernel = SampleKernel({**equations_of(problem), **(more or {})}, GROUPS)
+        self.rank = len(problem.independent_rows.rows)
+        self.function = SampleKernel({**equations_of(problem), **(more or {})}, GROUPS)
 
     def evaluate(self, samples: int, groups: Mapping[str, Array]) -> dict[str, Array]:
         """Return the outputs with ``qdd`` (T, nv), ``lam`` (T, m); prescribed joints' multipliers enter ``tau``."""
-        found = self.kernel.evaluate(samples, groups)
+        found = self.function.evaluate(samples, groups)
         nv = self.problem.model.nv
         psi = self._psi(found)
         M = found.pop("M").reshape(samples, nv, nv)
@@ -91,7 +91,7 @@ class LeastNorm:
 
     def correct(self, samples: int, groups: Mapping[str, Array]) -> tuple[Array, Array]:
         """Return one Newton step onto eta = 0 and the step onto Psi v + eta_t = 0, both (T, nv)."""
-        found = self.kernel.evaluate(samples, groups)
+        found = self.function.evaluate(samples, groups)
         psi = self._psi(found)
         return -self._solve(psi, found["eta"]), -self._solve(psi, found["eta_rate"])
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
+from robodyn_cli.expr.graph import Expr, Scalar, free_symbols, is_nonzero
 from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.formulations.system import System
 from robodyn_cli.kernels.samples import SampleKernel
@@ -20,6 +20,7 @@ from robodyn_cli.run.observation.places import FORCES, place_dataset, place_outp
 from robodyn_cli.run.observation.units import joint_columns
 
 if TYPE_CHECKING:
+    from robodyn_cli.run.observation.evaluation import SampleFunction
     from robodyn_cli.run.observation.least_norm import LeastNorm
     from robodyn_cli.run.observation.observe_rolled import RolledKernel
     from robodyn_cli.run.observation.reactions import ReactionSamples
@@ -89,7 +90,7 @@ def _actuator_torques(problem: Problem) -> list[Scalar]:
         return tau
     for i in problem.constraints.prescribed:
         for k, x in enumerate(problem.constraints.rows[i].psi):
-            if isinstance(x, Expr) or x != 0.0:
+            if is_nonzero(x):
                 tau[k] = tau[k] + x * problem.forward.lam[i]
     return tau
 
@@ -162,6 +163,20 @@ class Observer:
         self.parameters = np.zeros(max(1, len(problem.model.parameters)))
         asked = reactions or problem.scene.outputs.reactions
         self.reactions = _reactions(problem) if asked else None
+
+    @property
+    def kernels(self) -> dict[str, SampleKernel | SampleFunction]:
+        """The programs that are evaluated at the samples, by name."""
+        observation = self.kernel if isinstance(self.kernel, SampleKernel) else self.kernel.function
+        found = {
+            "observation": observation,
+            "manifolds at the samples": self.normalise,
+            "projection of positions at the samples": self.correct_q,
+            "projection of velocities at the samples": self.correct_v,
+            "residuals at the samples": self.residuals,
+            "reactions": None if self.reactions is None else self.reactions.function,
+        }
+        return {name: kernel for name, kernel in found.items() if kernel is not None}
 
     def project(self, t: Array, x: Array) -> Array:
         """Return the states put back on manifolds and constraints (positions by Newton steps, then rates)."""

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.algorithms.kinematics import Pose, poses
+from robodyn_cli.algorithms.kinematics import Pose, motions, poses
 from robodyn_cli.algorithms.reactions import Reactions, reactions
-from robodyn_cli.algorithms.rnea import Wrench
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
 from robodyn_cli.model.model import BASE, UNKNOWN_GROUP, Model
@@ -20,7 +19,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.run.observation.evaluation import SampleFunction
 from robodyn_cli.scene import types as sc
 from robodyn_cli.scene.points import point_link
-from robodyn_cli.spatial.algebra import Matrix, identity
+from robodyn_cli.spatial.algebra import Matrix, Wrench, identity
 from robodyn_cli.trajectories.motion import JointMotion
 
 Array = NDArray[np.float64]
@@ -46,7 +45,8 @@ class ReactionSamples:
         self.rows = problem.constraints.names
         lam = dict(zip(self.rows, problem.graph.symbols(self.rows, "lam")))
         applied = problem.elements.wrenches
-        found = reactions(model, problem.q, problem.v, problem.a, lam, problem.gravity, problem.X, applied)
+        motion = motions(model, problem.X, problem.q, problem.v, problem.a, problem.gravity)
+        found = reactions(model, problem.X, motion, lam, applied)
         self.names: dict[str, tuple[str, ...]] = {}
         self.meanings: dict[str, str] = {}
         self.missing: dict[str, list[str]] = {}
@@ -150,8 +150,8 @@ def _largest(vectors: Array) -> float:
 
 
 def _turned(axes: Matrix, wrench: Wrench) -> list[Scalar]:
-    n, f = wrench
-    return [*(axes @ f), *(axes @ n)]
+    turned = wrench.rotated(axes)
+    return [*turned.f, *turned.n]
 
 
 def _unknown(entry: Scalar) -> bool:

@@ -1,4 +1,4 @@
-"""What a scene needs and what is left out, from the graphs that its command compiles.
+"""What a scene needs and what is left out, read off the equations and programs that its command builds.
 
     operations          of the program that the command's inner loop runs: torques (inverse), accelerations
     operations_general  of the same program with every constant of the scene a symbol
@@ -8,29 +8,25 @@ An operation is an addition, a multiplication, a division or a call of a functio
 
 from __future__ import annotations
 
-from typing import Any
+import itertools
+from collections.abc import Iterator, Sequence
+from typing import Any, Protocol
 
 import numpy as np
 
-from robodyn_cli.equations.plan_facts import Facts, idle_constants, plural, unknown_data
-from robodyn_cli.equations.plan_terms import (
-    Ledger,
-    element_terms,
-    fixed_links,
-    force_terms,
-    geometry_terms,
-    loop_terms,
-    rigid_body_terms,
-)
-from robodyn_cli.equations.plan_variants import general
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.equations.variant import Variant
-from robodyn_cli.errors import CapabilityError
-from robodyn_cli.expr.graph import count_operations
+from robodyn_cli.errors import CapabilityError, SceneError
+from robodyn_cli.expr.graph import Scalar, count_operations
 from robodyn_cli.model.build import build_model
+from robodyn_cli.run.plan.data import idle_constants, unknown_data
 from robodyn_cli.run.plan.forward import Forward
 from robodyn_cli.run.plan.inverse import Inverse
+from robodyn_cli.run.plan.plane import Plane
+from robodyn_cli.run.plan.terms import MECHANISM, Equations, Ledger, Term
 from robodyn_cli.run.plan.text import render
+from robodyn_cli.run.plan.variant import Variant
+from robodyn_cli.run.plan.variants import general
+from robodyn_cli.run.plan.words import plural
 from robodyn_cli.scene import types as sc
 
 __all__ = ["plan", "render"]
@@ -39,6 +35,31 @@ COMMANDS = ("inverse", "simulate", "deploy")
 # operations of all variants up to which they are built one by one, a second or two of work
 LARGEST = 300_000
 VARIANTS = 25
+
+
+class Subject(Protocol):
+    """A command's equations and programs, as the command builds them.
+
+    problem : the equations. redundant : names of rows that follow from the others in every pose.
+    """
+
+    problem: Problem
+    redundant: tuple[str, ...]
+
+    def outputs(self, problem: Problem) -> list[Scalar]:
+        """Return the expressions of the command's inner loop, for this problem or a variant of it."""
+
+    def terms(self, equations: Equations) -> Iterator[Term]:
+        """Yield what the command has beside the mechanism: its stages, and what it does around the inner loop."""
+
+    def kernels(self) -> list[dict[str, Any]]:
+        """Describe the compiled programs."""
+
+    def choices(self) -> list[dict[str, Any]]:
+        """Describe what the engine chose, with reasons."""
+
+    def equation_36(self, ledger: Ledger) -> dict[str, Any] | None:
+        """Return what the loops cost, None where that is not counted."""
 
 
 def command_of(scene: sc.Scene) -> str:
@@ -58,10 +79,10 @@ def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
 
     Returns
     -------
-    ``operations``, ``operations_general``; ``kept`` (term, reason, operations: what leaving it out would
-    save); ``left_out`` (term, reason, operations_saved); ``kernels``; ``choices`` of the engine with their
-    reasons; ``equation_36`` for mechanisms with loops; ``missing`` data, without which the command stops.
-    Counts are None where single terms of a large model are not counted.
+    ``status`` (``failed`` where data are missing); ``operations``, ``operations_general``; ``kept`` (term, reason,
+    operations: what leaving it out would save); ``left_out`` (term, reason, operations_saved); ``kernels``;
+    ``choices`` of the engine with their reasons; ``equation_36`` for mechanisms with loops; ``missing`` data,
+    without which the command stops. Counts are None where single terms of a large model are not counted.
 
     Raises
     ------
@@ -70,72 +91,81 @@ def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
     command = command or command_of(scene)
     if command not in COMMANDS:
         raise CapabilityError(f"{command!r} has no plan; allowed: {', '.join(COMMANDS)}")
-    subject: Inverse | Forward = Inverse(scene) if command == "inverse" else Forward(scene, command)
+    subject: Subject = Inverse(scene) if command == "inverse" else Forward(scene, command)
     problem = subject.problem
+    # before anything else is built in the same graph, so that the programs are those of the run
+    kernels, missing = _kernels(subject)
     outputs = subject.outputs(problem)
-    missing, spare = unknown_data(problem.model, outputs)
-    total = count_operations(outputs)
-    kernels = [] if missing else subject.kernels()
-    scene = problem.scene
-    variant = Variant(scene, build_model(scene), rows=subject.kept_rows, dependent=problem.dependent)
-
-    def count(v: Variant) -> int:
-        return count_operations(subject.outputs(v.problem()))
-
-    everything = count(general(variant))
-    counted = everything * VARIANTS <= LARGEST
-    ledger = Ledger(variant, Facts(variant.model), count, total, counted)
-    idle: list[str] = []
-    if counted:
+    needed, spare = unknown_data(problem.model, outputs)
+    missing = list(dict.fromkeys([*needed, *missing]))
+    ledger, everything = _ledger(subject, count_operations(outputs))
+    idle: Sequence[str] = ()
+    if ledger.counted:
         idle = idle_constants(
-            scene, lambda model: subject.outputs(Problem(scene, model=model, dependent=problem.dependent))
+            problem.scene,
+            lambda model: subject.outputs(Problem(problem.scene, model=model, dependent=problem.dependent)),
         )
-    subject.stages(ledger)
-    rigid_body_terms(ledger, problem)
-    geometry_terms(ledger, idle, spare)
-    fixed_links(ledger, problem)
-    loop_terms(ledger, problem, forward=command != "inverse")
-    force_terms(ledger)
-    element_terms(ledger)
-    subject.more_terms(ledger)
-    found = {
+    equations = Equations(ledger.here, problem, Plane(ledger.here.model), tuple(idle), tuple(spare))
+    for term in itertools.chain(*(terms(equations) for terms in MECHANISM), subject.terms(equations)):
+        ledger.enter(term)
+    found: dict[str, Any] = {
+        "status": "failed" if missing else "ok",
         "command": command,
-        "title": scene.title,
-        "mechanism": describe(problem, len(subject.redundant)),
-        "operations": total,
+        "title": problem.scene.title,
+        "mechanism": describe(problem, subject.redundant),
+        "operations": ledger.total,
         "operations_general": everything,
-        "ratio": round(everything / total, 3) if total else None,
+        "ratio": round(everything / ledger.total, 3) if ledger.total else None,
         "kept": ledger.kept,
         "left_out": ledger.left_out,
         "kernels": kernels,
         "choices": subject.choices(),
         "missing": missing,
         "not_given_and_not_needed": spare,
-        "given_without_effect": idle,
-        "terms_counted": counted,
+        "given_without_effect": list(idle),
+        "terms_counted": ledger.counted,
     }
-    if problem.model.loops:
-        found["equation_36"] = subject.equation_36(ledger)
+    if (block := subject.equation_36(ledger)) is not None:
+        found["equation_36"] = block
     return found
 
 
-def describe(problem: Problem, redundant: int) -> str:
+def _kernels(subject: Subject) -> tuple[list[dict[str, Any]], list[str]]:
+    """Return the compiled programs, or the data without which they cannot be made."""
+    try:
+        return subject.kernels(), []
+    except SceneError as error:
+        if "missing" not in error.details:
+            raise
+        return [], list(error.details["missing"])
+
+
+def _ledger(subject: Subject, total: int) -> tuple[Ledger, int]:
+    """Return the ledger of the subject's equations, and the operations of code for any scene."""
+    problem = subject.problem
+    rows = problem.constraints.names if subject.redundant and not problem.dependent else None
+    here = Variant(problem.scene, build_model(problem.scene), rows=rows, dependent=problem.dependent)
+
+    def count(variant: Variant) -> int:
+        return count_operations(subject.outputs(variant.problem()))
+
+    everything = count(general(here))
+    return Ledger(here, total, count, everything * VARIANTS <= LARGEST), everything
+
+
+def describe(problem: Problem, redundant: Sequence[str]) -> str:
     """Return the mechanism in a few words."""
     model = problem.model
-    parts = [
-        plural(len(model.bodies), "moving body").replace("bodys", "bodies"),
-        plural(len(model.joint_names), "joint"),
-    ]
-    if model.loops:
-        parts.append(plural(len(model.loops), "loop"))
-        rows = len(problem.working.rows)
-        every = len(problem.constraints.rows) + len(problem.constraints.dropped)
-        every += 0 if problem.dependent else redundant
+    parts = [plural(len(model.bodies), "moving body"), plural(len(model.joint_names), "joint")]
+    if model.closures:
+        rows, given = len(problem.independent_rows.rows), problem.constraints
+        every = len(given.rows) + len(given.dropped) + (0 if problem.dependent else len(redundant))
+        parts += [plural(len(model.loops), "loop")] if model.loops else []
+        parts += [plural(len(model.couplers), "coupler")] if model.couplers else []
         parts.append(f"{plural(rows, 'constraint row')} of {every}")
     else:
         branching = len({b.parent for b in model.bodies}) < len(model.bodies)
         parts.append("an open tree" if branching else "an open chain")
-    fixed = sum(j.type == "fixed" for j in problem.scene.robot.joints)
-    if fixed:
+    if fixed := sum(j.type == "fixed" for j in problem.scene.robot.joints):
         parts.append(f"{plural(fixed, 'fixed link')} merged into the parent")
     return ", ".join(parts)

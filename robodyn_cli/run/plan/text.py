@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from itertools import zip_longest
 from typing import Any
 
-from robodyn_cli.equations.plan_facts import listed_data
-from robodyn_cli.run.plan.kernels import how
+from robodyn_cli.run.plan.programs import how
+from robodyn_cli.run.plan.words import listed_data
 
 WIDTH = 100
 TERM = 36

@@ -7,12 +7,12 @@ from collections.abc import Iterable
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.formula import parse
+from robodyn_cli.integration_methods import FIXED_STEP
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.record import record
 from robodyn_cli.scene.checks.check import Check
 from robodyn_cli.scene.checks.elements import check_couplers, check_forces, check_loops, check_moving_points
 from robodyn_cli.scene.checks.robot import check_robot, columns, moving
-from robodyn_cli.scene.methods import FIXED_STEP
 from robodyn_cli.scene.points import BASE, point_problem
 from robodyn_cli.scene.text.nodes import Node, Path, Scalar, find
 from robodyn_cli.scene.types import Robot, Scene, Torque

@@ -11,7 +11,7 @@ from robodyn_cli.algorithms.crba import crba
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.expr.graph import count_operations
 from robodyn_cli.joints.registry import joint_types
-from robodyn_cli.model.regroup import regrouped
+from robodyn_cli.model.base_parameters import with_base_parameters
 from tests.numeric import assert_close, real
 from tests.random_models import random_tree
 
@@ -20,7 +20,7 @@ from tests.random_models import random_tree
 def test_mass_matrix_and_torques_stay(seed: int) -> None:
     kinds = ("revolute", "prismatic", "helical") if seed % 3 == 0 else ("revolute", "prismatic")
     model = random_tree(7, seed, kinds=kinds)
-    other = regrouped(model)
+    other = with_base_parameters(model)
     rng = np.random.default_rng(100 + seed)
     q, qd, qdd = (rng.normal(size=7).tolist() for _ in range(3))
     assert_close(crba(other, q), crba(model, q), 1e-13)
@@ -29,7 +29,7 @@ def test_mass_matrix_and_torques_stay(seed: int) -> None:
 
 @pytest.mark.parametrize(("kind", "left"), [("revolute", 7), ("prismatic", 4)])
 def test_as_many_numbers_are_left_as_a_body_on_such_a_joint_has_parameters(kind: str, left: int) -> None:
-    model = regrouped(random_tree(4, 3, branching=0.0, kinds=(kind,)))
+    model = with_base_parameters(random_tree(4, 3, branching=0.0, kinds=(kind,)))
     for body in model.bodies:
         I = real(body.inertia.I)
         numbers = [float(body.inertia.m), *real(body.inertia.h), *I[np.triu_indices(3)]]
@@ -41,7 +41,7 @@ def test_torques_take_fewer_operations() -> None:
     graph = model.graph
     q, qd, qdd = (graph.symbols([f"{g}{k}" for k in range(6)], g) for g in "qva")
     before, after = (
-        count_operations(list(rnea(m, q, qd, qdd, m.gravity))) for m in (model, regrouped(model))
+        count_operations(list(rnea(m, q, qd, qdd, m.gravity))) for m in (model, with_base_parameters(model))
     )
     assert after < 0.92 * before
 
@@ -54,9 +54,9 @@ def test_symbols_stay_where_they_are() -> None:
     model = dataclasses.replace(
         model, bodies=(*model.bodies[:-1], dataclasses.replace(last, inertia=inertia))
     )
-    assert regrouped(model) is model
+    assert with_base_parameters(model) is model
 
 
 def test_joints_without_such_a_part_say_so() -> None:
     model = random_tree(2, 0)
-    assert joint_types["spherical"].unfelt(model.bodies[0].inertia) is None
+    assert joint_types["spherical"].parent_inertia(model.bodies[0].inertia) is None

@@ -10,8 +10,7 @@ from typing import Any
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.equations.dependence import Dependence
 from robodyn_cli.equations.problem import Constraints, Problem
-from robodyn_cli.expr.graph import Expr, Graph
-from robodyn_cli.loops.base import Row
+from robodyn_cli.expr.graph import Graph
 from robodyn_cli.model.model import PARAMETER_GROUP, Body, Model
 from robodyn_cli.record import record
 from robodyn_cli.scene import types as sc
@@ -43,18 +42,14 @@ class Symbols:
 class Variant:
     """What decides the equations, ready to be changed.
 
-    velocity_terms, accelerations : whether rigid bodies feel qd and qdd. drives : a symbol as torque on each
-    joint without one. driven_joint : whether the first joint's motion is prescribed, as symbols. rows : names
-    of the constraint rows to keep (all by default). dependent : rows that are combined. still : joints that are
-    kept at zero.
+    velocity_terms, accelerations : whether rigid bodies feel qd and qdd. rows : names of the constraint rows to
+    keep (all by default). dependent : rows that are combined. still : joints that are kept at zero.
     """
 
     scene: sc.Scene
     model: Model
     velocity_terms: bool = True
     accelerations: bool = True
-    drives: bool = False
-    driven_joint: bool = False
     rows: tuple[str, ...] | None = None
     dependent: tuple[Dependence, ...] = ()
     still: tuple[str, ...] = ()
@@ -65,8 +60,17 @@ class Variant:
     def with_model(self, **changes: Any) -> Variant:
         return dataclasses.replace(self, model=dataclasses.replace(self.model, **changes))
 
-    def with_bodies(self, change: Callable[[Body], Body]) -> Variant:
-        return self.with_model(bodies=tuple(change(b) for b in self.model.bodies))
+    def with_bodies(self, **fields: Callable[[Body], Any]) -> Variant:
+        """Return the variant with fields of every body, each as a function of the body."""
+        bodies = (
+            dataclasses.replace(b, **{name: value(b) for name, value in fields.items()})
+            for b in self.model.bodies
+        )
+        return self.with_model(bodies=tuple(bodies))
+
+    @property
+    def symbols(self) -> Symbols:
+        return Symbols(self.model.graph)
 
     def problem(self) -> Problem:
         """Return the equations of this variant."""
@@ -84,39 +88,21 @@ class VariantProblem(Problem):
             nothing: Any = 0.0
             self.q[body.q] = self.v[body.v] = self.a[body.v] = nothing
 
-    def _rates(self) -> Any:
-        return self.v if self.variant.velocity_terms else zeros(self.model.nv)
+    def _rigid_bodies(self, accelerations: Any) -> Vector:
+        rates: Any = self.v if self.variant.velocity_terms else zeros(self.model.nv)
+        return rnea(self.model, self.q, rates, accelerations, self.gravity, self.X)
 
     @cached_property
     def bias(self) -> Vector:
-        return rnea(self.model, self.q, self._rates(), zeros(self.model.nv), self.gravity, self.X)
+        return self._rigid_bodies(zeros(self.model.nv))
 
     @cached_property
     def inverse_dynamics(self) -> Vector:
-        a: Any = self.a if self.variant.accelerations else zeros(self.model.nv)
-        return rnea(self.model, self.q, self._rates(), a, self.gravity, self.X)
-
-    @cached_property
-    def actuator_torques(self) -> Vector:
-        tau = super().actuator_torques
-        symbols = Symbols(self.graph)
-        if self.variant.drives:
-            for k in range(self.model.nv):
-                if not isinstance(tau[k], Expr) and tau[k] == 0.0:
-                    tau[k] = symbols.one()
-        return tau
+        return self._rigid_bodies(self.a if self.variant.accelerations else zeros(self.model.nv))
 
     @cached_property
     def constraints(self) -> Constraints:
-        found = super().constraints
-        if self.variant.rows is not None:
-            found = found.only([i for i, r in enumerate(found.rows) if r.name in self.variant.rows])
-        if self.variant.driven_joint:
-            body = self.model.bodies[0]
-            psi = zeros(self.model.nv)
-            psi[body.v] = 1.0
-            x, rate, second = Symbols(self.graph).vector()
-            row = Row("prescribed", self.q[body.q] - x, psi, -second, -rate)
-            last = len(found.rows)
-            found = Constraints((*found.rows, row), found.dropped, (*found.prescribed, last))
-        return found
+        found, rows = super().constraints, self.variant.rows
+        if rows is None:
+            return found
+        return found.only([i for i, name in enumerate(found.names) if name in rows])

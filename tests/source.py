@@ -1,0 +1,109 @@
+"""The source as data, for tests of its structure: functions, imports of one file by another, cycles of them."""
+
+from __future__ import annotations
+
+import ast
+import functools
+from collections.abc import Container, Iterator, Mapping
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "robodyn_cli"
+BENCHMARKS = ROOT / "benchmarks"
+
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def files(folder: Path = PACKAGE) -> list[Path]:
+    return sorted(folder.rglob("*.py"))
+
+
+@functools.cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def name_of(path: Path) -> str:
+    """Return a path as it is written in messages: from the root of the repository, with slashes."""
+    return path.relative_to(ROOT).as_posix()
+
+
+def functions(node: ast.AST, prefix: str = "") -> Iterator[tuple[str, Function]]:
+    """Yield the functions below a node by their qualified names, methods and inner functions too."""
+    for child in ast.iter_child_nodes(node):
+        inner = prefix
+        if isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
+            inner = f"{prefix}{child.name}."
+        if isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef)):
+            yield f"{prefix}{child.name}", child
+        yield from functions(child, inner)
+
+
+def parameters(function: Function) -> list[str]:
+    """Return the names that a caller fills: without ``self`` and ``cls``."""
+    a = function.args
+    packed = [x for x in (a.vararg, a.kwarg) if x is not None]
+    names = [x.arg for x in (*a.posonlyargs, *a.args, *a.kwonlyargs, *packed)]
+    return names[1:] if names[:1] in (["self"], ["cls"]) else names
+
+
+def modules_of(folder: Path, prefix: str) -> dict[str, Path]:
+    """Return the files below a folder by the names under which they are imported."""
+    found = {}
+    for path in files(folder):
+        parts = path.relative_to(folder).with_suffix("").parts
+        parts = parts[:-1] if parts[-1] == "__init__" else parts
+        found[".".join((*([prefix] if prefix else ()), *parts))] = path
+    return found
+
+
+def imported(path: Path, module: str, known: Container[str] = ()) -> set[str]:
+    """Return the modules that a file imports anywhere in it, in functions and under TYPE_CHECKING too.
+
+    ``from a import b`` imports a.b where that is a ``known`` module, and else a.
+    """
+    package = module if path.name == "__init__.py" else module.rpartition(".")[0]
+    found: set[str] = set()
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            above = package.rsplit(".", node.level - 1)[0] if node.level else ""
+            source = ".".join(x for x in (above, node.module or "") if x)
+            members = {f"{source}.{alias.name}" for alias in node.names}
+            found |= {x if x in known else source for x in members}
+    return found
+
+
+def imports(folder: Path, prefix: str) -> dict[str, set[str]]:
+    """Return which files below a folder each of them imports, by the names of modules."""
+    modules = modules_of(folder, prefix)
+    return {name: imported(path, name, modules) & (modules.keys() - {name}) for name, path in modules.items()}
+
+
+def cycles(graph: Mapping[str, set[str]]) -> list[set[str]]:
+    """Return the sets of nodes that reach each other (Tarjan's strongly connected components of two or more)."""
+    index: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    found: list[set[str]] = []
+
+    def visit(node: str) -> None:
+        index[node] = low[node] = len(index)
+        stack.append(node)
+        for other in sorted(graph[node]):
+            if other not in index:
+                visit(other)
+                low[node] = min(low[node], low[other])
+            elif other in stack:
+                low[node] = min(low[node], index[other])
+        if low[node] == index[node]:
+            group = set(stack[stack.index(node) :])
+            del stack[stack.index(node) :]
+            if len(group) > 1:
+                found.append(group)
+
+    for node in sorted(graph):
+        if node not in index:
+            visit(node)
+    return found

@@ -1,0 +1,58 @@
+"""A run checks itself: energy out of balance, and accuracy that was asked for and missed."""
+
+from __future__ import annotations
+
+import pytest
+
+from robodyn_cli import load_scene, simulate
+from robodyn_cli.errors import NumericalError
+from robodyn_cli.run.driver import self_check
+from tests.cli.tool import run
+from tests.mechanisms import CONFIGS
+
+PENDULUM = CONFIGS / "double_pendulum.yaml"
+QUIET = ["simulate.error_estimate=false"]
+
+
+def test_energy_that_no_tolerance_explains_ends_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The tolerances of a run are taken away from the judge, not from the run: what remains is a true drift."""
+    scene = load_scene(PENDULUM, [*QUIET, "simulate.rtol=1e-4", "simulate.atol=1e-4"])
+    assert simulate(scene).status == "ok"
+    monkeypatch.setattr(self_check, "BEYOND", 1e-9)
+    with pytest.raises(NumericalError, match="balance of energy is lost from t = ") as caught:
+        simulate(scene)
+    assert caught.value.exit_code == 3
+    assert 0.0 < caught.value.details["time"] < 10.0
+    assert caught.value.result is not None and caught.value.result.status == "failed"
+
+
+@pytest.mark.parametrize("method", ["gauss", "dop853", "dopri5", "rodas5p", "radau", "bdf"])
+@pytest.mark.parametrize("rtol", [1e-3, 1e-6, 1e-9])
+def test_a_motion_within_its_tolerance_is_no_failure(method: str, rtol: float) -> None:
+    options = [f"simulate.integrator={method}", f"simulate.rtol={rtol}", f"simulate.atol={rtol}"]
+    found = simulate(load_scene(CONFIGS / "four_bar_deploy.yaml", [*QUIET, *options, "simulate.duration=5"]))
+    assert found.status == "ok"
+
+
+def test_a_fixed_step_that_loses_energy_is_a_warning() -> None:
+    options = ["simulate.integrator=rk4", "simulate.step=0.2"]
+    found = simulate(load_scene(PENDULUM, [*QUIET, *options]))
+    assert found.status == "ok"
+    (warning,) = [text for text in found.summary["warnings"] if "energy" in text]
+    assert "lost from t = " in warning
+
+
+def test_an_error_beyond_all_use_is_a_warning_and_an_error_where_asked(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    options = [
+        "--set",
+        "simulate.integrator=rk4",
+        "--set",
+        "simulate.step=0.2",
+        "--no-plots",
+        "--out",
+        str(tmp_path),
+    ]
+    plain = run("simulate", str(PENDULUM), *options)
+    assert plain.code == 0 and "not meaningful after t = " in plain.err
+    strict = run("simulate", str(PENDULUM), *options, "--strict")
+    assert strict.code == 3 and "an error because of --strict" in strict.err
