@@ -171,14 +171,14 @@ def _compute(
     from robodyn_cli.run.commands import execute
 
     failure: RobodynError | None = None
+    watch.listen(console.note)
     try:
-        result = execute(job.command, scene, console.progress, watch, writer, **job.options)
+        with console.waiting(watch.doing):
+            result = execute(job.command, scene, console.progress, watch, writer, **job.options)
     except RobodynError as error:
         if not isinstance(error.result, Result) or error.exit_code not in REPLACING:
             raise
         failure, result = error, error.result
-    finally:
-        console.clear()
     warnings = result.summary.get("warnings", ())
     for text in warnings:
         console.note(f"robodyn: warning: {text}")
