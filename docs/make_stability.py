@@ -88,6 +88,7 @@ def main(suite: Path, peers: Path, *four_bar: Path) -> None:
     )
     parts.append(MODELS)
     parts.append(NOTES)
+    parts.append(FUZZING)
     (DOCS / "stability.md").write_text("\n".join(parts), encoding="utf-8")
     for source, name in ((suite, "stability_suite.png"), *((d, "baumgarte.png") for d in four_bar)):
         picture(source / name, DOCS / "images" / (name if source == suite else f"four_bar_{name}"))
