@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -30,20 +30,18 @@ from robodyn_cli.equations.dependence import (
     independent_rows,
     multipliers_of_rows,
 )
-from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
 from robodyn_cli.equations.elements import Elements
 from robodyn_cli.equations.gears import geared, losses_of_drive, losses_of_load
 from robodyn_cli.equations.joint_forces import JointForces
+from robodyn_cli.equations.switching import Switching
 from robodyn_cli.expr.functions import interpolate
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations, is_nonzero
 from robodyn_cli.loops.base import Row
+from robodyn_cli.model.base_parameters import dynamics_model
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, vector, zeros
-
-if TYPE_CHECKING:
-    from robodyn_cli.equations.time_structure import Structure
 
 GROUPS = ("t", "q", "v", "a", "p")
 DENSE_LIMIT = 12  # velocities up to which the factored mass matrix is tried: it grows with their cube
@@ -86,6 +84,11 @@ class Problem:
         return g if any(is_nonzero(x) for x in g) else None
 
     @cached_property
+    def rigid(self) -> Model:
+        """The bodies as M, C and G need them (see ``dynamics_model``)."""
+        return dynamics_model(self.model)
+
+    @cached_property
     def X(self) -> list[Transform]:
         return transforms(self.model, self.q)
 
@@ -96,28 +99,28 @@ class Problem:
 
     @cached_property
     def mass_matrix(self) -> Matrix:
-        return crba(self.model, self.q, self.X)
+        return crba(self.rigid, self.q, self.X)
 
     @cached_property
     def bias(self) -> Vector:
         """h = C v + G."""
-        return rnea(self.model, self.q, self.v, zeros(self.model.nv), self.gravity, self.X)
+        return rnea(self.rigid, self.q, self.v, zeros(self.model.nv), self.gravity, self.X)
 
     @cached_property
     def inverse_dynamics(self) -> Vector:
         """M a + C v + G."""
-        return rnea(self.model, self.q, self.v, self.a, self.gravity, self.X)
+        return rnea(self.rigid, self.q, self.v, self.a, self.gravity, self.X)
 
     def rigid_terms(self) -> dict[str, Vector]:
         """Return M a, C v and G apart: ``inertia``, ``coriolis`` and, where there is gravity, ``gravity``."""
         nv = self.model.nv
         rest = zeros(nv)
         terms = {
-            "inertia": rnea(self.model, self.q, rest, self.a, None, self.X),
-            "coriolis": rnea(self.model, self.q, self.v, rest, None, self.X),
+            "inertia": rnea(self.rigid, self.q, rest, self.a, None, self.X),
+            "coriolis": rnea(self.rigid, self.q, self.v, rest, None, self.X),
         }
         if self.gravity is not None:
-            terms["gravity"] = rnea(self.model, self.q, rest, rest, self.gravity, self.X)
+            terms["gravity"] = rnea(self.rigid, self.q, rest, rest, self.gravity, self.X)
         return terms
 
     # -- torques --------------------------------------------------------------------------------------
@@ -144,63 +147,9 @@ class Problem:
         return tau
 
     @cached_property
-    def formulas(self) -> list[tuple[str, list[Scalar]]]:
-        """What the scene's formulas come to in the equations, with the key of each."""
-        found: list[tuple[str, list[Scalar]]] = []
-        for name, torque in (self.scene.torques or {}).items():
-            if not isinstance(torque, sc.Torque):
-                found.append((f"torques.{name}", [self.actuator_torques[self.model.v_names.index(name)]]))
-        for row in (self.constraints.rows[i] for i in self.constraints.rheonomic):
-            found.append((row.name, [row.eta, row.eta_t, row.gamma]))
-        return [*found, *self.elements.formulas]
-
-    @cached_property
-    def switches(self) -> list[tuple[str, Expr]]:
-        """What the equations switch on, with the key of what switches (see ``discontinuities``)."""
-        gears = [("gear", [torque]) for torque in self.gear_losses(smooth=True).values()]
-        found = [(key, switch) for key, entries in [*self.formulas, *gears] for switch in switches(entries)]
-        return [*found, *self._joint_forces.switches()]
-
-    @cached_property
-    def time_structures(self) -> list[tuple[str, Structure]]:
-        """Where the scene's formulas of time are not smooth or have short features, with the key of each."""
-        if not self.formulas:
-            return []
-        from robodyn_cli.equations.time_structure import functions_of_time, structure
-
-        duration = self.scene.simulate.duration
-        return [
-            (key, structure(function, self.t, duration))
-            for key, entries in self.formulas
-            for function in functions_of_time(entries, self.t)
-        ]
-
-    @cached_property
-    def breakpoints(self) -> tuple[float, ...]:
-        """Times at which a step has to end: tables and formulas of time switch there, or change their time scale."""
-        duration = self.scene.simulate.duration
-        times = {
-            float(row[0])
-            for torque in (self.scene.torques or {}).values()
-            if isinstance(torque, sc.Torque)
-            for row in torque.table
-        }
-        times |= self.elements.breakpoints
-        for _, switch in self.switches:
-            if is_of_time(switch, self.t):
-                times.update(switching_times(switch, self.t, duration))
-        if not self.time_structures:
-            return tuple(sorted(times))
-        from robodyn_cli.equations.time_structure import beside
-
-        return tuple(
-            sorted(times.union(*(beside(found, times, duration) for _, found in self.time_structures)))
-        )
-
-    @property
-    def state_switches(self) -> list[tuple[str, Expr]]:
-        """Those of ``switches`` that depend on more than time."""
-        return [(key, switch) for key, switch in self.switches if not is_of_time(switch, self.t)]
+    def switching(self) -> Switching:
+        """Where the equations switch, along the motion and in time."""
+        return Switching(self)
 
     @cached_property
     def contact_joints(self) -> tuple[ContactJoint, ...]:
@@ -239,7 +188,7 @@ class Problem:
         return losses_of_load(self.model, self.inverse_dynamics, self.a, self.v, load)
 
     @cached_property
-    def _joint_forces(self) -> JointForces:
+    def forces_in_joints(self) -> JointForces:
         return JointForces(self.model, self.q, self.v, self.contact_joints)
 
     def joint_forces(self, smooth: bool) -> dict[str, Vector]:
@@ -247,11 +196,11 @@ class Problem:
 
         ``smooth`` replaces the sign in Coulomb friction, for simulations.
         """
-        return self._joint_forces.terms(smooth)
+        return self.forces_in_joints.terms(smooth)
 
     def losses(self, smooth: bool) -> list[tuple[int, Scalar]]:
         """Torques of joint elements that are not the gradient of a potential: (velocity index, torque)."""
-        return [*self._joint_forces.losses(smooth), *self.gear_losses(smooth).items()]
+        return [*self.forces_in_joints.losses(smooth), *self.gear_losses(smooth).items()]
 
     @cached_property
     def applied(self) -> Vector:
@@ -378,7 +327,7 @@ class Problem:
 
     def ways_to_accelerations(self, f: Values) -> dict[str, Vector]:
         """Return M^-1 f (nv,) of the open tree by the ways that may suit its size."""
-        articulated = ArticulatedFactor(self.model, self.q, self.X).solve(f)
+        articulated = ArticulatedFactor(self.rigid, self.q, self.X).solve(f)
         if self.model.nv > DENSE_LIMIT:
             return {"articulated bodies": articulated}
         dense = LdlFactor.of(self.mass_matrix, self.elimination_order).solve(f)

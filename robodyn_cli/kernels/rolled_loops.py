@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from robodyn_cli.kernels.ir import RELAXED, Function, Int, Value, module
 from robodyn_cli.kernels.lower import lower
@@ -260,18 +261,17 @@ def write_sample_kernel(recursion: Recursion, serial: bool, lanes: int, fused: b
     return module([f])
 
 
-def rolled_function(
-    name: str, recursion: Recursion, serial: bool, width: int, fused: bool, internal: bool = True,
-    attributes: str = "",
-) -> Function:  # fmt: skip
-    """Return ``name(tables, q, v, x, out, scratch)`` for one state of ``width`` lanes (1: a plain state).
+def rolled_function(f: Function, recursion: Recursion, serial: bool, width: int, fused: bool) -> Function:
+    """Write ``f(tables, q, v, x, out, scratch)`` for one state of ``width`` lanes (1: a plain state), and return it.
 
     Entry k of an array is the vector at k * width; vectors are aligned only as doubles. For a stepping loop:
     with ``width`` 1 it is a right-hand side, with more one for as many stages or members at once.
     """
-    arguments = [f"ptr noalias %{a}" for a in ARGUMENTS]
-    f = Function(name, arguments, internal=internal, attributes=attributes, flags=RELAXED)
-    loops = Loops(f, recursion, serial, width, fused, lambda group, k: f.offset(f"%{group}", k * width))
-    loops.emit()
+    Loops(f, recursion, serial, width, fused, lambda group, k: f.offset(f"%{group}", k * width)).emit()
     f.ret()
     return f
+
+
+def tree_function(name: str, **kind: Any) -> Function:
+    """Return an empty function of the arguments that ``rolled_function`` takes; ``kind`` as for ``Function``."""
+    return Function(name, [f"ptr noalias %{a}" for a in ARGUMENTS], flags=RELAXED, **kind)

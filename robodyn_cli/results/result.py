@@ -43,18 +43,11 @@ class Meta(TypedDict, total=False):
     column_units: tuple[str, ...]
 
 
-def make_variable(
-    path: str,
-    data: Any,
-    *,
-    units: str | None = None,
-    long_name: str | None = None,
-    dims: tuple[str, ...] | None = None,
-    names: tuple[str, ...] | list[str] = (),
-    column_units: tuple[str, ...] = (),
-) -> Variable:
+def make_variable(path: str, data: Any, **meta: Unpack[Meta]) -> Variable:
     """Return ``data`` as a Variable; what is not given comes from the catalogue, shapes are checked."""
     known = catalogue.lookup(path)
+    units, long_name, dims = meta.get("units"), meta.get("long_name"), meta.get("dims")
+    names, column_units = meta.get("names", ()), meta.get("column_units", ())
     if dims is None:
         dims = known.dims if known else ("time",)
     if known and not names and known.dims == tuple(dims):

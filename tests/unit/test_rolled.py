@@ -24,7 +24,7 @@ from robodyn_cli.kernels.rolled import (
     RolledForwardDynamics,
     RolledInverseDynamics,
 )
-from robodyn_cli.kernels.rolled_loops import rolled_function, write_sample_kernel
+from robodyn_cli.kernels.rolled_loops import rolled_function, tree_function, write_sample_kernel
 from robodyn_cli.kernels.rolled_tables import RolledPlan
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import BASE, UNKNOWN_GROUP, FixedFrame, Loop, Model
@@ -264,7 +264,7 @@ def right_hand_side(plan: RolledPlan, width: int, *samples: np.ndarray) -> np.nd
     code = compile_module(
         f"test state {width} {plan.digest}",
         lambda: module(
-            [rolled_function("rhs", plan.recursion, plan.serial, width, machine().fused, internal=False)]
+            [rolled_function(tree_function("rhs"), plan.recursion, plan.serial, width, machine().fused)]
         ),
     )
     arrays = [np.ascontiguousarray(a.T) for a in samples]
