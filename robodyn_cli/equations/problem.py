@@ -1,4 +1,4 @@
-"""The equations of motion of a scene, each part on its own and built only when asked for.
+"""The equations of motion of a scene, each part built when it is first used.
 
     M(q) v-dot + h(q, v) = tau_a + tau_f + Psi^T lambda,   eta(q, t) = 0
 
@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robodyn_cli.algorithms.aba import ArticulatedFactor
-from robodyn_cli.algorithms.constraints import LoopRows, Multipliers, solve_with_multipliers, vanishes
+from robodyn_cli.algorithms.constraints import LoopRows, Multipliers, solve_with_multipliers
 from robodyn_cli.algorithms.crba import crba
 from robodyn_cli.algorithms.energy import gravity_energy, kinetic_energy, spring_energy
 from robodyn_cli.algorithms.kinematics import Pose, poses, slice_q, slice_v, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.equations.constraints import Constraints as Constraints
-from robodyn_cli.equations.constraints import coordinate_row
+from robodyn_cli.equations.constraints import all_rows
 from robodyn_cli.equations.contact_joints import ContactJoint, contact_joints
 from robodyn_cli.equations.dependence import (
     Combination,
@@ -109,7 +109,7 @@ class Problem:
         return rnea(self.model, self.q, self.v, self.a, self.gravity, self.X)
 
     def rigid_terms(self) -> dict[str, Vector]:
-        """Return M a, C v and G apart: ``inertia``, ``coriolis`` and, where there is gravity, ``gravity``."""
+        """Return M a, C v and G separately: ``inertia``, ``coriolis`` and, where there is gravity, ``gravity``."""
         nv = self.model.nv
         rest = zeros(nv)
         terms = {
@@ -125,16 +125,14 @@ class Problem:
         env: dict[str, Any] = {"t": self.t}
         env |= {f"q.{name}": q for name, q in zip(self.model.q_names, self.q)}
         env |= {f"qd.{name}": v for name, v in zip(self.model.v_names, self.v)}
-        for name, value in (self.scene.parameters or {}).items():
-            env[f"p.{name}"] = value
-        return env
+        return env | {f"p.{name}": value for name, value in self.scene.parameters.items()}
 
     @cached_property
     def actuator_torques(self) -> Vector:
         """tau_a (nv,) from the scene's ``torques``: constants, formulas, tables."""
         tau = zeros(self.model.nv)
         env = self._environment()
-        for name, torque in (self.scene.torques or {}).items():
+        for name, torque in self.scene.torques.items():
             place = self.model.v_names.index(name)
             if isinstance(torque, sc.Torque):
                 times, values = zip(*torque.table)
@@ -145,9 +143,9 @@ class Problem:
 
     @cached_property
     def formulas(self) -> list[tuple[str, list[Scalar]]]:
-        """What the scene's formulas come to in the equations, with the key of each."""
+        """Values of the scene's formulas in the equations, with the key of each."""
         found: list[tuple[str, list[Scalar]]] = []
-        for name, torque in (self.scene.torques or {}).items():
+        for name, torque in self.scene.torques.items():
             if not isinstance(torque, sc.Torque):
                 found.append((f"torques.{name}", [self.actuator_torques[self.model.v_names.index(name)]]))
         for row in (self.constraints.rows[i] for i in self.constraints.rheonomic):
@@ -156,7 +154,7 @@ class Problem:
 
     @cached_property
     def switches(self) -> list[tuple[str, Expr]]:
-        """What the equations switch on, with the key of what switches (see ``discontinuities``)."""
+        """Expressions at whose sign changes the equations switch, with their keys (see ``discontinuities``)."""
         gears = [("gear", [torque]) for torque in self.gear_losses(smooth=True).values()]
         found = [(key, switch) for key, entries in [*self.formulas, *gears] for switch in switches(entries)]
         return [*found, *self._joint_forces.switches()]
@@ -179,12 +177,8 @@ class Problem:
     def breakpoints(self) -> tuple[float, ...]:
         """Times at which a step has to end: tables and formulas of time switch there, or change their time scale."""
         duration = self.scene.simulate.duration
-        times = {
-            float(row[0])
-            for torque in (self.scene.torques or {}).values()
-            if isinstance(torque, sc.Torque)
-            for row in torque.table
-        }
+        tables = [torque.table for torque in self.scene.torques.values() if isinstance(torque, sc.Torque)]
+        times = {float(row[0]) for table in tables for row in table}
         times |= self.elements.breakpoints
         for _, switch in self.switches:
             if is_of_time(switch, self.t):
@@ -204,7 +198,7 @@ class Problem:
 
     @cached_property
     def contact_joints(self) -> tuple[ContactJoint, ...]:
-        """Joints that a simulation holds and lets go by events."""
+        """Joints with a contact state, which a simulation holds and releases by events."""
         return contact_joints(self.model)
 
     @cached_property
@@ -232,7 +226,7 @@ class Problem:
             return {}
         terms = self.joint_forces(smooth)
         if smooth:
-            given = self.scene.prescribed or {}
+            given = self.scene.prescribed
             return losses_of_drive(self.model, self.actuator_torques, self.v, terms, given)
         others = [*terms.items(), *self.elements.torques.items()]
         load = {f"{k} {name}" if name != "friction" else name: term for k, (name, term) in enumerate(others)}
@@ -270,28 +264,8 @@ class Problem:
     @cached_property
     def constraints(self) -> Constraints:
         """Rows of the loop closures, then of couplers, then of prescribed joints."""
-        rows: list[Row] = []
-        dropped: list[str] = []
         closures = LoopRows(self.model, self.X, self.q, self.v, self.gravity)
-        for loop in self.model.loops:
-            for row in closures.of(loop):
-                if vanishes(row):
-                    dropped.append(row.name)
-                else:
-                    rows.append(row)
-        env = {"t": self.t, **{f"p.{n}": x for n, x in (self.scene.parameters or {}).items()}}
-        for coupler in self.scene.couplers:
-            value = 0.0 if coupler.value is None else coupler.value.evaluate(env)
-            units = {self.model.q_units[self.model.q_names.index(name)] for name in coupler.terms}
-            kind = "moment" if units == {"rad"} else "force"
-            name = f"{coupler.name}.coupling"
-            rows.append(coordinate_row(name, self.model, self.q, coupler.terms, value, kind))
-        first = len(rows)
-        for name, formula in (self.scene.prescribed or {}).items():
-            kind = self.model.q_units[self.model.q_names.index(name)]
-            target = formula.evaluate(env)
-            rows.append(coordinate_row(f"prescribed.{name}", self.model, self.q, {name: 1.0}, target, kind))
-        found = Constraints(tuple(rows), tuple(dropped), tuple(range(first, len(rows))))
+        found = all_rows(self.scene, closures, self._environment())
         return found if self.keep_rows is None else found.only(self.keep_rows)
 
     @property
@@ -343,12 +317,12 @@ class Problem:
 
     @cached_property
     def forward(self) -> Multipliers:
-        """Accelerations (and multipliers) for the applied torques, by whichever way takes fewer operations."""
+        """Accelerations (and multipliers) for the applied torques, by the way that takes fewer operations."""
         return self._solved[0]
 
     @cached_property
     def holding(self) -> list[Scalar]:
-        """Multipliers of the joints with a contact state: what holds them, zero where nothing does."""
+        """Multipliers of the joints with a contact state: the torques that hold them, zero for free joints."""
         return self._solved[1]
 
     @cached_property
@@ -395,13 +369,13 @@ class Problem:
 
     @cached_property
     def potential(self) -> Scalar:
-        """Gravity (zero at the base's origin), joint springs and what acts between bodies."""
+        """Gravity (zero at the base's origin), joint springs and forces between bodies."""
         own = gravity_energy(self.model, self.q, self.gravity, self.X) + spring_energy(self.model, self.q)
         return own + self.elements.potential
 
     @cached_property
     def applied_power(self) -> Scalar:
-        """Power of actuators, damping and forces between bodies that the potential energy does not cover."""
+        """Power of actuators, damping and forces between bodies that have no potential."""
         total: Scalar = 0.0
         for tau, v in zip(self.actuator_torques, self.v):
             total = total + tau * v
@@ -411,7 +385,7 @@ class Problem:
 
     @cached_property
     def power(self) -> Scalar:
-        """Power of everything that the potential energy does not cover: ``applied_power`` and prescribed motion."""
+        """Power of all forces without a potential: ``applied_power`` and prescribed motion."""
         total = self.applied_power
         for i in self.constraints.rheonomic:
             # Psi^T lambda does work at the rate -lambda eta_t on a row that depends on time

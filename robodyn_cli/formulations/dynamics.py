@@ -32,7 +32,7 @@ Numbers = NDArray[np.float64]
 
 
 class Emission(Protocol):
-    """What code that evaluates rates is written into: the function, and memory of the run.
+    """The function that the code of the rates is written into, and memory of the run.
 
     ``nv`` is a Python int, or an ``Int`` where the code is to serve systems of any size. ``functions`` go into
     the module too. The function has arguments ``%p`` (parameters), ``%tables`` and ``%scratch``.

@@ -18,7 +18,7 @@ from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import RELAXED, Function, Value
 from robodyn_cli.kernels.lower import lower
 from robodyn_cli.kernels.program import Program, make_program
-from robodyn_cli.kernels.rolled_loops import rolled_function
+from robodyn_cli.kernels.rolled_loops import Target, rolled_function
 from robodyn_cli.kernels.rolled_tables import RolledPlan
 from robodyn_cli.model.model import Model
 
@@ -28,7 +28,7 @@ class Rolled:
 
     Parameters
     ----------
-    forces : what acts on the joints (nv,), as expressions of t, q, v, z, p.
+    forces : on the joints (nv,), as expressions of t, q, v, z, p.
 
     Raises
     ------
@@ -42,7 +42,7 @@ class Rolled:
         self.plan = RolledPlan(model, "forward")
         self.forces = tuple(forces)
         self.z_rate = tuple(z_rate)
-        # joints that nothing acts on are left out, so that free chains of any length share their code
+        # joints without a force are left out, so that free chains of any length share their code
         self.places = tuple(k for k, x in enumerate(self.forces) if is_nonzero(x))
 
     @cached_property
@@ -87,9 +87,8 @@ class Rolled:
             f.raw(f"call void @{name}({', '.join(f'ptr {a}' for a in arguments)})")
         name = f"forward.{width}"
         if name not in w.functions:
-            w.functions[name] = rolled_function(
-                name, self.plan.recursion, self.plan.serial, width, w.fused, attributes="noinline"
-            )
+            target = Target(width, w.fused, self.plan.serial)
+            w.functions[name] = rolled_function(name, self.plan.recursion, target, attributes="noinline")
         tree = ("%tables", x.base, v.base, forces.base, rates.base, "%scratch")
         f.raw(f"call void @{name}({', '.join(f'ptr {a}' for a in tree)})")
 

@@ -1,4 +1,4 @@
-"""What compilation did so far; apart from the compiler, so that asking loads nothing."""
+"""Counts of compilations so far; apart from the compiler, so that reading them does not load LLVM."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class CompileReport:
         self.warnings: list[str] = []
 
     def warn(self, message: str) -> None:
-        """Note a warning for whoever reports on the run."""
+        """Keep a warning for the report of the run."""
         if message not in self.warnings:
             self.warnings.append(message)
 

@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.kernels.compiler import compile_module, machine
-from robodyn_cli.kernels.rolled_loops import write_sample_kernel
+from robodyn_cli.kernels.rolled_loops import Target, write_sample_kernel
 from robodyn_cli.kernels.rolled_tables import RolledPlan
 from robodyn_cli.model.model import Model
 
 Array = NDArray[np.float64]
 
 # A block of samples visits every column of its arrays, each on a page of its own. With more columns than the
-# processor translates pages for, samples are first copied to arrays of CHUNK rows, several columns a page.
+# processor translates pages for, samples are first copied to arrays of CHUNK rows, several columns to a page.
 MANY_COLUMNS = 2500
 CHUNK = 64
 
@@ -41,7 +41,7 @@ class RolledKernel:
         self.lanes = host.lanes
         compiled = compile_module(
             f"rolled samples {self.lanes} {plan.digest}",
-            lambda: write_sample_kernel(plan.recursion, plan.serial, host.lanes, host.fused),
+            lambda: write_sample_kernel(plan.recursion, Target(host.lanes, host.fused, plan.serial)),
         )
         self._call = compiled.function("kernel", *[ctypes.c_void_p] * 6, ctypes.c_int64)
         self._scratch: list[Array] = []

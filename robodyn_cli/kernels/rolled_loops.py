@@ -5,8 +5,8 @@ quantities pass from one to the next in registers (``carry``). Only where a tree
 memory: a branching body (and the base) owns a *branch slot* that its later children read, or add to.
 A serial chain has no branches and none of that code.
 
-Tables (``Tables``) are 64-bit words, doubles and integers mixed: a header, then a row a body. Scratch memory
-holds a row a body (what sweeps keep for each other), then the branch slots.
+Tables (``Tables``) are 64-bit words, doubles and integers mixed: a header, then a row for each body. Scratch memory
+holds a row for each body (values that one sweep keeps for another), then the branch slots.
 """
 
 from __future__ import annotations
@@ -19,10 +19,11 @@ from robodyn_cli.kernels.lower import lower
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.kernels.rolled_recursion import Recursion, Step, Sweep
 from robodyn_cli.kernels.rolled_steps import BODY_CONSTANTS, DOWN, UP, Place
+from robodyn_cli.record import record
 
-# Columns of samples lie far apart, and no processor foresees a visit to each in turn. Asking for the samples of a
-# later block keeps the kernel's pace where they do not fit into the cache next to everybody else's data (measured
-# on a busy machine, 30 joints, 10 000 samples: 0.18 us a sample instead of 0.6; one block ahead is too late).
+# Columns of samples lie far apart, so the processor does not prefetch them by itself. Prefetching the samples of a
+# later block pays where they do not fit into the cache (measured on a busy machine, 30 joints, 10 000 samples: 0.18 us
+# per sample instead of 0.6; one block ahead is too late).
 BLOCKS_AHEAD = 4
 
 ARGUMENTS = ("tables", "q", "v", "x", "out", "scratch")
@@ -88,6 +89,15 @@ def _used(program: Program) -> dict[str, set[int]]:
     return found
 
 
+@record
+class Target:
+    """Lanes of the code's vectors, whether it fuses multiply-add, and whether each body hangs on the one before."""
+
+    width: int
+    fused: bool
+    serial: bool
+
+
 class Loops:
     """Emits the sweeps of a recursion into a function with the arguments ``ARGUMENTS``.
 
@@ -95,9 +105,9 @@ class Loops:
     """
 
     def __init__(
-        self, f: Function, recursion: Recursion, serial: bool, width: int, fused: bool,
-        at: Callable[[str, Int], str],
-    ) -> None:  # fmt: skip
+        self, f: Function, recursion: Recursion, target: Target, at: Callable[[str, Int], str]
+    ) -> None:
+        width, fused, serial = target.width, target.fused, target.serial
         self.f = f
         self.recursion = recursion
         self.serial = serial
@@ -240,10 +250,10 @@ class Loops:
         return value
 
 
-def write_sample_kernel(recursion: Recursion, serial: bool, lanes: int, fused: bool) -> str:
+def write_sample_kernel(recursion: Recursion, target: Target) -> str:
     """Return the IR of ``kernel(tables, q, v, x, out, scratch, T)``: column k of an array starts at k T."""
     f = Function("kernel", [*(f"ptr noalias %{a}" for a in ARGUMENTS), "i64 %T"], flags=RELAXED)
-    samples = f.int_argument("T")
+    samples, lanes = f.int_argument("T"), target.width
     start = f.int_slot()
 
     def at(group: str, column: Int) -> str:
@@ -251,7 +261,7 @@ def write_sample_kernel(recursion: Recursion, serial: bool, lanes: int, fused: b
         f.prefetch(f.offset(address, BLOCKS_AHEAD * lanes), write=group == "out")
         return address
 
-    loops = Loops(f, recursion, serial, lanes, fused, at)
+    loops = Loops(f, recursion, target, at)
     with f.count(samples, step=lanes) as t:
         # the last block is moved back so that it ends at T; it repeats a few samples instead of needing masks
         f.store_int(f.select_int(f.compare_int("sgt", t + lanes, samples), samples - lanes, t), start)
@@ -261,9 +271,8 @@ def write_sample_kernel(recursion: Recursion, serial: bool, lanes: int, fused: b
 
 
 def rolled_function(
-    name: str, recursion: Recursion, serial: bool, width: int, fused: bool, internal: bool = True,
-    attributes: str = "",
-) -> Function:  # fmt: skip
+    name: str, recursion: Recursion, target: Target, internal: bool = True, attributes: str = ""
+) -> Function:
     """Return ``name(tables, q, v, x, out, scratch)`` for one state of ``width`` lanes (1: a plain state).
 
     Entry k of an array is the vector at k * width; vectors are aligned only as doubles. For a stepping loop:
@@ -271,7 +280,6 @@ def rolled_function(
     """
     arguments = [f"ptr noalias %{a}" for a in ARGUMENTS]
     f = Function(name, arguments, internal=internal, attributes=attributes, flags=RELAXED)
-    loops = Loops(f, recursion, serial, width, fused, lambda group, k: f.offset(f"%{group}", k * width))
-    loops.emit()
+    Loops(f, recursion, target, lambda group, k: f.offset(f"%{group}", k * target.width)).emit()
     f.ret()
     return f

@@ -34,7 +34,7 @@ class Variable:
 
 
 class Meta(TypedDict, total=False):
-    """What may be said about an array beside its path; what is left out comes from the catalogue."""
+    """Units, names and meaning of an array; the catalogue gives those left out."""
 
     units: str | None
     long_name: str | None
@@ -43,27 +43,21 @@ class Meta(TypedDict, total=False):
     column_units: tuple[str, ...]
 
 
-def make_variable(
-    path: str,
-    data: Any,
-    *,
-    units: str | None = None,
-    long_name: str | None = None,
-    dims: tuple[str, ...] | None = None,
-    names: tuple[str, ...] | list[str] = (),
-    column_units: tuple[str, ...] = (),
-) -> Variable:
-    """Return ``data`` as a Variable; what is not given comes from the catalogue, shapes are checked."""
+def make_variable(path: str, data: Any, **meta: Unpack[Meta]) -> Variable:
+    """Return ``data`` as a Variable; the catalogue gives what is left out, and shapes are checked."""
     known = catalogue.lookup(path)
+    dims, names = meta.get("dims"), meta.get("names", ())
     if dims is None:
         dims = known.dims if known else ("time",)
     if known and not names and known.dims == tuple(dims):
         names = known.names
+    units, long_name = meta.get("units"), meta.get("long_name")
     units = known.units if units is None and known else units
     long_name = known.long_name if long_name is None and known else long_name
     if units is None or long_name is None:
         raise ValueError(f"{path}: not in the catalogue of results, so units and long_name must be given")
     array = np.asarray(data, dtype=float)
+    column_units = meta.get("column_units", ())
     if array.ndim != len(dims):
         raise ValueError(f"{path}: {array.ndim} dimensions, but dims is {tuple(dims)}")
     if names and array.shape[-1] != len(names):
@@ -75,7 +69,7 @@ def make_variable(
 
 @mutable_record
 class Result:
-    """What a run computed.
+    """The result of a run.
 
     ``variables`` maps the HDF5 path without its leading slash (``"q"``, ``"torque_terms/gravity"``,
     ``"points/tip"``) to a Variable; ``summary`` is what goes into ``summary.json``; ``attributes`` are the

@@ -75,7 +75,7 @@ def command(
         for entry in Batch(entries, jobs or _cores(), worker, not no_plots, force, timeout).run():
             _tell(entry, max(len(e.name) for e in entries), console)
     finally:
-        # interrupted too, there is a report of what was done
+        # an interrupted batch reports the scenes that have run
         write_reports(entries, junit, markdown)
     code = worst(e.exit_code for e in entries)
     console.say(f"{tally(entries)}; {time.perf_counter() - start:.2f} s")

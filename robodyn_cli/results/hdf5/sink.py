@@ -1,4 +1,4 @@
-"""The file below HDF5: it never reports a failure or an interrupt to the library, only to us."""
+"""The file below HDF5: it keeps failures and interrupts from the library and reports them to the writer."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from typing import Any
 class Sink:
     """A file for HDF5's file-object driver.
 
-    HDF5 cannot close a file whose writes have failed: on a full disk it crashes the process. So the first
-    failure is kept in ``error`` and what follows goes to memory, until the writer asks and gives up; that is
-    little, since it asks after every block. Interrupts wait outside (``uninterrupted``): one that is raised between two
-    statements here would reach the library.
+    HDF5 cannot close a file whose writes have failed: on a full disk it crashes the process. So the first failure is
+    kept in ``error`` and later writes go to memory until the writer checks, which it does after every block.
+    Interrupts wait outside (``uninterrupted``): one that is raised between two statements here would reach the
+    library.
     """
 
     def __init__(self, path: Path) -> None:
@@ -102,8 +102,8 @@ def uninterrupted() -> Iterator[None]:
     """Put an interrupt (Ctrl-C) off until the block has ended.
 
     HDF5 calls back into Python to write; an interrupt raised in there would reach the library as a failed write, and
-    it would report that, or crash on closing the file. Only the main thread sees interrupts, so elsewhere, and where a
-    program handles them in a way of its own that is no Python function, this does nothing.
+    it would report that, or crash on closing the file. This does nothing outside the main thread, which alone receives
+    interrupts, or where a program's own handler is no Python function.
     """
     before = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(before):

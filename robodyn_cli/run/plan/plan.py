@@ -1,4 +1,4 @@
-"""What a scene needs and what is left out, read off the equations and programs that its command builds.
+"""The terms that a scene needs and those left out, read off the equations and programs that its command builds.
 
     operations          of the program that the command's inner loop runs: torques (inverse), accelerations
     operations_general  of the same program with every constant of the scene a symbol
@@ -48,16 +48,17 @@ class Subject(Protocol):
         """Return the expressions of the command's inner loop, for this problem or a variant of it."""
 
     def terms(self, equations: Equations) -> Iterator[Term]:
-        """Yield what the command has beside the mechanism: its stages, and what it does around the inner loop."""
+        """Yield the terms of the command beside those of the mechanism: its stages, and the work around the inner
+        loop."""
 
     def kernels(self) -> list[dict[str, Any]]:
         """Describe the compiled programs."""
 
     def choices(self) -> list[dict[str, Any]]:
-        """Describe what the engine chose, with reasons."""
+        """Describe the choices of the engine, with reasons."""
 
     def equation_36(self, ledger: Ledger) -> dict[str, Any] | None:
-        """Return what the loops cost, None where that is not counted."""
+        """Return the operations of the loops, None where they are not counted."""
 
 
 def command_of(scene: sc.Scene) -> str:
@@ -68,7 +69,7 @@ def command_of(scene: sc.Scene) -> str:
 
 
 def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
-    """Return what the command keeps and leaves out of the general problem, ready for JSON.
+    """Return the terms of the general problem that the command keeps and leaves out, ready for JSON.
 
     Parameters
     ----------
