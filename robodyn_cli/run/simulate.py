@@ -19,7 +19,12 @@ from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.method import Change, StiffnessWatch
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.driver.second_run import ErrorEstimate, FirstRun, estimate_error
-from robodyn_cli.run.driver.self_check import accuracy_warnings, energy_out_of_balance, is_judged_by_energy
+from robodyn_cli.run.driver.self_check import (
+    accuracy_warnings,
+    energy_out_of_balance,
+    is_judged_by_energy,
+    shortened_steps,
+)
 from robodyn_cli.run.driver.summary import MotionSummary, motion_facts, redundant_rows
 from robodyn_cli.run.observation.recorder import Recorder
 from robodyn_cli.run.progress import Progress, no_progress
@@ -110,6 +115,7 @@ def _facts_of_run(motion: Motion, driver: Driver) -> dict[str, Any]:
         from robodyn_cli.run.driver.start import start_warnings
 
         warnings += start_warnings(motion.problem, motion.assembled.q, motion.passive)
+    warnings += shortened_steps(motion, driver)
     if warnings:
         facts["warnings"] = warnings
     for watcher in driver.watchers:

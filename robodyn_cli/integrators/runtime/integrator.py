@@ -136,6 +136,8 @@ class Integrator:
             if not self.method.adaptive:
                 # no control lets a fixed step grow again, so an event must not shorten it for good
                 self._step = w[DoubleSlot.H]
+        if self._step is not None:
+            w[DoubleSlot.H_MAX] = self._step
         if not w[DoubleSlot.H_OLD] > 0.0:
             w[DoubleSlot.H_OLD] = w[DoubleSlot.H]
         while True:

@@ -31,7 +31,8 @@ class DoubleSlot:
         16  # end and length of the step whose rates the method predicts from; an event may have cut it
     )
     DENSE_STEP = 17
-    SIZE = 18  # event function values follow
+    T_REST = 18  # what rounding has left out of T
+    SIZE = 19  # event function values follow
 
 
 class IntegerSlot:

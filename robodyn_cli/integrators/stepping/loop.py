@@ -79,7 +79,7 @@ def _write_loop(w: Writer, stepper: Stepper[Any]) -> None:
                 stepper.save_dense(step.t, step.h, attempt.kept)
                 if w.system.events:
                     find_event(w, stepper, step.t, step.h, run)
-                _commit(w, step, verdict)
+                _commit(w, step, verdict, stepper.method.adaptive)
                 if stepper.method.projects(w.system):
                     _project(w)
                 steps.again()
@@ -157,13 +157,22 @@ def _count_rejection(w: Writer, run: Exit) -> None:
     run.leave(Status.STEP_TOO_SMALL, too_small)
 
 
-def _commit(w: Writer, step: Step, verdict: Verdict) -> None:
-    """Take the new state over."""
+def _commit(w: Writer, step: Step, verdict: Verdict, adaptive: bool) -> None:
+    """Take the new state over.
+
+    Time is summed with its rounding (Kahan, two-sum of Knuth): k steps of length h end at k h.
+    """
     f = w.f
-    w.put(DoubleSlot.H, step.h * verdict.factor)
+    # a fixed step is as long again after one that had to be shorter
+    w.put(DoubleSlot.H, step.h * verdict.factor if adaptive else w.get(DoubleSlot.H_MAX))
     f.store_int(0, w.integer_at(IntegerSlot.REJECTED_IN_ROW))
     with f.strict():
-        reached = f.select(step.last, w.get(DoubleSlot.T_END), step.t + step.h)
+        more = step.h + w.get(DoubleSlot.T_REST)
+        total = step.t + more
+        added = total - step.t
+        rest = (step.t - (total - added)) + (more - added)
+        reached = f.select(step.last, w.get(DoubleSlot.T_END), total)
+        w.put(DoubleSlot.T_REST, f.select(step.last, f.constant(0.0), rest))
     w.put(DoubleSlot.T_OLD, step.t)
     w.put(DoubleSlot.H_OLD, step.h)
     w.put(DoubleSlot.T, reached)

@@ -64,6 +64,17 @@ def _sensitivity(recorder: Recorder, exchanged: Array) -> Array:
     return found
 
 
+def shortened_steps(motion: Motion, driver: Driver) -> list[str]:
+    """Return a warning about steps of a fixed length that could not be taken as they are."""
+    step, shorter = motion.options.step, driver.counters.rejected
+    if step is None or not shorter:
+        return []
+    return [
+        f"the equations of a step of {step:.3g} s had no solution {shorter} times, and shorter steps were taken there; "
+        "a shorter simulate.step avoids that"
+    ]
+
+
 def is_judged_by_energy(motion: Motion) -> bool:
     """Tell whether energy out of balance ends a run: where steps adapt to a tolerance and loops are kept closed."""
     kept_closed = motion.scene.simulate.stabilisation in ("projection", "independent")
