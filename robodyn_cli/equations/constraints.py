@@ -108,7 +108,7 @@ def all_rows(scene: Scene, closures: LoopRows, values: Mapping[str, Any]) -> Con
 
 
 def coordinate_row(
-    name: str, model: Model, q: Sequence[Scalar], terms: Mapping[str, float], value: Scalar, kind: str
+    name: str, model: Model, q: Values, terms: Mapping[str, float], value: Scalar, kind: str
 ) -> Row:
     """Return the row of a linear relation between joint coordinates, eta = sum c_i q_i - s(t), with its derivatives.
 

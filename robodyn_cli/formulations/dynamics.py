@@ -47,7 +47,7 @@ class Emission(Protocol):
         """Emit a program at time t and state x = (q, v, z)."""
 
     def workspace(self, name: str, velocities: int, others: int, width: int) -> Array:
-        """Return the memory called ``name``: so many vectors a velocity, and a further state z; zero at first."""
+        """Return the memory called ``name``: so many vectors per velocity and per further state z; zero at first."""
 
 
 class Dynamics(Protocol):

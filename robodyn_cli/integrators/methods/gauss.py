@@ -82,7 +82,7 @@ class Gauss(Method):
             return [StepProgram("accelerations", system.dynamics.program, self.lanes)]
         found = [
             StepProgram("corrections of accelerations, each round", residual.correction, self.lanes),
-            StepProgram("factors of the mass matrix, once a step", residual.factors, self.lanes),
+            StepProgram("factors of the mass matrix, once per step", residual.factors, self.lanes),
         ]
         if not self.facts.fixed_step and self.is_steep(system):
             found.append(StepProgram("accelerations at the ends of steps", system.dynamics.program))

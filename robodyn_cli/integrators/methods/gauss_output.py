@@ -114,7 +114,7 @@ class GaussOutput(Stepper[StageRates]):
         """Return, for each result, the sum over sources of (m x m block of its table) times source.
 
         ``tables[r][k]`` is the address and block of the table that result r applies to source k, or result r has
-        fewer sources. Columns in a loop: this code runs once a step, and unrolled it would be half of all code.
+        fewer sources. Columns in a loop: this code runs once per step, and unrolled it would be half of all code.
         """
         f, m = self.f, self.lanes
         totals = [f.slot(m) for _ in tables]
