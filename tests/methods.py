@@ -59,9 +59,7 @@ REFUSALS: dict[str, dict[str, str]] = {
 
 def obstacle(method: str, system: System) -> str:
     """Return why a method refuses a system, or nothing."""
-    kind: Any = methods[method]
-    found: str = (kind() if isinstance(kind, type) else kind).obstacle(system)
-    return found
+    return methods[method].obstacle(system)
 
 
 def taking(kind: str, names: Sequence[str] = METHODS) -> list[str]:

@@ -4,12 +4,7 @@ from __future__ import annotations
 
 LONG_FILES: set[str] = set()
 LONG: set[str] = set()
-MANY_PARAMETERS: set[str] = {
-    "robodyn_cli/report/canvas.py: Sheet.__init__",
-    "robodyn_cli/run/numerics/stability_scenes.py: slider",
-}
+MANY_PARAMETERS: set[str] = set()
 CYCLES: set[str] = set()
-FULL_FOLDERS: set[str] = {
-    "robodyn_cli/run/driver: 19 files",
-}
+FULL_FOLDERS: set[str] = set()
 INTEGRATORS: set[str] = set()

@@ -31,7 +31,7 @@ def four_bar_system() -> tuple[Any, np.ndarray]:
     from robodyn_cli.formulations.build import build_system
     from robodyn_cli.formulations.events import EventFunction, Stopping
     from robodyn_cli.run.driver.prepare import passive_coordinates, prepare
-    from robodyn_cli.run.driver.singularity import passive_determinant
+    from robodyn_cli.run.singular.singularity import passive_determinant
 
     setup = prepare(load_scene(CONFIGS / "four_bar_deploy.yaml"))
     determinant = passive_determinant(setup.problem, passive_coordinates(setup.problem) or [])

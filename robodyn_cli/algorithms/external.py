@@ -10,12 +10,24 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from robodyn_cli.algorithms.kinematics import Pose, slice_q, slice_v, step_velocity
 from robodyn_cli.algorithms.rnea import joint_torque
 from robodyn_cli.expr.graph import Expr, is_nonzero
 from robodyn_cli.forces.element import End
 from robodyn_cli.model.model import BASE, FixedFrame, Model
-from robodyn_cli.spatial.algebra import Transform, Twist, Values, Vector, Wrench, rotation_to_z, snap, zeros
+from robodyn_cli.spatial.algebra import (
+    Matrix,
+    Transform,
+    Twist,
+    Values,
+    Vector,
+    Wrench,
+    rotation_to_z,
+    snap,
+    zeros,
+)
 
 PARALLEL = 1e-12  # sine of the angle up to which two axes count as parallel
 
@@ -76,37 +88,65 @@ def path_torques(
 def turn_about(model: Model, q: Values, ends: Sequence[FixedFrame], axis: Sequence[float], root: int) -> Any:
     """Return the angle [rad] by which the second frame is turned against the first about ``axis``, or None.
 
-    The angle is zero where the frames' axes coincide. If all joints between the frames turn about parallels of ``axis``
-    only, it is a sum of joint angles and counts full turns; otherwise it is None.
+    The angle is zero where the frames' transverse axes coincide. If all joints between the frames turn about parallels
+    of ``axis`` only, it is a sum of joint angles and counts full turns; otherwise it is None.
 
     Parameters
     ----------
     axis : (3,) in the axes of each frame. root : last common ancestor of the two frames' bodies.
     """
     A = rotation_to_z(axis)
-    total: Any = 0.0
-    at_zero = []
-    for sign, end in zip((-1.0, 1.0), ends):
-        R = end.R @ A
-        k = end.body
-        while True:
-            if any(isinstance(x, Expr) for x in R.flat):
-                return None
-            if k in (root, BASE):
-                break
+    ways = [way for end in ends if (way := _turn_from(model, q, end, A, root)) is not None]
+    if len(ways) < len(ends):
+        return None
+    (first, R1), (second, R2) = ways
+    R = R1.T @ R2
+    if max(abs(R[0, 2]), abs(R[1, 2])) > PARALLEL:
+        return None
+    # the second frame's axis may point against that of the first
+    return (second if R[2, 2] > 0.0 else -second) - first + snap(math.atan2(R[1, 0], R[0, 0]))
+
+
+def common_axis(model: Model, q: Values, ends: Sequence[FixedFrame], root: int) -> Any:
+    """Return the axis (3,), the same in the axes of both frames, about which alone one turns against the other.
+
+    None where the joints between them turn about other axes too, or not at all, or where the frames do not share it.
+    """
+    for end in ends:
+        R, k = end.R, end.body
+        while k not in (root, BASE) and _is_known(R):
             body = model.bodies[k]
-            angle = body.joint.angle(slice_q(body, q))
-            if angle is None:
-                return None
-            if is_nonzero(angle):
-                if max(abs(R[0, 2]), abs(R[1, 2])) > PARALLEL:
-                    return None
-                total = total + (sign if R[2, 2] > 0.0 else -sign) * angle
+            if is_nonzero(body.joint.angle(slice_q(body, q))):
+                axis = [snap(x) for x in R[2]]
+                A = rotation_to_z(axis)
+                ways = [w for e in ends if (w := _turn_from(model, q, e, A, root)) is not None]
+                shared = len(ways) == 2 and np.abs(ways[0][1][:, 2] - ways[1][1][:, 2]).max() <= PARALLEL
+                return axis if shared else None
             R = body.X_tree.E.T @ R
             k = body.parent
-        at_zero.append(R)
-    first, second = at_zero
-    if max(abs(float(x)) for x in first[:, 2] - second[:, 2]) > PARALLEL:
-        return None
-    x = first.T @ second[:, 0]
-    return total + snap(math.atan2(x[1], x[0]))
+    return None
+
+
+def _turn_from(model: Model, q: Values, end: FixedFrame, A: Matrix, root: int) -> tuple[Any, Matrix] | None:
+    """Return how far a frame has turned since q = 0 about z of its axes A, and these axes in ``root`` at q = 0.
+
+    None where it also turns about others.
+    """
+    R, k = end.R @ A, end.body
+    total: Any = 0.0
+    while k not in (root, BASE):
+        body = model.bodies[k]
+        angle = body.joint.angle(slice_q(body, q))
+        if angle is None or not _is_known(R):
+            return None
+        if is_nonzero(angle):
+            if max(abs(R[0, 2]), abs(R[1, 2])) > PARALLEL:
+                return None
+            total = total + (angle if R[2, 2] > 0.0 else -angle)
+        R = body.X_tree.E.T @ R
+        k = body.parent
+    return (total, R) if _is_known(R) else None
+
+
+def _is_known(R: Matrix) -> bool:
+    return not any(isinstance(x, Expr) for x in R.flat)

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
 
-from robodyn_cli.algorithms.constraints import LoopRows, vanishes
 from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
-from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Matrix, Values, zeros
 
 
@@ -20,7 +17,7 @@ from robodyn_cli.spatial.algebra import Matrix, Values, zeros
 class Constraints:
     """Rows eta = 0, Psi v + eta_t = 0, Psi v-dot + gamma = 0; ``dropped`` rows vanish identically.
 
-    prescribed : rows of joints with a prescribed motion; the others close loops or couple joints.
+    ``prescribed`` rows drive a joint; the others close loops.
     """
 
     rows: tuple[Row, ...]
@@ -79,36 +76,8 @@ class Constraints:
         )
 
 
-def all_rows(scene: Scene, closures: LoopRows, values: Mapping[str, Any]) -> Constraints:
-    """Return the rows of loop closures, couplers and prescribed joints, in this order.
-
-    values : of the names in formulas.
-    """
-    model, q = closures.model, closures.q
-    rows: list[Row] = []
-    dropped: list[str] = []
-    for loop in model.loops:
-        for row in closures.of(loop):
-            if vanishes(row):
-                dropped.append(row.name)
-            else:
-                rows.append(row)
-    for coupler in scene.couplers:
-        value = 0.0 if coupler.value is None else coupler.value.evaluate(values)
-        units = {model.q_units[model.q_names.index(name)] for name in coupler.terms}
-        kind = "moment" if units == {"rad"} else "force"
-        rows.append(coordinate_row(f"{coupler.name}.coupling", model, q, coupler.terms, value, kind))
-    first = len(rows)
-    for name, formula in scene.prescribed.items():
-        kind = model.q_units[model.q_names.index(name)]
-        rows.append(
-            coordinate_row(f"prescribed.{name}", model, q, {name: 1.0}, formula.evaluate(values), kind)
-        )
-    return Constraints(tuple(rows), tuple(dropped), tuple(range(first, len(rows))))
-
-
 def coordinate_row(
-    name: str, model: Model, q: Values, terms: Mapping[str, float], value: Scalar, kind: str
+    name: str, model: Model, q: Sequence[Scalar], terms: Mapping[str, float], value: Scalar, kind: str
 ) -> Row:
     """Return the row of a linear relation between joint coordinates, eta = sum c_i q_i - s(t), with its derivatives.
 

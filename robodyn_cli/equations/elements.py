@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
-from robodyn_cli.algorithms.external import PathKinematics, path_torques, turn_about
-from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.forces.element import Action, Effect, Setting
+from robodyn_cli.algorithms.external import PathKinematics, common_axis, path_torques, turn_about
+from robodyn_cli.expr.graph import Expr, Scalar
+from robodyn_cli.forces.element import Action, Effect, HalfTurn, Setting
 from robodyn_cli.model.model import BASE, FixedFrame, Force, Model
 from robodyn_cli.spatial.algebra import Transform, Values, Vector, Wrench
 
@@ -62,6 +62,7 @@ class Elements:
             self.time,
             self.model.base.E,
             lambda axis: turn_about(self.model, self.q, force.ends, axis, root),
+            lambda: common_axis(self.model, self.q, force.ends, root),
         )
         return force.element.effect(tuple(kinematics.end(frame) for frame in force.ends), setting)
 
@@ -119,6 +120,16 @@ class Elements:
     def breakpoints(self) -> set[float]:
         """Times at which the slope of tabulated forces jumps."""
         return {t for force in self.model.forces for t in getattr(force.element, "breakpoints", ())}
+
+    @cached_property
+    def half_turns(self) -> list[tuple[str, HalfTurn]]:
+        """Where the angle of an element jumps, with the element's name."""
+        return [
+            (force.name, found)
+            for force, effect in zip(self.model.forces, self.effects)
+            for found in effect.half_turns
+            if isinstance(found.switch, Expr)
+        ]
 
     @cached_property
     def formulas(self) -> list[tuple[str, list[Scalar]]]:

@@ -9,19 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from robodyn_cli.algorithms.aba import ArticulatedFactor
-from robodyn_cli.algorithms.constraints import LoopRows, Multipliers, solve_with_multipliers
+from robodyn_cli.algorithms.constraints import LoopRows, Multipliers, solve_with_multipliers, vanishes
 from robodyn_cli.algorithms.crba import crba
 from robodyn_cli.algorithms.energy import gravity_energy, kinetic_energy, spring_energy
 from robodyn_cli.algorithms.kinematics import Pose, poses, slice_q, slice_v, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.equations.constraints import Constraints as Constraints
-from robodyn_cli.equations.constraints import all_rows
+from robodyn_cli.equations.constraints import coordinate_row
 from robodyn_cli.equations.contact_joints import ContactJoint, contact_joints
 from robodyn_cli.equations.dependence import (
     Combination,
@@ -30,20 +30,18 @@ from robodyn_cli.equations.dependence import (
     independent_rows,
     multipliers_of_rows,
 )
-from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
 from robodyn_cli.equations.elements import Elements
 from robodyn_cli.equations.gears import geared, losses_of_drive, losses_of_load
 from robodyn_cli.equations.joint_forces import JointForces
+from robodyn_cli.equations.switching import Switching
 from robodyn_cli.expr.functions import interpolate
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations, is_nonzero
 from robodyn_cli.loops.base import Row
+from robodyn_cli.model.base_parameters import dynamics_model
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, vector, zeros
-
-if TYPE_CHECKING:
-    from robodyn_cli.equations.time_structure import Structure
 
 GROUPS = ("t", "q", "v", "a", "p")
 DENSE_LIMIT = 12  # velocities up to which the factored mass matrix is tried: it grows with their cube
@@ -86,6 +84,11 @@ class Problem:
         return g if any(is_nonzero(x) for x in g) else None
 
     @cached_property
+    def rigid(self) -> Model:
+        """The bodies as M, C and G need them (see ``dynamics_model``)."""
+        return dynamics_model(self.model)
+
+    @cached_property
     def X(self) -> list[Transform]:
         return transforms(self.model, self.q)
 
@@ -96,28 +99,28 @@ class Problem:
 
     @cached_property
     def mass_matrix(self) -> Matrix:
-        return crba(self.model, self.q, self.X)
+        return crba(self.rigid, self.q, self.X)
 
     @cached_property
     def bias(self) -> Vector:
         """h = C v + G."""
-        return rnea(self.model, self.q, self.v, zeros(self.model.nv), self.gravity, self.X)
+        return rnea(self.rigid, self.q, self.v, zeros(self.model.nv), self.gravity, self.X)
 
     @cached_property
     def inverse_dynamics(self) -> Vector:
         """M a + C v + G."""
-        return rnea(self.model, self.q, self.v, self.a, self.gravity, self.X)
+        return rnea(self.rigid, self.q, self.v, self.a, self.gravity, self.X)
 
     def rigid_terms(self) -> dict[str, Vector]:
         """Return M a, C v and G separately: ``inertia``, ``coriolis`` and, where there is gravity, ``gravity``."""
         nv = self.model.nv
         rest = zeros(nv)
         terms = {
-            "inertia": rnea(self.model, self.q, rest, self.a, None, self.X),
-            "coriolis": rnea(self.model, self.q, self.v, rest, None, self.X),
+            "inertia": rnea(self.rigid, self.q, rest, self.a, None, self.X),
+            "coriolis": rnea(self.rigid, self.q, self.v, rest, None, self.X),
         }
         if self.gravity is not None:
-            terms["gravity"] = rnea(self.model, self.q, rest, rest, self.gravity, self.X)
+            terms["gravity"] = rnea(self.rigid, self.q, rest, rest, self.gravity, self.X)
         return terms
 
     # -- torques --------------------------------------------------------------------------------------
@@ -125,7 +128,9 @@ class Problem:
         env: dict[str, Any] = {"t": self.t}
         env |= {f"q.{name}": q for name, q in zip(self.model.q_names, self.q)}
         env |= {f"qd.{name}": v for name, v in zip(self.model.v_names, self.v)}
-        return env | {f"p.{name}": value for name, value in self.scene.parameters.items()}
+        for name, value in self.scene.parameters.items():
+            env[f"p.{name}"] = value
+        return env
 
     @cached_property
     def actuator_torques(self) -> Vector:
@@ -142,59 +147,9 @@ class Problem:
         return tau
 
     @cached_property
-    def formulas(self) -> list[tuple[str, list[Scalar]]]:
-        """Values of the scene's formulas in the equations, with the key of each."""
-        found: list[tuple[str, list[Scalar]]] = []
-        for name, torque in self.scene.torques.items():
-            if not isinstance(torque, sc.Torque):
-                found.append((f"torques.{name}", [self.actuator_torques[self.model.v_names.index(name)]]))
-        for row in (self.constraints.rows[i] for i in self.constraints.rheonomic):
-            found.append((row.name, [row.eta, row.eta_t, row.gamma]))
-        return [*found, *self.elements.formulas]
-
-    @cached_property
-    def switches(self) -> list[tuple[str, Expr]]:
-        """Expressions at whose sign changes the equations switch, with their keys (see ``discontinuities``)."""
-        gears = [("gear", [torque]) for torque in self.gear_losses(smooth=True).values()]
-        found = [(key, switch) for key, entries in [*self.formulas, *gears] for switch in switches(entries)]
-        return [*found, *self._joint_forces.switches()]
-
-    @cached_property
-    def time_structures(self) -> list[tuple[str, Structure]]:
-        """Where the scene's formulas of time are not smooth or have short features, with the key of each."""
-        if not self.formulas:
-            return []
-        from robodyn_cli.equations.time_structure import functions_of_time, structure
-
-        duration = self.scene.simulate.duration
-        return [
-            (key, structure(function, self.t, duration))
-            for key, entries in self.formulas
-            for function in functions_of_time(entries, self.t)
-        ]
-
-    @cached_property
-    def breakpoints(self) -> tuple[float, ...]:
-        """Times at which a step has to end: tables and formulas of time switch there, or change their time scale."""
-        duration = self.scene.simulate.duration
-        tables = [torque.table for torque in self.scene.torques.values() if isinstance(torque, sc.Torque)]
-        times = {float(row[0]) for table in tables for row in table}
-        times |= self.elements.breakpoints
-        for _, switch in self.switches:
-            if is_of_time(switch, self.t):
-                times.update(switching_times(switch, self.t, duration))
-        if not self.time_structures:
-            return tuple(sorted(times))
-        from robodyn_cli.equations.time_structure import beside
-
-        return tuple(
-            sorted(times.union(*(beside(found, times, duration) for _, found in self.time_structures)))
-        )
-
-    @property
-    def state_switches(self) -> list[tuple[str, Expr]]:
-        """Those of ``switches`` that depend on more than time."""
-        return [(key, switch) for key, switch in self.switches if not is_of_time(switch, self.t)]
+    def switching(self) -> Switching:
+        """Where the equations switch, along the motion and in time."""
+        return Switching(self)
 
     @cached_property
     def contact_joints(self) -> tuple[ContactJoint, ...]:
@@ -233,7 +188,7 @@ class Problem:
         return losses_of_load(self.model, self.inverse_dynamics, self.a, self.v, load)
 
     @cached_property
-    def _joint_forces(self) -> JointForces:
+    def forces_in_joints(self) -> JointForces:
         return JointForces(self.model, self.q, self.v, self.contact_joints)
 
     def joint_forces(self, smooth: bool) -> dict[str, Vector]:
@@ -241,11 +196,11 @@ class Problem:
 
         ``smooth`` replaces the sign in Coulomb friction, for simulations.
         """
-        return self._joint_forces.terms(smooth)
+        return self.forces_in_joints.terms(smooth)
 
     def losses(self, smooth: bool) -> list[tuple[int, Scalar]]:
         """Torques of joint elements that are not the gradient of a potential: (velocity index, torque)."""
-        return [*self._joint_forces.losses(smooth), *self.gear_losses(smooth).items()]
+        return [*self.forces_in_joints.losses(smooth), *self.gear_losses(smooth).items()]
 
     @cached_property
     def applied(self) -> Vector:
@@ -264,8 +219,28 @@ class Problem:
     @cached_property
     def constraints(self) -> Constraints:
         """Rows of the loop closures, then of couplers, then of prescribed joints."""
+        rows: list[Row] = []
+        dropped: list[str] = []
         closures = LoopRows(self.model, self.X, self.q, self.v, self.gravity)
-        found = all_rows(self.scene, closures, self._environment())
+        for loop in self.model.loops:
+            for row in closures.of(loop):
+                if vanishes(row):
+                    dropped.append(row.name)
+                else:
+                    rows.append(row)
+        env = {"t": self.t, **{f"p.{n}": x for n, x in self.scene.parameters.items()}}
+        for coupler in self.scene.couplers:
+            value = 0.0 if coupler.value is None else coupler.value.evaluate(env)
+            units = {self.model.q_units[self.model.q_names.index(name)] for name in coupler.terms}
+            kind = "moment" if units == {"rad"} else "force"
+            name = f"{coupler.name}.coupling"
+            rows.append(coordinate_row(name, self.model, self.q, coupler.terms, value, kind))
+        first = len(rows)
+        for name, formula in self.scene.prescribed.items():
+            kind = self.model.q_units[self.model.q_names.index(name)]
+            target = formula.evaluate(env)
+            rows.append(coordinate_row(f"prescribed.{name}", self.model, self.q, {name: 1.0}, target, kind))
+        found = Constraints(tuple(rows), tuple(dropped), tuple(range(first, len(rows))))
         return found if self.keep_rows is None else found.only(self.keep_rows)
 
     @property
@@ -352,7 +327,7 @@ class Problem:
 
     def ways_to_accelerations(self, f: Values) -> dict[str, Vector]:
         """Return M^-1 f (nv,) of the open tree by the ways that may suit its size."""
-        articulated = ArticulatedFactor(self.model, self.q, self.X).solve(f)
+        articulated = ArticulatedFactor(self.rigid, self.q, self.X).solve(f)
         if self.model.nv > DENSE_LIMIT:
             return {"articulated bodies": articulated}
         dense = LdlFactor.of(self.mass_matrix, self.elimination_order).solve(f)

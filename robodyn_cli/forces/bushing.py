@@ -9,7 +9,7 @@ import numpy as np
 
 from robodyn_cli.expr.functions import atan2, maximum, sqrt, where
 from robodyn_cli.expr.graph import is_nonzero
-from robodyn_cli.forces.element import Effect, End, Setting, between_key, opposite
+from robodyn_cli.forces.element import Effect, End, HalfTurn, Setting, between_key, opposite
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, ListOf, Name, Vector, key
 from robodyn_cli.spatial.algebra import Matrix, Wrench, cross, dot, identity, matrix, skew, vector, zeros
@@ -35,8 +35,7 @@ def rotation_vector(R: Matrix) -> tuple[Components, Matrix]:
     in [0, pi) about the unit vector a;  B = E - phi~ / 2 + (1 - (theta / 2) cot(theta / 2)) / theta^2 phi~ phi~
     (Chirikjian 2012, section 10.6). Near theta = pi phi is not unique.
     """
-    s = 0.5 * vector([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])  # sin(theta) a
-    c = 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
+    s, c = _sine_and_cosine(R)
     turning = [k for k in range(3) if is_nonzero(s[k])]
     if len(turning) <= 1:
         phi = zeros(3)
@@ -56,6 +55,12 @@ def rotation_vector(R: Matrix) -> tuple[Components, Matrix]:
     )
     P = skew(phi)
     return phi, identity() - 0.5 * P + kappa * (P @ P)
+
+
+def _sine_and_cosine(R: Matrix) -> tuple[Components, Any]:
+    """Return sin(theta) a and cos(theta) of the rotation by theta about the unit vector a."""
+    s = 0.5 * vector([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    return s, 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
 
 
 def _matrix(diagonal: tuple[float, ...] | None, rows: tuple[tuple[float, ...], ...] | None) -> Matrix:
@@ -80,7 +85,8 @@ class Bushing:
     """Wrench of ``-(K xi + C dxi/dt)`` between two frames; potential energy ``xi^T K xi / 2``.
 
     xi = (x, phi): the second frame's origin in the axes of the first, and the rotation vector of its axes. K and C
-    are given by their diagonals or as symmetric matrices.
+    are given by their diagonals or as symmetric matrices. Full turns are counted where all joints between the bodies
+    turn about parallels of an axis that the frames share; elsewhere phi is at most half a turn, and jumps there.
     """
 
     term: ClassVar[str] = "passive"
@@ -123,17 +129,35 @@ class Bushing:
                 yield (name,), "must not be negative in any direction (an eigenvalue is below zero)"
 
     def effect(self, ends: tuple[End, ...], setting: Setting) -> Effect:
-        """Return wrenches, energy and power; for rotations of less than half a turn between the frames."""
+        """Return wrenches, energy and power."""
         first, second = ends
         K = _matrix(self.stiffness, self.stiffness_matrix)
         C = _matrix(self.damping, self.damping_matrix)
         R = first.R.T @ second.R
         d = second.p - first.p
-        phi, B = rotation_vector(R)
+        phi, B, half_turns = _turned(R, setting)
         xi = np.concatenate([first.R.T @ d, phi])
         x_rate = first.R.T @ (second.v - first.v - cross(first.w, d))
         xi_rate = np.concatenate([x_rate, B @ (first.R.T @ (second.w - first.w))])
         elastic, loss = K @ xi, C @ xi_rate
         load = elastic + loss
         actions = opposite(ends, Wrench(-(B.T @ load[3:]), -load[:3]).rotated(first.R))
-        return Effect(actions, 0.5 * dot(xi, elastic), -dot(xi_rate, loss))
+        stiff = any(is_nonzero(x) for x in K[3:].flat)
+        return Effect(actions, 0.5 * dot(xi, elastic), -dot(xi_rate, loss), half_turns if stiff else ())
+
+
+def _turned(R: Matrix, setting: Setting) -> tuple[Components, Matrix, tuple[HalfTurn, ...]]:
+    """Return the rotation vector phi of R, B with dphi/dt = B w, and where phi jumps."""
+    axis = setting.hinge()
+    if axis is not None:
+        return vector(axis) * setting.turn(axis), identity(), ()
+    phi, B = rotation_vector(R)
+    s, c = _sine_and_cosine(R)
+    half_turns = []
+    for k in range(3):
+        if is_nonzero(s[k]):
+            # s changes its sign at half a turn. R_kk = 2 a_k^2 - 1 there: of the three components only those with
+            # a_k^2 > 1/4 are watched, since the others may touch zero
+            aside = maximum(0.25 - 0.5 * (1.0 + R[k, k]), 0.0)
+            half_turns.append(HalfTurn.of(phi[k], s[k] + aside, c, 1.0))
+    return phi, B, tuple(half_turns)

@@ -9,18 +9,20 @@ Checklist for another kind:
 2. ``effect`` returns forces, potential energy and power that belong together: with q-dot the joint rates,
    (sum of J^T f) . q-dot = -d/dt potential + power. ``tests/conformance/test_forces.py`` checks that over the registry.
 3. ``term`` is the part of the torques under which ``inverse`` reports it: ``passive`` or ``external``.
-4. ``switches`` returns expressions at whose sign changes the force or its rate jumps, so that steps end there.
+4. Where the force jumps at half a turn, ``Effect.half_turns`` says so: steps end there, and the run warns of it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, ClassVar, Protocol
 
 from robodyn_cli.expr.functions import sqrt
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import ListOf, Text, key
 from robodyn_cli.spatial.algebra import Matrix, Twist, Vector, Wrench, dot, zeros
+
+HALF_TURN = 1e-9  # 1 + cos(theta) below which an event is at half a turn
 
 
 @record
@@ -49,13 +51,15 @@ class Setting:
     values : t, positions, rates and parameters for formulas (see ``Formula.evaluate``). time : t.
     world : (3, 3) rotation from world coordinates to those of the ends; only for elements with one end.
     turn : angle [rad] by which the second end has turned against the first about an axis (3,) given in the frame of
-    each, counted without end, or None where the joints between them allow other rotations.
+    each, counted without end, or None where the joints between them allow other rotations. hinge : the axis (3,) in the
+    frame of the first about whose parallels all joints between the ends turn, None where they turn about others too.
     """
 
     values: Mapping[str, Any]
     time: Any
     world: Matrix
-    turn: Callable[[tuple[float, ...]], Any]
+    turn: Callable[[Sequence[float]], Any]
+    hinge: Callable[[], Any]
 
 
 @record
@@ -68,12 +72,39 @@ class Action:
 
 
 @record
+class HalfTurn:
+    """Where an angle jumps from half a turn to minus half a turn, and the force with it.
+
+    angle : what jumps [rad]. switch : changes its sign there. there : > 0 only there, since a continuous function of
+    the attitude changes its sign at one more place (here: 127 deg or more to one side).
+    """
+
+    angle: Any
+    switch: Any
+    there: Any
+
+    @staticmethod
+    def of(angle: Any, s: Any, c: Any, r: Any) -> HalfTurn:
+        """Return that of a component ``angle`` = a theta of a turn by theta, |a| <= 1.
+
+        It has s = r a sin(theta), c = r cos(theta), r > 0:
+
+        s + 2 (r + c) = r (1 + cos(theta)) (a tan(theta / 2) + 2).
+        """
+        return HalfTurn(angle, s + 2.0 * (r + c), HALF_TURN * r - (r + c))
+
+
+@record
 class Effect:
-    """What an element does: actions, potential energy [J] of the conservative part, power [W] of the rest."""
+    """What an element does: actions, potential energy [J] of the conservative part, power [W] of the rest.
+
+    half_turns : where its angle jumps (see ``HalfTurn``).
+    """
 
     actions: tuple[Action, ...]
     potential: Any = 0.0
     power: Any = 0.0
+    half_turns: tuple[HalfTurn, ...] = ()
 
 
 class ForceElement(Protocol):
@@ -136,3 +167,12 @@ def along(force: Vector) -> tuple[Action, ...]:
     """Return the actions of a force on the first end, and its opposite on the second, along their line."""
     wrench = Wrench(zeros(3), force)
     return Action(0, wrench), Action(1, -wrench)
+
+
+def half_turn_warning(force: str, time: float) -> str:
+    """Return what is said of the first time at which the angle of a force jumps."""
+    return (
+        f"force {force!r}: its ends are half a turn apart at t = {time:.6g} s, where its angle jumps from one side to "
+        "the other and its torque with it; full turns are counted only between bodies that turn about parallels of one "
+        "axis"
+    )

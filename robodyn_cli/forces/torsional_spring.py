@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterable
 from typing import ClassVar
 
-from robodyn_cli.expr.functions import atan2
-from robodyn_cli.forces.element import Effect, End, Setting, between_key, idle_problems, opposite
+from robodyn_cli.expr.functions import atan2, sqrt
+from robodyn_cli.forces.element import Effect, End, HalfTurn, Setting, between_key, idle_problems, opposite
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Direction, Name, Number, key
 from robodyn_cli.spatial.algebra import Wrench, dot, rotation_to_z, vector, zeros
@@ -18,8 +18,10 @@ class TorsionalSpring:
     """Torque ``-(k (theta - theta0) + c dtheta/dt)`` about an axis; potential energy ``k (theta - theta0)^2 / 2``.
 
     theta is the angle by which the second frame is turned against the first about ``axis``, zero where their axes
-    coincide. Where the bodies also turn about other axes, it is the angle between the projections of the frames'
-    transverse axes onto the plane across the axis of the first, and the moment is its gradient.
+    coincide. Full turns are counted where all joints between the bodies turn about parallels of the axis. Where the
+    bodies also turn about other axes, it is the angle between the projections of the frames' transverse axes onto the
+    plane across the axis of the first, at most half a turn from ``rest``, and the moment is its gradient, which jumps
+    at half a turn.
     """
 
     term: ClassVar[str] = "passive"
@@ -54,6 +56,7 @@ class TorsionalSpring:
         A = rotation_to_z(self.axis)
         first, second = (end.R @ A for end in ends)
         turned = setting.turn(self.axis)
+        half_turns: tuple[HalfTurn, ...] = ()
         if turned is not None:
             deflection = turned - self.rest
             gradient = vector([0.0, 0.0, 1.0])
@@ -61,12 +64,15 @@ class TorsionalSpring:
             x = first.T @ second[:, 0]
             c, s, u = x
             cr, sr = math.cos(self.rest), math.sin(self.rest)
-            deflection = atan2(s * cr - c * sr, c * cr + s * sr)  # half a turn to either side of rest
+            from_rest, along = s * cr - c * sr, c * cr + s * sr
+            deflection = atan2(from_rest, along)  # half a turn to either side of rest
             square = c * c + s * s
+            half_turns = (HalfTurn.of(deflection, from_rest, along, sqrt(square)),)
             gradient = vector([-c * u / square, -s * u / square, 1.0])
         direction = first @ gradient
         rate = dot(direction, ends[1].w - ends[0].w)
         loss = self.damping * rate
         moment = direction * -(self.stiffness * deflection + loss)
         actions = opposite(ends, Wrench(moment, zeros(3)))
-        return Effect(actions, 0.5 * self.stiffness * deflection * deflection, -loss * rate)
+        potential = 0.5 * self.stiffness * deflection * deflection
+        return Effect(actions, potential, -loss * rate, half_turns if self.stiffness else ())

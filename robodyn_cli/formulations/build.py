@@ -58,7 +58,7 @@ def build_system(
         nz=len(z_rate),
         corrections=found.corrections,
         events=tuple(sorted((*events, *own), key=lambda e: ORDER[e.kind])),
-        breakpoints=problem.breakpoints,
+        breakpoints=problem.switching.breakpoints,
         partition=partition,
         parameters=moving_freely(problem.contact_joints),
         forms=found.forms,
@@ -97,7 +97,7 @@ def discontinuities(problem: Problem) -> tuple[EventFunction, ...]:
     owner = Passing()
     return tuple(
         EventFunction(key, switch, kind=EventKind.DISCONTINUITY, owner=owner)
-        for key, switch in problem.state_switches
+        for key, switch in problem.switching.with_state
     )
 
 

@@ -18,7 +18,7 @@ from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import RELAXED, Function, Value
 from robodyn_cli.kernels.lower import lower
 from robodyn_cli.kernels.program import Program, make_program
-from robodyn_cli.kernels.rolled_loops import Target, rolled_function
+from robodyn_cli.kernels.rolled_loops import rolled_function, tree_function
 from robodyn_cli.kernels.rolled_tables import RolledPlan
 from robodyn_cli.model.model import Model
 
@@ -87,8 +87,10 @@ class Rolled:
             f.raw(f"call void @{name}({', '.join(f'ptr {a}' for a in arguments)})")
         name = f"forward.{width}"
         if name not in w.functions:
-            target = Target(width, w.fused, self.plan.serial)
-            w.functions[name] = rolled_function(name, self.plan.recursion, target, attributes="noinline")
+            tree_code = tree_function(name, internal=True, attributes="noinline")
+            w.functions[name] = rolled_function(
+                tree_code, self.plan.recursion, self.plan.serial, width, w.fused
+            )
         tree = ("%tables", x.base, v.base, forces.base, rates.base, "%scratch")
         f.raw(f"call void @{name}({', '.join(f'ptr {a}' for a in tree)})")
 
@@ -126,4 +128,4 @@ class Rolled:
 
 def rolled(problem: Problem, z_rate: Sequence[Scalar], asked: object = None) -> Formulated:
     """Return the equations of a long open tree, by loops over its bodies."""
-    return Formulated(Rolled(problem.model, list(problem.applied), z_rate))
+    return Formulated(Rolled(problem.rigid, list(problem.applied), z_rate))

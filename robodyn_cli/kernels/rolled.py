@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.kernels.compiler import compile_module, machine
-from robodyn_cli.kernels.rolled_loops import Target, write_sample_kernel
+from robodyn_cli.kernels.rolled_loops import write_sample_kernel
 from robodyn_cli.kernels.rolled_tables import RolledPlan
 from robodyn_cli.model.model import Model
 
@@ -41,7 +41,7 @@ class RolledKernel:
         self.lanes = host.lanes
         compiled = compile_module(
             f"rolled samples {self.lanes} {plan.digest}",
-            lambda: write_sample_kernel(plan.recursion, Target(host.lanes, host.fused, plan.serial)),
+            lambda: write_sample_kernel(plan.recursion, plan.serial, host.lanes, host.fused),
         )
         self._call = compiled.function("kernel", *[ctypes.c_void_p] * 6, ctypes.c_int64)
         self._scratch: list[Array] = []

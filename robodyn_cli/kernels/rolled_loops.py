@@ -13,13 +13,13 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from robodyn_cli.kernels.ir import RELAXED, Function, Int, Value, module
 from robodyn_cli.kernels.lower import lower
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.kernels.rolled_recursion import Recursion, Step, Sweep
 from robodyn_cli.kernels.rolled_steps import BODY_CONSTANTS, DOWN, UP, Place
-from robodyn_cli.record import record
 
 # Columns of samples lie far apart, so the processor does not prefetch them by itself. Prefetching the samples of a
 # later block pays where they do not fit into the cache (measured on a busy machine, 30 joints, 10 000 samples: 0.18 us
@@ -89,15 +89,6 @@ def _used(program: Program) -> dict[str, set[int]]:
     return found
 
 
-@record
-class Target:
-    """Lanes of the code's vectors, whether it fuses multiply-add, and whether each body hangs on the one before."""
-
-    width: int
-    fused: bool
-    serial: bool
-
-
 class Loops:
     """Emits the sweeps of a recursion into a function with the arguments ``ARGUMENTS``.
 
@@ -105,9 +96,9 @@ class Loops:
     """
 
     def __init__(
-        self, f: Function, recursion: Recursion, target: Target, at: Callable[[str, Int], str]
-    ) -> None:
-        width, fused, serial = target.width, target.fused, target.serial
+        self, f: Function, recursion: Recursion, serial: bool, width: int, fused: bool,
+        at: Callable[[str, Int], str],
+    ) -> None:  # fmt: skip
         self.f = f
         self.recursion = recursion
         self.serial = serial
@@ -250,10 +241,10 @@ class Loops:
         return value
 
 
-def write_sample_kernel(recursion: Recursion, target: Target) -> str:
+def write_sample_kernel(recursion: Recursion, serial: bool, lanes: int, fused: bool) -> str:
     """Return the IR of ``kernel(tables, q, v, x, out, scratch, T)``: column k of an array starts at k T."""
     f = Function("kernel", [*(f"ptr noalias %{a}" for a in ARGUMENTS), "i64 %T"], flags=RELAXED)
-    samples, lanes = f.int_argument("T"), target.width
+    samples = f.int_argument("T")
     start = f.int_slot()
 
     def at(group: str, column: Int) -> str:
@@ -261,7 +252,7 @@ def write_sample_kernel(recursion: Recursion, target: Target) -> str:
         f.prefetch(f.offset(address, BLOCKS_AHEAD * lanes), write=group == "out")
         return address
 
-    loops = Loops(f, recursion, target, at)
+    loops = Loops(f, recursion, serial, lanes, fused, at)
     with f.count(samples, step=lanes) as t:
         # the last block is moved back so that it ends at T; it repeats a few samples instead of needing masks
         f.store_int(f.select_int(f.compare_int("sgt", t + lanes, samples), samples - lanes, t), start)
@@ -270,16 +261,17 @@ def write_sample_kernel(recursion: Recursion, target: Target) -> str:
     return module([f])
 
 
-def rolled_function(
-    name: str, recursion: Recursion, target: Target, internal: bool = True, attributes: str = ""
-) -> Function:
-    """Return ``name(tables, q, v, x, out, scratch)`` for one state of ``width`` lanes (1: a plain state).
+def rolled_function(f: Function, recursion: Recursion, serial: bool, width: int, fused: bool) -> Function:
+    """Write ``f(tables, q, v, x, out, scratch)`` for one state of ``width`` lanes (1: a plain state), and return it.
 
     Entry k of an array is the vector at k * width; vectors are aligned only as doubles. For a stepping loop:
     with ``width`` 1 it is a right-hand side, with more one for as many stages or members at once.
     """
-    arguments = [f"ptr noalias %{a}" for a in ARGUMENTS]
-    f = Function(name, arguments, internal=internal, attributes=attributes, flags=RELAXED)
-    Loops(f, recursion, target, lambda group, k: f.offset(f"%{group}", k * target.width)).emit()
+    Loops(f, recursion, serial, width, fused, lambda group, k: f.offset(f"%{group}", k * width)).emit()
     f.ret()
     return f
+
+
+def tree_function(name: str, **kind: Any) -> Function:
+    """Return an empty function of the arguments that ``rolled_function`` takes; ``kind`` as for ``Function``."""
+    return Function(name, [f"ptr noalias %{a}" for a in ARGUMENTS], flags=RELAXED, **kind)

@@ -11,30 +11,82 @@ import dataclasses
 
 from robodyn_cli.expr.graph import is_number
 from robodyn_cli.model.model import BASE, Body, Model
+from robodyn_cli.spatial.algebra import Transform, congruence, zeros
+from robodyn_cli.spatial.double_double import DoubleDouble, extended, orthonormal, rounded
+from robodyn_cli.spatial.inertia import RigidInertia
+
+LOSS = 1e3  # so many units of rounding may be lost in a difference of inertias
+
+
+def dynamics_model(model: Model) -> Model:
+    """Return the model whose M, C and G are to be computed: with base parameters where the bodies' own lose digits.
+
+    A body far from its joint's axis along it has moments of inertia of m c^2 about the two transverse axes. Only their
+    difference acts, and a double that holds m c^2 + I does not hold the small I.
+    """
+    return with_base_parameters(model) if _loses_digits(model) else model
 
 
 def with_base_parameters(model: Model) -> Model:
     """Return a model with the same M, C and G and as few inertial parameters as its joints allow.
 
-    A model with symbols among its inertias or places is returned as it is: expressions that depend on them are traced
-    to single bodies.
+    They are sums and differences of numbers of any size, so they are computed with 32 digits from the parts of the
+    bodies, and rounded at the end. A body with symbols in its inertia or place keeps what it has.
 
     Limits: loads in the joints, and momenta and energies of single bodies, are not those of the mechanism. Inertias of
     bodies may be negative; M stays positive definite.
     """
-    if not all(_is_known(body) for body in model.bodies):
-        return model
-    inertia = [body.inertia for body in model.bodies]
+    known = [_is_known(body) for body in model.bodies]
+    inertia = [_extended(body) if sure else body.inertia for body, sure in zip(model.bodies, known)]
     for k in reversed(range(len(model.bodies))):
         body = model.bodies[k]
-        moved = body.joint.parent_inertia(inertia[k])
+        moved = body.joint.parent_inertia(inertia[k]) if known[k] else None
         if moved is None:
             continue
         inertia[k] = inertia[k] - moved
         if body.parent != BASE:
-            inertia[body.parent] = inertia[body.parent] + moved.to_parent(body.X_tree)
-    bodies = tuple(dataclasses.replace(b, inertia=I) for b, I in zip(model.bodies, inertia))
+            there = moved.to_parent(Transform(orthonormal(body.X_tree.E), body.X_tree.r))
+            inertia[body.parent] = inertia[body.parent] + (there if known[body.parent] else _rounded(there))
+    bodies = tuple(
+        dataclasses.replace(body, inertia=_rounded(I) if sure else I, parts=())
+        for body, I, sure in zip(model.bodies, inertia, known)
+    )
     return dataclasses.replace(model, bodies=bodies)
+
+
+def _extended(body: Body) -> RigidInertia:
+    """Return the inertia of a body as sums of two doubles, from its parts where these are known."""
+    if not body.parts:
+        I = body.inertia
+        return RigidInertia(DoubleDouble(I.m), extended(I.h), extended(I.I))
+    total = RigidInertia(DoubleDouble(0.0), extended(zeros(3)), extended(zeros(3, 3)))
+    for part in body.parts:
+        X = Transform(orthonormal(part.frame.E), extended(part.frame.r))
+        total = total + RigidInertia.from_com(
+            DoubleDouble(part.m), X.point(part.c), congruence(X.E, extended(part.I_com))
+        )
+    return total
+
+
+def _rounded(I: RigidInertia) -> RigidInertia:
+    return RigidInertia(float(I.m), rounded(I.h), rounded(I.I))
+
+
+def _loses_digits(model: Model) -> bool:
+    """Tell whether a body's inertia about its joint's axis is far smaller than its moments about other axes."""
+    return any(_loss(body) > LOSS for body in model.bodies if body.parts and _is_known(body))
+
+
+def _loss(body: Body) -> float:
+    """Return the transverse moments of a body over the largest part of their difference, 1 where there is none."""
+    if body.joint.parent_inertia(body.inertia) is None:
+        return 1.0
+    acting = 0.0
+    for part in body.parts:
+        x, y, _ = part.frame.point(part.c)
+        I = congruence(part.frame.E, part.I_com)
+        acting = max(acting, abs(I[0, 0] - I[1, 1]), abs(I[0, 1]), part.m * x * x, part.m * y * y)
+    return max(abs(body.inertia.I[0, 0]), abs(body.inertia.I[1, 1])) / acting if acting else 1.0
 
 
 def _is_known(body: Body) -> bool:

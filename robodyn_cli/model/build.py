@@ -18,6 +18,7 @@ from robodyn_cli.model.model import (
     JointForce,
     Loop,
     Model,
+    RigidPart,
 )
 from robodyn_cli.model.placement import joint_kind, joint_placement
 from robodyn_cli.record import mutable_record, record
@@ -63,13 +64,13 @@ class _Placed:
 
 @mutable_record
 class _Moving:
-    """A body that its joint moves; inertia is the sum over the links that it carries, None before the first."""
+    """A body that its joint moves; ``parts`` are the links that it carries."""
 
     name: str
     joint: sc.Joint
     parent: int
     X_tree: Transform
-    inertia: RigidInertia | None = None
+    parts: tuple[RigidPart, ...] = ()
 
 
 class _Values:
@@ -97,12 +98,12 @@ class _Values:
             )
 
 
-def _inertia(link: sc.Link, values: _Values, frame: Transform) -> RigidInertia:
-    """Return a link's inertia in body coordinates; ``frame`` takes body coordinates to those of ``com_frame``."""
+def _rigid_part(link: sc.Link, values: _Values, frame: Transform) -> RigidPart | None:
+    """Return what a link adds to its body, None for nothing; ``frame`` takes body coordinates to ``com_frame``."""
     path = f"links.{link.name}"
     m = values.get(f"{path}.mass", link.mass, f"mass of {link.name}")
     if not is_nonzero(m) and link.com is None and link.inertia == sc.Inertia():
-        return RigidInertia.zero()
+        return None
     c = _com(link, values)
     I = {
         k: values.get(f"{path}.inertia.{k}", getattr(link.inertia, k), f"inertia.{k} of {link.name}")
@@ -115,7 +116,7 @@ def _inertia(link: sc.Link, values: _Values, frame: Transform) -> RigidInertia:
             if getattr(link.inertia, k) is None and f"{path}.inertia.{k}" not in values.used:
                 I[k] = 0.0
     tensor = matrix([[I["xx"], I["xy"], I["xz"]], [I["xy"], I["yy"], I["yz"]], [I["xz"], I["yz"], I["zz"]]])
-    return RigidInertia.from_com(m, c, tensor).to_parent(frame)
+    return RigidPart(m, c, tensor, frame)
 
 
 def _com(link: sc.Link, values: _Values) -> Vector:
@@ -190,9 +191,8 @@ def _place_links(robot: sc.Robot, values: _Values) -> tuple[dict[str, _Placed], 
             moving.append(_Moving(name, joint, parent.body, X_tree))
         placed[name] = here
         if here.body != BASE:
-            own = _inertia(links[name], values, here.frame_of_com(links[name]))
-            before = moving[here.body].inertia
-            moving[here.body].inertia = own if before is None else before + own
+            part = _rigid_part(links[name], values, here.frame_of_com(links[name]))
+            moving[here.body].parts += () if part is None else (part,)
     return placed, moving
 
 
@@ -234,7 +234,8 @@ def _number(robot: sc.Robot, moving: list[_Moving], values: _Values) -> tuple[Bo
                 joint=joint_kind(joint),
                 parent=body.parent,
                 X_tree=body.X_tree,
-                inertia=RigidInertia.zero() if body.inertia is None else body.inertia,
+                inertia=sum((part.inertia for part in body.parts), RigidInertia.zero()),
+                parts=body.parts,
                 q=start[joint.name][0],
                 v=start[joint.name][1],
                 armature=joint.gear_ratio**2 * rotor,

@@ -23,12 +23,31 @@ class JointForce:
 
 
 @record
+class RigidPart:
+    """A link of a body: mass m [kg], centre of mass c [m] and inertia about it [kg m^2], in the axes of ``frame``.
+
+    frame : from body coordinates to those.
+    """
+
+    m: Any
+    c: Vector
+    I_com: Matrix
+    frame: Transform
+
+    @property
+    def inertia(self) -> RigidInertia:
+        """In body coordinates, about the body's origin."""
+        return RigidInertia.from_com(self.m, self.c, self.I_com).to_parent(self.frame)
+
+
+@record
 class Body:
     """A moving body with the joint that carries it. Body axes: z is the joint axis, origin on the axis.
 
     parent : index of the parent body, or ``BASE``.
     X_tree : transform from the parent's body frame to the frame before the joint.
-    inertia : in body coordinates, about the body's origin.
+    inertia : in body coordinates, about the body's origin. parts : the links that it is the sum of, () where that is
+    not known.
     """
 
     name: str
@@ -42,6 +61,7 @@ class Body:
     armature: Any = 0.0
     gear_ratio: float = 1.0
     forces: tuple[JointForce, ...] = ()
+    parts: tuple[RigidPart, ...] = ()
 
 
 @record

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import textwrap
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from robodyn_cli.record import record
 from robodyn_cli.report import style
 from robodyn_cli.report.marks import NOTE_WIDTH, failure_note
 from robodyn_cli.results.atomic import discard, output_errors, temporary_path
@@ -34,36 +36,38 @@ CHARACTER = 0.62 * style.FONT_SIZE / 72.0
 HANDLE = 0.62
 
 
+@record
+class Panels:
+    """How a sheet is laid out: ``panels`` of ``height`` inches, ``across`` of them side by side, ``gap`` apart.
+
+    labels : texts of the legend below. degrees : leaves room for a second scale. bar : adds axes for a colour bar.
+    """
+
+    panels: int = 1
+    across: int = 1
+    height: float = 3.3
+    gap: float = 0.16
+    labels: Sequence[str] = ()
+    degrees: bool = False
+    bar: bool = False
+
+
 class Sheet:
     """A figure with its panels; legend and captions are placed around them."""
 
-    def __init__(
-        self,
-        result: Result,
-        subtitle: str,
-        *,
-        panels: int = 1,
-        across: int = 1,
-        height: float = 3.3,
-        gap: float = 0.16,
-        labels: tuple[str, ...] | list[str] = (),
-        degrees: bool = False,
-        bar: bool = False,
-    ) -> None:
-        """Lay out ``panels`` of ``height`` inches, ``across`` of them side by side, rows ``gap`` apart.
-
-        ``labels`` are the texts of the legend below; ``degrees`` leaves room for a second scale, ``bar`` adds
-        axes for a colour bar.
-        """
+    def __init__(self, result: Result, subtitle: str, **layout: Any) -> None:
+        """Lay out the panels; ``layout`` : fields of ``Panels``."""
+        shape = Panels(**layout)
+        panels, across, height, gap = shape.panels, shape.across, shape.height, shape.gap
         title = textwrap.wrap(result.title or result.command, 72, max_lines=2, placeholder=" ...")
         notes = [*textwrap.wrap(subtitle, NOTE_WIDTH), *failure_note(result)]
-        self.columns, lines = legend_shape(labels)
+        self.columns, lines = legend_shape(list(shape.labels))
         top = 0.12 + TITLE_LINE * len(title) + SUBTITLE_LINE * len(notes) + 0.14
         bottom = X_LABEL + (LEGEND_LINE * lines + 0.1 if lines else 0.0) + 0.04
         rows = math.ceil(panels / across)
         total = top + rows * height + (rows - 1) * gap + bottom
         self.figure = Figure(figsize=(WIDTH, total), dpi=style.DPI)
-        width = WIDTH - LEFT - RIGHT - (DEGREES if degrees else 0.0) - (BAR if bar else 0.0)
+        width = WIDTH - LEFT - RIGHT - (DEGREES if shape.degrees else 0.0) - (BAR if shape.bar else 0.0)
         wide = (width - (across - 1) * BETWEEN) / across
         self._across = across
         self.axes: list[Axes] = []
@@ -73,7 +77,7 @@ class Sheet:
             y = bottom + (rows - 1 - row) * (height + gap)
             self.axes.append(self.figure.add_axes((x / WIDTH, y / total, wide / WIDTH, height / total)))
         self.bar: Axes | None = None
-        if bar:
+        if shape.bar:
             place = ((LEFT + width + 0.15) / WIDTH, bottom / total, 0.18 / WIDTH, height / total)
             self.bar = self.figure.add_axes(place)
         y = total - 0.12

@@ -46,18 +46,17 @@ class Meta(TypedDict, total=False):
 def make_variable(path: str, data: Any, **meta: Unpack[Meta]) -> Variable:
     """Return ``data`` as a Variable; the catalogue gives what is left out, and shapes are checked."""
     known = catalogue.lookup(path)
-    dims, names = meta.get("dims"), meta.get("names", ())
+    units, long_name, dims = meta.get("units"), meta.get("long_name"), meta.get("dims")
+    names, column_units = meta.get("names", ()), meta.get("column_units", ())
     if dims is None:
         dims = known.dims if known else ("time",)
     if known and not names and known.dims == tuple(dims):
         names = known.names
-    units, long_name = meta.get("units"), meta.get("long_name")
     units = known.units if units is None and known else units
     long_name = known.long_name if long_name is None and known else long_name
     if units is None or long_name is None:
         raise ValueError(f"{path}: not in the catalogue of results, so units and long_name must be given")
     array = np.asarray(data, dtype=float)
-    column_units = meta.get("column_units", ())
     if array.ndim != len(dims):
         raise ValueError(f"{path}: {array.ndim} dimensions, but dims is {tuple(dims)}")
     if names and array.shape[-1] != len(names):

@@ -73,7 +73,8 @@ def simulate(
         driver = Driver.of(motion, StiffnessWatch.for_choice(motion.choice))
     failure = _drive(motion, driver, recorder, progress, watch)
     redundant = redundant_rows(motion, recorder)
-    facts = motion_facts(motion, driver, recorder, redundant) | _facts_of_run(motion, driver)
+    facts = motion_facts(motion, driver, recorder, redundant)
+    facts |= _facts_of_run(motion, driver, facts.get("warnings", []))
     failure = (redundant and redundant.violated) or failure or recorder.not_finite
     failure = failure or _judge_energy(motion, driver, recorder, facts)
     if failure is None and motion.scene.simulate.error_estimate:
@@ -107,10 +108,13 @@ def _drive(
     return None
 
 
-def _facts_of_run(motion: Motion, driver: Driver) -> dict[str, Any]:
-    """Return the fields of the summary that watchers and the supervisor have something to say to."""
+def _facts_of_run(motion: Motion, driver: Driver, said: list[str]) -> dict[str, Any]:
+    """Return the fields of the summary that watchers and the supervisor have something to say to.
+
+    said : warnings so far.
+    """
     facts: dict[str, Any] = {}
-    warnings = _unresolved_formulas(motion.problem)
+    warnings = [*said, *_unresolved_formulas(motion.problem)]
     if motion.passive:
         from robodyn_cli.run.driver.start import start_warnings
 
@@ -141,7 +145,7 @@ def _unresolved_formulas(problem: Problem) -> list[str]:
     return [
         f"{key}: this function of time changes so often, or on so short a scale, that not every change was found; "
         "steps may miss some: set simulate.max_step below the shortest"
-        for key, found in problem.time_structures
+        for key, found in problem.switching.time_structures
         if not found.resolved
     ]
 

@@ -186,7 +186,7 @@ def test_70_an_internal_error_is_reported_in_one_line(
     def broken(*args: Any, **more: Any) -> None:
         raise AssertionError("the impossible")
 
-    monkeypatch.setattr(module, "describe_run", broken)
+    monkeypatch.setattr(module, "_drive", broken)
     done = invoke("simulate", scene, "--json", "--out", tmp_path / "out")
     message = one_message(done)
     assert done.code == 70 and "internal error" in message and "the impossible" in message

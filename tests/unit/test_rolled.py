@@ -24,7 +24,7 @@ from robodyn_cli.kernels.rolled import (
     RolledForwardDynamics,
     RolledInverseDynamics,
 )
-from robodyn_cli.kernels.rolled_loops import Target, rolled_function, write_sample_kernel
+from robodyn_cli.kernels.rolled_loops import rolled_function, tree_function, write_sample_kernel
 from robodyn_cli.kernels.rolled_tables import RolledPlan
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import BASE, UNKNOWN_GROUP, FixedFrame, Loop, Model
@@ -250,7 +250,7 @@ def test_fewer_lanes(lanes: int, fused: bool) -> None:
     plan = RolledPlan(model, "forward")
     code = compile_module(
         f"test {lanes} {fused} {plan.digest}",
-        lambda: write_sample_kernel(plan.recursion, Target(lanes, fused, plan.serial)),
+        lambda: write_sample_kernel(plan.recursion, plan.serial, lanes, fused),
     )
     out = np.empty((11, 7), order="F")
     call = code.function("kernel", *[ctypes.c_void_p] * 6, ctypes.c_int64)
@@ -261,10 +261,11 @@ def test_fewer_lanes(lanes: int, fused: bool) -> None:
 
 def right_hand_side(plan: RolledPlan, width: int, *samples: np.ndarray) -> np.ndarray:
     """Call the function that a stepping loop calls, for so many states at once (width, nv)."""
-    target = Target(width, machine().fused, plan.serial)
     code = compile_module(
         f"test state {width} {plan.digest}",
-        lambda: module([rolled_function("rhs", plan.recursion, target, internal=False)]),
+        lambda: module(
+            [rolled_function(tree_function("rhs"), plan.recursion, plan.serial, width, machine().fused)]
+        ),
     )
     arrays = [np.ascontiguousarray(a.T) for a in samples]
     out = np.empty((plan.nv, width))

@@ -92,12 +92,7 @@ class RosenbrockTable:
 
 @record
 class UsualForm:
-    """A Rosenbrock method as it is usually published (Hairer and Wanner 1996, section IV.7).
-
-    k_i = h f(t + alpha_i h, y + sum alpha_ij k_j) + h J sum gamma_ij k_j + gamma_i h^2 df/dt, y1 = y + sum b_i k_i;
-    gamma : rows with the diagonal, which is the same in all. e : weights of the error estimate. dense : of the
-    continuous extension.
-    """
+    """Coefficients of a Rosenbrock method in its usual form (see ``transformed``); e : of the error."""
 
     order: int
     error_order: int
@@ -108,26 +103,31 @@ class UsualForm:
     dense_order: int
     dense: tuple[Row, ...]
 
-    def transformed(self) -> RosenbrockTable:
-        """Return the table in u = Gamma k."""
-        s = len(self.b)
-        A, G = np.zeros((s, s)), np.zeros((s, s))
-        for i in range(s):
-            A[i, : len(self.alpha[i])], G[i, : i + 1] = self.alpha[i], self.gamma[i]
-        inverse = np.linalg.inv(G)
-        a, C = A @ inverse, np.diag(1.0 / np.diag(G)) - inverse
 
-        def rows(x: Array) -> tuple[Row, ...]:
-            return tuple(tuple(float(c) for c in x[i, :i]) for i in range(s))
+def transformed(m: UsualForm) -> RosenbrockTable:
+    """Return the transformed table of a method in its usual form.
 
-        def row(x: Row) -> Row:
-            return tuple(float(c) for c in np.array(x) @ inverse)
+    k_i = h f(t + alpha_i h, y + sum alpha_ij k_j) + h J sum gamma_ij k_j + gamma_i h^2 df/dt, y1 = y + sum b_i k_i;
+    gamma : rows with the diagonal, which is the same in all. e : weights of the error estimate. dense : of the
+    continuous extension.
+    """
+    s = len(m.b)
+    A, G = np.zeros((s, s)), np.zeros((s, s))
+    for i in range(s):
+        A[i, : len(m.alpha[i])], G[i, : i + 1] = m.alpha[i], m.gamma[i]
+    inverse = np.linalg.inv(G)
+    a, C = A @ inverse, np.diag(1.0 / np.diag(G)) - inverse
 
-        weights = tuple(row(d) for d in self.dense)
-        orders = self.order, self.error_order
-        return RosenbrockTable(
-            *orders, float(G[0, 0]), rows(a), rows(C), row(self.b), row(self.e), self.dense_order, weights
-        )
+    def rows(x: Array) -> tuple[Row, ...]:
+        return tuple(tuple(float(c) for c in x[i, :i]) for i in range(s))
+
+    def row(x: Row) -> Row:
+        return tuple(float(c) for c in np.array(x) @ inverse)
+
+    weights = tuple(row(d) for d in m.dense)
+    return RosenbrockTable(
+        m.order, m.error_order, float(G[0, 0]), rows(a), rows(C), row(m.b), row(m.e), m.dense_order, weights
+    )
 
 
 def rooted_trees(n: int) -> list[Tree]:
@@ -205,7 +205,7 @@ RODAS5P = RosenbrockTable(
 # ode23s of Shampine and Reichelt (1997): order 2, L-stable, error from a formula of order 3; d = 1 / (2 + sqrt 2)
 _D = 1.0 / (2.0 + 2.0**0.5)
 _E32 = 6.0 + 2.0**0.5
-ROSENBROCK23 = UsualForm(
+ROSENBROCK23 = transformed(UsualForm(
     order=2,
     error_order=3,
     alpha=((), (0.5,), (0.0, 1.0)),
@@ -214,4 +214,4 @@ ROSENBROCK23 = UsualForm(
     e=(1.0 / 6.0, -2.0 / 6.0, 1.0 / 6.0),
     dense_order=2,
     dense=((1.0 / (1.0 - 2.0 * _D), -1.0 / (1.0 - 2.0 * _D), 0.0),),
-).transformed()
+))

@@ -18,11 +18,11 @@ from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 from robodyn_cli.run.commands import execute
 from robodyn_cli.run.driver.prepare import passive_coordinates, prepare
-from robodyn_cli.run.driver.singularity import passive_determinant
 from robodyn_cli.run.inverse.build import build_inverse
 from robodyn_cli.run.plan.data import unknown_data
 from robodyn_cli.run.plan.words import listed_data
 from robodyn_cli.run.progress import no_progress
+from robodyn_cli.run.singular.singularity import passive_determinant
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.load import examine
 from robodyn_cli.scene.text.nodes import Node, dotted, located, nearest

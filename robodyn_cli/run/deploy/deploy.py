@@ -31,10 +31,10 @@ from robodyn_cli.run.driver.build import build_motion
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.driver.second_run import ErrorEstimate, FirstRun, estimate_error
-from robodyn_cli.run.driver.singularity import refuse_singular_start
 from robodyn_cli.run.driver.summary import motion_facts, redundant_rows
 from robodyn_cli.run.observation.recorder import Recorder
 from robodyn_cli.run.progress import Progress, no_progress
+from robodyn_cli.run.singular.singularity import refuse_singular_start
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 

@@ -23,8 +23,8 @@ from robodyn_cli.run.deploy.summary import (
 )  # fmt: skip
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.driver.second_run import other_steps, remainder, tighter
-from robodyn_cli.run.driver.singularity import Singularity, classify, culprit, loop_rows, psi_at
 from robodyn_cli.run.observation.recorder import Recorder
+from robodyn_cli.run.singular.singularity import Singularity, classify, culprit, loop_rows, psi_at
 
 Array = NDArray[np.float64]
 TRUSTED = 0.01  # relative error of a lock's time beyond which it is not reported as a lock

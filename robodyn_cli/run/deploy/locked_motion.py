@@ -17,6 +17,7 @@ from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.deploy.lock import Latch, Lock
 from robodyn_cli.run.deploy.summary import AfterLock, LatchLoad, Overload
+from robodyn_cli.run.driver.build import half_turns
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.driver.second_run import FirstRun, estimate_error
@@ -67,9 +68,12 @@ def follow_locked(motion: Motion, lock: Lock, latch: Latch, before: Recorder, wa
     s = motion.scene.simulate
     with watch.stage("equations"):
         problem = latch.locked.problem
-        locked = dataclasses.replace(
-            motion, problem=problem, system=build_system(problem, s.stabilisation), watchers=()
-        )
+        watchers = tuple(half_turns(problem))
+        functions = [function for watcher in watchers for function in watcher.functions]
+        system = build_system(problem, s.stabilisation, functions)
+        locked = dataclasses.replace(motion, problem=problem, system=system, watchers=watchers)
+        for watcher in watchers:
+            watcher.follow(locked)
         recorder = Recorder(LockedObserver(problem, locked.system, before.observer))
     grid = Grid.over(s.duration, s.samples)
     first = grid.first_at(lock.time)

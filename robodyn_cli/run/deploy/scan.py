@@ -23,10 +23,10 @@ from robodyn_cli.run.deploy.growth import GRID, GrowthMonitor, levels_with, mult
 from robodyn_cli.run.driver.build import refuse_contact
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.motion import Motion, Watcher
-from robodyn_cli.run.driver.rank_loss import PosesAhead
-from robodyn_cli.run.driver.singularity import classify, driven_dead_point, loop_rows, passive_determinant
 from robodyn_cli.run.observation.least_norm import LeastNorm
 from robodyn_cli.run.progress import Progress, no_progress
+from robodyn_cli.run.singular.rank_loss import PosesAhead
+from robodyn_cli.run.singular.singularity import classify, driven_dead_point, loop_rows, passive_determinant
 
 Array = NDArray[np.float64]
 Pose = tuple[float, Array]  # a time [s] and the state x (nx,) there
@@ -169,13 +169,16 @@ def scan(
 
     multipliers : whether these are judged too.
     """
-    rank, dead, growth = motion.watchers
+    rank, dead, growth, *others = motion.watchers
     assert (
         isinstance(rank, Bifurcation) and isinstance(dead, DeadPoint) and isinstance(growth, MultiplierGrowth)
     )
     duration = motion.scene.simulate.duration
     driver = Driver(
-        motion.system, motion.choice.method, options, (rank, dead, *([growth] if multipliers else []))
+        motion.system,
+        motion.choice.method,
+        options,
+        (rank, dead, *([growth] if multipliers else []), *others),
     )
     driver.tick = lambda time: progress(time, duration)
     driver.start(0.0, motion.start)

@@ -32,7 +32,7 @@ def follow_motion(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
     contact = bool(problem.contact_joints)
     stops = problem.scene.simulate.singular == "stop"
     if problem.model.closures and (stops or not contact):
-        from robodyn_cli.run.driver.rank_loss import Passage, RankLoss
+        from robodyn_cli.run.singular.rank_loss import Passage, RankLoss
 
         found.append(RankLoss(problem) if stops else Passage(problem))
     if contact:
@@ -93,7 +93,7 @@ def build_motion(
     problem = setup.problem
     with watch.stage("equations"):
         passive = tuple(passive_coordinates(problem) or ())
-        watchers = tuple(follow(problem, passive))
+        watchers = (*follow(problem, passive), *half_turns(problem))
         functions = [function for watcher in watchers for function in watcher.functions]
         system = build_system(problem, scene.simulate.stabilisation, functions, work)
     with watch.stage("method"):
@@ -115,6 +115,15 @@ def build_motion(
             for watcher in watchers:
                 watcher.follow(motion)
     return motion
+
+
+def half_turns(problem: Problem) -> list[Watcher]:
+    """Return the watcher of forces between bodies whose angle jumps at half a turn, where there are such forces."""
+    if not problem.model.forces or not problem.elements.half_turns:
+        return []
+    from robodyn_cli.run.driver.half_turns import HalfTurns
+
+    return [HalfTurns(problem)]
 
 
 def options_for(scene: Scene) -> Options:

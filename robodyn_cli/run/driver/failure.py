@@ -12,7 +12,7 @@ from robodyn_cli.integrators.runtime.stopped import rates_at
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.mass_matrix import nearly_singular
 from robodyn_cli.run.driver.motion import Motion
-from robodyn_cli.run.driver.singularity import driven_dead_point
+from robodyn_cli.run.singular.singularity import driven_dead_point
 
 # kinds of failure that lie in the motion rather than in what the run may take
 BREAKDOWNS = ("step_too_small", "not_finite", "not_solved")

@@ -65,6 +65,11 @@ class Watcher:
         """What has happened, for the events of the result."""
         return []
 
+    @property
+    def warnings(self) -> list[str]:
+        """What users are to be warned of after the run."""
+        return []
+
     def facts(self, end: float) -> dict[str, Any]:
         """Return fields of the summary for a run that came to ``end`` [s]."""
         return {}

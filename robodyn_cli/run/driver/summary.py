@@ -114,6 +114,8 @@ def motion_facts(
         facts["multipliers"] = describe_dependence(problem, driver.repartitions)
     if recorder.observer.reactions is not None:
         facts["reactions"] = {**recorder.observer.reactions.note(), "largest": recorder.loads}
+    if warnings := [text for watcher in motion.watchers for text in watcher.warnings]:
+        facts["warnings"] = warnings
     if motion.gains is not None:
         facts["baumgarte"] = motion.gains
     return facts

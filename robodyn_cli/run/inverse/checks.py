@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
+from robodyn_cli.forces.element import half_turn_warning
 from robodyn_cli.forces.limits import Limits
 from robodyn_cli.model.model import Model
 from robodyn_cli.results.summary import ABSENT, Absent
@@ -72,6 +73,17 @@ def beyond_limits(problem: Problem, times: Array, motion: JointMotion) -> list[s
                     f"at t = {times[at]:.6g} s, {side} {limit:.6g} {unit}; {what}"
                 )
     return found
+
+
+def half_turns(problem: Problem, sampled: Sampled) -> list[str]:
+    """Return a warning for each force between bodies whose angle jumps at half a turn along the motion."""
+    jumps = problem.elements.half_turns
+    change: dict[str, Array] = {}
+    for k, (name, _) in enumerate(jumps):
+        step = np.diff(sampled.arrays["half_turns"][:, k])
+        change[name] = change.get(name, 0.0) + step * step
+    jumped = {name: np.flatnonzero(square > np.pi**2) for name, square in change.items()}
+    return [half_turn_warning(name, sampled.times[at[0] + 1]) for name, at in jumped.items() if at.size]
 
 
 def path_error(planned: Planned, sampled: Sampled) -> float | Absent:

@@ -10,7 +10,6 @@ from robodyn_cli.errors import SceneError
 from robodyn_cli.loops.base import Row
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.driver.singularity import loop_rows
 from robodyn_cli.run.inverse.program import InverseProgram, Loops, Outputs, Sampled, parts
 from robodyn_cli.run.inverse.sharing import refuse_gears, share_load
 from robodyn_cli.run.mechanism.guided_motion import guided_motion
@@ -18,6 +17,7 @@ from robodyn_cli.run.mechanism.loop_conditions import Lead, lead_of, velocity_pl
 from robodyn_cli.run.mechanism.motion import Planned, with_led_point
 from robodyn_cli.run.mechanism.report import add_rows
 from robodyn_cli.run.observation.evaluation import SampleFunction
+from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import accelerations
 

@@ -9,8 +9,15 @@ import numpy as np
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, Residual, Termination, as_keys
 from robodyn_cli.run.inverse.build import build_inverse
-from robodyn_cli.run.inverse.checks import beyond_limits, error_estimate, joint_figures, path_error
+from robodyn_cli.run.inverse.checks import (
+    beyond_limits,
+    error_estimate,
+    half_turns,
+    joint_figures,
+    path_error,
+)
 from robodyn_cli.run.inverse.program import InverseProgram, Loops, Sampled
+from robodyn_cli.run.inverse.rest import rest_warnings, with_rest
 from robodyn_cli.run.inverse.summary import (
     CLOSED_DEFINITIONS,
     DEFINITIONS,
@@ -67,7 +74,7 @@ def inverse(
     with watch.stage("equations"):
         program = build_inverse(scene)
     with watch.stage("solve"):
-        planned = program.plan(count)
+        planned = with_rest(program.problem, program.plan(count))
     with watch.stage("equations"):
         function = program.compile(count)
     with watch.stage("evaluate"):
@@ -133,7 +140,12 @@ def summarise(
         status="ok",
         termination=Termination("end of the trajectory", float(sampled.times[-1])),
         samples=len(sampled.times),
-        warnings=beyond_limits(problem, sampled.times, sampled.motion) or ABSENT,
+        warnings=[
+            *beyond_limits(problem, sampled.times, sampled.motion),
+            *half_turns(problem, sampled),
+            *rest_warnings(problem, planned),
+        ]
+        or ABSENT,
         mechanism=ABSENT if loops is None else _mechanism(loops),
         inverse_kinematics=planned.method or ABSENT,
         ik_residual=path_error(planned, sampled),

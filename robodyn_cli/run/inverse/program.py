@@ -180,6 +180,8 @@ def energies(problem: Problem, terms: Outputs) -> Outputs:
             "forces/potential": [e.potential for e in effects],
             "forces/power": [e.power for e in effects],
         }
+    if jumps := problem.elements.half_turns:
+        found["half_turns"] = [jump.angle for _, jump in jumps]
     needed = [x for term in terms.values() for x in term]
     return {name: without_idle_unknowns(entries, needed) for name, entries in found.items()}
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SingularConfigurationError
-from robodyn_cli.run.driver.singularity import loop_rows
 from robodyn_cli.run.mechanism.loop_conditions import coordinate_name
+from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.solve.load_sharing import LostRank, Shared, TooFewActuators, share
 
 Array = NDArray[np.float64]

@@ -11,7 +11,6 @@ from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, Residual, Termination, as_keys
 from robodyn_cli.run.driver.prepare import held_columns, initial_positions
-from robodyn_cli.run.driver.singularity import loop_rows
 from robodyn_cli.run.mechanism.branches import Branches, find_branches
 from robodyn_cli.run.mechanism.loop_conditions import LoopConditions, nothing_led
 from robodyn_cli.run.mechanism.mobility import mobility
@@ -20,6 +19,7 @@ from robodyn_cli.run.mechanism.report import add_sample
 from robodyn_cli.run.mechanism.summary import AssembleSummary
 from robodyn_cli.run.observation.finite import refuse_result
 from robodyn_cli.run.progress import Progress, no_progress
+from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import assemble as close_loops

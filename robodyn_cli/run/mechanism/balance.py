@@ -15,12 +15,12 @@ from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.expr.rebuild import Evaluator, evaluate
 from robodyn_cli.run.driver.prepare import held_columns
-from robodyn_cli.run.driver.singularity import loop_rows
 from robodyn_cli.run.mechanism.at_rest import AtRest, at_rest, refuse_unknown
 from robodyn_cli.run.mechanism.loop_conditions import Lead, LoopConditions
 from robodyn_cli.run.mechanism.summary import Balanced
 from robodyn_cli.run.observation.evaluation import without_idle_unknowns
 from robodyn_cli.run.observation.finite import cause
+from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.solve.equilibrium import Balance, balance
 
 Array = NDArray[np.float64]

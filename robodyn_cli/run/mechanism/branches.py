@@ -14,10 +14,10 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.rebuild import Evaluator, evaluate
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.driver.singularity import loop_rows
 from robodyn_cli.run.mechanism.loop_conditions import LoopConditions
 from robodyn_cli.run.mechanism.summary import Branch, BranchSearch
 from robodyn_cli.run.observation.units import joint_columns
+from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.solve.branches import halton, search
 from robodyn_cli.solve.load_sharing import RANK
 

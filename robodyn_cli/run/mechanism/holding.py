@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SingularConfigurationError
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.run.driver.singularity import loop_rows
 from robodyn_cli.run.inverse.program import torque_terms
 from robodyn_cli.run.inverse.sharing import lost_rank, refuse_gears
 from robodyn_cli.run.mechanism.at_rest import AtRest, at_rest, refuse_unknown
 from robodyn_cli.run.mechanism.loop_conditions import LoopConditions, nothing_led, velocity_places
 from robodyn_cli.run.mechanism.summary import Held
+from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.solve.load_sharing import LostRank, Shared, TooFewActuators, share
 
 Array = NDArray[np.float64]

@@ -16,7 +16,6 @@ from robodyn_cli.model.model import BASE
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, Absent, Termination, as_keys
 from robodyn_cli.run.driver.prepare import held_columns
-from robodyn_cli.run.driver.singularity import loop_rows
 from robodyn_cli.run.mechanism.guided_motion import guided_motion
 from robodyn_cli.run.mechanism.loop_conditions import Lead, lead_of, refuse_quasi
 from robodyn_cli.run.mechanism.mobility import Mobility, mobility
@@ -35,6 +34,7 @@ from robodyn_cli.run.observation.finite import refuse_result
 from robodyn_cli.run.observation.places import add_places, place_outputs
 from robodyn_cli.run.observation.units import add_motion
 from robodyn_cli.run.progress import Progress, no_progress
+from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import cross

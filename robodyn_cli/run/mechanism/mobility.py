@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.record import record
-from robodyn_cli.run.driver.singularity import loop_rows
+from robodyn_cli.run.singular.singularity import loop_rows
 
 Array = NDArray[np.float64]
 RANK = 1e-8  # ratio of singular values below which rank is lost

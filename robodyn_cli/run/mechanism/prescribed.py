@@ -85,7 +85,7 @@ def _doubtful_times(problem: Problem, row: Row) -> list[float]:
     found = [s for s in switches([row.eta, row.eta_t, row.gamma]) if is_of_time(s, problem.t)]
     duration = problem.scene.simulate.duration
     times = {time for s in found for time in switching_times(s, problem.t, duration)}
-    hidden = [x for key, found in problem.time_structures if key == row.name for x in found.points]
+    hidden = [x for key, found in problem.switching.time_structures if key == row.name for x in found.points]
     return sorted(times.union(hidden))
 
 

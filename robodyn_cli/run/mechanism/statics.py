@@ -12,7 +12,6 @@ from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, Residual, Termination, as_keys
 from robodyn_cli.run.driver.prepare import held_columns, initial_positions
-from robodyn_cli.run.driver.singularity import loop_rows
 from robodyn_cli.run.mechanism.at_rest import AtRest, at_rest
 from robodyn_cli.run.mechanism.balance import balanced
 from robodyn_cli.run.mechanism.formulas import check_formulas
@@ -25,6 +24,7 @@ from robodyn_cli.run.observation.finite import refuse_result
 from robodyn_cli.run.observation.reactions import Loads, loads_along
 from robodyn_cli.run.observation.units import joint_columns
 from robodyn_cli.run.progress import Progress, no_progress
+from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import assemble

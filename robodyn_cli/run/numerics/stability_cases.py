@@ -7,7 +7,6 @@ from collections.abc import Callable
 from robodyn_cli.record import record
 from robodyn_cli.run.numerics.stability_scenes import (
     FOUR_BAR,
-    GRAVITY,
     LECTURE_ARM,
     PARALLELOGRAM,
     RAISED,
@@ -276,7 +275,7 @@ CASES: tuple[Case, ...] = (
     ),
     Case(
         "gravity_alone",
-        lambda quick: slider("Mass in free fall", 10.0, 1.0, "", "{q: {y: 0}}", GRAVITY),
+        lambda quick: slider("Mass in free fall", 10.0, 1.0, "", "{q: {y: 0}}"),
         "exact: y = -g t^2 / 2",
         relative=1e-12,
         energy=1e-12,

@@ -124,11 +124,12 @@ def chain(
     return scene(title, body, f"{{q: {{{q}}}, qd: {{{qd}}}}}", duration)
 
 
-def slider(
-    title: str, duration: float, mass: float, force: str, start: str, gravity: str = GRAVITY, **joint: str
-) -> str:
-    """Return a mass on a vertical (y) slide under a force that is a formula of y and qd.y."""
-    keys = joint.get("keys", "")
+def slider(title: str, duration: float, mass: float, force: str, start: str, **more: str) -> str:
+    """Return a mass on a vertical (y) slide under a force that is a formula of y and qd.y.
+
+    more : ``gravity``, and ``keys`` of the joint.
+    """
+    gravity, keys = more.get("gravity", GRAVITY), more.get("keys", "")
     body = (
         "robot:\n  joints:\n"
         f"    - {{name: y, type: prismatic, origin: {{rpy: [-90 deg, 0, 0]}}, axis: [0, 0, 1]{keys}}}\n"

@@ -12,7 +12,6 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar, count_operations
 from robodyn_cli.kernels.crossover import CROSSOVER, prefer_rolled
 from robodyn_cli.kernels.program import Program, make_program
-from robodyn_cli.run.driver.singularity import loop_rows
 from robodyn_cli.run.inverse.build import build_inverse
 from robodyn_cli.run.inverse.dynamics import InverseDynamics
 from robodyn_cli.run.mechanism.motion import point_task
@@ -20,6 +19,7 @@ from robodyn_cli.run.observation.evaluation import worth_compiling
 from robodyn_cli.run.plan.programs import rolled, sampled
 from robodyn_cli.run.plan.terms import Equations, Ledger, Term
 from robodyn_cli.run.plan.words import listed, plural
+from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.scene import types as sc
 from robodyn_cli.trajectories.motion import TaskSpace
 

@@ -22,10 +22,10 @@ from robodyn_cli.formulations.events import GO_ON, Event, EventFunction, EventKi
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.run.driver.driver import Driver
-from robodyn_cli.run.driver.leap import Equations, State
 from robodyn_cli.run.driver.motion import Motion, Watcher
-from robodyn_cli.run.driver.pose_ahead import Approach, Pose, Unresolved
-from robodyn_cli.run.driver.singularity import classify, culprit, refuse_dependent_rows
+from robodyn_cli.run.singular.leap import Equations, State
+from robodyn_cli.run.singular.pose_ahead import Approach, Pose, Unresolved
+from robodyn_cli.run.singular.singularity import classify, culprit, refuse_dependent_rows
 
 Array = NDArray[np.float64]
 NEAR = 0.03  # ratio of singular values at the highest threshold

@@ -26,7 +26,7 @@ from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.integrators.methods.gauss_tables import gauss_table
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.record import record
-from robodyn_cli.run.driver.singularity import loop_rows
+from robodyn_cli.run.singular.singularity import loop_rows
 
 Array = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.record import record
-from robodyn_cli.run.driver.leap import EPS, LOST, Collocation, Equations, Leap, NotSmooth, State
+from robodyn_cli.run.singular.leap import EPS, LOST, Collocation, Equations, Leap, NotSmooth, State
 
 Array = NDArray[np.float64]
 NODES = 16

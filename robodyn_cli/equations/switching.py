@@ -1,0 +1,100 @@
+"""Where the equations of a scene switch: with the state (events), or at known times (breakpoints)."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Protocol
+
+from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
+from robodyn_cli.expr.graph import Expr, Scalar
+from robodyn_cli.scene import types as sc
+
+if TYPE_CHECKING:
+    from robodyn_cli.equations.constraints import Constraints
+    from robodyn_cli.equations.elements import Elements
+    from robodyn_cli.equations.joint_forces import JointForces
+    from robodyn_cli.equations.time_structure import Structure
+    from robodyn_cli.model.model import Model
+    from robodyn_cli.spatial.algebra import Vector
+
+
+class Equations(Protocol):
+    """The equations that this module reads (satisfied by ``Problem``)."""
+
+    scene: sc.Scene
+    model: Model
+    t: Expr
+
+    @property
+    def actuator_torques(self) -> Vector: ...
+    @property
+    def constraints(self) -> Constraints: ...
+    @property
+    def elements(self) -> Elements: ...
+    @property
+    def forces_in_joints(self) -> JointForces: ...
+    def gear_losses(self, smooth: bool) -> dict[int, Any]: ...
+
+
+class Switching:
+    """The discontinuities of a scene's equations, each part found when it is first used."""
+
+    def __init__(self, equations: Equations) -> None:
+        self.equations = equations
+
+    @cached_property
+    def formulas(self) -> list[tuple[str, list[Scalar]]]:
+        """Values of the scene's formulas in the equations, with the key of each."""
+        e = self.equations
+        found: list[tuple[str, list[Scalar]]] = []
+        for name, torque in e.scene.torques.items():
+            if not isinstance(torque, sc.Torque):
+                found.append((f"torques.{name}", [e.actuator_torques[e.model.v_names.index(name)]]))
+        for row in (e.constraints.rows[i] for i in e.constraints.rheonomic):
+            found.append((row.name, [row.eta, row.eta_t, row.gamma]))
+        return [*found, *e.elements.formulas]
+
+    @cached_property
+    def switches(self) -> list[tuple[str, Expr]]:
+        """Expressions at whose sign changes the equations switch, with their keys (see ``discontinuities``)."""
+        e = self.equations
+        gears = [("gear", [torque]) for torque in e.gear_losses(smooth=True).values()]
+        found = [(key, switch) for key, entries in [*self.formulas, *gears] for switch in switches(entries)]
+        return [*found, *e.forces_in_joints.switches()]
+
+    @property
+    def with_state(self) -> list[tuple[str, Expr]]:
+        """Those of ``switches`` that depend on more than time."""
+        return [(key, switch) for key, switch in self.switches if not is_of_time(switch, self.equations.t)]
+
+    @cached_property
+    def time_structures(self) -> list[tuple[str, Structure]]:
+        """Where the scene's formulas of time are not smooth or have short features, with the key of each."""
+        if not self.formulas:
+            return []
+        from robodyn_cli.equations.time_structure import functions_of_time, structure
+
+        t, duration = self.equations.t, self.equations.scene.simulate.duration
+        return [
+            (key, structure(function, t, duration))
+            for key, entries in self.formulas
+            for function in functions_of_time(entries, t)
+        ]
+
+    @cached_property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times at which a step has to end: tables and formulas of time switch there, or change their time scale."""
+        scene, t = self.equations.scene, self.equations.t
+        duration = scene.simulate.duration
+        tables = [torque for torque in scene.torques.values() if isinstance(torque, sc.Torque)]
+        times = {
+            float(row[0]) for torque in tables for row in torque.table
+        } | self.equations.elements.breakpoints
+        for _, switch in self.switches:
+            if is_of_time(switch, t):
+                times.update(switching_times(switch, t, duration))
+        if self.time_structures:
+            from robodyn_cli.equations.time_structure import beside
+
+            times.update(*(beside(found, times, duration) for _, found in self.time_structures))
+        return tuple(sorted(times))

@@ -1,0 +1,88 @@
+"""Joints with Coulomb friction or gear losses that stand still for a while along a motion.
+
+At rest friction is whatever balances, within its bounds, so the torque of the actuator is not determined there; the
+torques that are reported are those without it. A rate that the rounding of the path explains is no motion.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.forces.friction import Friction
+from robodyn_cli.forces.gear import Gear
+from robodyn_cli.model.model import Body
+from robodyn_cli.run.mechanism.motion import Planned
+
+Array = NDArray[np.float64]
+ROUNDING = 64 * np.finfo(float).eps  # relative, of what a motion is computed from
+
+
+def with_rest(problem: Problem, planned: Planned) -> Planned:
+    """Return the motion with rates of exactly zero in joints with dry friction where rounding explains them."""
+    places = [body.v for body in problem.model.bodies if _has_dry_friction(body)]
+    if not places:
+        return planned
+    qd = planned.motion.qd.copy(order="F")
+    for k in places:
+        qd[np.abs(qd[:, k]) <= explained_rate(problem, planned, k), k] = 0.0
+    return dataclasses.replace(planned, motion=dataclasses.replace(planned.motion, qd=qd))
+
+
+def explained_rate(problem: Problem, planned: Planned, k: int) -> float:
+    """Return the rate [rad/s or m/s] of velocity coordinate k that the errors of the path explain.
+
+    Rates that come from closing loops or leading a point are off by rounding of the fastest. A position that is off
+    by rounding, or by what closes a loop, moves at that error over the time between samples.
+    """
+    q, qd = planned.motion.q, planned.motion.qd
+    solved = planned.target is not None or bool(planned.residuals)
+    column = next(b.q + k - b.v for b in problem.model.bodies if b.v <= k < b.v + b.joint.nv)
+    position = ROUNDING * float(np.abs(q if solved else q[:, column]).max())
+    position += planned.residuals.get("position", 0.0)
+    fastest = float(np.abs(qd if solved else qd[:, k]).max())
+    return ROUNDING * fastest + position / float(planned.times[1] - planned.times[0])
+
+
+def rest_warnings(problem: Problem, planned: Planned) -> list[str]:
+    """Return a warning for each joint that stands still over more than two samples where dry friction may act."""
+    found = []
+    for body in problem.model.bodies:
+        if not _has_dry_friction(body):
+            continue
+        still = planned.motion.qd[:, body.v] == 0.0
+        if not (still[1:-1] & still[2:] & still[:-2]).any():
+            continue
+        time = float(planned.times[int(np.argmax(still[1:] & still[:-1]))])
+        found.append(
+            f"joint {body.joint_name!r} stands still from t = {time:.6g} s on: {_bounds(body)}, so its actuator torque "
+            "is not determined there; reported is the torque without them"
+        )
+    return found
+
+
+def _bounds(body: Body) -> str:
+    """Say what may act in a joint at rest."""
+    parts = []
+    for force in body.forces:
+        if isinstance(force.element, Friction) and _is_dry(force.element):
+            plus, minus = force.element.breakaway(body.gear_ratio)
+            unit = "N m" if body.joint.v_units[0] == "rad" else "N"
+            parts.append(f"its friction is anything from {-minus:.6g} to {plus:.6g} {unit}")
+        if isinstance(force.element, Gear):
+            parts.append("its gear bears a part of the load")
+    return " and ".join(parts)
+
+
+def _has_dry_friction(body: Body) -> bool:
+    return any(
+        isinstance(f.element, Gear) or (isinstance(f.element, Friction) and _is_dry(f.element))
+        for f in body.forces
+    )
+
+
+def _is_dry(friction: Friction) -> bool:
+    return friction.levels() != (0.0, 0.0) or friction.static is not None
