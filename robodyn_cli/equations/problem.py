@@ -37,13 +37,13 @@ from robodyn_cli.equations.switching import Switching
 from robodyn_cli.expr.functions import interpolate
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations, is_nonzero
 from robodyn_cli.loops.base import Row
-from robodyn_cli.model.base_parameters import dynamics_model
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, vector, zeros
 
 GROUPS = ("t", "q", "v", "a", "p")
+CANCELLATION = 1e3  # so many units of rounding may be lost in a difference of moments of inertia
 DENSE_LIMIT = 12  # velocities up to which the factored mass matrix is tried: it grows with their cube
 
 
@@ -85,8 +85,12 @@ class Problem:
 
     @cached_property
     def rigid(self) -> Model:
-        """The bodies as M, C and G need them (see ``dynamics_model``)."""
-        return dynamics_model(self.model)
+        """The bodies as M, C and G need them: with base parameters where the bodies' own numbers would lose digits."""
+        if all(body.cancellation < CANCELLATION for body in self.model.bodies):
+            return self.model
+        from robodyn_cli.model.base_parameters import with_base_parameters
+
+        return with_base_parameters(self.model)
 
     @cached_property
     def X(self) -> list[Transform]:

@@ -14,9 +14,9 @@ from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.formulations.system import System
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.loops.base import Row
-from robodyn_cli.model.model import UNKNOWN_GROUP
+from robodyn_cli.model.model import BASE, UNKNOWN_GROUP
 from robodyn_cli.record import record
-from robodyn_cli.run.observation.places import FORCES, place_dataset, place_outputs
+from robodyn_cli.run.observation.places import FORCES, place_dataset, place_outputs, point_motion
 from robodyn_cli.run.observation.units import joint_columns
 
 if TYPE_CHECKING:
@@ -123,6 +123,15 @@ def _least_norm(problem: Problem, outputs: Mapping[str, Sequence[Scalar]]) -> Le
     return LeastNorm(problem, {name: list(entries) for name, entries in outputs.items()})
 
 
+def _point_motion(problem: Problem) -> SampleFunction | None:
+    """Return velocities and accelerations of the points that move as a function of q, v and v-dot."""
+    if all(frame.body == BASE for frame in problem.model.points.values()):
+        return None
+    from robodyn_cli.run.observation.evaluation import SampleFunction
+
+    return SampleFunction(point_motion(problem), ("t", "q", "v", "a"), problem.scene.simulate.samples)
+
+
 def _reactions(problem: Problem) -> ReactionSamples:
     from robodyn_cli.run.observation.reactions import ReactionSamples
 
@@ -163,6 +172,7 @@ class Observer:
         self.parameters = np.zeros(max(1, len(problem.model.parameters)))
         asked = reactions or problem.scene.outputs.reactions
         self.reactions = _reactions(problem) if asked else None
+        self.point_motion = _point_motion(problem)
 
     @property
     def kernels(self) -> dict[str, SampleKernel | SampleFunction]:
@@ -260,6 +270,8 @@ class Observer:
         for path in self.places:
             name, block = place_dataset(path, found[path])
             data[name] = block
+        if self.point_motion is not None:
+            data.update(self.point_motion(t=t[:, None], q=data["q"], v=data["qd"], a=data["qdd"]))
         if self.reactions is not None:
             data.update(
                 self.reactions(t, data["q"], data["qd"], data["qdd"], data.get("constraints/multipliers"))

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.algorithms.kinematics import Pose, velocities
+from robodyn_cli.algorithms.kinematics import Pose, motions, velocities
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.model.model import FixedFrame, Model
+from robodyn_cli.model.model import BASE, FixedFrame, Model
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import cross
 
@@ -39,6 +39,22 @@ def place_outputs(problem: Problem) -> dict[str, list[Scalar]]:
         out[f"frames/{name}/position"] = list(pose.p)
         out[f"frames/{name}/rotation"] = list(pose.R.flat)
         out[f"frames/{name}/twist"] = [*(to_world @ body.w), *(to_world @ (body.v + cross(body.w, frame.p)))]
+    return out
+
+
+def point_motion(problem: Problem) -> dict[str, list[Scalar]]:
+    """Return velocities and accelerations of the named points in world coordinates, by result path."""
+    model = problem.model
+    speed = velocities(model, problem.X, problem.q, problem.v)
+    motion = motions(model, problem.X, problem.q, problem.v, problem.a)
+    out: dict[str, list[Scalar]] = {}
+    for name, frame in model.points.items():
+        if frame.body == BASE:
+            continue
+        to_world = model.base.E.T @ problem.pose[frame.body].R
+        here = speed[frame.body]
+        out[f"point_velocities/{name}"] = list(to_world @ (here.v + cross(here.w, frame.p)))
+        out[f"point_accelerations/{name}"] = list(to_world @ motion[frame.body].acceleration_of(frame.p))
     return out
 
 
