@@ -1,8 +1,8 @@
 """Base inertial parameters: a tree with fewer numbers and the same equations of motion.
 
-Part of a body's inertia moves as if it were fixed to the parent. Counted there, from the leaves to the base, it
-changes no joint torque; what reaches the base is dropped. A body on a hinge keeps 7 of its 10 numbers, one on a slide 4
-(Gautier and Khalil 1990, "Direct calculation of minimum set of inertial parameters of serial robots").
+Part of a body's inertia moves as if it were fixed to the parent. Moved to the parent, from the leaves to the base, it
+changes no joint torque; the part that reaches the base is dropped. A body on a hinge keeps 7 of its 10 numbers, one on
+a slide 4 (Gautier and Khalil 1990, "Direct calculation of minimum set of inertial parameters of serial robots").
 """
 
 from __future__ import annotations

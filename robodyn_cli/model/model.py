@@ -1,4 +1,4 @@
-"""The model: what the algorithms need of a mechanism, and nothing else."""
+"""The model: the data of a mechanism that the algorithms need, and nothing else."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class Loop:
 
 @record
 class Force:
-    """A force element on a place or between two."""
+    """A force element at one place or between two."""
 
     name: str
     element: ForceElement

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from robodyn_cli.run.observation.reactions import Loads
 
 
-@np.errstate(all="ignore")  # what is not finite is refused by name
+@np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite
 def inverse(
     scene: Scene,
     *,
@@ -55,7 +55,7 @@ def inverse(
     Parameters
     ----------
     samples : number of uniform samples; default: the scene's ``inverse.samples``.
-    progress : told when the work is done; watch : adds up wall times by stage.
+    progress : called when the work is done. watch : adds up wall times by stage.
 
     Returns
     -------
@@ -134,7 +134,7 @@ def report(program: InverseProgram, planned: Planned, sampled: Sampled, loads: L
     program.add_loops(result, sampled)
     add_places(result, {path: arrays[path] for path in program.places})
     if planned.target is not None:
-        # what the target leaves free is taken from the point itself
+        # coordinates that the target leaves free are those of the point
         asked = result[f"points/{planned.point}"].copy()
         asked[:, : planned.target.shape[1]] = planned.target
         result.add(f"targets/{planned.point}", asked)

@@ -39,7 +39,7 @@ from robodyn_cli.scene.types import Scene
 Array = NDArray[np.float64]
 
 
-@np.errstate(all="ignore")  # what is not finite is refused by name
+@np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite
 def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch | None = None) -> Result:
     """Compute the motion that a sweep, a trajectory or prescribed joints give: no mass is needed.
 
@@ -102,7 +102,7 @@ def plan(problem: Problem) -> tuple[Planned, tuple[str, ...]]:
 
 
 def _swept(problem: Problem) -> Lead:
-    """Return a lead with the swept joint, and joints that stay: held ones, in an open chain all others."""
+    """Return a lead with the swept joint and the joints that stay: held ones, or all others in an open chain."""
     scene = problem.scene
     sweep = scene.kinematics.sweep
     assert sweep is not None
@@ -130,7 +130,7 @@ def _swept(problem: Problem) -> Lead:
 
 
 def outputs(problem: Problem) -> dict[str, list[Scalar]]:
-    """Return what is evaluated along the motion by result path, and Psi and eta of the loops."""
+    """Return the expressions evaluated along the motion by result path, and Psi and eta of the loops."""
     rows = [problem.constraints.rows[i] for i in loop_rows(problem)]
     loops = {"psi": [x for row in rows for x in row.psi], "eta": [row.eta for row in rows]}
     return {**place_outputs(problem), **point_motion(problem), **loops}
@@ -160,7 +160,7 @@ def psi_of(problem: Problem, arrays: Mapping[str, Array]) -> Array:
 
 
 def _add_passive(result: Result, psi: Array, passive: list[int]) -> None:
-    """Add singular values and determinant of the block of Psi (T, m, nv) that follows what leads."""
+    """Add singular values and determinant of the block of Psi (T, m, nv) of the joints that are not led."""
     if not passive or len(passive) == psi.shape[2]:
         return
     block = psi[:, :, passive]
@@ -244,7 +244,7 @@ def _transmission(result: Result) -> TransmissionAngle | Absent:
 
 
 def failed(error: RobodynError, result: Result) -> RobodynError:
-    """Return the error of a motion that ends early, with what was reached."""
+    """Return the error of a motion that ends early, with the result so far."""
     result.status = "failed"
     error.result = result
     return error

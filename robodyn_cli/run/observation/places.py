@@ -15,7 +15,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import cross
 
 Array = NDArray[np.float64]
-FORCES = ("forces/potential", "forces/power")  # what each force element reports, by element
+FORCES = ("forces/potential", "forces/power")  # datasets with a column for each force element
 
 
 def place_outputs(problem: Problem) -> dict[str, list[Scalar]]:
@@ -75,7 +75,7 @@ def place_dataset(path: str, array: Array) -> tuple[str, Array]:
 
 
 def add_places(result: Result, arrays: Mapping[str, Array]) -> None:
-    """Add what ``place_outputs`` asked for, evaluated at T samples, to a result."""
+    """Add the outputs of ``place_outputs``, evaluated at T samples, to a result."""
     for path, array in arrays.items():
         name, data = place_dataset(path, array)
         result.add(name, data)
