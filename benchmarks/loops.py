@@ -57,11 +57,13 @@ def measured(name: str, scene: Any, quick: bool) -> list[dict[str, Any]]:
     setup = prepare(scene)
     problem = setup.problem
     duration = scene.simulate.duration
-    systems, _ = formulations(projected_motion(scene), scene.simulate.stabilisation)
-    main = next(iter(systems.values()))
+    projected = projected_motion(scene)
+    motions, _ = formulations(projected, scene.simulate.stabilisation)
+    systems = {name: motion.system for name, motion in motions.items()}
+    main = projected.system
     start = main.join(setup.assembled.q, setup.assembled.v)
     passing = scene.simulate.singular == "pass"
-    ref = explicit_reference(main, start, duration) if passing else reference(main, start, duration)
+    ref = explicit_reference(main, start, duration) if passing else reference(projected, duration)
     mechanism = Mechanism(problem, setup.assembled.q, setup.assembled.v)
     nq = problem.model.nq
     right = np.array([mechanism.centres(x[:nq]) for x in ref.states])

@@ -58,4 +58,36 @@ _TABLE = (
 )
 
 METHODS = {method.name: method for method in _TABLE}
+DEFAULT, STIFF = "gauss", "radau13"  # between which `auto` chooses
 FIXED_STEP = tuple(name for name, method in METHODS.items() if method.fixed_step)
+
+
+def _by_family() -> list[list[IntegrationMethod]]:
+    """Return the methods of each family, those with a fixed step apart, in the order of the table."""
+    found: dict[tuple[str, bool], list[IntegrationMethod]] = {}
+    for method in _TABLE:
+        found.setdefault((method.family, method.fixed_step), []).append(method)
+    return list(found.values())
+
+
+def _representative(members: list[IntegrationMethod]) -> str:
+    """Return the first member, of those with a fixed step the simplest."""
+    return (min(members, key=lambda m: m.order) if members[0].fixed_step else members[0]).name
+
+
+def _references(stiff: bool) -> tuple[str, ...]:
+    """Return the best of each family with step control, those that suit ``stiff`` motions first or last."""
+    best = [max(members, key=lambda m: m.order) for members in _by_family() if not members[0].fixed_step]
+    return tuple(m.name for m in sorted(best, key=lambda m: (m.stiff != stiff, -m.order)))
+
+
+# one of each family, and of each family the lowest and the highest order
+REPRESENTATIVES = tuple(_representative(members) for members in _by_family())
+EXTREMES = tuple(
+    name
+    for members in _by_family()
+    for name in METHODS
+    if name in {f(members, key=lambda m: m.order).name for f in (min, max)}
+)
+# for solutions to compare with, in the order in which they are tried: two of them are two families
+REFERENCES, STIFF_REFERENCES = _references(stiff=False), _references(stiff=True)

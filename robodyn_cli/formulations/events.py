@@ -7,6 +7,7 @@ right-hand side jumps there, and its owner. Only the owner knows the meaning of 
 
 from __future__ import annotations
 
+import dataclasses
 import enum
 import math
 from collections.abc import Callable, Mapping
@@ -125,6 +126,7 @@ class Event:
     """An event that happened: its function, the index of that among the system's functions, time and state.
 
     state : x = (q, v, z) of the integrator. time_error : width of the bracket of the time [s].
+    parameters : values of p.
     """
 
     function: EventFunction
@@ -132,6 +134,7 @@ class Event:
     time: float
     state: Array
     time_error: float
+    parameters: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
 
     @property
     def name(self) -> str:

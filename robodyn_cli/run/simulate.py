@@ -16,7 +16,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, Absent, as_keys
 from robodyn_cli.run.driver.build import build_motion
 from robodyn_cli.run.driver.driver import Driver
-from robodyn_cli.run.driver.method import Change, StiffnessWatch
+from robodyn_cli.run.driver.method import supervisor_for
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.driver.second_run import ErrorEstimate, FirstRun, estimate_error
 from robodyn_cli.run.driver.self_check import (
@@ -36,11 +36,8 @@ Array = NDArray[np.float64]
 
 @record
 class SimulateSummary(MotionSummary):
-    """Keys of the summary of ``simulate``: transitions of contact states, times of poses passed, changes of method."""
+    """Keys of the summary of ``simulate``."""
 
-    transitions: dict[str, int] | Absent = ABSENT
-    passed: list[float] | Absent = ABSENT
-    switches: list[Change] | Absent = ABSENT
     wall_time_s: dict[str, float] | Absent = ABSENT
 
 
@@ -70,11 +67,11 @@ def simulate(
     with watch.stage("equations"):
         recorder = Recorder.of(motion.observer, writer)
     with watch.stage("method"):
-        driver = Driver.of(motion, StiffnessWatch.for_choice(motion.choice))
+        driver = Driver.of(motion, supervisor_for(motion.choice))
     failure = _drive(motion, driver, recorder, progress, watch)
     redundant = redundant_rows(motion, recorder)
     facts = motion_facts(motion, driver, recorder, redundant)
-    facts |= _facts_of_run(motion, driver, facts.get("warnings", []))
+    facts |= _warnings(motion, driver, facts.get("warnings", []))
     failure = (redundant and redundant.violated) or failure or recorder.not_finite
     failure = failure or _judge_energy(motion, driver, recorder, facts)
     if failure is None and motion.scene.simulate.error_estimate:
@@ -108,25 +105,18 @@ def _drive(
     return None
 
 
-def _facts_of_run(motion: Motion, driver: Driver, said: list[str]) -> dict[str, Any]:
-    """Return the fields of the summary that watchers and the supervisor have something to say to.
+def _warnings(motion: Motion, driver: Driver, said: list[str]) -> dict[str, Any]:
+    """Return the field of the summary that says what is doubtful about the motion, where anything is.
 
     said : warnings so far.
     """
-    facts: dict[str, Any] = {}
     warnings = [*said, *_unresolved_formulas(motion.problem)]
     if motion.passive:
         from robodyn_cli.run.driver.start import start_warnings
 
         warnings += start_warnings(motion.problem, motion.assembled.q, motion.passive)
     warnings += shortened_steps(motion, driver)
-    if warnings:
-        facts["warnings"] = warnings
-    for watcher in driver.watchers:
-        facts |= watcher.facts(driver.time)
-    if isinstance(driver.supervisor, StiffnessWatch) and driver.supervisor.changes:
-        facts["switches"] = driver.supervisor.changes
-    return facts
+    return {"warnings": warnings} if warnings else {}
 
 
 def _judge_energy(
@@ -154,7 +144,11 @@ def _estimate(motion: Motion, driver: Driver, recorder: Recorder, progress: Prog
     """Return the error of the run just made."""
     s = motion.scene.simulate
     first = FirstRun(
-        driver.method, motion.start, Grid.over(s.duration, s.samples), driver.time, driver.counters.steps
+        motion.choice.method,
+        motion.start,
+        Grid.over(s.duration, s.samples),
+        driver.time,
+        driver.counters.steps,
     )
     return estimate_error(motion, first, recorder, lambda time: progress(time, s.duration))
 

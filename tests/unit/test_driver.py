@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 
 from robodyn_cli import load_scene
-from robodyn_cli.errors import CapabilityError
 from robodyn_cli.formulations.events import Event, EventFunction, EventKind, Jump, Leap, Outcome
 from robodyn_cli.integrators.runtime.integrator import Grid, Options
+from robodyn_cli.run.contact.events import Transition
+from robodyn_cli.run.contact.states import ContactStates
 from robodyn_cli.run.deploy.deploy import build_deployment
-from robodyn_cli.run.driver.build import build_motion, follow_nothing
-from robodyn_cli.run.driver.contact_events import Transition
-from robodyn_cli.run.driver.contact_states import ContactStates
+from robodyn_cli.run.driver.build import build_motion
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.motion import Watcher
 from robodyn_cli.run.driver.second_run import watched_again
@@ -117,11 +116,6 @@ def test_functions_of_contact_say_which_joint_and_what_may_follow() -> None:
         name = contact.joints[function.joint].name
         assert function.name == f"{function.transition.value} {name}" and function.direction == -1
     assert {f.transition for f in contact.functions} >= {Transition.BREAK_HIGH, Transition.BREAK_LOW}
-
-
-def test_who_follows_no_contact_refuses_it() -> None:
-    with pytest.raises(CapabilityError, match="only `simulate` follows"):
-        build_motion(load_scene(CONFIGS / "stick_slip.yaml"), follow=follow_nothing)
 
 
 def test_a_plan_needs_no_start() -> None:

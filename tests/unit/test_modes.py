@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from robodyn_cli.errors import CapabilityError, SceneError
-from robodyn_cli.run.deploy.deploy import deploy
 from robodyn_cli.run.inverse.inverse import inverse
 from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene.load import load_scene, load_scene_text
@@ -242,10 +241,8 @@ def test_loops_with_friction_in_the_crank() -> None:
         run(two)
 
 
-def test_other_commands_refuse_modes_and_inverse_needs_none() -> None:
+def test_inverse_dynamics_needs_no_contact_states() -> None:
     law = "robot.joints.theta1.friction={law: set_valued, coulomb: 1, static: 2}"
-    with pytest.raises(CapabilityError, match="simulate"):
-        deploy(load_scene(CONFIGS / "four_bar_deploy.yaml", [law]))
     found = inverse(load_scene(CONFIGS / "2r_circle.yaml", [law]))
     assert np.abs(found["torque_terms/friction"][:, 0] - np.sign(found["qd"][:, 0])).max() < 1e-12
 

@@ -12,6 +12,7 @@ import pytest
 
 from robodyn_cli import load_scene, load_scene_text, simulate
 from robodyn_cli.errors import CapabilityError, NumericalError
+from robodyn_cli.integration_methods import REPRESENTATIVES
 from robodyn_cli.integrators.methods.stability_region import amplification, limits, radius
 from robodyn_cli.integrators.methods.tableaus import DOP853, DOPRI5, RK4
 from robodyn_cli.integrators.registry import methods as registry
@@ -23,7 +24,7 @@ from robodyn_cli.run.numerics import energy_growth
 from robodyn_cli.run.numerics.energy_growth import growth, growths, period
 from robodyn_cli.run.numerics.stability import at_start, stability
 from robodyn_cli.run.numerics.stability_scenes import arm, slider
-from robodyn_cli.run.numerics.trial import FAMILIES, Budget, attempt, reference
+from robodyn_cli.run.numerics.trial import Budget, attempt, reference
 from robodyn_cli.run.numerics.work_precision import formulations
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -233,7 +234,7 @@ def test_samples_of_a_stiff_run_are_as_good_as_its_steps(method: str) -> None:
 def test_report_of_a_scene() -> None:
     result = stability(load_scene(CONFIGS / "four_bar_deploy.yaml", ["simulate.duration=5"]), quick=True)
     summary = result.summary
-    assert {m["method"] for m in summary["methods"]} == {"auto", *(set(FAMILIES) & set(registry))}
+    assert {m["method"] for m in summary["methods"]} == {"auto", *(set(REPRESENTATIVES) & set(registry))}
     assert summary["reference"]["digits"] > 8
     assert summary["methods"][0]["status"] == "stable"
     assert summary["baumgarte"]["own"]["chosen"]["met"]

@@ -11,7 +11,7 @@ import pytest
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.run.driver.impact import Hit, impact
+from robodyn_cli.run.contact.impact import Hit, impact
 from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene.load import load_scene_text
 from tests.mechanisms import SLIDER

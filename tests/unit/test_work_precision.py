@@ -6,10 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from robodyn_cli import load_scene
+from robodyn_cli import deploy, load_scene
 from robodyn_cli.errors import NumericalError
-from robodyn_cli.formulations.build import build_system
-from robodyn_cli.run.driver.prepare import prepare
+from robodyn_cli.run.driver.build import build_motion
 from robodyn_cli.run.numerics import work_precision as module
 from robodyn_cli.run.numerics.work_precision import reference, work_precision
 
@@ -34,8 +33,48 @@ def test_loops_are_compared_with_chosen_gains() -> None:
 
 
 def test_references_that_never_agree_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    setup = prepare(load_scene(CONFIGS / "double_pendulum.yaml"))
-    system = build_system(setup.problem, work=False)
-    monkeypatch.setattr(module, "REFERENCES", (("gauss", 1e-13), ("rk4", 1e-13)))
+    motion = build_motion(load_scene(CONFIGS / "double_pendulum.yaml"), work=False)
+    monkeypatch.setattr(module, "REFERENCES", ("gauss", "rk4"))
     with pytest.raises(NumericalError, match="there is no reference"):
-        reference(system, system.join(setup.assembled.q, setup.assembled.v), 10.0)
+        reference(motion, 10.0)
+
+
+def test_a_deployment_is_compared_by_the_time_of_its_lock() -> None:
+    scene = load_scene(CONFIGS / "four_bar_deploy.yaml")
+    tolerances = [1e-4, 1e-7, 1e-10]
+    found = work_precision(scene, ["gauss", "dop853", "radau13", "rk4"], tolerances, repeats=1).summary
+    lock = deploy(scene).summary["lock"]["time"]
+    assert found["lock_time"] == pytest.approx(lock, abs=1e-10) == found["compared_until"]
+    assert found["reference_digits"] > 11 and "lock" in found["error_norm"]
+    ok = [run for run in found["runs"] if run["status"] == "ok"]
+    for run in ok:
+        assert run["error"] == abs(run["lock_time"] - found["lock_time"]) and run["run_time_s"] > 0.0
+        assert 10 < run["steps"] < 200_000
+    for method in ("gauss", "dop853", "radau13"):
+        for formulation in ("projection", "independent", "baumgarte", "none"):
+            errors = [r["error"] for r in ok if (r["method"], r["formulation"]) == (method, formulation)]
+            assert len(errors) == 3 and errors[2] < 1e-8 and errors[2] < 1e-2 * errors[0]
+    steps = [r["error"] for r in ok if (r["method"], r["formulation"]) == ("rk4", "none")]
+    assert steps[4] / steps[5] == pytest.approx(16, rel=0.5)  # of order four
+
+
+def test_a_mechanism_that_never_locks_is_compared_by_its_motion() -> None:
+    scene = load_scene(CONFIGS / "four_bar_deploy.yaml", ["simulate.duration=8"])
+    found = work_precision(scene, ["gauss"], [1e-8], repeats=1).summary
+    assert "lock_time" not in found and found["compared_until"] == 8.0
+
+
+def test_contact_states_and_passages_are_followed() -> None:
+    """Methods agree through sticking, slipping, impacts and singular poses, at the error that they are asked for."""
+    for name, changes in (
+        ("stick_slip", ()),
+        ("bouncing_pendulum", ("simulate.duration=1.5",)),
+        ("benchmarks/four_bar_n2", ("simulate.duration=2",)),
+    ):
+        scene = load_scene(CONFIGS / f"{name}.yaml", changes)
+        found = work_precision(scene, ["gauss", "dop853", "rodas5p"], [1e-5, 1e-9], repeats=1).summary
+        own = [r for r in found["runs"] if r["formulation"] in ("tree", "projection")]
+        assert found["reference_digits"] > 9 and found["compared_until"] > 0.0
+        assert [r["status"] for r in own] == ["ok"] * 6
+        for loose, tight in zip(own[::2], own[1::2]):
+            assert tight["error"] < 1e-4 and tight["error"] < loose["error"]

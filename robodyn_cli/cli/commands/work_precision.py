@@ -82,21 +82,25 @@ def command(
 def as_csv(runs: list[Mapping[str, Any]]) -> str:
     """Return the runs as CSV."""
     stream = io.StringIO()
-    writer = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
+    columns = [*COLUMNS, *(["lock_time"] if any("lock_time" in run for run in runs) else [])]
+    writer = csv.DictWriter(stream, columns, lineterminator="\n")
     writer.writeheader()
     for run in runs:
-        writer.writerow({k: "" if run[k] is None else run[k] for k in COLUMNS})
+        writer.writerow({k: "" if run.get(k) is None else run[k] for k in columns})
     return stream.getvalue()
 
 
 def describe(summary: Mapping[str, Any]) -> str:
     """Return the best method at each error level, for the terminal."""
-    until = summary["compared_until"]
+    until, lock = summary["compared_until"], summary.get("lock_time")
+    extent = f"up to t = {until:.4g} s" if lock is None else "about the time of the lock"
     lines = [
         f"{summary['title']}",
         f"  reference          {' and '.join(summary['reference_methods'])} agree to "
-        f"{summary['reference_digits']:.1f} digits up to t = {until:.4g} s",
+        f"{summary['reference_digits']:.1f} digits {extent}",
     ]
+    if lock is not None:
+        lines.append(f"  lock               t = {lock:.9g} s; its error is what is compared [s]")
     if not summary["compared_whole_duration"]:
         lines.append(
             f"  chaotic            a small change of the start has grown {summary['perturbation_growth']:.1e} times "

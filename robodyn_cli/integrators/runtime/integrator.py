@@ -321,7 +321,7 @@ class Integrator:
         return tuple(self._event(r.index, r.high - r.low) for r in roots)
 
     def _event(self, index: int, error: float) -> Event:
-        return Event(self.system.events[index], index, self.time, self.state, error)
+        return Event(self.system.events[index], index, self.time, self.state, error, self.p.copy())
 
     def _sort_out(self, seen: int, stop: float, flush: Callable[[], None]) -> tuple[float, tuple[Root, ...]]:
         """Return where to go, and the functions that change sign there, when more than one may do so."""

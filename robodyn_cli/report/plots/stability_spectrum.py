@@ -6,15 +6,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from robodyn_cli.integration_methods import EXTREMES, METHODS
 from robodyn_cli.report.analysis import legend_below, powers, titled
 from robodyn_cli.report.style import GREY, MARKERS, dashed_style
 from robodyn_cli.results.result import Result
 
+# step limits that are drawn
+SHOWN = tuple(name for name in EXTREMES if not METHODS[name].stiff)
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-SHOWN = ("gauss", "gauss4", "implicit_midpoint", "dop853", "dopri5", "rk4")  # step limits that are drawn
 
 
 def applies(result: Result) -> bool:
@@ -74,7 +76,7 @@ def _steps(figure: Figure, result: Result) -> None:
         place = SHOWN.index(name)  # a method looks the same in every scene
         good = np.isfinite(steps[:, k])
         ax.plot(
-            time[good], steps[good, k], label=name, marker=MARKERS[place] if good.sum() < 4 else None,
+            time[good], steps[good, k], label=name, marker=MARKERS[place % len(MARKERS)] if good.sum() < 4 else None,
             **dashed_style(place),
         )  # fmt: skip
     ax.set_yscale("log")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from robodyn_cli.integration_methods import REPRESENTATIVES
 from robodyn_cli.results.result import Result
 
 if TYPE_CHECKING:
@@ -13,7 +14,6 @@ if TYPE_CHECKING:
 DASHES = ("-", "--", ":", "-.")
 # more curves than these cannot be told apart; all of them are in runs.csv
 MOST = 12
-KNOWN = ("gauss", "dop853", "dopri5", "rk4", "rodas5p", "radau")
 
 
 def applies(result: Result) -> bool:
@@ -36,14 +36,14 @@ def _curves(runs: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
 def _readable(
     curves: dict[str, list[dict[str, Any]]], best: list[dict[str, Any]]
 ) -> dict[str, list[dict[str, Any]]]:
-    """Return at most MOST curves: those that are best somewhere first, then in the order of the registry."""
+    """Return at most MOST curves: those that are best somewhere first, then one of each family."""
     if len(curves) <= MOST:
         return curves
     front = {(b["method"], b["formulation"]) for b in best}
 
     def rank(name: str) -> tuple[bool, bool]:
         run = curves[name][0]
-        return (run["method"], run["formulation"]) not in front, run["method"] not in KNOWN
+        return (run["method"], run["formulation"]) not in front, run["method"] not in REPRESENTATIVES
 
     kept = set(sorted(curves, key=rank)[:MOST])
     return {name: runs for name, runs in curves.items() if name in kept}
@@ -57,7 +57,8 @@ def draw(result: Result) -> Figure:
     from robodyn_cli.report.style import HANDLE_LENGTH, marked_style
     from robodyn_cli.report.ticks import PowerFormatter
 
-    curves = _readable(_curves(result.summary["runs"]), result.summary["best"])
+    summary = result.summary
+    curves = _readable(_curves(summary["runs"]), summary["best"])
     rows = -(-len(curves) // 3)
     height = 4.6 + 0.2 * rows
     figure = Figure(figsize=(9.0, height))
@@ -83,7 +84,10 @@ def draw(result: Result) -> Figure:
             one.set_minor_formatter(NullFormatter())
         axis.grid(True, which="major", color="#dddddd", linewidth=0.7)
         axis.spines[["top", "right"]].set_visible(False)
-    axes[0].set_ylabel("largest error of q or qd [rad, m; per s]")
+    lock = summary.get("lock_time")
+    axes[0].set_ylabel(
+        "largest error of q or qd [rad, m; per s]" if lock is None else "error of the time of the lock [s]"
+    )
     axes[1].tick_params(labelleft=False)
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(
@@ -91,11 +95,10 @@ def draw(result: Result) -> Figure:
         handlelength=HANDLE_LENGTH + 1.2,  # the marker hides as much of the line
     )  # fmt: skip
     figure.text(0.09, 0.945, result.title, fontsize=12, fontweight="bold")
-    summary = result.summary
+    what = f"to t = {summary['compared_until']:.4g} s" if lock is None else f"of the lock at t = {lock:.9g} s"
     figure.text(
         0.09, 0.9,
-        f"error to t = {summary['compared_until']:.4g} s against a reference good to "
-        f"{summary['reference_digits']:.1f} digits; compilation apart",
+        f"error {what} against a reference good to {summary['reference_digits']:.1f} digits; compilation apart",
         fontsize=9, color="#555555",
     )  # fmt: skip
     return figure

@@ -43,14 +43,15 @@ from robodyn_cli.scene.types import Scene
 class Deployment:
     """What a deployment came to.
 
-    lock : None where no criterion fired, or the run failed before. time_error : of the lock [s]. after : whether the
-    locked structure was to be followed.
+    events : what the motion met. lock : None where no criterion fired, or the run failed before. time_error : of the
+    lock [s]. followed : the locked structure after the lock, where that was asked for.
     """
 
     motion: Motion
     found: Scan
     end: End
     recorder: Recorder
+    events: list[dict[str, Any]]
     lock: Lock | None = None
     latch: Latch | None = None
     time_error: float | None = None
@@ -88,7 +89,8 @@ def deploy(
         driver = record_motion(motion, found, end, recorder, progress)
     redundant = redundant_rows(motion, recorder)
     facts = motion_facts(motion, driver, recorder, redundant)
-    done = Deployment(motion, found, end, recorder)
+    met = [*events(found), *(event for watcher in driver.watchers for event in watcher.log)]
+    done = Deployment(motion, found, end, recorder, met)
     if redundant is not None and redundant.violated is not None:
         return report(done, facts, redundant.violated, watch)
     facts["criteria"] = criteria(motion, found)
@@ -98,9 +100,13 @@ def deploy(
     if motion.scene.simulate.error_estimate:
         with watch.stage("error_estimate"):
             facts["error_estimate"] = _estimate(motion, recorder, driver)
-    done = _follow(_lock(done, watch), watch)
-    facts |= _lock_facts(done)
+    done = _lock(done, watch)
     failure = doubt(done.lock, done.time_error) if done.lock is not None else None
+    try:
+        done = _follow(done, watch)
+    except CapabilityError as refusal:
+        failure = CapabilityError(f"deploy.after: continue: the locked structure: {refusal.message}")
+    facts |= _lock_facts(done)
     return report(done, facts, failure, watch)
 
 
@@ -134,7 +140,7 @@ def _estimate(motion: Motion, recorder: Recorder, driver: Driver) -> ErrorEstima
     reached = float(recorder.array("time")[-1])
     grid = Grid.over(s.duration, s.samples)
     return estimate_error(
-        motion, FirstRun(driver.method, motion.start, grid, reached, driver.counters.steps), recorder
+        motion, FirstRun(motion.choice.method, motion.start, grid, reached, driver.counters.steps), recorder
     )
 
 
@@ -183,7 +189,7 @@ def report(done: Deployment, facts: dict[str, Any], failure: RobodynError | None
     RobodynError : the ``failure``, with the result.
     """
     scene = done.motion.scene
-    result = Result("deploy", scene.title or "deploy", "failed", scene.text, events=events(done.found))
+    result = Result("deploy", scene.title or "deploy", "failed", scene.text, events=done.events)
     done.recorder.fill(result)
     if failure is not None:
         termination = {"reason": failure.message, **failure.details}

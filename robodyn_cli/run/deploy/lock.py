@@ -96,14 +96,15 @@ def time_error(motion: Motion, found: Scan, lock: Lock) -> float | None:
         return 1e-15 * max(1.0, abs(lock.time)) * 10
     method, mean_step = motion.choice.method, found.end / max(found.steps, 1)
     second, _ = tighter(motion.options, mean_step, method)
-    again = scan(motion, second, multipliers=False)
-    if again.steps <= 1.02 * found.steps and motion.options.step is None:
-        again = scan(motion, other_steps(second, mean_step)[0], multipliers=False)
-    if again.dead_point is None:
+    twin = motion.apart()
+    other = scan(twin, second, multipliers=False)
+    if other.steps <= 1.02 * found.steps and motion.options.step is None:
+        other = scan(twin, other_steps(second, mean_step)[0], multipliers=False)
+    if other.dead_point is None:
         return None
     # the scans may end at different times, so it is steps per second that count
-    pace = found.end / max(again.end, 1e-300)
-    apart = abs(again.dead_point[0] - lock.time) * remainder(method, found.steps, round(again.steps * pace))
+    pace = found.end / max(other.end, 1e-300)
+    apart = abs(other.dead_point[0] - lock.time) * remainder(method, found.steps, round(other.steps * pace))
     # an agreement below what rounding leaves over the steps of a run says nothing
     return max(apart, 1e-14 * lock.time)
 

@@ -17,8 +17,9 @@ from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.deploy.lock import Latch, Lock
 from robodyn_cli.run.deploy.summary import AfterLock, LatchLoad, Overload
-from robodyn_cli.run.driver.build import half_turns
+from robodyn_cli.run.driver.build import contact_watchers, half_turns
 from robodyn_cli.run.driver.driver import Driver
+from robodyn_cli.run.driver.method import supervisor_for
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.driver.second_run import FirstRun, estimate_error
 from robodyn_cli.run.driver.summary import Residual
@@ -68,13 +69,14 @@ def follow_locked(motion: Motion, lock: Lock, latch: Latch, before: Recorder, wa
     s = motion.scene.simulate
     with watch.stage("equations"):
         problem = latch.locked.problem
-        watchers = tuple(half_turns(problem))
+        watchers = (*contact_watchers(problem), *half_turns(problem))
         functions = [function for watcher in watchers for function in watcher.functions]
         system = build_system(problem, s.stabilisation, functions)
         locked = dataclasses.replace(motion, problem=problem, system=system, watchers=watchers)
         for watcher in watchers:
             watcher.follow(locked)
-        recorder = Recorder(LockedObserver(problem, locked.system, before.observer))
+        observer = LockedObserver(problem, locked.system, before.observer)
+        recorder = Recorder(observer)
     grid = Grid.over(s.duration, s.samples)
     first = grid.first_at(lock.time)
     first += grid.times(first, first + 1)[:1].tolist() == [lock.time]
@@ -84,11 +86,16 @@ def follow_locked(motion: Motion, lock: Lock, latch: Latch, before: Recorder, wa
     if first >= grid.count:
         return Followed(keys, None)
     rest = Grid(float(grid.times(first, first + 1)[0]), grid.step, grid.count - first, grid.end)
-    driver = Driver.of(locked)
+    driver = Driver.of(locked, supervisor_for(locked.choice))
+
+    def emit(t: Array, x: Array) -> None:
+        observer.parameters = observer.before.parameters = driver.parameters
+        recorder.emit(t, x)
+
     with watch.stage("integrate"):
         begun = _first_sample(motion, locked, lock, latch, rest.start)
         driver.start(rest.start, begun)
-        driver.run(s.duration, rest, lambda t, x: recorder.emit(t, x))
+        driver.run(s.duration, rest, emit)
     estimate = None
     if s.error_estimate:
         with watch.stage("error_estimate"):

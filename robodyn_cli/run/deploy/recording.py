@@ -9,7 +9,7 @@ from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.events import GO_ON, STOP, Event, EventKind, Outcome
 from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.run.deploy.scan import End, Scan
-from robodyn_cli.run.driver.driver import Driver
+from robodyn_cli.run.driver.driver import Driver, Repeat
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.observation.recorder import Recorder
 from robodyn_cli.run.progress import Progress
@@ -58,7 +58,7 @@ def record_motion(motion: Motion, found: Scan, end: End, recorder: Recorder, pro
         # the way from the threshold on was travelled by extrapolation; samples stop short of the pose
         target = lost[0] - SHORT_OF * (lost[0] - found.clean_until)
         grid = grid.up_to(int(target / grid.step) + 1)
-    driver = _driver(motion, stop if at_event else None)
+    driver = _driver(motion, found, stop if at_event else None)
     driver.tick = lambda time: progress(time, until)
 
     def emit(t: Array, x: Array) -> None:
@@ -66,6 +66,7 @@ def record_motion(motion: Motion, found: Scan, end: End, recorder: Recorder, pro
             # close to the dead point the rates of the passive joints grow without bound: nothing to report there
             angle = motion.observer.singular_ratio(t, x)
             t, x = t[angle > NEAR_SINGULAR], x[angle > NEAR_SINGULAR]
+        recorder.observer.parameters = driver.parameters
         if len(t):
             recorder.emit(t, x)
         progress(float(t[-1]) if len(t) else target, target)
@@ -76,6 +77,7 @@ def record_motion(motion: Motion, found: Scan, end: End, recorder: Recorder, pro
     except NumericalError:
         if found.stopped is None:
             raise
+    recorder.observer.parameters = driver.parameters
     if lost is not None:
         recorder.emit(np.array([lost[0]]), lost[1][None, :].copy(), project=False, extra=True)
         recorder.make_last_least_norm(lost[0])
@@ -84,9 +86,13 @@ def record_motion(motion: Motion, found: Scan, end: End, recorder: Recorder, pro
     return driver
 
 
-def _driver(motion: Motion, stop: float | None) -> Driver:
-    """Return the driver of the recorded run, which stops at the pose that was located at ``stop`` [s]."""
+def _driver(motion: Motion, found: Scan, stop: float | None) -> Driver:
+    """Return the driver of the recorded run, which stops at the pose that was located at ``stop`` [s].
+
+    It changes the method after the same steps as the scan.
+    """
     at = StopAt(stop)
     poses = (EventKind.RANK_LOSS, EventKind.DEAD_POINT)
     system = motion.system.watched_by(lambda e: at if e.kind in poses else e.owner)
-    return Driver(system, motion.choice.method, motion.options)
+    watchers = [watcher for watcher in motion.watchers if watcher.changes_motion]
+    return Driver(system, motion.choice.method, motion.options, watchers, Repeat(found.changes))

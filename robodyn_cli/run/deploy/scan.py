@@ -6,7 +6,9 @@ fired. A dead point ends the scan once the multipliers have been judged up to it
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,16 +22,18 @@ from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.record import record
 from robodyn_cli.run.deploy.growth import GRID, GrowthMonitor, levels_with, multiplier_norm
-from robodyn_cli.run.driver.build import refuse_contact
-from robodyn_cli.run.driver.driver import Driver
+from robodyn_cli.run.driver.build import contact_watchers
+from robodyn_cli.run.driver.driver import Driver, MethodChange
+from robodyn_cli.run.driver.method import supervisor_for
 from robodyn_cli.run.driver.motion import Motion, Watcher
 from robodyn_cli.run.observation.least_norm import LeastNorm
 from robodyn_cli.run.progress import Progress, no_progress
-from robodyn_cli.run.singular.rank_loss import PosesAhead
+from robodyn_cli.run.singular.rank_loss import Passage, PosesAhead
 from robodyn_cli.run.singular.singularity import classify, driven_dead_point, loop_rows, passive_determinant
 
 Array = NDArray[np.float64]
 Pose = tuple[float, Array]  # a time [s] and the state x (nx,) there
+W = TypeVar("W", bound=Watcher)
 BLOCK = 4096  # samples whose multipliers are judged at a time
 
 
@@ -76,8 +80,9 @@ class MultiplierGrowth(Watcher):
         self.monitor = GrowthMonitor(levels_with(self.deploy.growth), self.deploy.limit)
         return x
 
-    def see(self, t: Array, x: Array) -> None:
-        lam = self.kernel.evaluate(len(t), self.system.groups(t, x, np.zeros(1)))["lam"]
+    def judge(self, t: Array, x: Array, parameters: Array) -> None:
+        """Take samples x (T, nx) at times t (T,) of the grid, in one contact state (which ``parameters`` say)."""
+        lam = self.kernel.evaluate(len(t), self.system.groups(t, x, parameters))["lam"]
         self.monitor.take(t, multiplier_norm(lam[:, self.rows]))
 
     @property
@@ -130,11 +135,16 @@ def follow_deployment(problem: Problem, passive: Sequence[int]) -> list[Watcher]
 
     Raises
     ------
-    CapabilityError : there are joints that stick or meet rigid stops, or the input does not determine a dead point.
+    CapabilityError : the input does not determine a dead point, or the contact states are not unique.
     """
-    refuse_contact(problem)
     growth = MultiplierGrowth(problem)
-    return [Bifurcation(problem), DeadPoint(problem, passive, growth), growth]
+    passes = problem.scene.simulate.singular == "pass"
+    poses: list[Watcher] = []
+    if not passes:
+        poses = [Bifurcation(problem)]
+    elif not problem.contact_joints:
+        poses = [Passage(problem)]
+    return [*poses, DeadPoint(problem, passive, growth), growth, *contact_watchers(problem)]
 
 
 # -- the scan -----------------------------------------------------------------------------------------------
@@ -144,7 +154,7 @@ class Scan:
 
     dead_points, bifurcation : poses. stopped : why the integration could not go on. driven : a prescribed motion has
     run into the dead point, whose pose is geometry. end : time reached [s], in ``steps``. clean_until : see
-    ``Bifurcation``.
+    ``Bifurcation``. changes : of the method on the way.
     """
 
     dead_points: list[Pose]
@@ -155,6 +165,7 @@ class Scan:
     end: float
     steps: int
     clean_until: float
+    changes: tuple[MethodChange, ...] = ()
 
     @property
     def dead_point(self) -> Pose | None:
@@ -169,35 +180,39 @@ def scan(
 
     multipliers : whether these are judged too.
     """
-    rank, dead, growth, *others = motion.watchers
-    assert (
-        isinstance(rank, Bifurcation) and isinstance(dead, DeadPoint) and isinstance(growth, MultiplierGrowth)
-    )
+    growth, dead = the(MultiplierGrowth, motion), the(DeadPoint, motion)
+    rank = next((w for w in motion.watchers if isinstance(w, Bifurcation)), None)
     duration = motion.scene.simulate.duration
-    driver = Driver(
-        motion.system,
-        motion.choice.method,
-        options,
-        (rank, dead, *([growth] if multipliers else []), *others),
-    )
+    driver = Driver.of(dataclasses.replace(motion, options=options), supervisor_for(motion.choice))
+
+    def judge(t: Array, x: Array) -> None:
+        if multipliers:
+            growth.judge(t, x, driver.parameters)
+
     driver.tick = lambda time: progress(time, duration)
     driver.start(0.0, motion.start)
     grid = Grid(0.0, GRID, int(duration / GRID * (1 + 1e-12)) + 1)
     stopped: NumericalError | None = None
     pose: tuple[float, Array, str] | None = None
     try:
-        driver.run(duration, grid, lambda t, x: None, block=BLOCK)
+        driver.run(duration, grid, judge, block=BLOCK)
     except NumericalError as error:
         stopped, pose = error, _driven_pose(motion, driver)
-    bifurcation, dead_points = rank.found, list(dead.found)
+    bifurcation, dead_points = rank.found if rank else None, list(dead.found)
     if pose is not None and pose[2] == "bifurcation":
         bifurcation = pose[:2]
     elif pose is not None and pose[2] == "dead_point":
         dead_points.append(pose[:2])
     return Scan(
         dead_points, bifurcation, stopped, pose is not None, growth.monitor, driver.time, driver.counters.steps,
-        rank.clean_until,
+        rank.clean_until if rank else driver.time, tuple(driver.changes),
     )  # fmt: skip
+
+
+def the(kind: type[W], motion: Motion) -> W:
+    """Return the one watcher of a kind."""
+    (found,) = (watcher for watcher in motion.watchers if isinstance(watcher, kind))
+    return found
 
 
 def _driven_pose(motion: Motion, driver: Driver) -> tuple[float, Array, str] | None:

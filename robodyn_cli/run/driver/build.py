@@ -10,7 +10,6 @@ import math
 from collections.abc import Callable, Sequence
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import free_symbols
 from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.system import System
@@ -35,36 +34,22 @@ def follow_motion(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
         from robodyn_cli.run.singular.rank_loss import Passage, RankLoss
 
         found.append(RankLoss(problem) if stops else Passage(problem))
-    if contact:
-        from robodyn_cli.run.driver.contact_states import ContactStates
-
-        found.append(ContactStates(problem))
+    found += contact_watchers(problem)
     return [watcher for watcher in found if watcher.functions]
 
 
-def follow_nothing(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
-    """Return no watchers.
-
-    Raises
-    ------
-    CapabilityError : there are joints with a contact state, which someone has to follow.
-    """
-    refuse_contact(problem)
-    return []
+def follow_changes(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
+    """Return the watchers of what changes a motion: poses to pass, and contact states."""
+    return [watcher for watcher in follow_motion(problem, passive) if watcher.changes_motion]
 
 
-def refuse_contact(problem: Problem) -> None:
-    """Raise if there are joints that stick or meet rigid stops.
+def contact_watchers(problem: Problem) -> list[Watcher]:
+    """Return the watcher of joints that stick, slip and meet rigid stops, where there are such joints."""
+    if not problem.contact_joints:
+        return []
+    from robodyn_cli.run.contact.states import ContactStates
 
-    Raises
-    ------
-    CapabilityError : there are, and the caller does not follow them.
-    """
-    if problem.contact_joints:
-        raise CapabilityError(
-            f"joint {problem.contact_joints[0].name!r} has friction with 'law: set_valued' or a rigid stop, which only "
-            "`simulate` follows; allowed here: 'transition_speed', and stops with 'stiffness'"
-        )
+    return [ContactStates(problem)]
 
 
 def build_motion(

@@ -9,6 +9,8 @@ and where the motion turns out to be stiff the run goes on with another method.
 from __future__ import annotations
 
 import dataclasses
+import math
+from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
@@ -19,6 +21,7 @@ from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.events import Leap
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.integrator import Counters, Grid, Integrator, Options
+from robodyn_cli.record import record
 from robodyn_cli.run.driver.motion import Motion, Watcher
 
 Array = NDArray[np.float64]
@@ -27,12 +30,40 @@ BLOCK = 65536  # samples that are handed on at a time
 
 
 class Supervisor(Protocol):
-    """Who may change the method on the way. steps : after so many the run asks."""
+    """Who may change the method on the way. steps : attempted in all, after which the run asks; None: never."""
 
-    steps: int | None
+    @property
+    def steps(self) -> int | None: ...
 
-    def reconsider(self, driver: Driver) -> str | None:
-        """Return the method to go on with, None for the present one."""
+    def reconsider(self, driver: Driver) -> MethodChange | None:
+        """Return the change to make, None to go on as it is."""
+
+
+@record
+class MethodChange:
+    """A change of method on the way.
+
+    time [s] and steps, attempted ones, after which. to : the new method. decay_time : of the fastest decay there [s].
+    """
+
+    time: float
+    steps: int
+    to: str
+    decay_time: float | None
+
+
+class Repeat:
+    """Makes the changes of an earlier run over again, after the same steps."""
+
+    def __init__(self, changes: Sequence[MethodChange]) -> None:
+        self.changes = deque(changes)
+
+    @property
+    def steps(self) -> int | None:
+        return self.changes[0].steps if self.changes else None
+
+    def reconsider(self, driver: Driver) -> MethodChange | None:
+        return self.changes.popleft()
 
 
 class Driver:
@@ -43,7 +74,8 @@ class Driver:
     watchers : owners of events that this run is to hand them to; they see the start and the samples.
     supervisor : may change the method. parameters : values of p; by default those of the system.
 
-    tick, where set, is told the time every few milliseconds of a run.
+    tick, where set, is told the time every few milliseconds of a run. end : of the present one [s]. changes : of the
+    method on the way.
     """
 
     def __init__(
@@ -60,8 +92,14 @@ class Driver:
         self.supervisor = supervisor
         self.given = parameters
         self.tick: Callable[[float], None] | None = None
+        self.end = 0.0
+        self.first = method
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
         self._done = Counters()
-        self._take_up(method)
+        self.changes: list[MethodChange] = []
+        self._take_up(self.first)
 
     @staticmethod
     def of(motion: Motion, supervisor: Supervisor | None = None) -> Driver:
@@ -96,24 +134,34 @@ class Driver:
         """Counters over the whole run."""
         return self._done + self.integrator.counters
 
+    @property
+    def attempts(self) -> int:
+        """Steps over the whole run, rejected ones too."""
+        return self.counters.steps + self.counters.rejected
+
     # -- running --------------------------------------------------------------------------------------
     def start(self, time: float, state: Array, options: Options | None = None) -> None:
         """Begin a run; watchers may change the state (an impact at the start)."""
         self.options = self.options if options is None else options
+        if self.changes:
+            self._begin_anew()
         self._done = Counters()
         for watcher in self.watchers:
             state = watcher.begin(time, state, self.options)
         self._go_on_from(time, state)
 
     def _go_on_from(self, time: float, state: Array) -> None:
-        most = None if self.supervisor is None else self.supervisor.steps
-        options = self.options
-        if most is not None:
-            options = dataclasses.replace(options, max_steps=min(most, options.max_steps))
         self.integrator.tick = self.tick
-        self.integrator.reset(time, state, options)
+        self.integrator.reset(time, state, self._limited())
         for watcher in self.watchers:
             self.integrator.apply(watcher.arm(state), watcher)
+
+    def _limited(self) -> Options:
+        """Return the options with the number of steps after which the integrator has to come back."""
+        most = self.options.max_steps
+        if self.supervisor is not None and self.supervisor.steps is not None:
+            most = min(most, self.supervisor.steps)
+        return dataclasses.replace(self.options, max_steps=most - self._done.steps - self._done.rejected)
 
     def advance(self, end: float) -> None:
         """Go to ``end`` without samples or events.
@@ -137,9 +185,16 @@ class Driver:
         ------
         NumericalError : the step size underflows, the state stops being finite, or there are too many steps.
         """
-        self.integrator.tick = self.tick
+        self.integrator.tick, self.end = self.tick, end
+        last = -math.inf
 
         def seen(t: Array, x: Array) -> None:
+            nonlocal last
+            if t[0] <= last:  # a run that goes on begins with the sample that it has come to
+                t, x = t[1:], x[1:]
+            if not len(t):
+                return
+            last = float(t[-1])
             for watcher in self.watchers:
                 watcher.see(t, x)
             emit(t, x)
@@ -175,16 +230,17 @@ class Driver:
 
     def _goes_on(self, error: NumericalError) -> bool:
         """After many steps, let the supervisor choose the method to go on with; tell whether the run goes on."""
-        if (
-            self.supervisor is None
-            or self.supervisor.steps is None
-            or error.details.get("status") != "max_steps"
-        ):
+        asks = None if self.supervisor is None else self.supervisor.steps
+        if asks is None or error.details.get("status") != "max_steps" or self.attempts < asks:
             return False
+        assert self.supervisor is not None
+        change = self.supervisor.reconsider(self)
+        if change is None:
+            self.integrator.options = self._limited()
+            return True
         time, state = self.time, self.state
-        method = self.supervisor.reconsider(self)
+        self.changes.append(change)
         self._done = self.counters
-        if method is not None:
-            self._take_up(method)
+        self._take_up(change.to)
         self._go_on_from(time, state)
         return True

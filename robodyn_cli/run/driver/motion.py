@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import dataclasses
 from functools import cached_property
 from typing import Any
 
@@ -53,12 +55,14 @@ class Gains:
 class Watcher:
     """Follows a motion while it is integrated: owns event functions, and sees the start and every sample.
 
-    functions : what it watches, in the mechanism's symbols; the system is built with them.
+    functions : what it watches, in the mechanism's symbols; the system is built with them. changes_motion : whether its
+    answers may be others than to go on or to stop.
 
     A watcher overrides what it needs. One object follows one integration; ``again`` gives that of a second one.
     """
 
     functions: tuple[EventFunction, ...] = ()
+    changes_motion = False
 
     @property
     def log(self) -> list[dict[str, Any]]:
@@ -128,6 +132,12 @@ class Motion:
     def start(self) -> Array:
         """The state x (nx,) at t = 0."""
         return self.system.join(self.assembled.q, self.assembled.v)
+
+    def apart(self, system: System | None = None) -> Motion:
+        """Return the motion with watchers of its own, and with another ``system`` of the same events."""
+        twins = {id(w): w.again() or copy.copy(w) for w in self.watchers}
+        watched = (system or self.system).watched_by(lambda e: twins.get(id(e.owner), e.owner))
+        return dataclasses.replace(self, system=watched, watchers=tuple(twins.values()))
 
     @cached_property
     def observer(self) -> Observer:

@@ -17,6 +17,7 @@ from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.driver.driver import Driver
+from robodyn_cli.run.driver.method import supervisor_for
 from robodyn_cli.run.driver.motion import Motion, Watcher
 from robodyn_cli.run.observation.recorder import Recorder
 
@@ -65,7 +66,7 @@ def other_steps(options: Options, mean_step: float) -> tuple[Options, str]:
 
 @record
 class FirstRun:
-    """The run whose error is asked for: from ``start`` on ``grid`` to ``end`` [s], its method and steps."""
+    """The run whose error is asked for: from ``start`` on ``grid`` to ``end`` [s], its first method, its steps."""
 
     method: str
     start: Array
@@ -129,7 +130,9 @@ def integrate_again(motion: Motion, first: FirstRun, options: Options, tick: Tic
     system, watchers = watched_again(motion)
     watch = bool(system.events)
     # without anything to watch the compiled code of the first run serves
-    driver = Driver(system if watch else motion.system, first.method, options, watchers)
+    driver = Driver(
+        system if watch else motion.system, first.method, options, watchers, supervisor_for(motion.choice)
+    )
     driver.tick = tick
     driver.start(first.grid.start, first.start)
     return driver.samples(first.end, first.grid, watch), driver.counters.steps

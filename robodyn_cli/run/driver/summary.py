@@ -56,8 +56,20 @@ class Multipliers:
 
 
 @record
+class MethodKeys:
+    """A change of method on the way: time [s], the new method, time constant of the fastest decay there [s]."""
+
+    time: float
+    to: str
+    fastest_decay: float | None
+
+
+@record
 class MotionSummary:
-    """Keys of the summary of every integrated motion, in their order."""
+    """Keys of the summary of every integrated motion, in their order.
+
+    transitions : of contact states, how many of each kind. passed : times of poses [s]. switches : of the method.
+    """
 
     status: str
     termination: dict[str, Any]
@@ -77,6 +89,9 @@ class MotionSummary:
     counters: Counters | Absent = ABSENT
     warnings: list[str] | Absent = ABSENT
     baumgarte: Gains | Absent = ABSENT
+    transitions: dict[str, int] | Absent = ABSENT
+    passed: list[float] | Absent = ABSENT
+    switches: list[MethodKeys] | Absent = ABSENT
 
 
 def motion_facts(
@@ -114,6 +129,10 @@ def motion_facts(
         facts["multipliers"] = describe_dependence(problem, driver.repartitions)
     if recorder.observer.reactions is not None:
         facts["reactions"] = {**recorder.observer.reactions.note(), "largest": recorder.loads}
+    for watcher in driver.watchers:
+        facts |= watcher.facts(driver.time)
+    if driver.changes:
+        facts["switches"] = [MethodKeys(c.time, c.to, c.decay_time) for c in driver.changes]
     if warnings := [text for watcher in motion.watchers for text in watcher.warnings]:
         facts["warnings"] = warnings
     if motion.gains is not None:

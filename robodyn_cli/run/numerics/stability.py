@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.formulations.build import build_system
+from robodyn_cli.integration_methods import REPRESENTATIVES
 from robodyn_cli.integrators.methods.stability_region import limits
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.record import record
@@ -33,7 +34,7 @@ from robodyn_cli.run.numerics.stability_summary import (
     StabilitySummary,
     StepLimit,
 )  # fmt: skip
-from robodyn_cli.run.numerics.trial import FAMILIES, Budget, Reference, Trial, attempts, reference
+from robodyn_cli.run.numerics.trial import Budget, Reference, Trial, attempts, reference
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
@@ -122,7 +123,7 @@ def stability(
 
 def quick_methods() -> list[str]:
     """Return the methods of a quick report: one of each family."""
-    return ["auto", *(name for name in registry if name in FAMILIES)]
+    return ["auto", *(name for name in registry if name in REPRESENTATIVES)]
 
 
 def find_reference(scene: Scene, setup: Setup, effort: Effort) -> tuple[Reference | None, Spectrum | None]:
@@ -137,7 +138,7 @@ def follow_energy(
 ) -> EnergyGrowth:
     """Follow the energy over many periods: one method of each family, the scene's, and what ``auto`` chose."""
     long = period(ref, found, scene.simulate.duration)
-    own = {*FAMILIES, scene.simulate.integrator, *(t.chosen for t in trials if t.method == "auto")}
+    own = {*REPRESENTATIVES, scene.simulate.integrator, *(t.chosen for t in trials if t.method == "auto")}
     usable = [t.method for t in trials if t.status in ("stable", "inaccurate") and t.method in own - {"auto"}]
     return EnergyGrowth(long, PERIODS, growths(scene, usable, PERIODS * long.seconds, effort.long))
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError, RobodynError
+from robodyn_cli.integration_methods import REPRESENTATIVES
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.record import mutable_record, record
 from robodyn_cli.results.result import Result
@@ -16,7 +17,7 @@ from robodyn_cli.run.driver.prepare import prepare
 from robodyn_cli.run.numerics.spectrum import Spectrum
 from robodyn_cli.run.numerics.stability import STIFF, along, at_start
 from robodyn_cli.run.numerics.stability_cases import CASES, Case
-from robodyn_cli.run.numerics.trial import FAMILIES, Budget, Reference, Trial, attempts, reference
+from robodyn_cli.run.numerics.trial import Budget, Reference, Trial, attempts, reference
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.load import load_scene_text
@@ -155,7 +156,7 @@ def run_case(case: Case, quick: bool) -> Verdict:
 
 def methods_of(quick: bool) -> list[str]:
     """Return the methods that the suite runs."""
-    return ["auto", *(name for name in registry if not quick or name in FAMILIES)]
+    return ["auto", *(name for name in registry if not quick or name in REPRESENTATIVES)]
 
 
 def _spectrum(scene: Scene) -> tuple[Spectrum | None, bool]:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.errors import CapabilityError, NumericalError, RobodynError, SingularConfigurationError
+from robodyn_cli.integration_methods import METHODS, REFERENCES, STIFF_REFERENCES
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.record import mutable_record, record
 from robodyn_cli.results.result import Result
@@ -21,26 +22,14 @@ Array = NDArray[Any]
 SAMPLES = 257  # instants at which solutions are compared
 INACCURATE = 1e-3  # an error above this part of the range of its quantity is a wrong answer
 AGREED = 1e-5  # agreement of the references, relative to the range, beyond which nothing is judged
-TIGHT = {"gauss": 3e-14, "dop853": 3e-14, "rodas5p": 1e-12}  # tolerance of a reference; others below
-TIGHT_OTHERS = 1e-11
 LOOSER = 100.0  # times the tolerance of a second run by the same method, where no other gets through
-# neighbours are of different families: two orders of one method would share what is wrong with it
-REFERENCES = ("gauss", "dop853", "rodas5p", "radau13", "radau")
-STIFF_REFERENCES = ("radau13", "rodas5p", "dop853", "radau", "gauss")
 SMALL = 1e-3  # a quantity that ranges over less than this part of the largest of its kind is judged by that
-# one method of each family: enough where to compile all of them would take longer than to run them
-FAMILIES = (
-    "gauss",
-    "implicit_midpoint",
-    "verlet",
-    "dop853",
-    "rk4",
-    "rodas5p",
-    "radau",
-    "bdf",
-    "generalized_alpha",
-)
 HONEST = 0.1  # an estimate below this part of the true error would hide it
+
+
+def tight(name: str) -> float:
+    """Return the tolerance of a reference by this method."""
+    return 1e-12 if METHODS[name].stiff else 3e-14
 
 
 @record
@@ -154,8 +143,7 @@ def reference(scene: Scene, budget: Budget, stiff: bool = False) -> Reference | 
     Two methods, explicit ones last where the scene is ``stiff``; where only one gets through, itself at two
     tolerances a hundred apart, which the names tell.
     """
-    order = [n for n in (STIFF_REFERENCES if stiff else REFERENCES) if n in registry]
-    pair = _two_runs(scene, budget, order)
+    pair = _two_runs(scene, budget, STIFF_REFERENCES if stiff else REFERENCES)
     if len(pair) < 2:
         return None
     (first, a), (second, b) = pair
@@ -172,7 +160,7 @@ def _two_runs(scene: Scene, budget: Budget, order: Sequence[str]) -> list[tuple[
     """Return the first two of the methods that get through at tight tolerance, or one at two tolerances."""
 
     def run(name: str, looser: float) -> Solution | None:
-        tolerance = looser * TIGHT.get(name, TIGHT_OTHERS)
+        tolerance = looser * tight(name)
         one = solve(
             scene, budget, integrator=name, rtol=tolerance, atol=tolerance, step=None, error_estimate=False
         )
@@ -187,7 +175,7 @@ def _two_runs(scene: Scene, budget: Budget, order: Sequence[str]) -> list[tuple[
             return found
     if len(found) == 1 and (one := run(found[0][0], LOOSER)) is not None:
         name = found[0][0]
-        found.append((f"{name} at {LOOSER * TIGHT.get(name, TIGHT_OTHERS):.0e}", one))
+        found.append((f"{name} at {LOOSER * tight(name):.0e}", one))
     return found
 
 

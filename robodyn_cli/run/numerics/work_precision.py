@@ -3,84 +3,57 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
-import statistics
-import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.errors import CapabilityError, NumericalError
-from robodyn_cli.formulations.build import build_system
+from robodyn_cli.errors import CapabilityError, NumericalError, RobodynError, SingularConfigurationError
 from robodyn_cli.formulations.system import System
+from robodyn_cli.integration_methods import EXTREMES, REFERENCES
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.options import Options
-from robodyn_cli.kernels.report import REPORT
-from robodyn_cli.record import mutable_record, record
+from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, Absent, as_keys
 from robodyn_cli.run.driver.baumgarte import GainStudy
-from robodyn_cli.run.driver.build import build_motion, follow_nothing, with_stabilisation
+from robodyn_cli.run.driver.build import build_motion, follow_changes, with_stabilisation
 from robodyn_cli.run.driver.driver import Driver
-from robodyn_cli.run.driver.method import LARGEST
 from robodyn_cli.run.driver.motion import Gains, Motion
-from robodyn_cli.run.numerics.trial import SAMPLES, Reference, agreed
+from robodyn_cli.run.numerics.entries import (
+    LONGEST,
+    SECONDS,
+    Entry,
+    driver_of,
+    fields_of,
+    in_formulation,
+    run_entry,
+    supported,
+    values_of,
+)
+from robodyn_cli.run.numerics.lock_precision import judge_lock, lock_reference, locks
+from robodyn_cli.run.numerics.trial import SAMPLES, Reference, agreed, tight
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Baumgarte, Scene
 
 Array = NDArray[Any]
-# one of each kind; the others by name
-DEFAULT_METHODS = (
-    "gauss", "dop853", "dopri5", "rk4", "radau13", "radau", "rodas5p", "rosenbrock23", "bdf", "gauss6",
-    "implicit_midpoint", "symplectic8", "generalized_alpha",
-)  # fmt: skip
 TOLERANCES = tuple(10.0**-k for k in range(2, 14))
+SHORT_OF = 0.9  # of the time of a lock: up to there a small change of the start is followed
 STEPS = 10  # step sizes tried for a method without step control, each half the one before
-LONGEST = 400_000  # steps after which a run counts as too slow
-SECONDS = 20.0  # as the last resort, the time after which it does; three times that for a reference
-REFERENCES = (("gauss", 3e-14), ("dop853", 3e-14), ("rodas5p", 1e-12), ("radau13", 1e-13), ("radau", 1e-11))
 AGREED = (
     1e-9  # relative agreement that the references must keep; beyond the time they lose it nothing is compared
 )
 
 
-@mutable_record
-class Entry:
-    """One run of one method: what it was asked, what it reached, what it cost."""
-
-    method: str
-    formulation: str
-    tolerance: float | None
-    step: float | None
-    error: float | None = None
-    run_time_s: float | None = None
-    compile_time_s: float = 0.0
-    evaluations: int = 0
-    steps: int = 0
-    status: str = "ok"
-
-
-def _solve(system: System, method: str, start: Array, grid: Grid, options: Options) -> Array:
-    """Return the states (T, nx) on a grid."""
-    driver = Driver(system, method, options)
-    driver.tick = deadline(3.0 * SECONDS)
+def _solve(motion: Motion, method: str, start: Array, grid: Grid, options: Options) -> Array:
+    """Return q and v (T, nq + nv) on a grid."""
+    driver = driver_of(motion, method, options, 3.0 * SECONDS)
     driver.start(0.0, start)
-    return driver.samples(grid.start + (grid.count - 1) * grid.step, grid, watch=False)
-
-
-def deadline(seconds: float) -> Callable[[float], None]:
-    """Return a callback that ends an integration when its time is up."""
-    end = time.perf_counter() + seconds
-
-    def tick(t: float) -> None:
-        if time.perf_counter() > end:
-            raise NumericalError(f"not done after {seconds:g} s, stopped at t = {t:.6g} s", status="too_slow")
-
-    return tick
+    end = grid.start + (grid.count - 1) * grid.step
+    return _motion(motion.system, driver.samples(end, grid, watch=bool(motion.watchers)))
 
 
 def _motion(system: System, states: Array) -> Array:
@@ -89,7 +62,7 @@ def _motion(system: System, states: Array) -> Array:
     return np.concatenate([q, v], axis=-1)
 
 
-def reference(system: System, start: Array, duration: float) -> Reference:
+def reference(motion: Motion, duration: float) -> Reference:
     """Return the reference solution over the part of the duration on which two methods agree.
 
     Raises
@@ -98,15 +71,14 @@ def reference(system: System, start: Array, duration: float) -> Reference:
     """
     grid = Grid.over(duration, SAMPLES)
     found: list[tuple[str, Array]] = []
-    for method, tolerance in REFERENCES:
-        if not supported(method, system):
+    for method in REFERENCES:
+        if not supported(method, motion.system):
             continue
-        options = Options(tolerance, tolerance, max_steps=5 * LONGEST)
+        options = Options(tight(method), tight(method), max_steps=5 * LONGEST)
         try:
-            states = _solve(system, method, start, grid, options)
-        except NumericalError:
+            found.append((method, _solve(motion, method, motion.start, grid, options)))
+        except (NumericalError, SingularConfigurationError):
             continue
-        found.append((method, _motion(system, states)))
         if len(found) == 2:
             break
     if len(found) < 2:
@@ -125,26 +97,25 @@ def reference(system: System, start: Array, duration: float) -> Reference:
     return ref
 
 
-def perturbation_growth(system: System, start: Array, until: float, method: str) -> float:
-    """Return by how much a small change of the start has grown at ``until``."""
+def perturbation_growth(motion: Motion, until: float, method: str) -> float:
+    """Return by how much a small change of the start has grown at ``until``; NaN where it cannot be told."""
     grid = Grid.over(until, 2)
-    places = list(system.q_places)
+    start = motion.start
+    places = list(motion.system.q_places)
     change = 1e-7 * (1.0 + np.abs(start[places]))
     moved = start.copy()
     moved[places] += change
-    tolerance = max(dict(REFERENCES)[method], 1e-13)
-    options = Options(tolerance, tolerance, max_steps=5 * LONGEST)
+    options = Options(1e-12, 1e-12, max_steps=5 * LONGEST)
     try:
-        a = _solve(system, method, start, grid, options)
-        b = _solve(system, method, moved, grid, options)
-    except NumericalError:
+        a, b = (_solve(motion, method, x, grid, options) for x in (start, moved))
+    except RobodynError:
         return float("nan")
-    return float(np.abs(_motion(system, a[-1]) - _motion(system, b[-1])).max() / change.max())
+    return float(np.abs(a[-1] - b[-1]).max() / change.max())
 
 
 def formulations(
     motion: Motion, asked: str | Baumgarte
-) -> tuple[dict[str, System], Gains | Baumgarte | None]:
+) -> tuple[dict[str, Motion], Gains | Baumgarte | None]:
     """Return the formulations to compare: the tree itself, or the loops kept closed in different ways.
 
     ``motion`` is projected. Baumgarte's gains are those ``asked`` for, or those that ``stabilisation: baumgarte`` would
@@ -152,66 +123,28 @@ def formulations(
     """
     problem = motion.problem
     if not problem.constraints.rows:
-        return {"tree": motion.system}, None
+        return {"tree": motion}, None
     gains: Gains | Baumgarte | None = asked if isinstance(asked, Baumgarte) else None
-    if gains is None and not problem.dependent:
+    if gains is None and not problem.dependent and not problem.contact_joints:
         # a motion that the choice cannot follow (through a singular pose) is compared without that curve
         with contextlib.suppress(NumericalError):
             gains = GainStudy(motion).choose()
-    found = {"projection": motion.system}
+    found = {"projection": motion}
     if not problem.dependent and not problem.contact_joints:
-        found["independent"] = build_system(problem, "independent", work=False)
+        found["independent"] = in_formulation(motion, "independent")
     if gains is not None:
-        fed_back = Baumgarte(alpha=gains.alpha, beta=gains.beta)
-        found["baumgarte"] = build_system(problem, fed_back, work=False)
-    return {**found, "none": build_system(problem, "none", work=False)}, gains
+        found["baumgarte"] = in_formulation(motion, Baumgarte(alpha=gains.alpha, beta=gains.beta))
+    return {**found, "none": in_formulation(motion, "none")}, gains
 
 
-def run_entry(system: System, entry: Entry, start: Array, ref: Reference, repeats: int) -> Entry:
-    """Fill in an entry: error over the comparable time, median run time without output, counters."""
-    tolerance = entry.tolerance or 1e-10
-    options = Options(tolerance, tolerance, entry.step, max_steps=LONGEST)
-    compiling = REPORT.seconds
+def judge_motion(driver: Driver, entry: Entry, motion: Motion, ref: Reference) -> None:
+    """Run over the comparable time; fill in the largest error."""
     grid = Grid.over(ref.until, len(ref.times))
-    try:
-        driver = Driver(system, entry.method, options)
-        entry.compile_time_s = REPORT.seconds - compiling
-        driver.tick = deadline(SECONDS)
-        driver.start(0.0, start)
-        began = time.perf_counter()
-        states = driver.samples(ref.until, grid, watch=False)
-        took = time.perf_counter() - began
-        entry.steps = driver.counters.steps
-        difference = np.abs(_motion(system, states) - ref.states)
-        entry.error = float(difference.max())
-        if np.max(difference / ref.scale) > 0.1:
-            entry.status = "inaccurate"
-        entry.run_time_s = statistics.median(
-            _time_without_output(driver, start, ref.until) for _ in range(repeats if took < 1.0 else 1)
-        )
-        # without output there are fewer evaluations: those belong to the time
-        entry.evaluations = driver.counters.evaluations
-    except CapabilityError:
-        entry.status = "unsupported"
-    except NumericalError as error:
-        slow = error.details.get("status") in ("max_steps", "too_slow")
-        entry.status = "too_slow" if slow else "diverged"
-    return entry
-
-
-def _time_without_output(driver: Driver, start: Array, end: float) -> float:
-    """Return how long a run without samples takes [s]."""
-    driver.start(0.0, start)
-    began = time.perf_counter()
-    driver.advance(end)
-    return time.perf_counter() - began
-
-
-def supported(method: str, system: System) -> bool:
-    """Tell whether a method can do a system."""
-    if registry[method].needs_jacobian and system.nv > LARGEST:
-        return False
-    return not registry[method].obstacle(system)
+    states = driver.samples(ref.until, grid, watch=bool(motion.watchers))
+    difference = np.abs(_motion(motion.system, states) - ref.states)
+    entry.error = float(difference.max())
+    if np.max(difference / ref.scale) > 0.1:
+        entry.status = "inaccurate"
 
 
 def best_at(entries: Sequence[Entry], levels: Sequence[float]) -> list[Best]:
@@ -225,7 +158,7 @@ def best_at(entries: Sequence[Entry], levels: Sequence[float]) -> list[Best]:
         ]
         if able:
             best = min(able, key=lambda e: e.run_time_s or np.inf)
-            table.append(Best(level, **dataclasses.asdict(best)))
+            table.append(Best(level, **fields_of(best)))
     return table
 
 
@@ -248,39 +181,113 @@ def work_precision(
     ------
     CapabilityError : an unknown method. NumericalError : no reference.
     """
-    chosen = list(methods or DEFAULT_METHODS)
+    chosen = list(methods or EXTREMES)
     for name in chosen:
         if name not in registry:
             raise CapabilityError(f"unknown method {name!r}; allowed: {', '.join(registry)}")
     watch = Stopwatch()
-    motion = build_motion(with_stabilisation(scene, "projection"), watch, follow_nothing, work=False)
+    motion, measure = prepared(with_stabilisation(scene, "projection"), watch)
     with watch.stage("gains"):
-        systems, gains = formulations(motion, scene.simulate.stabilisation)
-    with watch.stage("reference"):
-        ref = reference(motion.system, motion.start, scene.simulate.duration)
-        growth = perturbation_growth(motion.system, motion.start, ref.until, ref.methods[0])
-    runs = [run for name, system in systems.items() for run in planned(name, system, chosen, tolerances, ref)]
+        motions, gains = formulations(motion, scene.simulate.stabilisation)
+    runs = [run for name, one in motions.items() for run in planned(name, one, chosen, tolerances, measure)]
     with watch.stage("runs"):
-        entries = run_all(runs, motion.start, ref, repeats, progress)
+        entries = run_all(runs, measure, repeats, progress)
     summary = WorkPrecisionSummary(
-        termination={"reason": "all runs made", "time": ref.until},
-        reference_digits=round(ref.digits, 2),
-        reference_methods=list(ref.methods),
-        compared_until=ref.until,
-        compared_whole_duration=ref.until >= scene.simulate.duration * (1 - 1e-12),
-        perturbation_growth=growth,
+        termination={"reason": "all runs made", "time": measure.until},
+        reference_digits=round(measure.digits, 2),
+        reference_methods=list(measure.methods),
+        compared_until=measure.until,
+        compared_whole_duration=measure.whole,
+        perturbation_growth=measure.growth,
         repeats=repeats,
         runs=entries,
         best=best_at(entries, [10.0**-k for k in range(1, 14)]),
         baumgarte=ABSENT if gains is None else gains,
+        lock_time=measure.lock_time,
         wall_time_s=watch.report(),
+        error_norm=measure.norm,
     )
     result = Result("work-precision", scene.title or "work-precision", "ok", scene.text)
     result.summary = as_keys(summary)
-    add_runs(result, entries)
+    add_runs(result, entries, measure)
     return result
 
 
+# -- what is compared ---------------------------------------------------------------------------------------
+@record
+class Measure:
+    """What is compared, the motion or the time of a lock, against what.
+
+    judge : makes a run and fills in its error. until : time of what is compared [s]; whole : whether all of it could
+    be. end : of the runs [s]. digits, methods : of the reference. growth : of a small change of the start.
+    """
+
+    judge: Callable[[Driver, Entry, Motion], None]
+    norm: str
+    until: float
+    whole: bool
+    end: float
+    digits: float
+    methods: tuple[str, str]
+    growth: float
+    lock_time: float | Absent = ABSENT
+
+
+def prepared(scene: Scene, watch: Stopwatch) -> tuple[Motion, Measure]:
+    """Build the motion and find the reference: for a scene of ``deploy`` the time of its lock, else the motion.
+
+    Raises
+    ------
+    NumericalError : no reference.
+    """
+    if locks(scene):
+        from robodyn_cli.run.deploy.scan import follow_deployment
+
+        motion = build_motion(scene, watch, follow_deployment, work=False)
+        with watch.stage("reference"):
+            found = lock_measure(motion)
+        if found is not None:
+            return motion, found
+    motion = build_motion(scene, watch, follow_changes, work=False)
+    with watch.stage("reference"):
+        return motion, motion_measure(motion)
+
+
+def lock_measure(motion: Motion) -> Measure | None:
+    """Return how the times of a lock are compared; None where the mechanism does not lock."""
+    ref = lock_reference(motion)
+    if ref is None:
+        return None
+    return Measure(
+        lambda driver, entry, own: judge_lock(driver, entry, own, ref),
+        "absolute error of the time of the lock [s]",
+        ref.time,
+        True,
+        motion.scene.simulate.duration,
+        ref.digits,
+        ref.methods,
+        perturbation_growth(motion, SHORT_OF * ref.time, ref.methods[0]),
+        ref.time,
+    )
+
+
+def motion_measure(motion: Motion) -> Measure:
+    """Return how motions are compared."""
+    duration = motion.scene.simulate.duration
+    ref = reference(motion, duration)
+    return Measure(
+        lambda driver, entry, own: judge_motion(driver, entry, own, ref),
+        f"largest absolute error of any q or qd at {SAMPLES} instants",
+        ref.until,
+        ref.until >= duration * (1 - 1e-12),
+        ref.until,
+        ref.digits,
+        ref.methods,
+        perturbation_growth(motion, ref.until, ref.methods[0]),
+    )
+
+
+# -- the runs and the report --------------------------------------------------------------------------------
 @record
 class Best:
     """The run that reaches a level of error in the least time; see ``Entry``."""
@@ -296,6 +303,7 @@ class Best:
     evaluations: int
     steps: int
     status: str
+    lock_time: float | Absent | None = ABSENT
 
 
 @record
@@ -312,43 +320,44 @@ class WorkPrecisionSummary:
     runs: list[Entry]
     best: list[Best]
     baumgarte: Gains | Baumgarte | Absent
+    lock_time: float | Absent
     wall_time_s: dict[str, float]
     status: str = "ok"
-    error_norm: str = f"largest absolute error of any q or qd at {SAMPLES} instants"
+    error_norm: str = ""
 
 
 def planned(
     formulation: str,
-    system: System,
+    motion: Motion,
     methods: Sequence[str],
     tolerances: Sequence[float] | None,
-    ref: Reference,
-) -> list[tuple[System, Entry]]:
+    measure: Measure,
+) -> list[tuple[Motion, Entry]]:
     """Return the runs of one formulation: each method over the tolerances, or over steps, each half the one before."""
     runs = []
     for method in methods:
-        if not supported(method, system):
+        if not supported(method, motion.system):
             runs.append(Entry(method, formulation, None, None, status="unsupported"))
         elif registry[method].adaptive:
             runs += [Entry(method, formulation, tolerance, None) for tolerance in tolerances or TOLERANCES]
         else:
-            runs += [Entry(method, formulation, None, ref.until / 100.0 / 2**k) for k in range(STEPS)]
-    return [(system, entry) for entry in runs]
+            runs += [Entry(method, formulation, None, measure.until / 100.0 / 2**k) for k in range(STEPS)]
+    return [(motion, entry) for entry in runs]
 
 
 def run_all(
-    runs: Sequence[tuple[System, Entry]], start: Array, ref: Reference, repeats: int, progress: Progress
+    runs: Sequence[tuple[Motion, Entry]], measure: Measure, repeats: int, progress: Progress
 ) -> list[Entry]:
     """Make the runs; a method that cannot do a formulation is told once."""
     entries: list[Entry] = []
     unable: set[tuple[str, str]] = set()
-    for k, (system, entry) in enumerate(runs):
+    for k, (motion, entry) in enumerate(runs):
         progress(k + 1, len(runs))
         pair = (entry.formulation, entry.method)
         if pair in unable:
             continue
         if entry.status != "unsupported":
-            run_entry(system, entry, start, ref, repeats)
+            run_entry(motion, entry, measure.judge, measure.end, repeats)
         if entry.status == "unsupported":
             unable.add(pair)
             entry.tolerance = entry.step = None
@@ -356,13 +365,14 @@ def run_all(
     return entries
 
 
-def add_runs(result: Result, entries: Sequence[Entry]) -> None:
+def add_runs(result: Result, entries: Sequence[Entry], measure: Measure) -> None:
     """Store the figures of the runs."""
     names = ["tolerance", "step", "error", "run_time_s", "compile_time_s", "evaluations", "steps"]
-    table = np.array(
-        [[np.nan if getattr(e, n) is None else float(getattr(e, n)) for n in names] for e in entries]
-    )
+    lock = measure.lock_time is not ABSENT
+    names += ["lock_time"] if lock else []
+    table = np.array([values_of(entry, names) for entry in entries])
     result.add(
-        "work_precision/runs", table.reshape(len(entries), len(names)), units="1, s, rad or m, s, s, 1, 1",
+        "work_precision/runs", table.reshape(len(entries), len(names)),
+        units="1, s, s, s, s, 1, 1, s" if lock else "1, s, rad or m, s, s, 1, 1",
         long_name="runs in the order of summary.runs", dims=("run", "quantity"), names=tuple(names),
     )  # fmt: skip

@@ -75,6 +75,11 @@ class Equations:
         self.shift = SampleKernel({"q": _moved(problem)}, GROUPS)
         self.p = np.zeros(max(1, len(problem.model.parameters)))
 
+    def in_contact(self, parameters: Array) -> None:
+        """Take the values of p that say which joints slip and how; joints that are held count as free."""
+        if len(parameters):
+            self.p = parameters
+
     def _values(
         self, kernel: SampleKernel, t: Array, q: Array, v: Array, z: Array | None = None
     ) -> dict[str, Array]:

@@ -89,6 +89,7 @@ class PosesAhead(Watcher):
             return self._moment(scout.time, scout.state)
 
         turning = np.array([unit == "rad" for unit in self.problem.model.v_units])
+        self.equations.in_contact(self._contact(event))
         approach = Approach(self.equations, advance, turning, self.nodes, self.reach)
         try:
             found = approach.pose_ahead(self._moment(event.time, event.state), self.end)
@@ -98,9 +99,15 @@ class PosesAhead(Watcher):
             refuse_dependent_rows(self.problem, found.state.q, found.time)
         return found
 
+    def _contact(self, event: Event) -> Array:
+        """Return the values of p that say in which contact states joints are; none where there are none."""
+        return event.parameters if self.problem.contact_joints else np.zeros(0)
+
     def _scout(self, event: Event) -> Driver:
         """Return a driver of its own that stands at an event."""
-        scout = Driver(self.motion.system, self.motion.choice.method, self.options)
+        scout = Driver(
+            self.motion.system, self.motion.choice.method, self.options, parameters=self._contact(event)
+        )
         scout.start(event.time, event.state)
         return scout
 
@@ -142,6 +149,7 @@ class Passage(PosesAhead):
     """Passes poses in which the loops lose rank, along the motion's own branch. ``crossed`` : their times [s]."""
 
     kind = EventKind.PASSAGE
+    changes_motion = True
 
     def __init__(self, problem: Problem) -> None:
         super().__init__(problem)

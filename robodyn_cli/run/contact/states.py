@@ -22,13 +22,19 @@ from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.formulations.events import Event, Jump, Outcome
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels.samples import SampleKernel
-from robodyn_cli.run.driver.contact_checks import MISSED, check_freedom, refuse_missed
-from robodyn_cli.run.driver.contact_events import STOPS, ContactFunction, Transition, contact_functions
-from robodyn_cli.run.driver.impact import Hit, impact
+from robodyn_cli.run.contact.checks import MISSED, check_freedom, refuse_missed
+from robodyn_cli.run.contact.events import (
+    HELD,
+    STOPS,
+    ContactFunction,
+    Transition,
+    contact_functions,
+    known_sides,
+)
+from robodyn_cli.run.contact.impact import Hit, impact
 from robodyn_cli.run.driver.motion import Motion, Watcher
 
 Array = NDArray[np.float64]
-HELD = 0  # the state of a joint that is held; the others are the direction of motion, +1 or -1
 AT_STOP = 1e-12  # a joint this close to a stop, relative to its position, is at it
 AT_REST = 1e-13  # a rate this small, relative to the largest, is zero
 FORCE = 1e-9  # a multiplier may pass its bound by this part of the largest one, for rounding
@@ -50,6 +56,7 @@ class ContactStates(Watcher):
     """
 
     functions: tuple[ContactFunction, ...]
+    changes_motion = True
 
     def __init__(self, problem: Problem) -> None:
         if problem.dependent:
@@ -148,7 +155,7 @@ class ContactStates(Watcher):
 
     def arm(self, x: Array) -> Outcome:
         """Return the present contact states, and the sides from which event functions start."""
-        return Jump(x, self.p, self._sides(), self._flight)
+        return Jump(x, self.p, known_sides(self.functions, self.state, self.rest, self.contact), self._flight)
 
     def handle(self, event: Event) -> Outcome:
         """Change contact states and the state at an event; the run goes on."""
@@ -381,23 +388,6 @@ class ContactStates(Watcher):
             f"joints throw each other on their rigid stops without end at t = {t:.6g} s ({names})",
             time=t, status="chatter",
         )  # fmt: skip
-
-    def _sides(self) -> dict[int, float]:
-        """Return the side from which each event function starts, by its number, where that is known."""
-        sides = {}
-        for number, function in enumerate(self.functions):
-            k = function.joint
-            held = k in self.rest
-            push = STOPS.get(function.transition)
-            if push is not None:
-                known = not (held and self.contact.get(k) == push)
-            elif function.transition is Transition.REST:
-                known = not held and self.state[k] != HELD
-            else:
-                known = held
-            if known:
-                sides[number] = 1.0
-        return sides
 
     def _note(self, t: float, kind: str, k: int, **details: Any) -> None:
         self.counts[kind] += 1
