@@ -10,13 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols, reachable
 from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 GRID = 65_537  # times at which the sign of a switch that is not linear in time is examined
 
 

@@ -42,7 +42,6 @@ from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, vector, zeros
 
-GROUPS = ("t", "q", "v", "a", "p")
 CANCELLATION = 1e3  # so many units of rounding may be lost in a difference of moments of inertia
 DENSE_LIMIT = 12  # velocities up to which the factored mass matrix is tried: it grows with their cube
 

@@ -17,8 +17,8 @@ from robodyn_cli.expr.graph import Expr, Scalar, reachable
 from robodyn_cli.expr.intervals import Bounds, bounds
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 STRAIGHT = 0.25  # part of its range by which a function may bend within an interval that is left
 TURNED = 0.05  # part of the steepest slope by which its slope changes in such an interval

@@ -23,9 +23,9 @@ from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Function, Int, Value
 from robodyn_cli.kernels.program import Program, make_program
+from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.record import record
 
-GROUPS = ("t", "q", "v", "z", "p")
 LANES = 8  # the most that an integrator evaluates at once
 Groups = Mapping[str, Any]
 Numbers = NDArray[np.float64]
@@ -100,7 +100,7 @@ class Expanded:
     def program(self) -> Program:
         """Outputs ``a`` (nv) and ``z`` (nz)."""
         outputs = {"a": self.acceleration, "z": self.z_rate}
-        return make_program({k: v for k, v in outputs.items() if v}, GROUPS)
+        return make_program({k: v for k, v in outputs.items() if v}, STATE_GROUPS)
 
     @property
     def digest(self) -> str:

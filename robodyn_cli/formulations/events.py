@@ -14,12 +14,10 @@ from collections.abc import Callable, Mapping
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.record import mutable_record, record
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 
 class EventKind(enum.Enum):

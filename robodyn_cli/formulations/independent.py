@@ -16,7 +16,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.constraints import correction
 from robodyn_cli.equations.dependence import closeness
@@ -30,9 +29,8 @@ from robodyn_cli.formulations.formulated import Formulated
 from robodyn_cli.formulations.projection import projection
 from robodyn_cli.formulations.system import Corrections
 from robodyn_cli.model.model import PARAMETER_GROUP
-from robodyn_cli.spatial.algebra import Matrix, vector, zeros
+from robodyn_cli.spatial.algebra import Array, Matrix, vector, zeros
 
-Array = NDArray[np.float64]
 NEWTON_STEPS = 2
 WORN = 0.1  # of the closeness to losing rank at the choice: below it, the choice is made anew
 FLOOR = 1e-12  # closeness below which the loops themselves have lost rank

@@ -21,11 +21,11 @@ from robodyn_cli.algorithms.linear import LuFactor
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import Expr, Graph, Scalar, free_symbols
-from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.kernels.program import Program, make_program
+from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.spatial.algebra import Matrix, identity, zeros
 
-INPUTS = (*GROUPS, "a", "l", "g")
+INPUTS = (*STATE_GROUPS, "a", "l", "g")
 Column = tuple[Expr, int, Scalar]  # a state, the unknown it moves with, and how far
 
 

@@ -19,13 +19,12 @@ from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.kernels.program import Program, make_program
 from robodyn_cli.model.base_parameters import with_base_parameters
-from robodyn_cli.model.model import Model
+from robodyn_cli.model.model import STATE_GROUPS, Model
 from robodyn_cli.spatial.algebra import Vector
 
-INPUTS = (*GROUPS, "a", "l")
+INPUTS = (*STATE_GROUPS, "a", "l")
 LARGEST = 12  # velocities up to which M is factored as a dense matrix
 
 
@@ -74,7 +73,7 @@ class Residual:
 
     @cached_property
     def factors(self) -> Program:
-        return make_program({"l": self.entries}, GROUPS)
+        return make_program({"l": self.entries}, STATE_GROUPS)
 
     @cached_property
     def correction(self) -> Program:

@@ -11,15 +11,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.dependence import closeness
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.formulations.events import REPARTITION, Event, EventFunction, EventKind, Outcome, Owner
-from robodyn_cli.spatial.algebra import zeros
+from robodyn_cli.spatial.algebra import Array, zeros
 
-Array = NDArray[np.float64]
 WORN = 0.2  # of the closeness at the pose where W was chosen, at which it is chosen anew
 FLOOR = 1e-12  # closeness below which Psi itself has lost rank; W is chosen anew behind
 

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.formulations.dynamics import GROUPS as GROUPS
 from robodyn_cli.formulations.dynamics import Dynamics
 from robodyn_cli.formulations.events import EventFunction, Owner
 from robodyn_cli.formulations.layout import Layout
 from robodyn_cli.kernels.program import Program, make_program
+from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.record import record
 
 if TYPE_CHECKING:
@@ -235,4 +235,4 @@ class System:
 
 
 def _program(**outputs: Sequence[Scalar]) -> Program:
-    return make_program({k: v for k, v in outputs.items() if v}, GROUPS)
+    return make_program({k: v for k, v in outputs.items() if v}, STATE_GROUPS)

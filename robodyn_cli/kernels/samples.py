@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
@@ -15,8 +14,8 @@ from robodyn_cli.kernels.compiler import compile_module, machine
 from robodyn_cli.kernels.ir import RELAXED, Function, module
 from robodyn_cli.kernels.lower import lower
 from robodyn_cli.kernels.program import Program, make_program
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 PARAMETERS = "p"
 
 

@@ -180,3 +180,6 @@ class Model:
 
 UNKNOWN_GROUP = "unknown"
 PARAMETER_GROUP = "p"
+# orders in which compiled functions take the arrays of the symbol groups
+STATE_GROUPS = ("t", "q", "v", "z", "p")  # at a state: time, q, v, integrals z, parameters
+MOTION_GROUPS = ("t", "q", "v", "a", "p")  # along a given motion: accelerations too

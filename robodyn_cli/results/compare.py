@@ -9,7 +9,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from robodyn_cli.record import record
-from robodyn_cli.results.result import Array, Result, Variable
+from robodyn_cli.results.result import Result, Variable
+from robodyn_cli.spatial.algebra import Array
 
 
 @record

@@ -6,15 +6,13 @@ import dataclasses
 from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.record import mutable_record
 from robodyn_cli.results import catalogue
+from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
-
-Array = NDArray[np.float64]
 
 
 @mutable_record

@@ -12,7 +12,8 @@ from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.formula import Formula
 from robodyn_cli.expr.graph import Expr, Graph
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.trajectories.motion import Array, column_order
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.trajectories.motion import column_order
 
 
 def time_derivatives(

@@ -10,15 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.events import EventFunction
 from robodyn_cli.integrators.runtime.layout import FINE
 from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 Numbers = Sequence[float] | Array
 Values = Callable[[float], Numbers]
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import ctypes
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.event_location.locate_event import PLACES
@@ -16,8 +14,8 @@ from robodyn_cli.integrators.runtime.memory import Memory
 from robodyn_cli.integrators.stepping.loop import write_run
 from robodyn_cli.kernels.arrays import aligned_zeros
 from robodyn_cli.kernels.compiler import compile_module, machine
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[Any]
 STATUSES = tuple(Status)  # by number
 ADDRESS, NUMBER, DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 

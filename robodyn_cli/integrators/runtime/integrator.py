@@ -10,7 +10,6 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.events import GO_ON, Event, EventKind, Jump, Outcome, Owner, Repartition
@@ -30,8 +29,8 @@ from robodyn_cli.integrators.runtime.layout import UNARMED, DoubleSlot, IntegerS
 from robodyn_cli.integrators.runtime.options import Counters as Counters
 from robodyn_cli.integrators.runtime.options import Options as Options
 from robodyn_cli.integrators.runtime.parameters import Parameters
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[Any]
 DEFAULTS = Options()
 SMALLEST_ATOL = 1e-300  # keeps weights finite where the tolerance is zero
 # the compiled loop runs for about this long [s] at a time; the number of steps adapts itself

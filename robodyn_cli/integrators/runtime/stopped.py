@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.layout import Status
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.record import record
-
-Array = NDArray[Any]
+from robodyn_cli.spatial.algebra import Array
 
 
 @record

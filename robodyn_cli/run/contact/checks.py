@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.contact_joints import ContactJoint
 from robodyn_cli.errors import CapabilityError, NumericalError
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 MISSED = 1e-6  # what has gone past an event by this part of its scale was missed
 
 

@@ -13,15 +13,14 @@ from collections.abc import Collection
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.contact_joints import UNBOUNDED, ContactJoint
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError, SceneError
-from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.formulations.events import Event, Jump, Outcome
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.run.contact.checks import MISSED, check_freedom, refuse_missed
 from robodyn_cli.run.contact.events import (
     HELD,
@@ -33,8 +32,8 @@ from robodyn_cli.run.contact.events import (
 )
 from robodyn_cli.run.contact.impact import Hit, impact
 from robodyn_cli.run.driver.motion import Motion, Watcher
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 AT_STOP = 1e-12  # a joint this close to a stop, relative to its position, is at it
 AT_REST = 1e-13  # a rate this small, relative to the largest, is zero
 FORCE = 1e-9  # a multiplier may pass its bound by this part of the largest one, for rounding
@@ -71,9 +70,11 @@ class ContactStates(Watcher):
 
     def follow(self, motion: Motion) -> None:
         self.system = motion.system
-        self._rates = SampleKernel({"a": list(self.problem.forward.qdd), "lam": self.problem.holding}, GROUPS)
+        self._rates = SampleKernel(
+            {"a": list(self.problem.forward.qdd), "lam": self.problem.holding}, STATE_GROUPS
+        )
         matrices = {"M": list(self.problem.mass_matrix.ravel()), "psi": list(self.problem.psi.ravel())}
-        self._matrices = SampleKernel({k: v for k, v in matrices.items() if v}, GROUPS)
+        self._matrices = SampleKernel({k: v for k, v in matrices.items() if v}, STATE_GROUPS)
         self._clear()
 
     @property

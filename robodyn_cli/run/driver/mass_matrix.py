@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.aba import factor_joint
 from robodyn_cli.algorithms.kinematics import slice_q, transforms
@@ -13,10 +12,9 @@ from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr.graph import is_number
 from robodyn_cli.model.model import BASE, Model
 from robodyn_cli.record import record
-from robodyn_cli.spatial.algebra import columns
+from robodyn_cli.spatial.algebra import Array, columns
 from robodyn_cli.spatial.inertia import ArticulatedInertia
 
-Array = NDArray[np.float64]
 SINGULAR = 1e-12
 NEARLY = 1e-6
 

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Expr, free_symbols
@@ -15,8 +12,8 @@ from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.run.driver.driver import Supervisor
 from robodyn_cli.run.driver.motion import Choice
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[Any]
 LARGEST = 12  # velocities up to which an exact Jacobian is worth its code
 FAST_DECAYS = 2e3  # decays of the fastest mode within the run from which on stiffness is looked into
 TRIAL = 0.02  # part of the run over which two methods are compared

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.dependence import Dependence
 from robodyn_cli.equations.problem import Problem
@@ -14,8 +13,7 @@ from robodyn_cli.run.driver.mass_matrix import refuse_singular
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import RANK_TOLERANCE, Assembled, assemble
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 
 @record

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr.graph import Scalar, free_symbols
@@ -21,8 +19,8 @@ from robodyn_cli.integration_methods import DEFAULT, STIFF
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.record import record
 from robodyn_cli.run.driver.driver import Driver, MethodChange
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[Any]
 # what an evaluation costs: eight lanes at once, and those with their share of the linear algebra
 COST = {DEFAULT: 1.4, STIFF: 3.0}
 FIRST_LOOK = 300  # steps of the run before it is looked at, and between looks at least

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
@@ -14,8 +13,7 @@ from robodyn_cli.run.inverse.program import InverseProgram, Sampled, parts
 from robodyn_cli.run.mechanism.motion import Planned, plan_motion, with_led_point
 from robodyn_cli.run.observation.evaluation import SampleFunction, without_idle_unknowns
 from robodyn_cli.scene import types as sc
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 
 def build_inverse(scene: sc.Scene) -> InverseProgram:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.forces.element import half_turn_warning
@@ -15,9 +14,8 @@ from robodyn_cli.run.inverse.summary import ErrorEstimate, JointFigures
 from robodyn_cli.run.mechanism.motion import Planned
 from robodyn_cli.run.observation.units import TORQUE
 from robodyn_cli.solve.quadrature import integrate, integrate_positive, root_mean_square
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import JointMotion
-
-Array = NDArray[np.float64]
 
 
 def joint_figures(model: Model, sampled: Sampled) -> dict[str, JointFigures]:

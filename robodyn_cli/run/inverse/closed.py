@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError
@@ -20,8 +19,7 @@ from robodyn_cli.run.observation.evaluation import SampleFunction
 from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import accelerations
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 
 def build_closed(scene: Scene) -> ClosedLoops:

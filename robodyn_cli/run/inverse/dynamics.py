@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.equations.problem import Problem
@@ -16,13 +15,11 @@ from robodyn_cli.kernels.crossover import prefer_rolled
 from robodyn_cli.model.model import Model
 from robodyn_cli.run.inverse.build import open_problem
 from robodyn_cli.scene import types as sc
-from robodyn_cli.spatial.algebra import Vector, zeros
+from robodyn_cli.spatial.algebra import Array, Vector, zeros
 
 if TYPE_CHECKING:
     from robodyn_cli.kernels.program import Program
     from robodyn_cli.kernels.rolled_tables import RolledPlan
-
-Array = NDArray[np.float64]
 
 
 def _timeless(problem: Problem) -> list[Vector]:

@@ -8,21 +8,21 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from robodyn_cli.equations.problem import GROUPS, Problem
+from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar, is_nonzero
+from robodyn_cli.model.model import MOTION_GROUPS
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.mechanism.motion import Planned
 from robodyn_cli.run.observation.evaluation import SampleFunction, without_idle_unknowns
 from robodyn_cli.run.observation.places import place_outputs
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import JointMotion
 
 if TYPE_CHECKING:
     from robodyn_cli.solve.load_sharing import Shared
 
-Array = NDArray[np.float64]
 Outputs = dict[str, list[Scalar]]
 RIGID = ("inertia", "coriolis", "gravity")
 
@@ -116,7 +116,7 @@ class InverseProgram(ABC):
         ------
         SceneError : the outputs depend on data that the scene does not give.
         """
-        return SampleFunction(self.outputs, GROUPS, samples)
+        return SampleFunction(self.outputs, MOTION_GROUPS, samples)
 
     def times(self, samples: int) -> Array:
         """Return the uniform times (T,) of the samples [s]."""

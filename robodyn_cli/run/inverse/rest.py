@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.forces.friction import Friction
@@ -17,7 +16,6 @@ from robodyn_cli.forces.gear import Gear
 from robodyn_cli.model.model import Body
 from robodyn_cli.run.mechanism.motion import Planned
 
-Array = NDArray[np.float64]
 ROUNDING = 64 * np.finfo(float).eps  # relative, of what a motion is computed from
 
 

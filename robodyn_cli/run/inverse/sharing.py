@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.equations.problem import Problem
@@ -13,8 +12,7 @@ from robodyn_cli.errors import CapabilityError, SingularConfigurationError
 from robodyn_cli.run.mechanism.loop_conditions import coordinate_name
 from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.solve.load_sharing import LostRank, Shared, TooFewActuators, share
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 
 def refuse_gears(problem: Problem) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
@@ -24,8 +23,7 @@ from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import assemble as close_loops
 from robodyn_cli.solve.load_sharing import RANK
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 
 @record

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, GeometryError, SingularConfigurationError
@@ -15,9 +13,8 @@ from robodyn_cli.run.mechanism.motion import Planned
 from robodyn_cli.run.mechanism.prescribed import check_prescribed, prescribed_starts
 from robodyn_cli.solve.assembly import assemble
 from robodyn_cli.solve.guided import Guide, Place, Stuck
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import JointMotion
-
-Array = NDArray[Any]
 
 
 def guided_motion(problem: Problem, lead: Lead, times: Array) -> Planned:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.coriolis import coriolis
 from robodyn_cli.algorithms.kinematics import point_jacobian
@@ -25,8 +24,7 @@ from robodyn_cli.run.mechanism.state_text import state_overrides as state_overri
 from robodyn_cli.run.observation.places import quaternions, world_pose
 from robodyn_cli.scene.load import load_scene
 from robodyn_cli.scene.types import Scene
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 
 @record

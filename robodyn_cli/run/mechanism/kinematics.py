@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from robodyn_cli.equations.problem import GROUPS, Problem
+from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import RobodynError, SceneError
 from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.model.model import MOTION_GROUPS
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, Absent, Termination, as_keys
 from robodyn_cli.run.driver.prepare import held_columns
@@ -35,8 +35,7 @@ from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 
 @np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite
@@ -61,7 +60,7 @@ def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwat
         planned, led = plan(problem)
     times = planned.times
     with watch.stage("equations"):
-        function = SampleFunction(outputs(problem), GROUPS, len(times))
+        function = SampleFunction(outputs(problem), MOTION_GROUPS, len(times))
     with watch.stage("evaluate"):
         arrays = function.along(times, planned.motion)
     progress(float(times[-1]), float(times[-1]))

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.kinematics import slice_q
 from robodyn_cli.equations.problem import Problem
@@ -17,9 +16,9 @@ from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 from robodyn_cli.solve.assembly import mechanism_size
 from robodyn_cli.solve.point_kinematics import PointKinematics
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import TaskSpace
 
-Array = NDArray[Any]
 # seconds: to interpret an operation; to compile at all, and per operation
 INTERPRETED, COMPILING, COMPILED = 2e-7, 35e-3, 80e-6
 # the given motion at times (T,): values, rates and accelerations (T, k)

@@ -7,19 +7,17 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError, SceneError, SingularConfigurationError
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Point, Scene
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import JointMotion, TaskSpace
 
 if TYPE_CHECKING:
     from robodyn_cli.solve.inverse_kinematics import PointTask
     from robodyn_cli.solve.point_kinematics import PointFunction, PointKinematics
-
-Array = NDArray[np.float64]
 
 
 @record

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.rebuild import evaluate
@@ -14,9 +13,8 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.run.observation.observe import loop_columns
 from robodyn_cli.run.observation.places import add_places, place_outputs
 from robodyn_cli.run.observation.units import add_motion
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import JointMotion
-
-Array = NDArray[np.float64]
 
 
 def add_sample(result: Result, problem: Problem, q: Array, v: Array, a: Array) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.contact_joints import contact_joints
 from robodyn_cli.equations.problem import Problem
@@ -28,9 +27,8 @@ from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import assemble
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import JointMotion
-
-Array = NDArray[np.float64]
 
 
 @np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.expr.calculus import substitute
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations, free_symbols, reachable
@@ -14,9 +13,9 @@ from robodyn_cli.expr.rebuild import apply
 from robodyn_cli.kernels.program import Program, make_program, unknown_data
 from robodyn_cli.model.model import UNKNOWN_GROUP
 from robodyn_cli.run.observation.finite import refuse_sampled
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import JointMotion
 
-Array = NDArray[np.float64]
 Outputs = Mapping[str, Sequence[Scalar]]
 
 # measured: a numpy operation costs about 1.3 us and 2 ns a sample, compiling 35 ms (half of it the import)

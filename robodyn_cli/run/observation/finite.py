@@ -6,14 +6,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr.graph import Expr, Scalar, reachable
 from robodyn_cli.expr.rebuild import apply
 from robodyn_cli.results.result import Result
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 CONSTANT = "a number of the scene, or a product of some, exceeds what a double holds (1.8e308)"
 TOO_LARGE = "it exceeds what a double holds (1.8e308), or is 0 / 0"
 SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/"}

@@ -12,19 +12,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.kinematics import slice_q
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.kernels.samples import SampleKernel
-from robodyn_cli.spatial.algebra import vector
+from robodyn_cli.model.model import STATE_GROUPS
+from robodyn_cli.spatial.algebra import Array, vector
 
-Array = NDArray[Any]
 VANISHED = (
     1e-9  # of the largest singular value; the rank may also fall at a singular pose that the motion passes
 )
@@ -53,7 +50,7 @@ class LeastNorm:
     def __init__(self, problem: Problem, more: Mapping[str, Sequence[Scalar]] | None = None) -> None:
         self.problem = problem
         self.rank = len(problem.independent_rows.rows)
-        self.function = SampleKernel({**equations_of(problem), **(more or {})}, GROUPS)
+        self.function = SampleKernel({**equations_of(problem), **(more or {})}, STATE_GROUPS)
 
     def evaluate(self, samples: int, groups: Mapping[str, Array]) -> dict[str, Array]:
         """Return the outputs with ``qdd`` (T, nv), ``lam`` (T, m); prescribed joints' multipliers enter ``tau``."""

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols, is_nonzero
-from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.formulations.system import System
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.loops.base import Row
-from robodyn_cli.model.model import BASE, UNKNOWN_GROUP
+from robodyn_cli.model.model import BASE, STATE_GROUPS, UNKNOWN_GROUP
 from robodyn_cli.record import record
 from robodyn_cli.run.observation.places import FORCES, place_dataset, place_outputs, point_motion
 from robodyn_cli.run.observation.units import joint_columns
+from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
     from robodyn_cli.run.observation.evaluation import SampleFunction
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
     from robodyn_cli.run.observation.observe_rolled import RolledKernel
     from robodyn_cli.run.observation.reactions import ReactionSamples
 
-Array = NDArray[Any]
 XYZ = ("x", "y", "z")
 MEANINGS = {
     "q": "joint position", "qd": "joint velocity", "qdd": "joint acceleration", "tau": "actuator torque"
@@ -111,7 +109,7 @@ def _kernel(
     problem: Problem, system: System, outputs: Mapping[str, Sequence[Scalar]]
 ) -> SampleKernel | RolledKernel:
     if not system.dynamics.any_size:
-        return SampleKernel({name: list(entries) for name, entries in outputs.items()}, GROUPS)
+        return SampleKernel({name: list(entries) for name, entries in outputs.items()}, STATE_GROUPS)
     from robodyn_cli.run.observation.observe_rolled import RolledKernel
 
     return RolledKernel(problem, system.dynamics, outputs)
@@ -159,16 +157,16 @@ class Observer:
         self.kernel = self.least_norm or _kernel(problem, system, outputs)
         self.places = [path for path in outputs if path.startswith(("points/", "skeleton/", "frames/"))]
         c = system.corrections
-        self.normalise = SampleKernel({"n": c.normalisation}, GROUPS) if c.normalisation else None
+        self.normalise = SampleKernel({"n": c.normalisation}, STATE_GROUPS) if c.normalisation else None
         positions = c.sample_position or c.position
         velocities = c.sample_velocity or c.velocity
-        self.correct_q = SampleKernel({"q": positions}, GROUPS) if positions else None
-        self.correct_v = SampleKernel({"v": velocities}, GROUPS) if velocities else None
+        self.correct_q = SampleKernel({"q": positions}, STATE_GROUPS) if positions else None
+        self.correct_v = SampleKernel({"v": velocities}, STATE_GROUPS) if velocities else None
         self.residuals = None
         if self.correct_q is not None:
             rows = problem.constraints
             residuals = {"q": rows.eta, "v": rows.velocity_residual(problem.v)}
-            self.residuals = SampleKernel(residuals, GROUPS)
+            self.residuals = SampleKernel(residuals, STATE_GROUPS)
         self.parameters = np.zeros(max(1, len(problem.model.parameters)))
         asked = reactions or problem.scene.outputs.reactions
         self.reactions = _reactions(problem) if asked else None

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.formulations.dynamics import GROUPS, Dynamics
+from robodyn_cli.formulations.dynamics import Dynamics
 from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.kernels.rolled import RolledForwardDynamics
+from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.run.observation.evaluation import Outputs, SampleFunction
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 
 class RolledKernel:
@@ -26,7 +25,7 @@ class RolledKernel:
         self.places = list(dynamics.places)
         forces = [dynamics.forces[k] for k in self.places]
         samples = problem.scene.simulate.samples
-        self.function = SampleFunction({**outputs, "forces": forces}, GROUPS, samples)
+        self.function = SampleFunction({**outputs, "forces": forces}, STATE_GROUPS, samples)
         self.forward = RolledForwardDynamics(problem.model)
 
     def evaluate(self, samples: int, groups: dict[str, Array]) -> dict[str, Array]:

@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.kinematics import Pose, motions, velocities
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.model.model import BASE, FixedFrame, Model
 from robodyn_cli.results.result import Result
-from robodyn_cli.spatial.algebra import cross
+from robodyn_cli.spatial.algebra import Array, cross
 
-Array = NDArray[np.float64]
 FORCES = ("forces/potential", "forces/power")  # datasets with a column for each force element
 
 

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.kinematics import Pose, motions, poses
 from robodyn_cli.algorithms.reactions import Reactions, reactions
@@ -19,12 +18,11 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.run.observation.evaluation import SampleFunction
 from robodyn_cli.scene import types as sc
 from robodyn_cli.scene.points import point_link
-from robodyn_cli.spatial.algebra import Matrix, Wrench, identity
+from robodyn_cli.spatial.algebra import Array, Matrix, Wrench, identity
 from robodyn_cli.trajectories.motion import JointMotion
 
-Array = NDArray[np.float64]
 NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
-GROUPS = ("t", "q", "v", "a", "lam")
+REACTION_GROUPS = ("t", "q", "v", "a", "lam")
 BASE_PATH = "base_wrench"
 
 
@@ -59,7 +57,7 @@ class ReactionSamples:
                 outputs[path] = [entries[k] for k in known]
                 self.names[path] = tuple(NAMES[k] for k in known)
                 self.meanings[path] = meaning
-        self.function = SampleFunction(outputs, GROUPS, samples)
+        self.function = SampleFunction(outputs, REACTION_GROUPS, samples)
 
     def _entries(self, model: Model, found: Reactions) -> dict[str, tuple[list[Scalar], str]]:
         """Return forces and moments of each joint and closure, and of the base, each with its meaning in words."""

@@ -7,15 +7,14 @@ import functools
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.observation.observe import Column, Observer
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[Any]
 KEPT_IN_MEMORY = 100_000  # samples, when all of them go to a file
 
 

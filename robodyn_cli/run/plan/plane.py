@@ -5,14 +5,13 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.kinematics import poses, slice_q, transforms
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import BASE, Model
 from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 PARALLEL = 1e-12
 
 
