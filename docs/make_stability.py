@@ -88,6 +88,7 @@ def main(suite: Path, peers: Path, *four_bar: Path) -> None:
     )
     parts.append(MODELS)
     parts.append(NOTES)
+    parts.append(FUZZING)
     (DOCS / "stability.md").write_text("\n".join(parts), encoding="utf-8")
     for source, name in ((suite, "stability_suite.png"), *((d, "baumgarte.png") for d in four_bar)):
         picture(source / name, DOCS / "images" / (name if source == suite else f"four_bar_{name}"))
@@ -131,6 +132,25 @@ How each engine is given what is special in a case:
 - `governor`: in MuJoCo stiffness and damping of the joint are set anew before each step; Euler and implicitfast take the
   damping implicitly and keep up.
 - MuJoCo refuses inertias as small as those of a link of a micrometre.
+"""
+
+FUZZING = """\
+## Mutated inputs
+
+`python -m tests.fuzz --seconds 600 --seed 1 --jobs 2` changes the scenes of `configs/` and the starters of `robodyn new` (keys, values,
+structure, formulas, units, absurd numbers, text that is no YAML), `--set` and `--at` texts, tables and result files, and runs all
+commands that take them. Each seed is one case. What must not be: an internal error (exit code 70), a traceback, a warning of a
+library, a process that hangs or crashes, standard output that is not JSON where that was asked for, an error without a word, and a
+number that is not finite in a result whose run succeeded. A finding is made smaller and stored with its command line. The tests run
+300 cases.
+
+Of 16037 cases, seeds from 200000 on (7 924 cases), 300000 on (8 113 cases), the exit codes were 0: 2943, 1: 259, 2: 12547, 3:
+32, 4: 86, 5: 162, 130: 7 (130: interrupted after 10 s, which a case gets). One finding, a matrix that could not be solved with,
+came up on the way and is mended.
+
+What it has found, all mended: a mass that the scene does not give and a damped joint (internal error while the method was
+chosen), overflow warnings of numpy from `plan`, matrices of numbers such as 1e18 and 1 that cannot be solved with, now exit code 3. By hand and
+from other scenes: rows that vanish but for rounding, and joints that throw each other on their rigid stops without end.
 """
 
 NOTES = """\

@@ -7,13 +7,17 @@ import functools
 import json
 import os
 import sys
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, TextIO
 
 from robodyn_cli.cli import interrupts
-from robodyn_cli.errors import OutputError, RobodynError
+from robodyn_cli.errors import OutputError, RobodynError, no_linear_algebra
 from robodyn_cli.exit_codes import INTERNAL, INTERRUPTED
+
+QUIET_SECONDS = 2.0  # without a word, on a terminal
+LONG_SECONDS = 10.0  # without a word, elsewhere
 
 
 class Console:
@@ -24,6 +28,7 @@ class Console:
         self.quiet = quiet
         self._shown = 0.0
         self._width = 0
+        self._noted = False
         self._on_terminal = sys.stderr is not None and sys.stderr.isatty()
 
     def say(self, text: str) -> None:
@@ -33,6 +38,7 @@ class Console:
 
     def note(self, text: str) -> None:
         """Print a message that is not a result."""
+        self._noted = True
         if not self.quiet:
             self.clear()
             _print(text, sys.stderr)
@@ -65,6 +71,33 @@ class Console:
         """Report an interrupt; return its exit code."""
         return self.report("KeyboardInterrupt", interrupts.MESSAGE, INTERRUPTED)
 
+    @contextlib.contextmanager
+    def waiting(self, doing: Callable[[], str]) -> Iterator[None]:
+        """Say what is being done where it takes long, beside the progress of an integration.
+
+        On a terminal after 2 s, in a line that is written over; elsewhere once, after 10 s.
+        """
+        ended = threading.Event()
+
+        def tell() -> None:
+            start = time.monotonic()
+            if self._on_terminal:
+                wait = QUIET_SECONDS
+                while not ended.wait(wait):
+                    wait = 0.5
+                    if (what := doing()) and time.monotonic() - self._shown > QUIET_SECONDS:
+                        self._write_over(f"{what} ... {time.monotonic() - start:.0f} s")
+            elif not ended.wait(LONG_SECONDS) and (what := doing()) and not self._noted:
+                self.note(f"robodyn: this takes a while: {what}")
+
+        if not self.quiet:
+            threading.Thread(target=tell, daemon=True).start()
+        try:
+            yield
+        finally:
+            ended.set()
+            self.clear()
+
     def progress(self, done: float, total: float) -> None:
         """Show the progress of a long run if standard error is a terminal."""
         now = time.monotonic()
@@ -73,9 +106,12 @@ class Console:
         self._shown = now
         part = min(1.0, done / total) if total else 1.0
         bar = "#" * round(30 * part)
-        text = f"\r[{bar:<30}] {100 * part:5.1f} %  t = {done:.4g} of {total:.4g} s"
+        self._write_over(f"[{bar:<30}] {100 * part:5.1f} %  t = {done:.4g} of {total:.4g} s")
+
+    def _write_over(self, text: str) -> None:
+        """Write a line over the one that is there."""
         self._width = max(self._width, len(text))
-        sys.stderr.write(text.ljust(self._width))
+        sys.stderr.write("\r" + text.ljust(self._width))
         sys.stderr.flush()
 
     def clear(self) -> None:
@@ -101,7 +137,11 @@ def guarded(command: Callable[..., int]) -> Callable[..., int]:
         except MemoryError:
             return console.report("MemoryError", "out of memory: ask for fewer samples", INTERNAL)
         except Exception as error:
-            return console.interrupted() if interrupts.seen() else _internal(error, console)
+            if interrupts.seen():
+                return console.interrupted()
+            if type(error).__name__ == "LinAlgError":  # numpy may not have been imported
+                return console.fail(no_linear_algebra(error))
+            return _internal(error, console)
 
     return run
 

@@ -1,4 +1,4 @@
-"""The process that runs one scene of a batch; its one argument is what to run, as JSON."""
+"""The process that runs one scene of a batch; its one argument is what to run, as JSON, and it prints the summary."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def _run(command: str, scene: str, out: str, overrides: list[str], no_plots: boo
     from robodyn_cli.cli.runner import SceneRun, run_scene
 
     job = SceneRun(command, Path(scene), Path(out), overrides, no_plots)
-    return guarded(lambda: run_scene(job, Console(quiet=True), lambda summary: ""))()
+    return guarded(lambda: run_scene(job, Console(as_json=True, quiet=True), lambda summary: ""))()
 
 
 def _end_with_the_batch() -> None:

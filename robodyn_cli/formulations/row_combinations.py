@@ -55,7 +55,8 @@ class RowCombinations:
                 if np.linalg.det(old @ W.T) < 0.0:
                     W = W * np.append(-1.0, np.ones(rank - 1))[:, None]
             s = s[:rank]
-            close = 1.0 / ((s**2).sum() * (1.0 / np.maximum(s, 1e-150) ** 2).sum())
+            # rows that vanish but for rounding (rank 0) have no rank to lose
+            close = 1.0 / ((s**2).sum() * (1.0 / np.maximum(s, 1e-150) ** 2).sum()) if rank else 1.0
             found += [W.ravel(), [WORN * close if close > FLOOR else 2.0 * FLOOR]]
         return np.concatenate(found)
 
@@ -65,6 +66,8 @@ class RowCombinations:
         problem = self.problem
         found = []
         for k, (combination, group) in enumerate(zip(problem.combinations, problem.dependent), start=1):
+            if group.rank == 0:
+                continue
             psi: Any = zeros(group.rank, problem.model.nv)
             for i in range(group.rank):
                 for w, row in zip(combination.W[i], combination.rows):

@@ -118,7 +118,13 @@ def compile_module(key: str, write: Callable[[], str], level: int = 1) -> Compil
     kept = ObjectFile(folder, digest) if folder else None
     code = kept.read() if kept else None
     if code is None:
-        code = _compile(llvm, target, write())
+        REPORT.now = "compiling"
+        text = write()
+        REPORT.begin(text.count("\n"))
+        try:
+            code = _compile(llvm, target, text)
+        finally:
+            REPORT.now = ""
         if kept:
             kept.write(code)
         REPORT.compiled += 1

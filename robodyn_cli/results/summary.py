@@ -26,7 +26,7 @@ LEADING_KEYS = (
     "energy_drift",
     "constraint_residual",
 )
-TRAILING_KEYS = ("counters", "wall_time_s", "outputs")
+TRAILING_KEYS = ("counters", "wall_time_s", "scene_file", "run_id", "outputs")
 
 
 class Absent(enum.Enum):

@@ -8,9 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.interrupts import tidy_up_first
 from robodyn_cli.cli.options import NoPlots, OutDir, Overrides, Quiet, ReportAsJson, SceneFile, utf8
-from robodyn_cli.cli.runner import default_directory, publish
+from robodyn_cli.cli.runner import begun, default_directory, output, publish
 
 
 def command(
@@ -31,17 +30,16 @@ def command(
     quiet: Quiet = False,
 ) -> int:
     """Print the report of a scene at a state, and draw it; return the exit code."""
-    from robodyn_cli.results.output_dir import OutputDirectory
     from robodyn_cli.results.summary import jsonable
     from robodyn_cli.run.mechanism.info import info
 
     console = Console(as_json, quiet)
-    found, result = info(scene, overrides or (), at or ())
-    result.summary = {"status": "ok", "command": "info", **found}
-    if not no_plots:
-        tidy_up_first()
-        with OutputDirectory(out or default_directory(scene, "info")) as directory:
-            publish(result, directory, no_plots)
+    with output(out or default_directory(scene, "info"), scene, console) as directory:
+        found, result = info(scene, overrides or (), at or ())
+        result.summary = {"status": "ok", "command": "info", **found}
+        if not no_plots:
+            with begun(directory, console):
+                publish(result, directory, no_plots)
     console.data(jsonable(result.summary))
     console.say(describe(found))
     if not no_plots:

@@ -90,6 +90,8 @@ def _cores() -> int:
 
 def _tell(entry: Entry, width: int, console: Console) -> None:
     """Print how a scene ended."""
+    if entry.replaced is not None:
+        console.note(f"robodyn: warning: {entry.directory} held results of another scene, {entry.replaced}")
     time_taken = "unchanged" if entry.unchanged else f"{entry.seconds:.2f} s"
     console.say(f"{entry.verdict:<7} {entry.name:<{width}}  {entry.command or '-':<8} {time_taken:>9}")
     for problem in entry.problems if entry.verdict != "ok" else ():

@@ -14,8 +14,7 @@ import numpy as np
 
 from robodyn_cli.record import mutable_record
 from robodyn_cli.results import catalogue, provenance
-from robodyn_cli.results.atomic import discard, output_errors, temporary_path
-from robodyn_cli.results.hdf5.sink import uninterrupted
+from robodyn_cli.results.atomic import discard, output_errors, temporary_path, uninterrupted
 from robodyn_cli.results.result import Meta, Result, Variable, make_variable
 from robodyn_cli.results.summary import dumps
 

@@ -45,11 +45,20 @@ def can_be_stiff(problem: Problem) -> bool:
 
 
 def fastest_decay(system: System, t: float, x: Array, p: Sequence[float] = ()) -> float:
-    """Return the largest -Re of the eigenvalues of the Jacobian of (q, v, z)-dot at a state x (nx,) [1/s]."""
+    """Return the largest -Re of the eigenvalues of the Jacobian of (q, v, z)-dot at a state x (nx,) [1/s].
+
+    Raises
+    ------
+    SceneError : the accelerations depend on data that the scene does not give.
+    """
     from robodyn_cli.formulations.linearisation import differentiate
+    from robodyn_cli.kernels.program import unknown_data
 
     entries = differentiate(system.rates, system.nq, system.nv).J.ravel().tolist()
     groups = system.own_groups(np.array([t]), x, parameters_at(system, t, x, p))
+    missing = [symbol.value[0] for symbol in free_symbols(entries) if symbol.value[1] not in groups]
+    if missing:
+        raise unknown_data(missing)
     numbers = evaluate(entries, {group: values.tolist() for group, values in groups.items()})
     J = np.array(numbers, dtype=float).reshape(system.size, system.size)
     if not np.all(np.isfinite(J)):

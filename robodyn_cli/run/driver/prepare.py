@@ -55,7 +55,7 @@ def prepare(scene: Scene, watch: Stopwatch | None = None, neutral: bool = False)
             from robodyn_cli.run.mechanism.formulas import check_formulas
 
             check_formulas(problem, assembled.q, assembled.v)
-        refuse_singular(problem.model, assembled.q)
+        refuse_singular(problem.model, assembled.q, problem.scene.prescribed or ())
     if assembled.redundant:
         with watch.stage("equations"):
             groups = dependent_rows(problem, assembled)

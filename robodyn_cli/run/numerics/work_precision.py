@@ -229,6 +229,7 @@ def best_at(entries: Sequence[Entry], levels: Sequence[float]) -> list[Best]:
     return table
 
 
+@np.errstate(all="ignore")  # errors that are not finite are verdicts
 def work_precision(
     scene: Scene,
     methods: Sequence[str] | None = None,

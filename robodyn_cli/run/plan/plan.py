@@ -12,6 +12,8 @@ import itertools
 from collections.abc import Iterator, Sequence
 from typing import Any, Protocol
 
+import numpy as np
+
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.expr.graph import Scalar, count_operations
@@ -68,6 +70,7 @@ def command_of(scene: sc.Scene) -> str:
     return "inverse" if scene.trajectory is not None else "simulate"
 
 
+@np.errstate(all="ignore")  # what absurd data make of the figures is no news for a terminal
 def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
     """Return the terms of the general problem that the command keeps and leaves out, ready for JSON.
 
