@@ -1,4 +1,4 @@
-"""What compilation did so far, and does now; apart from the compiler, so that asking loads nothing."""
+"""Compilations so far and at present; apart from the compiler, so that reading them does not load LLVM."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ def command(
     as_json: ReportAsJson = False,
     quiet: Quiet = False,
 ) -> int:
-    """Print what the scene is at a state, and draw it; return the exit code."""
+    """Print the report of a scene at a state, and draw it; return the exit code."""
     from robodyn_cli.results.summary import jsonable
     from robodyn_cli.run.mechanism.info import info
 
