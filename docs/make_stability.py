@@ -71,7 +71,7 @@ def main(suite: Path, peers: Path, *four_bar: Path) -> None:
             [f"`{case.name}`", case.expects, "; ".join(complaints) or "as expected", vouched, decay]
         )
         rows.append([f"`{case.name}`", *(cell(found["methods"].get(n)) for n in SHOWN)])
-    parts = [HEAD, "## Cases\n", f"{len(rows) - missed} of {len(rows)} cases do what is expected of them.\n"]
+    parts = [HEAD, "## Cases\n", f"{len(rows) - missed} of {len(rows)} cases end as expected.\n"]
     parts.append(table(["case", "expected", "found", "reference", "fastest decay [1/s]"], verdicts))
     parts.append(
         "## What each method does\n\nAt default settings; a fixed-step method takes a thousandth of the duration.\n"
@@ -176,13 +176,13 @@ integration error.
 - With impacts to meet, methods of fixed step went on with what the first impact had left of a step, some millions of times, where
   a scene gave no step.
 - Springs of 1e8 N m/rad and more met their 1e-6 once the reference came from two families: two orders of Gauss's method had
-  vouched for each other and were wrong by 1e-6 together.
+  agreed with each other and were both wrong by 1e-6.
 
 ## What to know about these figures
 
 - Where both methods of a reference are of one family (the table names them), an error that they share would not show.
 - `pendulum_1e5_s` is judged at 1e-3 of the range: at first it was held to 1e-5, which its references, good to 5 digits, could not tell.
-- `stiff_stops` runs at the default tolerances. Below some 1e-11 a run can end with "switches to and fro": a step that starts exactly
+- `stiff_stops` runs at the default tolerances. Below some 1e-11 a run can end with "keeps switching back and forth": a step that starts exactly
   at the jump of the damping has its first stage on the wrong side of it.
 """
 

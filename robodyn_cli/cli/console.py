@@ -1,4 +1,4 @@
-"""What people see: messages and progress on standard error, results on standard output, exit codes."""
+"""Output for people: messages and progress on standard error, results on standard output, exit codes."""
 
 from __future__ import annotations
 
@@ -59,9 +59,10 @@ class Console:
         return self.report(type(error).__name__, error.message, error.exit_code, error.details)
 
     def report(self, kind: str, message: str, code: int, details: dict[str, object] | None = None) -> int:
-        """Report what ended the command, as text and, where it was asked for, as JSON; return the exit code."""
+        """Report the cause that ended the command, as text and, where it was asked for, as JSON; return the exit
+        code."""
         facts = {"kind": kind, "message": message, "exit_code": code, **_plain(details or {})}
-        with contextlib.suppress(OutputError):  # where that is what is being reported
+        with contextlib.suppress(OutputError):  # standard output may be the stream that failed
             self.data({"status": "failed", "error": facts})
         self.error(message)
         return code
@@ -98,7 +99,7 @@ class Console:
             self.clear()
 
     def progress(self, done: float, total: float) -> None:
-        """Show how far a long run has come, when standard error is a terminal."""
+        """Show the progress of a long run if standard error is a terminal."""
         now = time.monotonic()
         if self.quiet or now - self._shown < 0.1 or not self._on_terminal:
             return
@@ -122,7 +123,7 @@ class Console:
 
 
 def guarded(command: Callable[..., int]) -> Callable[..., int]:
-    """Return a command whose every outcome is an exit code: errors that end it are reported, none leaves it."""
+    """Return the command with all errors reported and turned into exit codes."""
 
     @functools.wraps(command)  # the parser reads what a command takes from its signature
     def run(**values: Any) -> int:
@@ -170,8 +171,8 @@ def _print(text: str, stream: TextIO | None) -> None:
 
 
 def output_lost(error: OSError, stream: TextIO) -> OutputError | None:
-    """Return what to report of a standard stream that takes no more text; None where its reader went away."""
-    # whatever still waits in the buffer goes nowhere, now and when Python ends
+    """Return the error of a standard stream that takes no more text; None where its reader has closed it."""
+    # discard the rest of the buffer, now and when Python ends
     with contextlib.suppress(OSError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
     if isinstance(error, BrokenPipeError):
@@ -180,7 +181,7 @@ def output_lost(error: OSError, stream: TextIO) -> OutputError | None:
 
 
 def _encodes(stream: TextIO | None) -> bool:
-    """Tell whether a stream takes all letters."""
+    """Tell whether a stream can encode all letters."""
     return (getattr(stream, "encoding", None) or "utf-8").lower().replace("-", "").startswith("utf")
 
 

@@ -17,7 +17,7 @@ from robodyn_cli.exit_codes import INTERRUPTED
 def command_line(
     no_plots: bool, overrides: Sequence[str], command: str, scene: Path, directory: Path
 ) -> list[str]:
-    """Return the command line of a worker; what lies in the current directory cannot shadow a module."""
+    """Return the command line of a worker; files in the current directory cannot shadow modules."""
     package = str(Path(__file__).parents[2])
     code = f"import sys; sys.path[0] = {package!r}; from robodyn_cli.cli.worker import main; main()"
     job = {"command": command, "scene": str(scene), "out": str(directory), "overrides": list(overrides),

@@ -32,7 +32,7 @@ Numbers = NDArray[np.float64]
 
 
 class Emission(Protocol):
-    """What code that evaluates rates is written into: the function, and memory of the run.
+    """The function that the code of the rates is written into, and memory of the run.
 
     ``nv`` is a Python int, or an ``Int`` where the code is to serve systems of any size. ``functions`` go into
     the module too. The function has arguments ``%p`` (parameters), ``%tables`` and ``%scratch``.
@@ -47,7 +47,7 @@ class Emission(Protocol):
         """Emit a program at time t and state x = (q, v, z)."""
 
     def workspace(self, name: str, velocities: int, others: int, width: int) -> Array:
-        """Return the memory called ``name``: so many vectors a velocity, and a further state z; zero at first."""
+        """Return the memory called ``name``: so many vectors per velocity and per further state z; zero at first."""
 
 
 class Dynamics(Protocol):

@@ -77,7 +77,7 @@ def first_order_step(f: Sequence[Scalar], nv: int) -> Program:
 
 
 def weights(graph: Graph) -> list[Expr]:
-    """Return g_q, g_v and g_z: what a unit of acceleration (or of z-dot) adds to q, v and z."""
+    """Return g_q, g_v and g_z: the changes of q, v and z for a unit of acceleration (or of z-dot)."""
     return graph.symbols(("g.q", "g.v", "g.z"), "g")
 
 
@@ -91,7 +91,7 @@ def newton_step(
 ) -> Program:
     """Return outputs ``a`` (n,) and ``l`` (m,): the changes of the accelerations and multipliers.
 
-    The Jacobian is exact. It is eliminated without pivoting, the accelerations first, in ``order``: for steps that
+    The Jacobian is exact. It is eliminated without pivoting, the accelerations first, in ``order``: in steps that
     resolve the motion their block is close to the mass matrix, which is positive definite.
 
     Parameters

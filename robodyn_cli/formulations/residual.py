@@ -2,11 +2,11 @@
 
     f(t, q, v) = a + M^-1 (tau(t, q, v) - M a - h(q, v))   for any a,
 
-so an iteration a <- f(t, q(a), v(a)) may as well add M^-1 times what inverse dynamics finds missing. Then M only
-decides how fast the iteration converges, not what it converges to, and its factors may be some rounds old: a change
-of dq in the positions since then makes the correction wrong by a part of the size of dq. A round costs inverse
-dynamics and a triangular solve in place of forward dynamics, which for an arm of seven joints is half as much; what
-rounding leaves is that of the residual, as in iterative refinement.
+so the iteration a <- f(t, q(a), v(a)) can add M^-1 times the residual of inverse dynamics. Then M decides how fast the
+iteration converges but not its limit, and its factors may be some rounds old: a change of dq in the positions since
+then makes the correction wrong by a part of the size of dq. A round takes inverse dynamics and a triangular solve
+instead of forward dynamics, half the operations for an arm of seven joints. The rounding error is that of the
+residual, as in iterative refinement.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ class Residual:
     ``factors`` has the output ``l``, M(q) factored; ``correction`` has ``d`` (nv,), what to add to the accelerations
     ``a`` with factors ``l``, and ``z``, the rates of the further states.
 
-    Limits: no constraints, for their multipliers would have to be iterated as well; no joints with a
-    contact state, whose accelerations are those of a constraint at times.
+    Limits: no constraints, because their multipliers would have to be iterated as well; no joints with a contact
+    state, whose accelerations follow a constraint while they are held.
     """
 
     def __init__(self, problem: Problem, z_rate: Sequence[Scalar] = ()) -> None:

@@ -28,7 +28,7 @@ class Rolled:
 
     Parameters
     ----------
-    forces : what acts on the joints (nv,), as expressions of t, q, v, z, p.
+    forces : on the joints (nv,), as expressions of t, q, v, z, p.
 
     Raises
     ------
@@ -42,7 +42,7 @@ class Rolled:
         self.plan = RolledPlan(model, "forward")
         self.forces = tuple(forces)
         self.z_rate = tuple(z_rate)
-        # joints that nothing acts on are left out, so that free chains of any length share their code
+        # joints without a force are left out, so that free chains of any length share their code
         self.places = tuple(k for k, x in enumerate(self.forces) if is_nonzero(x))
 
     @cached_property

@@ -2,8 +2,8 @@
 
     Psi = U S V^T,   W = U_r^T
 
-W spans what the rows say at the pose, so W Psi keeps rank r until the motion has turned that space by a right
-angle. Long before, the smallest singular value of W Psi falls behind: at an event W is chosen anew.
+W spans the row space of Psi at the pose, so W Psi keeps rank r until the motion has turned that space by a right
+angle. Long before, the smallest singular value of W Psi becomes small: at an event W is chosen anew.
 """
 
 from __future__ import annotations

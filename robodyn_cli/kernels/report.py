@@ -30,7 +30,7 @@ class CompileReport:
             self.listener(f"robodyn: {self.now} takes a while; the code is kept for the next run")
 
     def warn(self, message: str) -> None:
-        """Note a warning for whoever reports on the run."""
+        """Keep a warning for the report of the run."""
         if message not in self.warnings:
             self.warnings.append(message)
 

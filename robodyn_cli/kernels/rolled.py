@@ -16,7 +16,7 @@ from robodyn_cli.model.model import Model
 Array = NDArray[np.float64]
 
 # A block of samples visits every column of its arrays, each on a page of its own. With more columns than the
-# processor translates pages for, samples are first copied to arrays of CHUNK rows, several columns a page.
+# processor translates pages for, samples are first copied to arrays of CHUNK rows, several columns to a page.
 MANY_COLUMNS = 2500
 CHUNK = 64
 

@@ -1,4 +1,4 @@
-"""A model as tables for rolled kernels: the only thing there that knows the model's numbers."""
+"""A model as tables for rolled kernels: only these hold the model's numbers."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ class SampleKernel:
 
     @cached_property
     def _call(self) -> Callable[..., None]:
-        """The compiled code; whoever only asks for ``program`` does not wait for it."""
+        """The compiled code, made on first use: ``program`` alone needs no compiler."""
         host = machine()
         level = 1 if self.program.operations < 20_000 else 0
         compiled = compile_module(
@@ -79,7 +79,7 @@ class SampleKernel:
         return self.evaluate(samples, groups)
 
     def evaluate(self, samples: int, groups: Mapping[str, Array]) -> dict[str, Array]:
-        """Evaluate ``samples`` samples; what a constant program needs no input for included."""
+        """Evaluate so many samples; a constant program needs no input."""
         padded = max(samples, self.lanes)
         arguments: list[int] = []
         keep: list[Array] = []

@@ -20,8 +20,8 @@ def time_derivatives(
 ) -> tuple[Array, Array, Array]:
     """Return values, rates and accelerations (T, n) of formulas in t.
 
-    The derivatives are those of the expressions, not differences. At a kink (``abs``, ``if``, ``min``, ...)
-    they are those of one side: an acceleration without the jerk of the kink itself.
+    The derivatives are those of the expressions, not differences. Where the slope jumps (``abs``, ``if``,
+    ``min``, ...) they are those of one side, without the impulse of the jump itself.
 
     Parameters
     ----------

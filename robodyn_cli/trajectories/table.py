@@ -57,7 +57,7 @@ class TableTrajectory:
         yield from self._column_problems(scene)
         for k, row in enumerate(self.rows):
             if len(row) != len(self.columns):
-                yield ("rows", k), f"has {len(row)} numbers; needed: {len(self.columns)}, one a column"
+                yield ("rows", k), f"has {len(row)} numbers; needed: {len(self.columns)}, one per column"
         if all(self.rows):
             places = [("rows", k, 0) for k in range(len(self.rows))]
             yield from time_problems([row[0] for row in self.rows], places)

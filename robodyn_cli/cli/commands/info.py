@@ -79,7 +79,7 @@ def describe(found: Mapping[str, Any]) -> str:
 
 
 def state(values: Mapping[str, float], units: Sequence[str]) -> str:
-    """Return values with their units: who has given an angle in degrees sees it."""
+    """Return values with their units, which shows that angles are in radians."""
     texts = (f"{name} {x:.6g} {unit}".removesuffix(" 1") for (name, x), unit in zip(values.items(), units))
     return ", ".join(texts)
 
@@ -95,7 +95,7 @@ def units(joints: Sequence[Mapping[str, Any]], of: str) -> list[str]:
 
 
 def cell(x: float) -> str:
-    """Return a number for reading; what is not known is a question mark."""
+    """Return a number for reading; an unknown one as a question mark."""
     return "?" if x != x else f"{x + 0.0:.6g}" if abs(x) > 1e-12 else "0"
 
 
@@ -105,7 +105,7 @@ def vector(x: Any) -> str:
 
 
 def values(x: list[float] | None) -> str:
-    """Return singular values, or why there are none."""
+    """Return singular values, or the reason why there are none."""
     return "not known: data are missing" if x is None else ", ".join(cell(v) for v in x)
 
 

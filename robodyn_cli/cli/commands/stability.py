@@ -31,7 +31,9 @@ def command(
     ] = False,
     quick: Annotated[
         bool,
-        typer.Option("--quick", help="Smaller budgets: one method a family, seconds instead of minutes."),
+        typer.Option(
+            "--quick", help="Smaller budgets: one method of each family, seconds instead of minutes."
+        ),
     ] = False,
     cases: Annotated[
         str | None, typer.Option("--cases", metavar="A,B", help="Cases of the suite to run. [default: all]")
@@ -97,7 +99,7 @@ def describe(summary: Mapping[str, Any]) -> str:
 
 
 def _reference_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Return what is said of the reference and of the linearised motion."""
+    """Return lines about the reference and the linearised motion."""
     lines = []
     ref, found = summary["reference"], summary["spectrum"]
     if ref is None:
@@ -157,7 +159,7 @@ def _method_rows(summary: Mapping[str, Any]) -> list[list[str]]:
 
 
 def _gain_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Return what is said of Baumgarte's gains."""
+    """Return a line about Baumgarte's gains."""
     lines = []
     for name, words in (("own", "as the scene asks"), ("fixed", "fixed step")):
         found = (summary.get("baumgarte") or {}).get(name)
@@ -172,7 +174,7 @@ def _gain_lines(summary: Mapping[str, Any]) -> list[str]:
 
 
 def _energy(found: Mapping[str, Any] | None, period: float) -> str:
-    """Return the largest error of the energy, and over how many periods where these are not all."""
+    """Return the largest error of the energy, and the number of periods if not all were run."""
     if found is None:
         return "-"
     cut = "" if found["status"] == "ok" else f" ({found['until'] / period:.0f})"

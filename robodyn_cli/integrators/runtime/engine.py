@@ -60,11 +60,11 @@ class Engine:
         self.places[:] = (w, n, y, p, dense, *others, saved, memory.saved.nbytes, values, bracket)
 
     def run_to_event(self) -> Status:
-        """Run on, and where a step meets an event, go to it or close in on it."""
+        """Run on; where a step contains an event, locate it or bracket it."""
         return STATUSES[self._run_to_event(self._at)]
 
     def trial_step(self, time: float, last: int) -> Status:
-        """Go back to what was saved, and from there to ``time``, writing samples up to number ``last``."""
+        """Go back to the saved state, and from there to ``time``, writing samples up to number ``last``."""
         return STATUSES[self._trial_step(self._at, time, last)]
 
     def look(self) -> list[float]:
@@ -73,6 +73,6 @@ class Engine:
         return self.seen()
 
     def seen(self) -> list[float]:
-        """Return the event functions where they were last looked at."""
+        """Return the event functions where they were last evaluated."""
         values: list[float] = self._values.tolist()
         return values

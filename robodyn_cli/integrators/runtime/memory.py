@@ -1,4 +1,4 @@
-"""What a run is, in one block of memory: going back to a moment of it is one copy."""
+"""The whole state of a run in one block of memory: going back to an earlier moment is one copy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The file below HDF5: it never reports a failure or an interrupt to the library, only to us."""
+"""The file below HDF5: it keeps failures and interrupts from the library and reports them to the writer."""
 
 from __future__ import annotations
 

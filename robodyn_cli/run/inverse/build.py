@@ -23,7 +23,8 @@ def build_inverse(scene: sc.Scene) -> InverseProgram:
 
     Raises
     ------
-    SceneError, CapabilityError : motion or actuators do not suffice, or something in the scene has no place here.
+    SceneError, CapabilityError : motion or actuators do not suffice, or inverse dynamics does not support a part of
+    the scene.
     """
     if scene.loops or scene.couplers:
         from robodyn_cli.run.inverse.closed import build_closed
@@ -76,7 +77,7 @@ def open_problem(source: sc.Scene | Model | Problem, what: str) -> Problem:
     CapabilityError : it has loops or prescribed joints.
     """
     if isinstance(source, Model):
-        # the model brings everything but drives, and what is driven is not asked here
+        # every joint counts as actuated here, so torques and ``actuated`` do not matter
         nothing = sc.Scene(schema=1, robot=sc.Robot(joints=(), links=()), gravity=(0.0, 0.0, 0.0))
         source = Problem(nothing, model=source)
     problem = source if isinstance(source, Problem) else Problem(source)
@@ -89,13 +90,13 @@ def open_problem(source: sc.Scene | Model | Problem, what: str) -> Problem:
     if problem.scene.prescribed:
         name = next(iter(problem.scene.prescribed))
         raise CapabilityError(
-            f"{what} takes all motion from its input, so 'prescribed' ({name!r}) has no place there"
+            f"{what} takes all motion from its input, so 'prescribed' ({name!r}) is not allowed there"
         )
     return problem
 
 
 def _refuse_passive_joints(problem: Problem) -> None:
-    """Refuse motion of joints that nothing drives: passive joints of an open chain follow no given path.
+    """Refuse motion of joints without an actuator: passive joints of an open chain follow no given path.
 
     Raises
     ------

@@ -34,7 +34,7 @@ def build_closed(scene: Scene) -> ClosedLoops:
 
     Raises
     ------
-    SceneError : no motion, or nothing that drives. CapabilityError : gears with losses.
+    SceneError : no motion, or no actuator. CapabilityError : gears with losses.
     """
     problem = Problem(with_led_point(scene))
     refuse_gears(problem)
@@ -63,7 +63,8 @@ class ClosedLoops(InverseProgram):
     Torques are zero in joints without an actuator; where there are more actuators than degrees of freedom they are
     of least norm, and so are multipliers of redundant rows.
 
-    lead : what the trajectory leads. actuated : joints with an actuator. rows : those of the loops.
+    lead : the joints or the point that the trajectory leads. actuated : joints with an actuator. rows : those of the
+    loops.
     """
 
     lead: Lead
@@ -141,7 +142,7 @@ def actuated_joints(problem: Problem, lead: Lead) -> tuple[str, ...]:
 
     Raises
     ------
-    SceneError : a point is led and nothing says what drives.
+    SceneError : a point is led and 'actuated' is missing.
     """
     scene = problem.scene
     if scene.actuated is not None:

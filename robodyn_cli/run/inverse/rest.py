@@ -1,7 +1,7 @@
 """Joints with Coulomb friction or gear losses that stand still for a while along a motion.
 
-At rest friction is whatever balances, within its bounds, so the torque of the actuator is not determined there; the
-torques that are reported are those without it. A rate that the rounding of the path explains is no motion.
+At rest, friction takes any value within its bounds, so the torque of the actuator is not determined there; the reported
+torques are those without friction. A rate no larger than the rounding error of the path counts as rest.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Close the loops of a mechanism and say how: positions, rates, accelerations, branches."""
+"""Close the loops of a mechanism: positions, rates, accelerations, branches."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Closed:
     redundant: tuple[str, ...]
 
 
-@np.errstate(all="ignore")  # what is not finite is refused by name
+@np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite
 def assemble(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch | None = None) -> Result:
     """Close the loops at t = 0 at position, velocity and acceleration level.
 

@@ -1,4 +1,4 @@
-"""A mechanism at rest: its configuration, what holds it, and the values of its symbols."""
+"""A mechanism at rest: its configuration, the torques that hold it, and the values of its symbols."""
 
 from __future__ import annotations
 

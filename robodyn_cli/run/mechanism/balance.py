@@ -31,7 +31,7 @@ class _RestForces:
 
     def __init__(self, problem: Problem, conditions: LoopConditions) -> None:
         model = self.model = problem.model
-        self.parameters = moving_freely(problem.contact_joints)  # nothing sticks, and no stop is met
+        self.parameters = moving_freely(problem.contact_joints)  # no joint sticks or rests on a stop
         load = list(problem.bias - problem.applied)
         lam = problem.graph.symbols(list(conditions.names), "lam")
         rows = problem.constraints.rows

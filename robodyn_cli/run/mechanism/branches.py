@@ -27,7 +27,7 @@ SINGULAR = 1e-7  # smallest over largest singular value below which a determinan
 
 @record
 class Branches:
-    """Configurations (nq,) that close, the one that was there before first, and what is said of them."""
+    """Configurations (nq,) that close, the initial one first, and their records in the summary."""
 
     problem: Problem
     configurations: list[Array]

@@ -1,4 +1,4 @@
-"""Formulas of a scene that have no value at a state: torques, forces and prescribed motions."""
+"""Check that the formulas of a scene have values at a state: torques, forces and prescribed motions."""
 
 from __future__ import annotations
 

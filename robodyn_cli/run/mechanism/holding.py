@@ -46,7 +46,8 @@ def held(problem: Problem, q: Array) -> AtRest:
 
 
 def _holding(problem: Problem) -> tuple[str, ...]:
-    """Return the joints with an actuator: those in ``actuated``, else those that something drives or holds, or all."""
+    """Return the joints with an actuator: those in ``actuated``, else those with torques or prescribed or held ones,
+    or all."""
     scene, model = problem.scene, problem.model
     if scene.actuated is not None:
         return scene.actuated

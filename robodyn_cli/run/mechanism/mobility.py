@@ -1,4 +1,4 @@
-"""Mobility of a mechanism: by counting, and as it is."""
+"""Mobility of a mechanism: by counting, and by rank."""
 
 from __future__ import annotations
 

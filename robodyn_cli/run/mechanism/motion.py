@@ -24,9 +24,9 @@ Array = NDArray[np.float64]
 
 @record
 class Planned:
-    """The joints' motion at sample times (T,), and where it comes from.
+    """The joints' motion at sample times (T,), and its origin.
 
-    point, target : the point that is led, and its coordinates (T, 2 or 3) [m] that were asked for.
+    point, target : the point that is led, and its target coordinates (T, 2 or 3) [m].
     method : of the inverse kinematics, ``analytic`` or ``newton``. residuals : the largest of the loops, by level.
     stopped : why the motion ends early, None where it is whole.
     """

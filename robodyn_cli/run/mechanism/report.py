@@ -20,7 +20,8 @@ Array = NDArray[np.float64]
 
 
 def add_sample(result: Result, problem: Problem, q: Array, v: Array, a: Array) -> None:
-    """Add the one sample q (nq,), v and v-dot (nv,) at t = 0, and where everything is then, to a result."""
+    """Add the one sample q (nq,), v and v-dot (nv,) at t = 0, and the places of points, frames and links, to a
+    result."""
     add_motion(result, problem.model, np.zeros(1), JointMotion(q[None], v[None], a[None]))
     values = {"q": q.tolist(), "v": v.tolist(), "t": [0.0], "p": []}
     places = place_outputs(problem)
@@ -30,7 +31,8 @@ def add_sample(result: Result, problem: Problem, q: Array, v: Array, a: Array) -
 def add_rows(
     result: Result, rows: Sequence[Row], arrays: Mapping[str, Array], dependent: bool = False
 ) -> None:
-    """Add what was evaluated of the loops' rows (T, m), by path, to a result; ``dependent``: on each other."""
+    """Add arrays of the loops' rows (T, m), by path, to a result; ``dependent`` : whether rows depend on each
+    other."""
     columns = loop_columns(rows, dependent)
     for path, data in arrays.items():
         column = columns[path]

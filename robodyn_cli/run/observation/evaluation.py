@@ -53,7 +53,7 @@ class SampleFunction:
         self.operations = count_operations(entries)
         self.compiled = worth_compiling(self.operations, samples)
         self._known = tuple(known)
-        # constants need no kernel; names of paths are not names in the compiled code
+        # constants need no kernel; compiled code cannot use paths as names
         varying = [n for n, a in self.outputs.items() if any(isinstance(e, Expr) for e in a)]
         self._names = {f"o{k}": name for k, name in enumerate(varying)}
         if self.compiled:
@@ -69,7 +69,7 @@ class SampleFunction:
 
     @property
     def program(self) -> Program:
-        """What is evaluated, as a program, be it compiled or interpreted."""
+        """The outputs as a program, whether compiled or interpreted."""
         return self._kernel.program if self.compiled else make_program(dict(self._varying), self._known)
 
     def __call__(self, **groups: Array) -> dict[str, Array]:
@@ -104,10 +104,9 @@ class SampleFunction:
 
 
 def without_idle_unknowns(outputs: Sequence[Scalar], needed: Sequence[Scalar]) -> list[Scalar]:
-    """Return outputs with the unknown data that ``needed`` does without set to zero.
-
-    For quantities that can depend on such data by an additive constant only, or by terms that cancel: a
-    potential energy, where ``needed`` are the torques that are its gradient.
+    """Return outputs with those unknown data set to zero that ``needed`` does not depend on. For quantities that
+    depend on such data by an additive constant only, or by terms that cancel: a potential energy, where ``needed`` are
+    the torques that are its gradient.
     """
     used = {s.index for s in free_symbols(needed)}
     idle = {
@@ -119,7 +118,7 @@ def without_idle_unknowns(outputs: Sequence[Scalar], needed: Sequence[Scalar]) -
 class Interpreter:
     """Expressions as a sequence of numpy operations that drops each result after its last use.
 
-    That keeps the arrays in play in the cache, which is worth a factor of three over keeping them all.
+    So the live arrays stay in the cache, which is three times as fast as keeping all.
     """
 
     def __init__(self, outputs: Sequence[Scalar]) -> None:

@@ -25,7 +25,9 @@ from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.spatial.algebra import vector
 
 Array = NDArray[Any]
-VANISHED = 1e-9  # of the largest singular value: rank lost on the way as well, where the motion passes that
+VANISHED = (
+    1e-9  # of the largest singular value; the rank may also fall at a singular pose that the motion passes
+)
 
 
 def equations_of(problem: Problem) -> dict[str, Sequence[Scalar]]:
@@ -84,7 +86,7 @@ class LeastNorm:
         return U, np.where(kept, 1.0 / np.where(kept, S, 1.0), 0.0), Vt
 
     def _solve(self, psi: Array, residual: Array) -> Array:
-        """Return the least x with Psi x = residual."""
+        """Return the smallest x with Psi x = residual."""
         U, S, Vt = self._leading(psi)
         inner = S[..., None] * (np.swapaxes(U, 1, 2) @ residual[..., None])
         return np.asarray((np.swapaxes(Vt, 1, 2) @ inner)[..., 0])

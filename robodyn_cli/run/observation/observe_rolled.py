@@ -1,4 +1,4 @@
-"""What is observed of long chains, whose accelerations come from loops over the bodies."""
+"""Observation of long chains, whose accelerations come from loops over the bodies."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ Array = NDArray[np.float64]
 
 
 class RolledKernel:
-    """What is observed of a long chain: accelerations by loops over its bodies, the rest from expressions.
+    """Observation of a long chain: accelerations by loops over its bodies, other outputs from expressions.
 
-    outputs : these others. They grow with the length only, and are interpreted where that takes less time than
-    compiling them.
+    outputs : these others. Their size grows with the length only; they are interpreted where that takes less time than
+    compiling.
     """
 
     def __init__(self, problem: Problem, dynamics: Dynamics, outputs: Outputs) -> None:
