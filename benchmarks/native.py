@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.formulations.system import GROUPS, System
+from robodyn_cli.formulations.system import System
 from robodyn_cli.kernels.compiler import compile_module, machine
 from robodyn_cli.kernels.ir import Function, Value, module
 from robodyn_cli.kernels.lower import lower
 from robodyn_cli.kernels.program import make_program
+from robodyn_cli.model.model import STATE_GROUPS
 
 
 def rates(system: System) -> Callable[[float, np.ndarray], np.ndarray]:
@@ -34,7 +35,7 @@ def switching(system: System) -> Callable[[float, np.ndarray], float]:
 def _compiled(system: System, entries: Sequence[Scalar], carried: int) -> Any:
     """Return a function of (t, y) whose result is the first ``carried`` of v followed by the entries."""
     host = machine()
-    program = make_program({"out": entries}, GROUPS)
+    program = make_program({"out": entries}, STATE_GROUPS)
 
     def write() -> str:
         f = Function("rhs", ["ptr %t", "ptr %y", "ptr %out"])

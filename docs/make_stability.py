@@ -71,7 +71,7 @@ def main(suite: Path, peers: Path, *four_bar: Path) -> None:
             [f"`{case.name}`", case.expects, "; ".join(complaints) or "as expected", vouched, decay]
         )
         rows.append([f"`{case.name}`", *(cell(found["methods"].get(n)) for n in SHOWN)])
-    parts = [HEAD, "## Cases\n", f"{len(rows) - missed} of {len(rows)} cases do what is expected of them.\n"]
+    parts = [HEAD, "## Cases\n", f"{len(rows) - missed} of {len(rows)} cases end as expected.\n"]
     parts.append(table(["case", "expected", "found", "reference", "fastest decay [1/s]"], verdicts))
     parts.append(
         "## What each method does\n\nAt default settings; a fixed-step method takes a thousandth of the duration.\n"
@@ -88,6 +88,7 @@ def main(suite: Path, peers: Path, *four_bar: Path) -> None:
     )
     parts.append(MODELS)
     parts.append(NOTES)
+    parts.append(FUZZING)
     (DOCS / "stability.md").write_text("\n".join(parts), encoding="utf-8")
     for source, name in ((suite, "stability_suite.png"), *((d, "baumgarte.png") for d in four_bar)):
         picture(source / name, DOCS / "images" / (name if source == suite else f"four_bar_{name}"))
@@ -133,6 +134,25 @@ How each engine is given what is special in a case:
 - MuJoCo refuses inertias as small as those of a link of a micrometre.
 """
 
+FUZZING = """\
+## Mutated inputs
+
+`python -m tests.fuzz --seconds 600 --seed 1 --jobs 2` changes the scenes of `configs/` and the starters of `robodyn new` (keys, values,
+structure, formulas, units, absurd numbers, text that is no YAML), `--set` and `--at` texts, tables and result files, and runs all
+commands that take them. Each seed is one case. What must not be: an internal error (exit code 70), a traceback, a warning of a
+library, a process that hangs or crashes, standard output that is not JSON where that was asked for, an error without a word, and a
+number that is not finite in a result whose run succeeded. A finding is made smaller and stored with its command line. The tests run
+300 cases.
+
+Of 27798 cases, seeds from 200000 on (7 924 cases), 300000 on (8 113 cases), 400000 on (11 761 cases), the exit codes were 0:
+5060, 1: 431, 2: 21821, 3: 60, 4: 142, 5: 269, 130: 14 (130: interrupted after 10 s, which a case gets). One finding, a matrix
+that could not be solved with, came up on the way and is mended.
+
+What it has found, all mended: a mass that the scene does not give and a damped joint (internal error while the method was
+chosen), overflow warnings of numpy from `plan`, matrices of numbers such as 1e18 and 1 that cannot be solved with, now exit code 3. By hand and
+from other scenes: rows that vanish but for rounding, and joints that throw each other on their rigid stops without end.
+"""
+
 NOTES = """\
 ## Baumgarte's gains
 
@@ -156,13 +176,13 @@ integration error.
 - With impacts to meet, methods of fixed step went on with what the first impact had left of a step, some millions of times, where
   a scene gave no step.
 - Springs of 1e8 N m/rad and more met their 1e-6 once the reference came from two families: two orders of Gauss's method had
-  vouched for each other and were wrong by 1e-6 together.
+  agreed with each other and were both wrong by 1e-6.
 
 ## What to know about these figures
 
 - Where both methods of a reference are of one family (the table names them), an error that they share would not show.
 - `pendulum_1e5_s` is judged at 1e-3 of the range: at first it was held to 1e-5, which its references, good to 5 digits, could not tell.
-- `stiff_stops` runs at the default tolerances. Below some 1e-11 a run can end with "switches to and fro": a step that starts exactly
+- `stiff_stops` runs at the default tolerances. Below some 1e-11 a run can end with "keeps switching back and forth": a step that starts exactly
   at the jump of the damping has its first stage on the wrong side of it.
 """
 

@@ -49,6 +49,14 @@ class NumericalError(RobodynError):
     exit_code = 3
 
 
+def no_linear_algebra(error: Exception) -> NumericalError:
+    """Return the error of a matrix that cannot be decomposed, from numpy's LinAlgError."""
+    return NumericalError(
+        f"a matrix of the equations cannot be solved with ({error}): numbers of the scene are too large, too "
+        "small or too far apart for double precision"
+    )
+
+
 class SingularConfigurationError(RobodynError):
     """The mechanism met a singular configuration that the run was not told to expect (exit code 4)."""
 

@@ -12,6 +12,8 @@ INTERRUPTED = 130
 
 # of a run by its status, where no error says more
 OF_STATUS = {"ok": 0, "locked": 0, "no_lock": FAILED, "overload": FAILED}
+# with these a run puts what it found in the place of an earlier run's files; with others it leaves them as they are
+REPLACING = (0, FAILED, 3, 4)
 # from good to bad; what is not listed is worse than all of them
 BADNESS = (0, FAILED, 3, WRONG_USAGE, 4, 5, NO_OUTPUT, INTERNAL)
 ALL = (*BADNESS, INTERRUPTED)

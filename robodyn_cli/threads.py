@@ -8,7 +8,7 @@ VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def single_thread(environment: MutableMapping[str, str]) -> None:
-    """Ask for one thread, unless the environment says otherwise; heard by a numpy that is not imported yet.
+    """Set one thread, unless the environment says otherwise. Has an effect only before numpy is imported.
 
     Matrices of mechanisms are small: more threads make nothing faster, and starting them takes longer than a small run.
     """

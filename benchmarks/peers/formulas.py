@@ -66,11 +66,11 @@ def four_bar_rates(case: FourBar, x: Sequence[Any], sin: Any, cos: Any) -> list[
 def graph_rates(case: Chain, x: Sequence[Any], sin: Any, cos: Any) -> list[Any]:
     """Return y' of a chain by robodyn's articulated-body graph, operation by operation."""
     from peers.robodyn import chain_system
-    from robodyn_cli.formulations.system import GROUPS
     from robodyn_cli.kernels.program import make_program
+    from robodyn_cli.model.model import STATE_GROUPS
 
     system, _ = chain_system(case)
-    program = make_program({"a": system.acceleration}, GROUPS)
+    program = make_program({"a": system.acceleration}, STATE_GROUPS)
     inputs = {"q": x[: case.n], "v": x[case.n :]}
     table: dict[str, Callable[..., Any]] = {
         "add": lambda a, b: a + b, "sub": lambda a, b: a - b, "mul": lambda a, b: a * b, "div": lambda a, b: a / b,

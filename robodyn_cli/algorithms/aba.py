@@ -1,8 +1,8 @@
 """Forward dynamics by the articulated-body algorithm, O(N).
 
 The names are those of Featherstone (2008), table 7.1: S motion subspace, IA and pA articulated-body inertia and bias
-force, U, D and u (equations 7.43 to 7.45), Ia and pa what the parent feels of them, a' acceleration before the joint's
-own part.
+force, U, D and u (equations 7.43 to 7.45), Ia and pa the inertia and bias force passed to the parent, a' acceleration
+without the joint's own part.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from robodyn_cli.spatial.inertia import ArticulatedInertia
 
 @record
 class JointFactor:
-    """What a joint adds to the factorisation of M.
+    """One joint's part of the factorisation of M.
 
     S : (6, nv) motion subspace. U : (6, nv), IA S. D_inverse : (nv, nv), D = S^T U + armature. U_D : U D^-1.
     """
@@ -34,7 +34,7 @@ class JointFactor:
     D_inverse: Matrix
 
     def inward(self, tau: Vector, pA: Wrench) -> tuple[Vector, Wrench]:
-        """Return D^-1 u (nv,) and the bias force pa that the parent feels.
+        """Return D^-1 u (nv,) and the bias force pa passed to the parent.
 
         u = tau - S^T pA;  pa = pA + U D^-1 u, without velocity terms (c = 0).
         """
@@ -52,7 +52,7 @@ class JointFactor:
 
 
 def factor_joint(body: Body, q: Vector, IA: ArticulatedInertia) -> tuple[JointFactor, ArticulatedInertia]:
-    """Return a joint's factor and the inertia that the parent feels through it, Ia = IA - U D^-1 U^T.
+    """Return a joint's factor and the inertia passed to the parent, Ia = IA - U D^-1 U^T.
 
     Source: Featherstone (2008), table 7.1; the rotor's inertia is added to the diagonal of D.
     """
@@ -72,9 +72,8 @@ def factor_joint(body: Body, q: Vector, IA: ArticulatedInertia) -> tuple[JointFa
 
 
 def _without_free_axes(Ia: ArticulatedInertia, S: Matrix) -> ArticulatedInertia:
-    """Return Ia with the rows and columns set to zero that are zero but for rounding: Ia S = 0 without a rotor.
-
-    For a joint that moves along or about coordinate axes they are known, and zeros save operations down the tree.
+    """Return Ia with exact zeros in the rows and columns where Ia S = 0 (without a rotor) leaves only rounding. They
+    are known for a joint that moves along or about coordinate axes, and zeros save operations down the tree.
     """
     A, H, M = Ia.A.copy(), Ia.H.copy(), Ia.M.copy()
     for j in range(S.shape[1]):
@@ -139,8 +138,8 @@ class ArticulatedFactor:
 def aba(model: Model, q: Values, qd: Values, tau: Values, gravity: Vector | None = None) -> Vector:
     """Return the joint accelerations for given torques: M^-1 (tau - h).
 
-    The velocity and gravity terms h come from one Newton-Euler pass with qdd = 0; the articulated-body recursion
-    then runs on what is left, so that its own velocity terms c and p vanish (Featherstone 2008, section 7.3).
+    The velocity and gravity terms h come from one Newton-Euler pass with qdd = 0. The articulated-body recursion then
+    runs on tau - h, so that its own velocity terms c and p vanish (Featherstone 2008, section 7.3).
 
     Parameters
     ----------
@@ -153,7 +152,7 @@ def aba(model: Model, q: Values, qd: Values, tau: Values, gravity: Vector | None
 
     Raises
     ------
-    ZeroDivisionError : on plain numbers, where a joint moves nothing that has inertia.
+    ZeroDivisionError : on plain numbers, where a joint moves no inertia.
     """
     X = transforms(model, q)
     h = rnea(model, q, qd, [0.0] * model.nv, gravity, X)

@@ -30,8 +30,8 @@ class LoopRows:
     Parameters
     ----------
     X : transforms from parent to body. q, qd : (nq,), (nv,).
-    gravity : (3,) base coordinates; it cancels in the difference of the two ends, and where it is given their
-        accelerations are the same expressions as those of the Newton-Euler pass.
+    gravity : (3,) base coordinates. It cancels in the difference of the two ends; giving it makes their accelerations
+    the same expressions as in the Newton-Euler pass.
     """
 
     def __init__(
@@ -93,7 +93,8 @@ def _prescribed_motion(model: Model, frame: FixedFrame) -> tuple[Vector, Vector]
 
 
 def vanishes(row: Row) -> bool:
-    """Tell whether a row is identically zero, as those of a planar loop out of its plane are, and may be dropped."""
+    """Tell whether a row is identically zero and may be dropped, such as the rows of a planar loop out of its
+    plane."""
     if not isinstance(row.cosine, Expr) and row.cosine < 0.5:
         return False  # the links are half a turn off and no joint can turn them: assembly refuses that
     return not any(is_nonzero(x) for x in (row.eta, row.gamma, row.eta_t, *row.psi))
@@ -117,7 +118,7 @@ def solve_with_multipliers(
 
     Parameters
     ----------
-    switches : one a row for the last rows: 1 where the row holds, 0 where its multiplier is zero instead.
+    switches : one for each of the last rows: 1 where the row holds, 0 where its multiplier is zero instead.
     """
     m = psi.shape[0]
     b = factor.forward(f)
@@ -202,7 +203,7 @@ def gram(psi: Matrix) -> Matrix:
 
 
 def determinant(A: Matrix) -> Any:
-    """Return the determinant by expansion along rows, minors shared; zeros of the structure cost nothing.
+    """Return the determinant by expansion along rows, minors shared; structural zeros cost nothing.
 
     The work grows as n 2^n: meant for the passive block of a mechanism, n up to about 10.
     """

@@ -49,7 +49,7 @@ class VelocityInertia:
         return VelocityInertia(self.Z + other.Z, self.p + other.p)
 
     def to_parent(self, X: Transform) -> VelocityInertia:
-        """Express in the parent frame A what is given in B (X from A to B): E^T Z E - r~ (E^T p)~, E^T p."""
+        """Return the matrix in the parent frame A, given in B (X from A to B): E^T Z E - r~ (E^T p)~, E^T p."""
         p = X.E.T @ self.p
         return VelocityInertia(_add_product(X.E.T @ self.Z @ X.E, X.r, p), p)
 

@@ -13,7 +13,7 @@ def crba(model: Model, q: Values, X: Sequence[Transform] | None = None) -> Matri
     """Return the joint-space mass matrix M (nv, nv), rotors included.
 
     M_ji = S_j^T F with F = X_j^T ... X_i^T (Ic_i S_i) for each ancestor j of i; Ic_i is the inertia of the composite
-    body i, which is body i and all that it carries. Both halves of M hold the same expressions.
+    body i: body i and all bodies that it carries. Both halves of M hold the same expressions.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Forces on bodies from outside the joints: where they act, and the joint torques J^T f that they amount to.
+"""Forces on bodies from outside the joints: where they act, and the joint torques J^T f equivalent to them.
 
 Each group of forces is carried down the tree to ``root``, the last common ancestor of the bodies on which it acts.
 Below that the wrenches cancel, so no joint there is visited. The work grows with the length of the path.
@@ -71,7 +71,7 @@ def path_torques(
 
     Parameters
     ----------
-    wrenches : about the body's origin in body coordinates, by body; what acts on ``root`` has no effect.
+    wrenches : about the body's origin in body coordinates, by body; a wrench on ``root`` has no effect.
     """
     tau = zeros(model.nv)
     carried = {k: w for k, w in wrenches.items() if k not in (root, BASE)}

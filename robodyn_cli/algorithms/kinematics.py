@@ -112,7 +112,7 @@ class Motion:
     """Angular velocity w, angular acceleration wd and acceleration a of a body's origin, body coordinates.
 
     a is the classical acceleration of the material point, less gravity where the recursion was started with it. The
-    spatial acceleration would be (wd, a - w x v) (Featherstone 2008, section 2.11); the classical one does without v,
+    spatial acceleration would be (wd, a - w x v) (Featherstone 2008, section 2.11); the classical one needs no v,
     which saves operations.
     """
 

@@ -9,7 +9,7 @@ from robodyn_cli.expr.graph import is_nonzero
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Matrix, Values, Vector, zeros
 
-SMALLEST_ORDERED = 8  # rows from which on an order of elimination pays
+SMALLEST_ORDERED = 8  # with at least so many rows, an order of elimination pays
 
 
 def pattern(A: Matrix) -> list[list[int]]:
@@ -58,7 +58,7 @@ class LdlFactor:
         n = A.shape[0]
         order = tuple(range(n)) if order is None else tuple(order)
         L: list[dict[int, Any]] = [{} for _ in range(n)]
-        LD: list[dict[int, Any]] = [{} for _ in range(n)]  # L times D, which falls out before the division
+        LD: list[dict[int, Any]] = [{} for _ in range(n)]  # L times D, known before the division
         columns: list[dict[int, Any]] = [{} for _ in range(n)]
         inverse: list[Any] = []
         for j in range(n):
@@ -80,7 +80,7 @@ class LdlFactor:
 
     @property
     def entries(self) -> list[Any]:
-        """Everything that the factor holds as one list: L row by row, then the inverse pivots."""
+        """The entries of the factor as one list: L row by row, then the inverse pivots."""
         return [*(x for row in self.rows for x in row.values()), *self.inverse]
 
     def replaced(self, entries: Sequence[Any]) -> LdlFactor:

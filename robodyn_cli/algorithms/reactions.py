@@ -15,7 +15,7 @@ from robodyn_cli.spatial.algebra import Transform, Wrench, identity, zeros
 
 @record
 class LoopWrench:
-    """What a closure exerts on its two links, each about the link's own point of the closure.
+    """The wrenches that a closure exerts on its two links, each about the link's own point of the closure.
 
     Both in the coordinates of ``root``, the last body that the two chains share.
     """
@@ -29,8 +29,8 @@ class LoopWrench:
 class Reactions:
     """Wrenches in joints and closures.
 
-    joints : what the parent exerts on each body, about the body's origin in body coordinates. loops : of each
-    closure. base : what the ground exerts on the whole mechanism, about the base's origin in base coordinates.
+    joints : of the parent on each body, about the body's origin in body coordinates. loops : of each closure. base :
+    of the ground on the whole mechanism, about the base's origin in base coordinates.
     """
 
     joints: list[Wrench]
@@ -39,10 +39,9 @@ class Reactions:
 
 
 def loop_wrench(model: Model, loop: Loop, X: Sequence[Transform], lam: Mapping[str, Any]) -> LoopWrench:
-    """Return what a closure exerts on its links.
-
-    A row's multiplier has the power lambda Psi v. With the velocities of the two ends in the place of v, Psi itself is
-    the wrench of a unit multiplier (principle of virtual power), so the closure's own rows give it.
+    """Return the wrenches that a closure exerts on its links. A row's multiplier has the power lambda Psi v. With the
+    velocities of the two ends in the place of v, Psi itself is the wrench of a unit multiplier (principle of virtual
+    power), so the closure's own rows give it.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ def joint_torque(body: Body, q: Vector, wrench: Wrench) -> Vector:
 
 
 def drive_torque(body: Body, q: Vector, qdd: Vector, wrench: Wrench) -> Vector:
-    """Return what the joint's actuator must give (nv,): its part of the wrench and its rotor's inertia."""
+    """Return the torque that the joint's actuator must give (nv,): its part of the wrench and its rotor's inertia."""
     return joint_torque(body, q, wrench) + body.armature * qdd
 
 
@@ -86,12 +86,12 @@ def carry_down(
 
     Parameters
     ----------
-    wrench : what each body needs itself, about its origin in its coordinates. base : the same of the base.
+    wrench : that each body itself needs, about its origin in its coordinates. base : the same of the base.
 
     Returns
     -------
-    For each body what its parent exerts on it through the joint, about the body's origin in body coordinates;
-    what the ground exerts, about the base's origin in base coordinates.
+    The wrench of each body's parent on it, through the joint, about the body's origin in body coordinates; the wrench
+    of the ground, about the base's origin in base coordinates.
     """
     carried = list(wrench)
     base = Wrench.zero() if base is None else base

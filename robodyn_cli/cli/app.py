@@ -74,8 +74,8 @@ def run(words: list[str]) -> int:
 def _outcome(group: Any, words: list[str]) -> int:
     """Parse the words and run the command; return its exit code.
 
-    Errors of the command are reported where it is called. Left over is what the parser refuses, and text of its own
-    (help, version) that cannot be written.
+    ``guarded`` reports errors of the command. Handled here are words that the parser refuses, and its own text (help,
+    version) that cannot be written.
     """
     console = Console(as_json="--json" in words)
     try:
@@ -87,14 +87,14 @@ def _outcome(group: Any, words: list[str]) -> int:
         lost = output_lost(error, sys.stdout)
         return console.fail(lost) if lost is not None else 0
     except Exception as error:
-        # typer brings its own copy of click or uses the one installed: what it refuses is known by this method
+        # typer may use its own copy of click, so its errors are recognised by this method
         if not hasattr(error, "format_message"):
             raise
         return console.fail(UsageError(_message(error, words)))
 
 
 def _message(error: Any, words: list[str]) -> str:
-    """Return what the parser refused as one line, with the page of help that says what is allowed."""
+    """Return the parser's error as one line that names the page of help."""
     text = " ".join(str(error.format_message()).split())
     page = f"{PROGRAM} {words[0]}" if words[:1] and words[0] in COMMANDS else PROGRAM
     return f"{text}{'' if text.endswith(('.', '?')) else '.'} See '{page} --help'."
@@ -112,7 +112,7 @@ app = typer.Typer(
     name=PROGRAM,
     cls=Commands,
     help="Inverse dynamics and simulation of robots and closed-loop mechanisms described in YAML.",
-    # plain text, which terminals and logs show alike
+    # plain text looks the same in terminals and logs
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},

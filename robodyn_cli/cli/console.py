@@ -1,4 +1,4 @@
-"""What people see: messages and progress on standard error, results on standard output, exit codes."""
+"""Output for people: messages and progress on standard error, results on standard output, exit codes."""
 
 from __future__ import annotations
 
@@ -7,13 +7,17 @@ import functools
 import json
 import os
 import sys
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, TextIO
 
 from robodyn_cli.cli import interrupts
-from robodyn_cli.errors import OutputError, RobodynError
+from robodyn_cli.errors import OutputError, RobodynError, no_linear_algebra
 from robodyn_cli.exit_codes import INTERNAL, INTERRUPTED
+
+QUIET_SECONDS = 2.0  # without a word, on a terminal
+LONG_SECONDS = 10.0  # without a word, elsewhere
 
 
 class Console:
@@ -24,6 +28,7 @@ class Console:
         self.quiet = quiet
         self._shown = 0.0
         self._width = 0
+        self._noted = False
         self._on_terminal = sys.stderr is not None and sys.stderr.isatty()
 
     def say(self, text: str) -> None:
@@ -33,6 +38,7 @@ class Console:
 
     def note(self, text: str) -> None:
         """Print a message that is not a result."""
+        self._noted = True
         if not self.quiet:
             self.clear()
             _print(text, sys.stderr)
@@ -53,9 +59,10 @@ class Console:
         return self.report(type(error).__name__, error.message, error.exit_code, error.details)
 
     def report(self, kind: str, message: str, code: int, details: dict[str, object] | None = None) -> int:
-        """Report what ended the command, as text and, where it was asked for, as JSON; return the exit code."""
+        """Report the cause that ended the command, as text and, where it was asked for, as JSON; return the exit
+        code."""
         facts = {"kind": kind, "message": message, "exit_code": code, **_plain(details or {})}
-        with contextlib.suppress(OutputError):  # where that is what is being reported
+        with contextlib.suppress(OutputError):  # standard output may be the stream that failed
             self.data({"status": "failed", "error": facts})
         self.error(message)
         return code
@@ -64,17 +71,47 @@ class Console:
         """Report an interrupt; return its exit code."""
         return self.report("KeyboardInterrupt", interrupts.MESSAGE, INTERRUPTED)
 
+    @contextlib.contextmanager
+    def waiting(self, doing: Callable[[], str]) -> Iterator[None]:
+        """Say what is being done where it takes long, beside the progress of an integration.
+
+        On a terminal after 2 s, in a line that is written over; elsewhere once, after 10 s.
+        """
+        ended = threading.Event()
+
+        def tell() -> None:
+            start = time.monotonic()
+            if self._on_terminal:
+                wait = QUIET_SECONDS
+                while not ended.wait(wait):
+                    wait = 0.5
+                    if (what := doing()) and time.monotonic() - self._shown > QUIET_SECONDS:
+                        self._write_over(f"{what} ... {time.monotonic() - start:.0f} s")
+            elif not ended.wait(LONG_SECONDS) and (what := doing()) and not self._noted:
+                self.note(f"robodyn: this takes a while: {what}")
+
+        if not self.quiet:
+            threading.Thread(target=tell, daemon=True).start()
+        try:
+            yield
+        finally:
+            ended.set()
+            self.clear()
+
     def progress(self, done: float, total: float) -> None:
-        """Show how far a long run has come, when standard error is a terminal."""
+        """Show the progress of a long run if standard error is a terminal."""
         now = time.monotonic()
         if self.quiet or now - self._shown < 0.1 or not self._on_terminal:
             return
         self._shown = now
         part = min(1.0, done / total) if total else 1.0
         bar = "#" * round(30 * part)
-        text = f"\r[{bar:<30}] {100 * part:5.1f} %  t = {done:.4g} of {total:.4g} s"
+        self._write_over(f"[{bar:<30}] {100 * part:5.1f} %  t = {done:.4g} of {total:.4g} s")
+
+    def _write_over(self, text: str) -> None:
+        """Write a line over the one that is there."""
         self._width = max(self._width, len(text))
-        sys.stderr.write(text.ljust(self._width))
+        sys.stderr.write("\r" + text.ljust(self._width))
         sys.stderr.flush()
 
     def clear(self) -> None:
@@ -86,7 +123,7 @@ class Console:
 
 
 def guarded(command: Callable[..., int]) -> Callable[..., int]:
-    """Return a command whose every outcome is an exit code: errors that end it are reported, none leaves it."""
+    """Return the command with all errors reported and turned into exit codes."""
 
     @functools.wraps(command)  # the parser reads what a command takes from its signature
     def run(**values: Any) -> int:
@@ -100,7 +137,11 @@ def guarded(command: Callable[..., int]) -> Callable[..., int]:
         except MemoryError:
             return console.report("MemoryError", "out of memory: ask for fewer samples", INTERNAL)
         except Exception as error:
-            return console.interrupted() if interrupts.seen() else _internal(error, console)
+            if interrupts.seen():
+                return console.interrupted()
+            if type(error).__name__ == "LinAlgError":  # numpy may not have been imported
+                return console.fail(no_linear_algebra(error))
+            return _internal(error, console)
 
     return run
 
@@ -130,8 +171,8 @@ def _print(text: str, stream: TextIO | None) -> None:
 
 
 def output_lost(error: OSError, stream: TextIO) -> OutputError | None:
-    """Return what to report of a standard stream that takes no more text; None where its reader went away."""
-    # whatever still waits in the buffer goes nowhere, now and when Python ends
+    """Return the error of a standard stream that takes no more text; None where its reader has closed it."""
+    # discard the rest of the buffer, now and when Python ends
     with contextlib.suppress(OSError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
     if isinstance(error, BrokenPipeError):
@@ -140,7 +181,7 @@ def output_lost(error: OSError, stream: TextIO) -> OutputError | None:
 
 
 def _encodes(stream: TextIO | None) -> bool:
-    """Tell whether a stream takes all letters."""
+    """Tell whether a stream can encode all letters."""
     return (getattr(stream, "encoding", None) or "utf-8").lower().replace("-", "").startswith("utf")
 
 

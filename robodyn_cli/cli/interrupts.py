@@ -1,4 +1,4 @@
-"""Ctrl-C: exit code 130 and one line, at whatever moment it comes."""
+"""Ctrl-C: exit code 130 and one line, at any moment."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _seen = False
 
 
 def leave_at_once() -> None:
-    """End the process on an interrupt from now on: nothing has been begun that needs tidying up.
+    """End the process at once on an interrupt from now on: nothing needs tidying up yet.
 
     The default, an exception, is lost or turned into another error where it meets the import of a compiled module.
     Nothing changes where the program that started this one had interrupts ignored.
@@ -50,8 +50,8 @@ def tidy_up_first() -> None:
 def end(code: int) -> NoReturn:
     """End the process with an exit code, at once: all files are closed, and nothing is left to tidy up.
 
-    What Python does on its way out takes as long as a tenth of a small run, and libraries that were interrupted may
-    crash in it. (A profiler, which writes then, should run ``cli.app.run``.)
+    Python's own shutdown takes up to a tenth of a small run, and libraries that were interrupted may crash in it. (A
+    profiler, which writes its data then, should run ``cli.app.run``.)
     """
     if signal.getsignal(signal.SIGINT) in (_leave, _raise):
         signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -94,7 +94,7 @@ def _importing(frame: FrameType | None) -> bool:
 
 
 def _unraisable(lost: Any) -> None:
-    """Raise an interrupt again that came where nothing can be raised, as in a callback."""
+    """Raise again an interrupt that came where none can be raised, as in a callback."""
     if lost.exc_type is KeyboardInterrupt:
         _again()
     else:

@@ -1,4 +1,4 @@
-"""Entry point: nothing else is imported before an interrupt can be met with its exit code."""
+"""Entry point: other modules are imported only when an interrupt ends with its exit code."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from robodyn_cli.threads import single_thread
 
 
 def prepare_process() -> None:
-    """Set what holds for the whole process, before the libraries are imported that it concerns."""
+    """Set up the process before the libraries are imported."""
     interrupts.leave_at_once()
-    # imports and graphs make a hundred thousand objects and hardly any garbage: look for it less often
+    # imports and graphs make a hundred thousand objects and hardly any garbage: collect it less often
     gc.set_threshold(200_000, 20, 20)
     single_thread(os.environ)
     # drawings are files; matplotlib refuses to be imported under the backend of a notebook that is not installed
     os.environ["MPLBACKEND"] = "agg"
     for stream in (sys.stdout, sys.stderr):
         if stream is not None and hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="backslashreplace")  # not every terminal has every letter
+            stream.reconfigure(errors="backslashreplace")  # a terminal may lack letters
 
 
 def main() -> None:

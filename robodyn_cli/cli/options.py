@@ -1,4 +1,4 @@
-"""Arguments and options that several commands share, and what reads their values."""
+"""Arguments and options that several commands share, and their parsers."""
 
 from __future__ import annotations
 
@@ -29,9 +29,8 @@ def utf8(value: str) -> str:
 def number(
     allowed: str, fits: Callable[[float], bool], kind: Callable[[str], Any] = float
 ) -> Callable[[str], Any]:
-    """Return what reads a number: a function that takes a word.
-
-    ``allowed`` says in words what ``fits`` tests. The function raises BadParameter for any other word.
+    """Return the parser of a number: a function that takes a word. ``allowed`` describes the numbers for which
+    ``fits`` is true. The function raises BadParameter for any other word.
     """
 
     def read(word: str) -> Any:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.interrupts import tidy_up_first
 from robodyn_cli.errors import NumericalError, RobodynError, SceneError
-from robodyn_cli.exit_codes import OF_STATUS
+from robodyn_cli.exit_codes import OF_STATUS, REPLACING
 from robodyn_cli.record import record
 
 if TYPE_CHECKING:
@@ -52,23 +52,22 @@ class SceneRun:
 
 def run_scene(job: SceneRun, console: Console, describe: Describe) -> int:
     """Run one scene, write its results, print its summary; return the exit code."""
-    from robodyn_cli.report.registry import plot_files
-    from robodyn_cli.results.output_dir import OutputDirectory
     from robodyn_cli.run.stopwatch import Stopwatch
 
     watch = Stopwatch()
-    scene = _load(job, watch, console)
-    tidy_up_first()
-    with OutputDirectory(job.directory, plot_files()) as directory, contextlib.ExitStack() as stack:
-        writer = _writer(job, scene, directory, stack)
-        try:
-            result, failure = _compute(job, scene, writer, watch, console)
-        except RobodynError as error:
-            directory.write_summary(_failed(job.command, scene.title, error))
-            raise
-        with watch.stage("write"):
-            _write(result, writer, directory)
-        publish(result, directory, job.no_plots, watch)
+    with output(job.directory, job.scene, console) as directory:
+        scene = _load(job, watch, console)
+        with begun(directory, console), contextlib.ExitStack() as stack:
+            writer = _writer(job, scene, directory, stack)
+            try:
+                result, failure = _compute(job, scene, writer, watch, console)
+            except RobodynError as error:
+                if error.exit_code in REPLACING:
+                    directory.replace_old(_failed(job.command, scene.title, error))
+                raise
+            with watch.stage("write"):
+                store(result, directory, writer)
+            publish(result, directory, job.no_plots, watch)
     if failure is not None:
         console.note(f"results until then: {directory.path}")
         _show_data(directory, console)
@@ -78,18 +77,49 @@ def run_scene(job: SceneRun, console: Console, describe: Describe) -> int:
     return OF_STATUS.get(result.status, 0)
 
 
+@contextlib.contextmanager
+def output(target: Path, scene: Path | None, console: Console) -> Iterator[OutputDirectory]:
+    """Give the output directory of a run, which begins with ``begun`` when there is something to compute.
+
+    Where the block fails, say so of earlier results that stay as they were.
+    """
+    from robodyn_cli.report.registry import plot_files
+    from robodyn_cli.results.output_dir import OutputDirectory
+
+    directory = OutputDirectory(target, plot_files(), scene)
+    before = directory.stored_run()
+    try:
+        yield directory
+    except BaseException:
+        if before is not None and directory.stored_run() == before:
+            console.note(f"the results of an earlier run stay as they were: {target}")
+        raise
+
+
+@contextlib.contextmanager
+def begun(directory: OutputDirectory, console: Console) -> Iterator[None]:
+    """Hold an output directory; say whose results are there where it is another scene's."""
+    tidy_up_first()
+    with directory:
+        if (other := directory.other_scene()) is not None:
+            console.note(
+                f"robodyn: warning: {directory.path} holds results of another scene, {other}, which this run replaces"
+            )
+        yield
+
+
 def publish(
     result: Result, directory: OutputDirectory, no_plots: bool, watch: Stopwatch | None = None
 ) -> None:
-    """Draw a result that is written, and write its summary."""
+    """Draw a result that is written, and replace an earlier run's files by those of this one."""
     from robodyn_cli.report.registry import draw_all
 
     if not no_plots:
         with watch.stage("plots") if watch is not None else contextlib.nullcontext():
-            directory.record(draw_all(result, directory.path))
+            draw_all(result, directory.new)
     if watch is not None:
         result.summary["wall_time_s"] = watch.report()
-    directory.write_summary(result.summary)
+    directory.replace_old(result.summary)
 
 
 def show(result: Result, directory: OutputDirectory, console: Console, describe: Describe) -> None:
@@ -111,13 +141,9 @@ def _show_data(directory: OutputDirectory, console: Console) -> None:
 def _load(job: SceneRun, watch: Stopwatch, console: Console) -> Scene:
     from robodyn_cli.scene.load import load_scene
 
-    try:
-        with watch.stage("load"):
-            scene = load_scene(job.scene, list(job.overrides))
-            warn(scene, job.strict, console)
-    except RobodynError as error:
-        _replace_old(job.directory, _failed(job.command, job.scene.stem, error))
-        raise
+    with watch.stage("load"):
+        scene = load_scene(job.scene, list(job.overrides))
+        warn(scene, job.strict, console)
     return scene
 
 
@@ -145,14 +171,14 @@ def _compute(
     from robodyn_cli.run.commands import execute
 
     failure: RobodynError | None = None
+    watch.listen(console.note)
     try:
-        result = execute(job.command, scene, console.progress, watch, writer, **job.options)
+        with console.waiting(watch.doing):
+            result = execute(job.command, scene, console.progress, watch, writer, **job.options)
     except RobodynError as error:
-        if not isinstance(error.result, Result):
+        if not isinstance(error.result, Result) or error.exit_code not in REPLACING:
             raise
         failure, result = error, error.result
-    finally:
-        console.clear()
     warnings = result.summary.get("warnings", ())
     for text in warnings:
         console.note(f"robodyn: warning: {text}")
@@ -164,24 +190,17 @@ def _compute(
     return result, failure
 
 
-def _write(result: Result, writer: ResultWriter | None, directory: OutputDirectory) -> None:
+def store(result: Result, directory: OutputDirectory, writer: ResultWriter | None = None) -> None:
+    """Write a result file that says of which run it is, whole or by its writer."""
     from robodyn_cli.results.hdf5 import write
+    from robodyn_cli.results.output_dir import RUN_ID
 
+    result.attributes[RUN_ID] = directory.run_id
     if writer is not None:
-        writer.finish(status=result.status, summary=result.summary, events=result.events)
+        writer.finish(status=result.status, summary=result.summary, events=result.events,
+                      attributes=result.attributes)  # fmt: skip
     else:
         write(result, directory.result_path)
-
-
-def _replace_old(target: Path, summary: dict[str, Any]) -> None:
-    """Leave no result of an earlier run where a scene could not be loaded: it would pass for this one's."""
-    from robodyn_cli.report.registry import plot_files
-    from robodyn_cli.results.output_dir import RESULT_NAME, SUMMARY_NAME, OutputDirectory
-
-    if any((target / name).exists() for name in (RESULT_NAME, SUMMARY_NAME)):
-        # what is wrong with the scene is worth more than what is wrong with the directory
-        with contextlib.suppress(RobodynError), OutputDirectory(target, plot_files()) as directory:
-            directory.write_summary(summary)
 
 
 def warn(scene: Scene, strict: bool, console: Console) -> None:

@@ -1,4 +1,4 @@
-"""What summaries have in common when they are put into words for the terminal."""
+"""Phrases that the summaries for the terminal share."""
 
 from __future__ import annotations
 
@@ -24,13 +24,15 @@ def number(x: Any, digits: int = 6) -> str:
 
 
 def error_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Return what is said of the errors of an integration."""
+    """Return lines about the errors of an integration."""
     estimate = summary.get("error_estimate")
     lines = []
     if isinstance(estimate, Mapping) and estimate.get("state_max") is not None:
         note = ""
+        floor = estimate.get("rounding_floor", 0.0)
         if estimate.get("at_rounding"):
-            note = f" (at rounding, whose floor is {estimate['rounding_floor']:.0e})"
+            below = estimate["state_max"] < floor
+            note = f" (below what rounding leaves, some {floor:.0e})" if below else " (at rounding)"
         elif estimate.get("meaningful_until") is not None:
             note = f" (not meaningful after t = {estimate['meaningful_until']:.4g} s)"
         if estimate.get("q_max") is not None:
@@ -57,7 +59,7 @@ def error_lines(summary: Mapping[str, Any]) -> list[str]:
 
 
 def multiplier_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Return what is said where loops, or actuators, could share the load in another way."""
+    """Return lines about loads that loops, or actuators, could share in another way."""
     found, shared = summary.get("multipliers", {}), summary.get("mechanism", {})
     lines = []
     if shared.get("torques", "unique") != "unique":
@@ -76,7 +78,7 @@ def multiplier_lines(summary: Mapping[str, Any]) -> list[str]:
 
 
 def cost_line(summary: Mapping[str, Any]) -> str:
-    """Return what is said of steps and times."""
+    """Return a line about steps and times."""
     counters = summary.get("counters", {})
     times = summary.get("wall_time_s", {})
     steps = f"{counters.get('steps', 0)} steps, {counters.get('evaluations', 0)} evaluations"
@@ -86,7 +88,7 @@ def cost_line(summary: Mapping[str, Any]) -> str:
 
 
 def mobility_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Return what is said about degrees of freedom."""
+    """Return a line about degrees of freedom."""
     found = summary.get("mobility")
     if not found:
         return []

@@ -1,4 +1,4 @@
-"""The process that runs one scene of a batch; its one argument is what to run, as JSON."""
+"""The process that runs one scene of a batch; its one argument is what to run, as JSON, and it prints the summary."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from robodyn_cli.exit_codes import INTERRUPTED
 def command_line(
     no_plots: bool, overrides: Sequence[str], command: str, scene: Path, directory: Path
 ) -> list[str]:
-    """Return the command line of a worker; what lies in the current directory cannot shadow a module."""
+    """Return the command line of a worker; files in the current directory cannot shadow modules."""
     package = str(Path(__file__).parents[2])
     code = f"import sys; sys.path[0] = {package!r}; from robodyn_cli.cli.worker import main; main()"
     job = {"command": command, "scene": str(scene), "out": str(directory), "overrides": list(overrides),
@@ -37,7 +37,7 @@ def _run(command: str, scene: str, out: str, overrides: list[str], no_plots: boo
     from robodyn_cli.cli.runner import SceneRun, run_scene
 
     job = SceneRun(command, Path(scene), Path(out), overrides, no_plots)
-    return guarded(lambda: run_scene(job, Console(quiet=True), lambda summary: ""))()
+    return guarded(lambda: run_scene(job, Console(as_json=True, quiet=True), lambda summary: ""))()
 
 
 def _end_with_the_batch() -> None:

@@ -18,7 +18,7 @@ from robodyn_cli.model.model import PARAMETER_GROUP, Body, Model
 from robodyn_cli.record import record
 
 FIELDS = ("hold", "direction", "low", "high")
-UNBOUNDED = 1e300  # a bound that no multiplier reaches
+UNBOUNDED = 1e300  # a bound beyond every multiplier
 
 
 @record

@@ -1,6 +1,6 @@
 """Constraint rows that depend on each other, and independent combinations of them.
 
-Of m consistent rows only r are independent in a planar loop modelled in space, or in Bennett's linkage. Any r
+In a planar loop modelled in space, or in Bennett's linkage, only r of m consistent rows are independent. Any r
 independent combinations W eta with Jacobian W Psi, W (r, m) piecewise constant, give the same motion as all rows. The
 entries of W are parameters p of the equations, chosen at a pose and again along the motion (see
 ``formulations.row_combinations``).
@@ -125,7 +125,8 @@ def closeness(psi: Matrix, whole: Matrix | None = None) -> Scalar:
 
     Parameters
     ----------
-    whole : what Psi is a part of, or made of; B is its square then, so that a single row counts as well.
+    whole : rows that Psi is part of, or is combined from; then B is the square of these, so that a single row is
+    measured too.
     """
     A = gram(psi)
     trace: Any = 0.0

@@ -1,8 +1,8 @@
-"""Where formulas switch: the expressions at whose sign changes their values or slopes jump.
+"""Discontinuities of formulas: the expressions at whose sign changes their values or slopes jump.
 
-A method of high order looks at a step from a few places only and does not see a jump between them, so steps must
-end where something switches. What depends on time alone switches at times that are known beforehand
-(breakpoints); the rest are event functions.
+A method of high order evaluates a step at a few points and misses a jump between them, so steps must end at
+discontinuities. Those that depend on time alone occur at times known beforehand (breakpoints); the others are event
+functions.
 """
 
 from __future__ import annotations
@@ -10,14 +10,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols, reachable
 from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
-GRID = 65_537  # times at which a switch that is not linear in time is looked for
+GRID = 65_537  # times at which the sign of a switch that is not linear in time is examined
 
 
 def switches(outputs: Iterable[Scalar]) -> list[Expr]:

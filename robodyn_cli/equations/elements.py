@@ -14,7 +14,7 @@ from robodyn_cli.spatial.algebra import Transform, Values, Vector, Wrench
 
 
 class Elements:
-    """What the elements of ``model.forces`` do at q, v.
+    """The effects of the elements of ``model.forces`` at q, v.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Elements:
 
     @cached_property
     def effects(self) -> list[Effect]:
-        """What each element does, in the order of the scene."""
+        """The effect of each element, in the order of the scene."""
         return [self._effect(force) for force in self.model.forces]
 
     def _effect(self, force: Force) -> Effect:
@@ -86,7 +86,7 @@ class Elements:
 
     @cached_property
     def wrenches(self) -> dict[int, Wrench]:
-        """What all elements exert on each body and on the base, about its origin in its coordinates."""
+        """The wrenches of all elements on each body and on the base, about its origin in its coordinates."""
         found: dict[int, Wrench] = {}
         for force, effect in zip(self.model.forces, self.effects):
             for action in effect.actions:
@@ -110,7 +110,7 @@ class Elements:
 
     @property
     def power(self) -> Scalar:
-        """Power of what the potential energy does not cover [W]."""
+        """Power of the forces without a potential [W]."""
         total: Scalar = 0.0
         for effect in self.effects:
             total = total + effect.power
@@ -133,7 +133,7 @@ class Elements:
 
     @cached_property
     def formulas(self) -> list[tuple[str, list[Scalar]]]:
-        """What formulas of the elements come to, with the key of the element."""
+        """Values of the elements' formulas, with the key of the element."""
         return [
             (f"forces.{force.name}", [x for a in effect.actions for x in (*a.wrench.f, *a.wrench.n)])
             for force, effect in zip(self.model.forces, self.effects)

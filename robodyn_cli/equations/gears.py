@@ -1,4 +1,5 @@
-"""Losses of gears, which depend on the load: what the joint needs (inverse), or what the actuator gives (forward)."""
+"""Losses of gears. They depend on the load: the torque that the joint needs (inverse), or that the actuator gives
+(forward)."""
 
 from __future__ import annotations
 
@@ -26,10 +27,10 @@ def _on_motor(body: Body) -> bool:
 def losses_of_load(
     model: Model, needed: Values, a: Values, v: Values, terms: Mapping[str, Vector]
 ) -> dict[int, Scalar]:
-    """Return the torques of the losses by velocity index, for what the joints need.
+    """Return the torques of the losses by velocity index, from the torques that the joints need.
 
-    The gear passes on what rigid bodies need, less passive, external and joint friction; the rotor's inertia and
-    friction on the motor's side do not go through it.
+    The gear transmits the torque of the rigid bodies less passive and external torques and joint friction. The rotor's
+    inertia, and friction on the motor's side, do not go through it.
 
     Parameters
     ----------
@@ -49,12 +50,12 @@ def losses_of_load(
 def losses_of_drive(
     model: Model, drive: Values, v: Values, terms: Mapping[str, Vector], prescribed: Mapping[str, Any]
 ) -> dict[int, Scalar]:
-    """Return the torques of the losses by velocity index, for what the actuators give.
+    """Return the torques of the losses by velocity index, from the torques that the actuators give.
 
     Raises
     ------
-    CapabilityError : the rotor has inertia, or the motion is prescribed: what the gear passes on is then not known
-        before the accelerations.
+    CapabilityError : the rotor has inertia, or the motion is prescribed: the torque through the gear then depends on
+    the accelerations.
     """
     found = {}
     for body, gear in geared(model):

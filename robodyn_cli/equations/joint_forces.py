@@ -58,7 +58,8 @@ class JointForces:
         return found
 
     def switches(self) -> list[tuple[str, Expr]]:
-        """Return what changes its sign where an element engages or lets go, with the key of the element."""
+        """Return the expressions that change sign where an element engages or releases, with the key of the
+        element."""
         found: list[tuple[str, Expr]] = []
         for body in self.model.bodies:
             for force in body.forces:

@@ -1,4 +1,4 @@
-"""The equations of motion of a scene, each part on its own and built only when asked for.
+"""The equations of motion of a scene, each part built when it is first used.
 
     M(q) v-dot + h(q, v) = tau_a + tau_f + Psi^T lambda,   eta(q, t) = 0
 
@@ -37,13 +37,12 @@ from robodyn_cli.equations.switching import Switching
 from robodyn_cli.expr.functions import interpolate
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations, is_nonzero
 from robodyn_cli.loops.base import Row
-from robodyn_cli.model.base_parameters import dynamics_model
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, vector, zeros
 
-GROUPS = ("t", "q", "v", "a", "p")
+CANCELLATION = 1e3  # so many units of rounding may be lost in a difference of moments of inertia
 DENSE_LIMIT = 12  # velocities up to which the factored mass matrix is tried: it grows with their cube
 
 
@@ -85,8 +84,12 @@ class Problem:
 
     @cached_property
     def rigid(self) -> Model:
-        """The bodies as M, C and G need them (see ``dynamics_model``)."""
-        return dynamics_model(self.model)
+        """The bodies as M, C and G need them: with base parameters where the bodies' own numbers would lose digits."""
+        if all(body.cancellation < CANCELLATION for body in self.model.bodies):
+            return self.model
+        from robodyn_cli.model.base_parameters import with_base_parameters
+
+        return with_base_parameters(self.model)
 
     @cached_property
     def X(self) -> list[Transform]:
@@ -112,7 +115,7 @@ class Problem:
         return rnea(self.rigid, self.q, self.v, self.a, self.gravity, self.X)
 
     def rigid_terms(self) -> dict[str, Vector]:
-        """Return M a, C v and G apart: ``inertia``, ``coriolis`` and, where there is gravity, ``gravity``."""
+        """Return M a, C v and G separately: ``inertia``, ``coriolis`` and, where there is gravity, ``gravity``."""
         nv = self.model.nv
         rest = zeros(nv)
         terms = {
@@ -128,7 +131,7 @@ class Problem:
         env: dict[str, Any] = {"t": self.t}
         env |= {f"q.{name}": q for name, q in zip(self.model.q_names, self.q)}
         env |= {f"qd.{name}": v for name, v in zip(self.model.v_names, self.v)}
-        for name, value in (self.scene.parameters or {}).items():
+        for name, value in self.scene.parameters.items():
             env[f"p.{name}"] = value
         return env
 
@@ -137,7 +140,7 @@ class Problem:
         """tau_a (nv,) from the scene's ``torques``: constants, formulas, tables."""
         tau = zeros(self.model.nv)
         env = self._environment()
-        for name, torque in (self.scene.torques or {}).items():
+        for name, torque in self.scene.torques.items():
             place = self.model.v_names.index(name)
             if isinstance(torque, sc.Torque):
                 times, values = zip(*torque.table)
@@ -153,7 +156,7 @@ class Problem:
 
     @cached_property
     def contact_joints(self) -> tuple[ContactJoint, ...]:
-        """Joints that a simulation holds and lets go by events."""
+        """Joints with a contact state, which a simulation holds and releases by events."""
         return contact_joints(self.model)
 
     @cached_property
@@ -181,7 +184,7 @@ class Problem:
             return {}
         terms = self.joint_forces(smooth)
         if smooth:
-            given = self.scene.prescribed or {}
+            given = self.scene.prescribed
             return losses_of_drive(self.model, self.actuator_torques, self.v, terms, given)
         others = [*terms.items(), *self.elements.torques.items()]
         load = {f"{k} {name}" if name != "friction" else name: term for k, (name, term) in enumerate(others)}
@@ -228,7 +231,7 @@ class Problem:
                     dropped.append(row.name)
                 else:
                     rows.append(row)
-        env = {"t": self.t, **{f"p.{n}": x for n, x in (self.scene.parameters or {}).items()}}
+        env = {"t": self.t, **{f"p.{n}": x for n, x in self.scene.parameters.items()}}
         for coupler in self.scene.couplers:
             value = 0.0 if coupler.value is None else coupler.value.evaluate(env)
             units = {self.model.q_units[self.model.q_names.index(name)] for name in coupler.terms}
@@ -236,7 +239,7 @@ class Problem:
             name = f"{coupler.name}.coupling"
             rows.append(coordinate_row(name, self.model, self.q, coupler.terms, value, kind))
         first = len(rows)
-        for name, formula in (self.scene.prescribed or {}).items():
+        for name, formula in self.scene.prescribed.items():
             kind = self.model.q_units[self.model.q_names.index(name)]
             target = formula.evaluate(env)
             rows.append(coordinate_row(f"prescribed.{name}", self.model, self.q, {name: 1.0}, target, kind))
@@ -292,12 +295,12 @@ class Problem:
 
     @cached_property
     def forward(self) -> Multipliers:
-        """Accelerations (and multipliers) for the applied torques, by whichever way takes fewer operations."""
+        """Accelerations (and multipliers) for the applied torques, by the way that takes fewer operations."""
         return self._solved[0]
 
     @cached_property
     def holding(self) -> list[Scalar]:
-        """Multipliers of the joints with a contact state: what holds them, zero where nothing does."""
+        """Multipliers of the joints with a contact state: the torques that hold them, zero for free joints."""
         return self._solved[1]
 
     @cached_property
@@ -344,13 +347,13 @@ class Problem:
 
     @cached_property
     def potential(self) -> Scalar:
-        """Gravity (zero at the base's origin), joint springs and what acts between bodies."""
+        """Gravity (zero at the base's origin), joint springs and forces between bodies."""
         own = gravity_energy(self.model, self.q, self.gravity, self.X) + spring_energy(self.model, self.q)
         return own + self.elements.potential
 
     @cached_property
     def applied_power(self) -> Scalar:
-        """Power of actuators, damping and forces between bodies that the potential energy does not cover."""
+        """Power of actuators, damping and forces between bodies that have no potential."""
         total: Scalar = 0.0
         for tau, v in zip(self.actuator_torques, self.v):
             total = total + tau * v
@@ -360,7 +363,7 @@ class Problem:
 
     @cached_property
     def power(self) -> Scalar:
-        """Power of everything that the potential energy does not cover: ``applied_power`` and prescribed motion."""
+        """Power of all forces without a potential: ``applied_power`` and prescribed motion."""
         total = self.applied_power
         for i in self.constraints.rheonomic:
             # Psi^T lambda does work at the rate -lambda eta_t on a row that depends on time

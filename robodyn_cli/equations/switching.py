@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Equations(Protocol):
-    """What is asked of the equations of a scene (``Problem``)."""
+    """The equations that this module reads (satisfied by ``Problem``)."""
 
     scene: sc.Scene
     model: Model
@@ -37,14 +37,14 @@ class Equations(Protocol):
 
 
 class Switching:
-    """What switches in the equations of a scene, each part found when it is asked for."""
+    """The discontinuities of a scene's equations, each part found when it is first used."""
 
     def __init__(self, equations: Equations) -> None:
         self.equations = equations
 
     @cached_property
     def formulas(self) -> list[tuple[str, list[Scalar]]]:
-        """What the scene's formulas come to in the equations, with the key of each."""
+        """Values of the scene's formulas in the equations, with the key of each."""
         e = self.equations
         found: list[tuple[str, list[Scalar]]] = []
         for name, torque in e.scene.torques.items():
@@ -56,7 +56,7 @@ class Switching:
 
     @cached_property
     def switches(self) -> list[tuple[str, Expr]]:
-        """What the equations switch on, with the key of what switches (see ``discontinuities``)."""
+        """Expressions at whose sign changes the equations switch, with their keys (see ``discontinuities``)."""
         e = self.equations
         gears = [("gear", [torque]) for torque in e.gear_losses(smooth=True).values()]
         found = [(key, switch) for key, entries in [*self.formulas, *gears] for switch in switches(entries)]

@@ -1,9 +1,8 @@
-"""Where a function of time changes too fast for steps to notice: jumps, kinks, and features much shorter than the run.
-
-Formulas say openly where they switch (``discontinuities``), but ``sqrt((t - 1)^2)`` or ``atan2(sin(t), cos(t))`` hide
-it, and no method sees a pulse that is shorter than the gaps between its stages. Both are found before the run, by
-bisection with interval bounds of the function and of its slope: an interval is left when the function is smooth there
-and nearly a straight line.
+"""Where a function of time changes too fast for steps to notice: jumps of its value or slope, and features much
+shorter than the run. ``discontinuities`` finds where formulas with ``abs``, ``if`` and the like switch, but ``sqrt((t
+- 1)^2)`` or ``atan2(sin(t), cos(t))`` jump as well, and no method sees a pulse that is shorter than the gaps between
+its stages. Both are found before the run, by bisection with interval bounds of the function and of its slope: an
+interval is left when the function is smooth there and nearly a straight line.
 """
 
 from __future__ import annotations
@@ -18,27 +17,28 @@ from robodyn_cli.expr.graph import Expr, Scalar, reachable
 from robodyn_cli.expr.intervals import Bounds, bounds
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 STRAIGHT = 0.25  # part of its range by which a function may bend within an interval that is left
 TURNED = 0.05  # part of the steepest slope by which its slope changes in such an interval
 ROUNDING = 1e-13
 BENT = 1e-3  # part of its range by which a function really bends in an interval that is short for it
-SHORT = 1 / 256  # part of the duration below which a feature is pointed out
+SHORT = 1 / 256  # part of the duration: shorter features are reported
 FINEST = 2.0**-44  # part of the duration at which bisection ends: a point
-MOST = 20_000  # intervals of one length that are looked at for one function
+MOST = 20_000  # intervals of one length that are examined for one function
 MOST_POINTS = 1_000
 FINER = 8.0  # from one scale of features to the next
 BESIDE_POINTS = 64.0  # lengths from a point within which an interval is short because of it
-BESIDE = 1e-7  # part of the duration at which a point is looked at from both sides
-FOUND_TO = 1e-9  # part of the duration to which a point that formulas hide is known
+BESIDE = 1e-7  # part of the duration: distance from a point at which both sides are evaluated
+FOUND_TO = 1e-9  # part of the duration to which bisection locates a point
 APART = 1e-3  # by how much sides differ, over what the function does nearby, to count as a jump
 
 
 @record
 class Structure:
-    """points : times of jumps and kinks [s]. edges : times between which the function changes on another scale [s].
+    """points : times at which the value or the slope jumps [s]. edges : times between which the function changes on
+    another scale [s].
 
     resolved : whether all of it was found within the work allowed.
     """
@@ -170,7 +170,7 @@ def _centres(low: Array, high: Array, duration: float) -> Array:
 
 
 def _is_rough(function: Expr, slope: Scalar, t: Expr, time: float, duration: float) -> bool:
-    """Tell whether value or slope really jump at ``time``; a quotient of two zeros may well be smooth."""
+    """Tell whether value or slope really jump at ``time``; a quotient of two zeros may be smooth."""
     step = BESIDE * duration
     value, rate = _values([function, slope], time + step * np.array([-2.0, -1.0, 1.0, 2.0]))
     if not (np.all(np.isfinite(value)) and np.all(np.isfinite(rate))):
@@ -179,10 +179,10 @@ def _is_rough(function: Expr, slope: Scalar, t: Expr, time: float, duration: flo
     left, right = 2.0 * value[1] - value[0], 2.0 * value[2] - value[3]
     level, steep = np.abs(value).max() + step * np.abs(rate).max(), np.abs(rate).max()
     jump = abs(right - left) > APART * max(level, 1e-300) * 1e-3 + 4.0 * step * steep
-    kink = abs(rate[2] - rate[1]) > APART * max(steep, 1e-300) + 4.0 * max(
+    bend = abs(rate[2] - rate[1]) > APART * max(steep, 1e-300) + 4.0 * max(
         abs(rate[1] - rate[0]), abs(rate[3] - rate[2])
     )
-    return bool(jump or kink)
+    return bool(jump or bend)
 
 
 def _edges(leaves: Array, bent: Flags, points: Sequence[float], duration: float) -> tuple[float, ...]:

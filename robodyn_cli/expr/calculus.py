@@ -73,7 +73,7 @@ def partials(node: Expr) -> list[tuple[Expr, Scalar]]:
 def _partials_of_power(node: Expr, base: Any, exponent: Any) -> list[tuple[Expr, Scalar]]:
     found = [(node.args[0], exponent * power(base, exponent - 1.0))] if isinstance(base, Expr) else []
     if isinstance(exponent, Expr):
-        # 0 ** x is 0 wherever it has a slope
+        # 0 ** x is 0 where it is differentiable
         found.append((node.args[1], node * log(base) if is_nonzero(base) else 0.0))
     return found
 

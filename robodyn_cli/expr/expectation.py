@@ -18,7 +18,7 @@ _BOUND = re.compile(r"(<=|>=|<|>)(.*)", re.DOTALL)
 
 @record
 class Expectation:
-    """What a value must be: between ``low`` and ``high`` (themselves out where ``strict``), or just ``value``."""
+    """The value that is expected: between ``low`` and ``high`` (excluded where ``strict``), or exactly ``value``."""
 
     text: str
     low: float = -math.inf

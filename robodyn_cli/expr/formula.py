@@ -34,7 +34,7 @@ from robodyn_cli.record import record
 
 MAX_LENGTH = 10_000
 MAX_DEPTH = 60
-# each is watched during a run and adds to the code that is compiled, which takes longer than in proportion
+# each adds an event function, and compile time grows faster than their number
 MAX_SWITCHES = 100
 
 # words that cannot name a joint or a parameter: they would change the meaning of a formula

@@ -146,13 +146,13 @@ class If(Node):
         # where() asks "> 0"; the inclusive comparisons are the opposites of the strict ones
         yes, no = (self.yes, self.no) if self.comparison in ("<", ">") else (self.no, self.yes)
         if isinstance(difference, (float, int)):
-            # only the branch that counts: the other may not be defined here, as in if(t > 0, sin(t)/t, 1)
+            # only the branch taken: the other may not be defined here, as in if(t > 0, sin(t)/t, 1)
             return yes.value(env) if difference > 0 else no.value(env)
         if isinstance(difference, Expr):
             return fn.where(difference, yes.value(env), no.value(env))
         import numpy as np
 
-        with np.errstate(all="ignore"):  # the same reason: values of the other branch are thrown away
+        with np.errstate(all="ignore"):  # for the same reason, values of the other branch are discarded
             return fn.where(difference, yes.value(env), no.value(env))
 
     def renamed(self, names: Mapping[str, str]) -> Node:

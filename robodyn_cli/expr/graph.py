@@ -1,6 +1,6 @@
 """Expression graph: scalars that remember how they were computed.
 
-Algorithms written on numbers run on ``Expr`` as well and leave behind the graph of what they would compute.
+Algorithms written for numbers also run on ``Expr`` and build the graph of their computation.
 Constants stay Python floats, so everything known about a scene is folded while the graph is built, terms
 multiplied by zero never appear, and equal subexpressions exist once (hash-consing).
 """
@@ -106,7 +106,7 @@ class Graph:
         return self._node("sym", (), (name, group, position))
 
     def symbols(self, names: Sequence[str], group: str) -> list[Expr]:
-        """Return one symbol a name, numbered in order."""
+        """Return a symbol for each name, numbered in order."""
         return [self.symbol(name, group, k) for k, name in enumerate(names)]
 
     def _node(self, op: str, args: tuple[Expr, ...], value: Any = None) -> Expr:

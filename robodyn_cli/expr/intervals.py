@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from robodyn_cli.expr.graph import Expr, Scalar, reachable
 from robodyn_cli.expr.rebuild import apply
 from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
@@ -49,14 +49,14 @@ def bounds(output: Scalar, symbol: Expr, low: Array, high: Array) -> Bounds:
 
 
 def _operation(node: Expr, args: list[Bounds]) -> Bounds:
-    """Return the bounds of one operation; what cannot be bounded is unbounded."""
+    """Return the bounds of one operation; infinite where there are none."""
     rough = np.logical_or.reduce([a.rough for a in args])
     if node.op in INCREASING:
         low, high = (np.asarray(apply(node, [x])) for x in (args[0].low, args[0].high))
         touching = args[0].low <= SMOOTH_ABOVE.get(node.op, -np.inf)
         return _checked(low, high, rough | touching)
     if node.op == "mul" and node.args[0] is node.args[1]:
-        low, high, own = _even(np.square, kink=False)(args[0])
+        low, high, own = _even(np.square, corner=False)(args[0])
         return _checked(low, high, rough | own)
     if node.op in OPERATIONS:
         low, high, own = OPERATIONS[node.op](*args)
@@ -70,7 +70,7 @@ def _operation(node: Expr, args: list[Bounds]) -> Bounds:
 
 
 def _checked(low: Array, high: Array, rough: Flags) -> Bounds:
-    """Return bounds in which what is undefined is unbounded and rough."""
+    """Return bounds that are infinite, and marked as not smooth, where they are undefined."""
     lost = np.isnan(low) | np.isnan(high)
     return Bounds(np.where(lost, -np.inf, low), np.where(lost, np.inf, high), rough | lost)
 
@@ -78,7 +78,7 @@ def _checked(low: Array, high: Array, rough: Flags) -> Bounds:
 Parts = tuple[Array, Array, Any]
 
 INCREASING = ("exp", "log", "sqrt", "tanh", "sinh", "atan", "asin")
-# from where on they are smooth; at the end of their range they are not
+# smooth inside their range, not at its end
 SMOOTH_ABOVE = {"sqrt": 0.0, "log": 0.0, "asin": -1.0}
 
 
@@ -87,7 +87,7 @@ def _extremes(products: list[Array]) -> tuple[Array, Array]:
 
 
 def _mul(a: Bounds, b: Bounds) -> Parts:
-    # nothing times what is unbounded is nothing
+    # zero times infinity is zero here
     products = [
         np.where((x == 0.0) | (y == 0.0), 0.0, x * y) for x in (a.low, a.high) for y in (b.low, b.high)
     ]
@@ -117,14 +117,14 @@ def _tan(a: Bounds) -> Parts:
     return np.where(pole, -np.inf, np.tan(a.low)), np.where(pole, np.inf, np.tan(a.high)), pole
 
 
-def _even(grow: Callable[[Array], Array], kink: bool) -> Callable[[Bounds], Parts]:
-    """Bounds of a function that grows with |x|; ``kink``: its slope jumps at zero."""
+def _even(grow: Callable[[Array], Array], corner: bool) -> Callable[[Bounds], Parts]:
+    """Bounds of a function that grows with |x|; ``corner``: its slope jumps at zero."""
 
     def parts(a: Bounds) -> Parts:
         inside = (a.low <= 0.0) & (a.high >= 0.0)
         low, high = grow(np.abs(a.low)), grow(np.abs(a.high))
         least = np.where(inside, grow(np.zeros(1))[0], np.minimum(low, high))
-        return least, np.maximum(low, high), inside & kink
+        return least, np.maximum(low, high), inside & corner
 
     return parts
 
@@ -164,8 +164,8 @@ OPERATIONS: dict[str, Callable[..., Parts]] = {
     "sin": lambda a: _wave(a, 0.0),
     "cos": lambda a: _wave(a, 0.5 * np.pi),
     "tan": _tan,
-    "cosh": _even(np.cosh, kink=False),
-    "abs": _even(np.abs, kink=True),
+    "cosh": _even(np.cosh, corner=False),
+    "abs": _even(np.abs, corner=True),
     "acos": _acos,
     "sign": _sign,
     "atan2": _atan2,

@@ -57,7 +57,7 @@ def apply(node: Expr, args: Sequence[Any]) -> Any:
 
 
 class Evaluator:
-    """Expressions to be evaluated on numbers again and again: what depends on what is worked out once."""
+    """Expressions to be evaluated on numbers many times; their order of evaluation is found once."""
 
     def __init__(self, outputs: Sequence[Scalar]) -> None:
         self.outputs = list(outputs)

@@ -1,4 +1,4 @@
-"""Index 1 with Baumgarte's terms: what the loops have drifted apart is fed back into the acceleration constraint.
+"""Index 1 with Baumgarte's terms: the drift of the loops is fed back into the acceleration constraint.
 
 Psi v-dot + gamma + 2 alpha (Psi v + eta_t) + beta^2 eta = 0
 """

@@ -42,9 +42,9 @@ def build_system(
     Parameters
     ----------
     stabilisation : of closed loops: ``projection``, ``independent``, ``none``, or Baumgarte's gains.
-    events : what is watched beside discontinuities and the wear of a partition.
+    events : functions to watch beside discontinuities and re-partitions.
     work : carry the work of actuators and damping as a further state, where there is any.
-    expanded : give expressions in any case, for those who look into them.
+    expanded : give expressions in any case, for callers that analyse them.
     """
     name = formulation_of(problem, stabilisation, expanded)
     z_rate = work_rate(problem) if work else ()

@@ -23,16 +23,16 @@ from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Function, Int, Value
 from robodyn_cli.kernels.program import Program, make_program
+from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.record import record
 
-GROUPS = ("t", "q", "v", "z", "p")
 LANES = 8  # the most that an integrator evaluates at once
 Groups = Mapping[str, Any]
 Numbers = NDArray[np.float64]
 
 
 class Emission(Protocol):
-    """What code that evaluates rates is written into: the function, and memory of the run.
+    """The function that the code of the rates is written into, and memory of the run.
 
     ``nv`` is a Python int, or an ``Int`` where the code is to serve systems of any size. ``functions`` go into
     the module too. The function has arguments ``%p`` (parameters), ``%tables`` and ``%scratch``.
@@ -47,7 +47,7 @@ class Emission(Protocol):
         """Emit a program at time t and state x = (q, v, z)."""
 
     def workspace(self, name: str, velocities: int, others: int, width: int) -> Array:
-        """Return the memory called ``name``: so many vectors a velocity, and a further state z; zero at first."""
+        """Return the memory called ``name``: so many vectors per velocity and per further state z; zero at first."""
 
 
 class Dynamics(Protocol):
@@ -100,7 +100,7 @@ class Expanded:
     def program(self) -> Program:
         """Outputs ``a`` (nv) and ``z`` (nz)."""
         outputs = {"a": self.acceleration, "z": self.z_rate}
-        return make_program({k: v for k, v in outputs.items() if v}, GROUPS)
+        return make_program({k: v for k, v in outputs.items() if v}, STATE_GROUPS)
 
     @property
     def digest(self) -> str:

@@ -1,8 +1,8 @@
-"""Events: functions of time and state whose sign changes end a step, who they belong to, and what becomes of the run.
+"""Events: functions of time and state whose sign changes end a step, their owners, and how the run goes on.
 
-An event function has an owner. When the function changes its sign the owner is handed the event, and its answer, an
-``Outcome``, says how the run goes on. Integrators know of a function its value, its direction, whether the
-right-hand side jumps there, and its owner; what the event means is the owner's affair.
+An event function has an owner. When the function changes its sign, the owner handles the event and returns an
+``Outcome``, which says how the run goes on. An integrator knows a function's value, its direction, whether the
+right-hand side jumps there, and its owner. Only the owner knows the meaning of the event.
 """
 
 from __future__ import annotations
@@ -14,12 +14,10 @@ from collections.abc import Callable, Mapping
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.record import mutable_record, record
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 
 class EventKind(enum.Enum):
@@ -34,7 +32,7 @@ class EventKind(enum.Enum):
     CONTACT = "a joint sticks, slips, meets its stop or leaves it"
 
 
-# -- what becomes of the run ------------------------------------------------------------------------------
+# -- outcomes: how the run goes on ------------------------------------------------------------------------------
 @record
 class Outcome:
     """The run goes on as it was. ends : whether the integrator stops here, and the driver decides what follows."""
@@ -89,13 +87,14 @@ REPARTITION = Repartition()
 
 # -- functions and owners ---------------------------------------------------------------------------------
 class Owner(Protocol):
-    """Whose event functions they are."""
+    """The owner of event functions."""
 
     def handle(self, event: Event) -> Outcome:
         """Answer an event."""
 
     def again(self) -> Owner | None:
-        """Return the owner of the same functions in a second integration of the motion, None where that need not watch.
+        """Return the owner of the same functions in a second integration of the motion, None where it need not watch
+        them.
 
         A second integration watches only what changes the motion.
         """
@@ -122,7 +121,7 @@ class EventFunction:
 
 @mutable_record
 class Event:
-    """An event that happened: whose, at which place among the system's functions, when, and the state there.
+    """An event that happened: its function, the index of that among the system's functions, time and state.
 
     state : x = (q, v, z) of the integrator. time_error : width of the bracket of the time [s].
     parameters : values of p.
@@ -147,7 +146,7 @@ class Event:
 
 # -- owners with nothing to decide ------------------------------------------------------------------------
 class Passing:
-    """Events at which a step ends, and nothing else happens (discontinuities)."""
+    """Owner of events that only end a step (discontinuities)."""
 
     def handle(self, event: Event) -> Outcome:
         return GO_ON
@@ -157,7 +156,7 @@ class Passing:
 
 
 class Stopping:
-    """Events that end the run."""
+    """Owner of events that end the run."""
 
     def handle(self, event: Event) -> Outcome:
         return STOP

@@ -1,4 +1,4 @@
-"""What a formulation makes of a mechanism's equations, in the mechanism's own symbols t, q, v, p."""
+"""The result of a formulation: equations to integrate, in the mechanism's own symbols t, q, v, p."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @record
 class Formulated:
-    """Rates, and what goes with them; see ``System`` for the meaning of the fields."""
+    """Rates with their corrections and partition; see ``System`` for the meaning of the fields."""
 
     dynamics: Dynamics
     corrections: Corrections = NO_CORRECTIONS

@@ -2,12 +2,12 @@
 
 At every evaluation the dependent coordinates are solved for, two Newton steps from where the integrator has them, and
 the dependent velocities from Psi v + eta_t = 0; the accelerations are those of equation (36) there (Wehage and Haug
-1982). So what the integrator carries of the dependent coordinates is a first guess and nothing else, and loops are
-closed in the stages of a step too.
+1982). So the dependent coordinates in the integrator's state only serve as a first guess, and loops are closed in the
+stages of a step too.
 
 Which coordinates depend is in parameters w (nv,), 1 for a dependent one and 0 for an independent one: with Psi_w =
 Psi diag(w), the step dq = -Psi_w^T (Psi_w Psi_w^T)^-1 eta moves dependent ones only. They are chosen by pivoting on the
-columns of Psi, and chosen anew where Psi_w comes nearer to losing rank than it was by a factor (an event).
+columns of Psi, and chosen anew (an event) where the closeness of Psi_w to losing rank has fallen by a factor.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.constraints import correction
 from robodyn_cli.equations.dependence import closeness
@@ -30,11 +29,10 @@ from robodyn_cli.formulations.formulated import Formulated
 from robodyn_cli.formulations.projection import projection
 from robodyn_cli.formulations.system import Corrections
 from robodyn_cli.model.model import PARAMETER_GROUP
-from robodyn_cli.spatial.algebra import Matrix, vector, zeros
+from robodyn_cli.spatial.algebra import Array, Matrix, vector, zeros
 
-Array = NDArray[np.float64]
 NEWTON_STEPS = 2
-WORN = 0.1  # of the closeness to losing rank at the choice, at which it is made anew
+WORN = 0.1  # of the closeness to losing rank at the choice: below it, the choice is made anew
 FLOOR = 1e-12  # closeness below which the loops themselves have lost rank
 
 

@@ -21,11 +21,11 @@ from robodyn_cli.algorithms.linear import LuFactor
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import Expr, Graph, Scalar, free_symbols
-from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.kernels.program import Program, make_program
+from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.spatial.algebra import Matrix, identity, zeros
 
-INPUTS = (*GROUPS, "a", "l", "g")
+INPUTS = (*STATE_GROUPS, "a", "l", "g")
 Column = tuple[Expr, int, Scalar]  # a state, the unknown it moves with, and how far
 
 
@@ -77,7 +77,7 @@ def first_order_step(f: Sequence[Scalar], nv: int) -> Program:
 
 
 def weights(graph: Graph) -> list[Expr]:
-    """Return g_q, g_v and g_z: what a unit of acceleration (or of z-dot) adds to q, v and z."""
+    """Return g_q, g_v and g_z: the changes of q, v and z for a unit of acceleration (or of z-dot)."""
     return graph.symbols(("g.q", "g.v", "g.z"), "g")
 
 
@@ -91,7 +91,7 @@ def newton_step(
 ) -> Program:
     """Return outputs ``a`` (n,) and ``l`` (m,): the changes of the accelerations and multipliers.
 
-    The Jacobian is exact. It is eliminated without pivoting, the accelerations first, in ``order``: for steps that
+    The Jacobian is exact. It is eliminated without pivoting, the accelerations first, in ``order``: in steps that
     resolve the motion their block is close to the mass matrix, which is positive definite.
 
     Parameters

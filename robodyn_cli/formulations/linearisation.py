@@ -15,8 +15,8 @@ from robodyn_cli.algorithms.complex import Complex
 from robodyn_cli.algorithms.linear import LuFactor
 from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import Expr, Graph, Scalar, free_symbols
-from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.kernels.program import Program, make_program
+from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import zeros
 
@@ -58,7 +58,9 @@ def real_factors(f: Sequence[Scalar], nq: int, nv: int) -> Program:
     B = -found.J
     for i in range(len(B)):
         B[i, i] = B[i, i] + g
-    return make_program({"lu": list(LuFactor.of(B).entries.ravel()), "ft": list(found.t)}, (*GROUPS, "g"))
+    return make_program(
+        {"lu": list(LuFactor.of(B).entries.ravel()), "ft": list(found.t)}, (*STATE_GROUPS, "g")
+    )
 
 
 def complex_factors(f: Sequence[Scalar], nq: int, nv: int) -> Program:
@@ -71,4 +73,4 @@ def complex_factors(f: Sequence[Scalar], nq: int, nv: int) -> Program:
         for k in range(size):
             B[i, k] = Complex(-found.J[i, k]) + g if i == k else Complex(-found.J[i, k])
     lu = LuFactor.of(B).entries.ravel()
-    return make_program({"re": [e.re for e in lu], "im": [e.im for e in lu]}, (*GROUPS, "g"))
+    return make_program({"re": [e.re for e in lu], "im": [e.im for e in lu]}, (*STATE_GROUPS, "g"))

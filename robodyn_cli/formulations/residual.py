@@ -2,11 +2,11 @@
 
     f(t, q, v) = a + M^-1 (tau(t, q, v) - M a - h(q, v))   for any a,
 
-so an iteration a <- f(t, q(a), v(a)) may as well add M^-1 times what inverse dynamics finds missing. Then M only
-decides how fast the iteration converges, not what it converges to, and its factors may be some rounds old: a change
-of dq in the positions since then makes the correction wrong by a part of the size of dq. A round costs inverse
-dynamics and a triangular solve in place of forward dynamics, which for an arm of seven joints is half as much; what
-rounding leaves is that of the residual, as in iterative refinement.
+so the iteration a <- f(t, q(a), v(a)) can add M^-1 times the residual of inverse dynamics. Then M decides how fast the
+iteration converges but not its limit, and its factors may be some rounds old: a change of dq in the positions since
+then makes the correction wrong by a part of the size of dq. A round takes inverse dynamics and a triangular solve
+instead of forward dynamics, half the operations for an arm of seven joints. The rounding error is that of the
+residual, as in iterative refinement.
 """
 
 from __future__ import annotations
@@ -19,13 +19,12 @@ from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.kernels.program import Program, make_program
 from robodyn_cli.model.base_parameters import with_base_parameters
-from robodyn_cli.model.model import Model
+from robodyn_cli.model.model import STATE_GROUPS, Model
 from robodyn_cli.spatial.algebra import Vector
 
-INPUTS = (*GROUPS, "a", "l")
+INPUTS = (*STATE_GROUPS, "a", "l")
 LARGEST = 12  # velocities up to which M is factored as a dense matrix
 
 
@@ -35,8 +34,8 @@ class Residual:
     ``factors`` has the output ``l``, M(q) factored; ``correction`` has ``d`` (nv,), what to add to the accelerations
     ``a`` with factors ``l``, and ``z``, the rates of the further states.
 
-    Limits: no constraints, for their multipliers would have to be iterated as well; no joints with a
-    contact state, whose accelerations are those of a constraint at times.
+    Limits: no constraints, because their multipliers would have to be iterated as well; no joints with a contact
+    state, whose accelerations follow a constraint while they are held.
     """
 
     def __init__(self, problem: Problem, z_rate: Sequence[Scalar] = ()) -> None:
@@ -74,7 +73,7 @@ class Residual:
 
     @cached_property
     def factors(self) -> Program:
-        return make_program({"l": self.entries}, GROUPS)
+        return make_program({"l": self.entries}, STATE_GROUPS)
 
     @cached_property
     def correction(self) -> Program:

@@ -12,7 +12,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar, is_nonzero
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.formulations.dynamics import GROUPS, LANES, Emission, Groups, Numbers
+from robodyn_cli.formulations.dynamics import LANES, Emission, Groups, Numbers
 from robodyn_cli.formulations.formulated import Formulated
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import RELAXED, Function, Value
@@ -20,7 +20,7 @@ from robodyn_cli.kernels.lower import lower
 from robodyn_cli.kernels.program import Program, make_program
 from robodyn_cli.kernels.rolled_loops import rolled_function, tree_function
 from robodyn_cli.kernels.rolled_tables import RolledPlan
-from robodyn_cli.model.model import Model
+from robodyn_cli.model.model import STATE_GROUPS, Model
 
 
 class Rolled:
@@ -28,7 +28,7 @@ class Rolled:
 
     Parameters
     ----------
-    forces : what acts on the joints (nv,), as expressions of t, q, v, z, p.
+    forces : on the joints (nv,), as expressions of t, q, v, z, p.
 
     Raises
     ------
@@ -42,13 +42,13 @@ class Rolled:
         self.plan = RolledPlan(model, "forward")
         self.forces = tuple(forces)
         self.z_rate = tuple(z_rate)
-        # joints that nothing acts on are left out, so that free chains of any length share their code
+        # joints without a force are left out, so that free chains of any length share their code
         self.places = tuple(k for k, x in enumerate(self.forces) if is_nonzero(x))
 
     @cached_property
     def program(self) -> Program:
         """Outputs ``f``, the forces at ``places``, and ``z``."""
-        return make_program({"f": [self.forces[k] for k in self.places], "z": self.z_rate}, GROUPS)
+        return make_program({"f": [self.forces[k] for k in self.places], "z": self.z_rate}, STATE_GROUPS)
 
     @property
     def digest(self) -> str:
@@ -96,7 +96,7 @@ class Rolled:
 
     def _force_function(self, name: str, width: int, fused: bool) -> Function:
         """Return ``name(t, q, v, z, p, f, r)``: forces at their joints, and the rates of z."""
-        arguments = [f"ptr noalias %{a}" for a in (*GROUPS, "f", "r")]
+        arguments = [f"ptr noalias %{a}" for a in (*STATE_GROUPS, "f", "r")]
         f = Function(name, arguments, internal=True, attributes="noinline", flags=RELAXED)
         used = {i.value for i in self.program.instructions if i.op == "sym"}
         zero = f.constant(0.0, width)

@@ -2,8 +2,8 @@
 
     Psi = U S V^T,   W = U_r^T
 
-W spans what the rows say at the pose, so W Psi keeps rank r until the motion has turned that space by a right
-angle. Long before, the smallest singular value of W Psi falls behind: at an event W is chosen anew.
+W spans the row space of Psi at the pose, so W Psi keeps rank r until the motion has turned that space by a right
+angle. Long before, the smallest singular value of W Psi becomes small: at an event W is chosen anew.
 """
 
 from __future__ import annotations
@@ -11,15 +11,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.dependence import closeness
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.formulations.events import REPARTITION, Event, EventFunction, EventKind, Outcome, Owner
-from robodyn_cli.spatial.algebra import zeros
+from robodyn_cli.spatial.algebra import Array, zeros
 
-Array = NDArray[np.float64]
 WORN = 0.2  # of the closeness at the pose where W was chosen, at which it is chosen anew
 FLOOR = 1e-12  # closeness below which Psi itself has lost rank; W is chosen anew behind
 
@@ -55,7 +53,8 @@ class RowCombinations:
                 if np.linalg.det(old @ W.T) < 0.0:
                     W = W * np.append(-1.0, np.ones(rank - 1))[:, None]
             s = s[:rank]
-            close = 1.0 / ((s**2).sum() * (1.0 / np.maximum(s, 1e-150) ** 2).sum())
+            # rows that vanish but for rounding (rank 0) have no rank to lose
+            close = 1.0 / ((s**2).sum() * (1.0 / np.maximum(s, 1e-150) ** 2).sum()) if rank else 1.0
             found += [W.ravel(), [WORN * close if close > FLOOR else 2.0 * FLOOR]]
         return np.concatenate(found)
 
@@ -65,6 +64,8 @@ class RowCombinations:
         problem = self.problem
         found = []
         for k, (combination, group) in enumerate(zip(problem.combinations, problem.dependent), start=1):
+            if group.rank == 0:
+                continue
             psi: Any = zeros(group.rank, problem.model.nv)
             for i in range(group.rank):
                 for w, row in zip(combination.W[i], combination.rows):

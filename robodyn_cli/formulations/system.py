@@ -1,4 +1,4 @@
-"""What an integrator steps: the second-order system a = a(t, q, v, z), with everything it may ask for.
+"""The system that an integrator steps, a = a(t, q, v, z), with its events, corrections and linearisation.
 
 A formulation turns the equations of a mechanism into a ``System``. Integrators know nothing of joints or loops.
 """
@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.formulations.dynamics import GROUPS as GROUPS
 from robodyn_cli.formulations.dynamics import Dynamics
 from robodyn_cli.formulations.events import EventFunction, Owner
 from robodyn_cli.formulations.layout import Layout
 from robodyn_cli.kernels.program import Program, make_program
+from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.record import record
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class Partition(Owner, Protocol):
-    """Parameters of the equations that fit a part of the motion only, and are chosen anew where they fit no more.
+    """Parameters of the equations that suit a part of the motion only, and are chosen anew at events (re-partition).
 
     first, count : their places among the parameters p. functions : the events at which they are chosen anew.
     """
@@ -44,7 +44,8 @@ class Partition(Owner, Protocol):
 
 @record
 class Corrections:
-    """What puts a state back onto the joints' manifolds and the constraints, after each step and at samples.
+    """Corrections that put a state back onto the joints' manifolds and the constraints, after each step and at
+    samples.
 
     position : the mechanism's q corrected once onto the position constraints (one Newton step), or empty.
     velocity : its v corrected onto the velocity constraints, or empty.
@@ -64,7 +65,7 @@ NO_CORRECTIONS = Corrections()
 
 
 class Forms(Protocol):
-    """The same motion in forms that some methods step instead of the rates."""
+    """The same motion in forms that some methods use instead of the rates."""
 
     @property
     def index3(self) -> Index3 | None:
@@ -79,14 +80,14 @@ class Forms(Protocol):
 class System:
     """State x = (q, v, z): q-dot = v, v-dot and z-dot by ``dynamics``, over symbols t, q, v, z, p.
 
-    Here q, v and z are the integrator's. Where a joint has quasi-velocities (q-dot = N(q) v) they are not those of
-    the mechanism, and ``layout`` says where those lie: integrators need not look at it, whoever wants positions and
-    velocities of joints takes ``split``, ``join`` and ``groups``.
+    Here q, v and z are the integrator's. With quasi-velocities (q-dot = N(q) v) they are not those of the mechanism,
+    and ``layout`` says where those lie. Integrators ignore the layout; to get positions and velocities of joints, use
+    ``split``, ``join`` and ``groups``.
 
     breakpoints : times at which the right-hand side or its slope jumps; steps end there.
     parameters : values of p that a run starts with, but for those that the ``partition`` chooses.
     layout : None where q, v, z are the mechanism's.
-    forms : the same motion in forms that some methods step instead of the rates.
+    forms : the same motion in forms that some methods use instead of the rates.
     """
 
     nq: int
@@ -138,12 +139,12 @@ class System:
         return x
 
     def groups(self, t: Any, x: NDArray[Any], p: NDArray[Any]) -> dict[str, Any]:
-        """Return what kernels of the mechanism's expressions take at times t (T,) and states x (T, nx)."""
+        """Return the inputs of kernels of the mechanism's expressions at times t (T,) and states x (T, nx)."""
         q, v, z = self.split(x)
         return {"t": t, "q": q, "v": v, "z": z, "p": p}
 
     def own_groups(self, t: Any, x: NDArray[Any], p: NDArray[Any]) -> dict[str, Any]:
-        """Return what kernels of this system's own expressions (events, corrections) take; as ``groups``."""
+        """Return the inputs of kernels of this system's own expressions (events, corrections); as ``groups``."""
         q, v, z = np.split(x, [self.nq, self.nq + self.nv], axis=-1)
         return {"t": t, "q": q, "v": v, "z": z, "p": p}
 
@@ -194,7 +195,7 @@ class System:
 
     @cached_property
     def linearisation(self) -> Program:
-        """What a linearly implicit method needs at a point: see ``real_factors``."""
+        """The factors that a linearly implicit method needs: see ``real_factors``."""
         from robodyn_cli.formulations.linearisation import real_factors
 
         return real_factors(self.rates, self.nq, self.nv)
@@ -234,4 +235,4 @@ class System:
 
 
 def _program(**outputs: Sequence[Scalar]) -> Program:
-    return make_program({k: v for k, v in outputs.items() if v}, GROUPS)
+    return make_program({k: v for k, v in outputs.items() if v}, STATE_GROUPS)

@@ -66,7 +66,7 @@ class Total:
 
 
 def each(f: Function, count: Int | int) -> Iterator[Int | int]:
-    """Emit the body of a ``for`` once an index: repeated where the count is a Python int, else as a loop."""
+    """Emit the body of a ``for`` for each index: repeated where the count is a Python int, else as a loop."""
     if isinstance(count, int):
         yield from range(count)
     else:

@@ -118,7 +118,13 @@ def compile_module(key: str, write: Callable[[], str], level: int = 1) -> Compil
     kept = ObjectFile(folder, digest) if folder else None
     code = kept.read() if kept else None
     if code is None:
-        code = _compile(llvm, target, write())
+        REPORT.now = "compiling"
+        text = write()
+        REPORT.begin(text.count("\n"))
+        try:
+            code = _compile(llvm, target, text)
+        finally:
+            REPORT.now = ""
         if kept:
             kept.write(code)
         REPORT.compiled += 1
@@ -138,8 +144,8 @@ def _compile(llvm: Any, target: Any, text: str) -> bytes:
     """Return an object file.
 
     LLVM's own pipelines take as long as parsing and code generation together, and their code runs no faster: constants
-    are folded and common expressions found before the text is written. What is left to do are sums in a better order
-    (the flags allow that, and it is worth a tenth of the run time), identities of single instructions, and jumps.
+    are folded and common expressions found before the text is written. Three things are left to do: a better order of
+    sums (the flags allow it, and it saves a tenth of the run time), identities of single instructions, and jumps.
     """
     parsed = llvm.parse_assembly(text)
     parsed.verify()

@@ -90,7 +90,7 @@ class Function(Flow):
 
     # -- values ---------------------------------------------------------------------------------------
     def constant(self, x: float | Sequence[float], width: int = 1) -> Value:
-        """Return a constant: one number in every lane, or a number a lane."""
+        """Return a constant: one number in every lane, or a number for each lane."""
         if isinstance(x, (int, float)):
             if width == 1:
                 return Value(self, literal(x), 1)

@@ -77,7 +77,7 @@ class _Lowering:
         self.groups = _trigonometric_levels(self.code)
 
     def need(self, k: int) -> None:
-        """Compute instruction k and, first, what it waits for (an explicit stack: graphs may be deep)."""
+        """Compute instruction k and, before it, its arguments (an explicit stack: graphs may be deep)."""
         stack = [k]
         while stack:
             j = stack[-1]
@@ -181,7 +181,7 @@ def lower(
 
     Parameters
     ----------
-    inputs : for each symbol group, a value a position (scalars are spread over the lanes).
+    inputs : for each symbol group, a value for each position (scalars are spread over the lanes).
     width : lanes of the arithmetic.
     fused : whether the machine has fused multiply-add.
     """

@@ -1,4 +1,4 @@
-"""Neutral instruction list: what a kernel computes, without saying how.
+"""The instruction list of a kernel, independent of how it is compiled.
 
 A Program is the part of a graph that some outputs need, renumbered from zero, so that equal scenes give equal
 programs whatever else was built in the graph. Its digest is the key of the cache of compiled code.

@@ -1,19 +1,36 @@
-"""What compilation did so far; apart from the compiler, so that asking loads nothing."""
+"""Compilations so far and at present; apart from the compiler, so that reading them does not load LLVM."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+# instructions that take LLVM some seconds, in which no other thread of Python runs
+MANY = 20_000
+
 
 class CompileReport:
-    """Seconds spent, modules compiled, modules that came from the cache, and warnings, each once."""
+    """Seconds spent, modules compiled, modules that came from the cache, and warnings, each once.
+
+    ``now`` says in words what is being compiled, empty between compilations. ``listener``, where there is one, is told
+    of a compilation that takes long before it begins.
+    """
 
     def __init__(self) -> None:
         self.seconds = 0.0
         self.compiled = 0
         self.cached = 0
+        self.now = ""
+        self.listener: Callable[[str], None] | None = None
         self.warnings: list[str] = []
 
+    def begin(self, instructions: int) -> None:
+        """Note the compilation that begins."""
+        self.now = f"compiling {instructions} instructions"
+        if instructions >= MANY and self.listener is not None:
+            self.listener(f"robodyn: {self.now} takes a while; the code is kept for the next run")
+
     def warn(self, message: str) -> None:
-        """Note a warning for whoever reports on the run."""
+        """Keep a warning for the report of the run."""
         if message not in self.warnings:
             self.warnings.append(message)
 

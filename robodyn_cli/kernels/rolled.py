@@ -5,18 +5,16 @@ from __future__ import annotations
 import ctypes
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.kernels.compiler import compile_module, machine
 from robodyn_cli.kernels.rolled_loops import write_sample_kernel
 from robodyn_cli.kernels.rolled_tables import RolledPlan
 from robodyn_cli.model.model import Model
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 # A block of samples visits every column of its arrays, each on a page of its own. With more columns than the
-# processor translates pages for, samples are first copied to arrays of CHUNK rows, several columns a page.
+# processor translates pages for, samples are first copied to arrays of CHUNK rows, several columns to a page.
 MANY_COLUMNS = 2500
 CHUNK = 64
 

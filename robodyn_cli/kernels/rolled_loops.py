@@ -5,8 +5,8 @@ quantities pass from one to the next in registers (``carry``). Only where a tree
 memory: a branching body (and the base) owns a *branch slot* that its later children read, or add to.
 A serial chain has no branches and none of that code.
 
-Tables (``Tables``) are 64-bit words, doubles and integers mixed: a header, then a row a body. Scratch memory
-holds a row a body (what sweeps keep for each other), then the branch slots.
+Tables (``Tables``) are 64-bit words, doubles and integers mixed: a header, then a row for each body. Scratch memory
+holds a row for each body (values that one sweep keeps for another), then the branch slots.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from robodyn_cli.kernels.program import Program
 from robodyn_cli.kernels.rolled_recursion import Recursion, Step, Sweep
 from robodyn_cli.kernels.rolled_steps import BODY_CONSTANTS, DOWN, UP, Place
 
-# Columns of samples lie far apart, and no processor foresees a visit to each in turn. Asking for the samples of a
-# later block keeps the kernel's pace where they do not fit into the cache next to everybody else's data (measured
-# on a busy machine, 30 joints, 10 000 samples: 0.18 us a sample instead of 0.6; one block ahead is too late).
+# Columns of samples lie far apart, so the processor does not prefetch them by itself. Prefetching the samples of a
+# later block pays where they do not fit into the cache (measured on a busy machine, 30 joints, 10 000 samples: 0.18 us
+# per sample instead of 0.6; one block ahead is too late).
 BLOCKS_AHEAD = 4
 
 ARGUMENTS = ("tables", "q", "v", "x", "out", "scratch")

@@ -1,7 +1,7 @@
 """Recursions over the bodies of a tree: the steps of each kind of body as programs, reduced to the needed.
 
-What no torque or acceleration depends on in the end is neither computed nor carried (the moments out of the
-plane of a planar chain), and what is zero in every body is not either.
+Values that no torque or acceleration depends on (the moments out of the plane of a planar chain), or that are zero in
+every body, are neither computed nor carried.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Step:
 
 @record
 class Sweep:
-    """One pass over the bodies. ``steps`` has one entry a kind of body."""
+    """One pass over the bodies. ``steps`` has one entry for each kind of body."""
 
     outward: bool
     steps: tuple[Step, ...]
@@ -54,7 +54,7 @@ class Recursion:
 
     @property
     def operations(self) -> int:
-        """Operations a body, of the largest kind."""
+        """Operations per body, of the largest kind."""
         return sum(max(p.program.operations for p in s.steps) for s in self.sweeps)
 
     def constants_used(self, kind: int) -> set[int]:
@@ -86,11 +86,11 @@ def make_recursion(
     Parameters
     ----------
     recipe : ``inverse`` or ``forward``.
-    joints, structures : one a kind.
+    joints, structures : one for each kind.
     gravity : which components of gravity are not zero.
     """
     run, names = RECIPES[recipe]
-    # where bodies are placed anyhow, no entry stays zero and there is nothing to search for
+    # with bodies in general places no entry stays zero, so there is nothing to search for
     anyhow = all(c is None for structure in structures for c in structure[: ROTATION + 3])
     present = {name: (anyhow,) * QUANTITIES[name] for name in names}
     if not anyhow:

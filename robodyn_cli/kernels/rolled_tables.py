@@ -1,4 +1,4 @@
-"""A model as tables for rolled kernels: the only thing there that knows the model's numbers."""
+"""A model as tables for rolled kernels: only these hold the model's numbers."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.kinematics import Motion
 from robodyn_cli.errors import CapabilityError
@@ -17,9 +16,7 @@ from robodyn_cli.kernels.rolled_loops import Header, Layout, Row
 from robodyn_cli.kernels.rolled_recursion import make_recursion, structure_of
 from robodyn_cli.kernels.rolled_steps import constants_of
 from robodyn_cli.model.model import BASE, Body, Model
-from robodyn_cli.spatial.algebra import Transform, Vector
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array, Transform, Vector
 
 
 def depth_first(model: Model) -> list[int]:

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
@@ -15,8 +14,8 @@ from robodyn_cli.kernels.compiler import compile_module, machine
 from robodyn_cli.kernels.ir import RELAXED, Function, module
 from robodyn_cli.kernels.lower import lower
 from robodyn_cli.kernels.program import Program, make_program
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 PARAMETERS = "p"
 
 
@@ -60,7 +59,7 @@ class SampleKernel:
 
     @cached_property
     def _call(self) -> Callable[..., None]:
-        """The compiled code; whoever only asks for ``program`` does not wait for it."""
+        """The compiled code, made on first use: ``program`` alone needs no compiler."""
         host = machine()
         level = 1 if self.program.operations < 20_000 else 0
         compiled = compile_module(
@@ -79,7 +78,7 @@ class SampleKernel:
         return self.evaluate(samples, groups)
 
     def evaluate(self, samples: int, groups: Mapping[str, Array]) -> dict[str, Array]:
-        """Evaluate ``samples`` samples; what a constant program needs no input for included."""
+        """Evaluate so many samples; a constant program needs no input."""
         padded = max(samples, self.lanes)
         arguments: list[int] = []
         keep: list[Array] = []

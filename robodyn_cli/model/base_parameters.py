@@ -1,8 +1,8 @@
 """Base inertial parameters: a tree with fewer numbers and the same equations of motion.
 
-Part of a body's inertia moves as if it were fixed to the parent. Counted there, from the leaves to the base, it
-changes no joint torque; what reaches the base is dropped. A body on a hinge keeps 7 of its 10 numbers, one on a slide 4
-(Gautier and Khalil 1990, "Direct calculation of minimum set of inertial parameters of serial robots").
+Part of a body's inertia moves as if it were fixed to the parent. Moved to the parent, from the leaves to the base, it
+changes no joint torque; the part that reaches the base is dropped. A body on a hinge keeps 7 of its 10 numbers, one on
+a slide 4 (Gautier and Khalil 1990, "Direct calculation of minimum set of inertial parameters of serial robots").
 """
 
 from __future__ import annotations
@@ -14,17 +14,6 @@ from robodyn_cli.model.model import BASE, Body, Model
 from robodyn_cli.spatial.algebra import Transform, congruence, zeros
 from robodyn_cli.spatial.double_double import DoubleDouble, extended, orthonormal, rounded
 from robodyn_cli.spatial.inertia import RigidInertia
-
-LOSS = 1e3  # so many units of rounding may be lost in a difference of inertias
-
-
-def dynamics_model(model: Model) -> Model:
-    """Return the model whose M, C and G are to be computed: with base parameters where the bodies' own lose digits.
-
-    A body far from its joint's axis along it has moments of inertia of m c^2 about the two transverse axes. Only their
-    difference acts, and a double that holds m c^2 + I does not hold the small I.
-    """
-    return with_base_parameters(model) if _loses_digits(model) else model
 
 
 def with_base_parameters(model: Model) -> Model:
@@ -70,23 +59,6 @@ def _extended(body: Body) -> RigidInertia:
 
 def _rounded(I: RigidInertia) -> RigidInertia:
     return RigidInertia(float(I.m), rounded(I.h), rounded(I.I))
-
-
-def _loses_digits(model: Model) -> bool:
-    """Tell whether what of a body acts about a joint's axis is far smaller than its moments of inertia about others."""
-    return any(_loss(body) > LOSS for body in model.bodies if body.parts and _is_known(body))
-
-
-def _loss(body: Body) -> float:
-    """Return the transverse moments of a body over the largest part of their difference, 1 where there is none."""
-    if body.joint.parent_inertia(body.inertia) is None:
-        return 1.0
-    acting = 0.0
-    for part in body.parts:
-        x, y, _ = part.frame.point(part.c)
-        I = congruence(part.frame.E, part.I_com)
-        acting = max(acting, abs(I[0, 0] - I[1, 1]), abs(I[0, 1]), part.m * x * x, part.m * y * y)
-    return max(abs(body.inertia.I[0, 0]), abs(body.inertia.I[1, 1])) / acting if acting else 1.0
 
 
 def _is_known(body: Body) -> bool:

@@ -1,4 +1,4 @@
-"""Build the model from the scene: place bodies, merge what is fixed, name what is unknown."""
+"""Build the model from the scene: place bodies, merge links on fixed joints, make unknown data symbols."""
 
 from __future__ import annotations
 
@@ -252,8 +252,8 @@ class _Places:
     def __init__(self, scene: sc.Scene, placed: dict[str, _Placed], values: _Values) -> None:
         self.scene, self.placed, self.values = scene, placed, values
         self.links = {link.name: link for link in scene.robot.links}
-        self.points = {name: self._moving(point) for name, point in (scene.robot.points or {}).items()}
-        self.frames = {name: self._fixed(frame) for name, frame in (scene.robot.frames or {}).items()}
+        self.points = {name: self._moving(point) for name, point in scene.robot.points.items()}
+        self.frames = {name: self._fixed(frame) for name, frame in scene.robot.frames.items()}
 
     def _fixed(self, point: sc.Place) -> FixedFrame:
         where = self.placed[point.link]
@@ -280,7 +280,7 @@ class _Places:
         frame = self._fixed(point)
         if point.motion is None:
             return frame
-        parameters = {f"p.{name}": x for name, x in (self.scene.parameters or {}).items()}
+        parameters = {f"p.{name}": x for name, x in self.scene.parameters.items()}
         env = {"t": self.values.graph.symbol("t", "t"), **parameters}
         moved = vector([x + formula.evaluate(env) for x, formula in zip(frame.p, point.motion)])
         return FixedFrame(frame.body, moved, frame.R)
@@ -327,7 +327,7 @@ def _outlines(
             merged = child.body == where.body  # by a fixed joint
             spots.append(child.joint_frame.r if merged else bodies[child.body].X_tree.r)
         spots.append(where.link_frame.r)
-        spots.extend(points[p].p for p, spec in (robot.points or {}).items() if spec.link == name)
+        spots.extend(points[p].p for p, spec in robot.points.items() if spec.link == name)
         unique: list[Vector] = []
         for p in spots:
             if not any(all(a is b or a == b for a, b in zip(p, other)) for other in unique):

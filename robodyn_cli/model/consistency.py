@@ -8,7 +8,7 @@ from robodyn_cli.scene.types import Inertia, Link, Scene
 def physical_warnings(scene: Scene) -> list[str]:
     """List bodies that cannot exist: inertia that is not positive semi-definite or violates the triangle inequality.
 
-    Only what is given is judged; a planar scene that gives ``zz`` alone is fine.
+    Only given data are judged; a planar scene that gives ``zz`` alone is fine.
     """
     return [f"{link.name}: {text}" for link in scene.robot.links for text in body_problems(link)]
 

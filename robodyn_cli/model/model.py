@@ -1,14 +1,14 @@
-"""The model: what the algorithms need of a mechanism, and nothing else."""
+"""The model: the data of a mechanism that the algorithms need, and nothing else."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from robodyn_cli.expr.graph import Graph
+from robodyn_cli.expr.graph import Expr, Graph
 from robodyn_cli.forces.element import ForceElement
 from robodyn_cli.joints.base import Joint
 from robodyn_cli.record import record
-from robodyn_cli.spatial.algebra import Matrix, Transform, Vector
+from robodyn_cli.spatial.algebra import Matrix, Transform, Vector, congruence
 from robodyn_cli.spatial.inertia import RigidInertia
 
 BASE = -1
@@ -63,6 +63,24 @@ class Body:
     forces: tuple[JointForce, ...] = ()
     parts: tuple[RigidPart, ...] = ()
 
+    @property
+    def cancellation(self) -> float:
+        """Moments of inertia across the joint's axis over what of them acts; 1 where all does, or may.
+
+        A body far from its joint along the axis has m c^2 about both transverse axes. A hinge feels only the
+        difference, and a double that holds m c^2 + I does not hold the small I.
+        """
+        moments = self.inertia.I[0, 0], self.inertia.I[1, 1]
+        numbers = (x for p in self.parts for x in (p.m, *p.c, *p.I_com.flat, *p.frame.E.flat, *p.frame.r))
+        if self.joint.parent_inertia(self.inertia) is None or any(isinstance(x, Expr) for x in numbers):
+            return 1.0
+        acting = 0.0
+        for part in self.parts:
+            x, y, _ = part.frame.point(part.c)
+            I = congruence(part.frame.E, part.I_com)
+            acting = max(acting, abs(I[0, 0] - I[1, 1]), abs(I[0, 1]), part.m * x * x, part.m * y * y)
+        return max(abs(x) for x in moments) / acting if acting else 1.0
+
 
 @record
 class FixedFrame:
@@ -85,7 +103,7 @@ class Loop:
 
 @record
 class Force:
-    """A force element on a place or between two."""
+    """A force element at one place or between two."""
 
     name: str
     element: ForceElement
@@ -162,3 +180,6 @@ class Model:
 
 UNKNOWN_GROUP = "unknown"
 PARAMETER_GROUP = "p"
+# orders in which compiled functions take the arrays of the symbol groups
+STATE_GROUPS = ("t", "q", "v", "z", "p")  # at a state: time, q, v, integrals z, parameters
+MOTION_GROUPS = ("t", "q", "v", "a", "p")  # along a given motion: accelerations too

@@ -1,4 +1,4 @@
-"""What a joint of the scene is, and where it sits: by D-H parameters, or by origin and axes."""
+"""The kind of a joint of the scene, and its place: by D-H parameters, or by origin and axes."""
 
 from __future__ import annotations
 

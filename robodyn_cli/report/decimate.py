@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from robodyn_cli.results.result import Array
+from robodyn_cli.spatial.algebra import Array
 
 # About two bins a pixel of the widest axes.
 BINS = 1200

@@ -10,7 +10,8 @@ from matplotlib.image import AxesImage
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.decimate import finite
 from robodyn_cli.report.ticks import labelled
-from robodyn_cli.results.result import Array, Result
+from robodyn_cli.results.result import Result
+from robodyn_cli.spatial.algebra import Array
 
 # More instants than pixels add nothing.
 INSTANTS = 800

@@ -15,7 +15,8 @@ from robodyn_cli.report.decimate import crest, envelope, finite
 from robodyn_cli.report.heatmap import draw_map
 from robodyn_cli.report.marks import mark_lock
 from robodyn_cli.report.ticks import degree_axis, labelled
-from robodyn_cli.results.result import Array, Result, Variable
+from robodyn_cli.results.result import Result, Variable
+from robodyn_cli.spatial.algebra import Array
 
 
 def column_names(variable: Variable) -> list[str]:

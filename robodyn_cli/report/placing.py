@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.report import style
-from robodyn_cli.results.result import Array
+from robodyn_cli.spatial.algebra import Array
 
 ALONG = (0.5, 0.35, 0.65, 0.22, 0.78)  # places along a line that are tried
 GAP = 5.0  # points between a line and its name

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from robodyn_cli.report.decimate import extremes
-from robodyn_cli.results.result import Array
+from robodyn_cli.spatial.algebra import Array
 
 AXES = ("x", "y", "z")
 

@@ -1,6 +1,6 @@
 """Every path that a result file may hold, with its dimensions, units and meaning.
 
-The writer takes what a caller leaves out from here, and ``docs/hdf5.md`` is tested against it. A word in
+The writer takes defaults from here, and ``docs/hdf5.md`` is tested against it. A word in
 capitals is a placeholder for a name from the scene.
 """
 

@@ -9,7 +9,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from robodyn_cli.record import record
-from robodyn_cli.results.result import Array, Result, Variable
+from robodyn_cli.results.result import Result, Variable
+from robodyn_cli.spatial.algebra import Array
 
 
 @record
@@ -98,7 +99,7 @@ def compare(
 def _others(
     result: Mapping[str, tuple[str, ...]], baseline: Mapping[str, tuple[str, ...]]
 ) -> list[Difference]:
-    """Return how the datasets compare that hold no numbers: entry by entry, equal or not."""
+    """Compare the datasets without numbers: entry by entry, equal or not."""
     found = [Difference(path, "extra") for path in result if path not in baseline]
     for path, expected in baseline.items():
         actual = result.get(path)
@@ -117,7 +118,7 @@ def _others(
 
 
 def _events(result: Result, baseline: Result, tolerance: _Tolerance) -> list[Difference]:
-    """Return how the events compare: the same ones in the same order, and their times; nothing without any."""
+    """Compare the events: the same ones in the same order, and their times; nothing without events."""
     if not result.events and not baseline.events:
         return []
     actual, expected = ([f"{e.get('kind')} of {e.get('name')}" for e in r.events] for r in (result, baseline))
@@ -135,7 +136,7 @@ def _events(result: Result, baseline: Result, tolerance: _Tolerance) -> list[Dif
 
 
 def _mismatch(actual: Variable, expected: Variable) -> tuple[str, str] | None:
-    """Return what keeps two variables from being compared by value: (verdict, detail)."""
+    """Return why two variables cannot be compared by value: (verdict, detail)."""
     if actual.data.shape != expected.data.shape:
         return "shape", f"{actual.data.shape} instead of {expected.data.shape}"
     if actual.units != expected.units:
@@ -163,7 +164,7 @@ def _worst(
         error[(a == b) | (np.isnan(a) & np.isnan(b))] = 0.0
         error[np.isnan(error)] = np.inf
         ratio = np.divide(error, tolerance.allowed(b))
-    # 0/0 where no tolerance is allowed and none is needed
+    # 0/0: no tolerance, and no difference
     ratio[error == 0.0] = 0.0
     index = np.unravel_index(int(np.argmax(ratio)), ratio.shape)
     worst = float(ratio[index])

@@ -1,4 +1,4 @@
-"""An exclusive lock on a directory that ends with the process that holds it, however that ends."""
+"""An exclusive lock on a directory, released when the process that holds it ends in any way."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class DirectoryLock:
 
     def __init__(self, directory: Path) -> None:
         """Take the lock; raises DirectoryInUseError if another run holds it."""
-        # no link is followed: what it points to would be cut to the process number
+        # no link is followed: its target would be truncated to the process number
         flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
         self._descriptor: int | None = os.open(directory / LOCK_NAME, flags, 0o666)
         if not stat.S_ISREG(os.fstat(self._descriptor).st_mode):

@@ -1,8 +1,9 @@
-"""The directory that a run writes into: locked, freed of the run's own old outputs, filled file by file."""
+"""The directory that a run writes into: locked, and filled at once when all that the run leaves is there."""
 
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
@@ -10,18 +11,19 @@ from typing import Any
 
 from robodyn_cli.errors import OutputError
 from robodyn_cli.results.atomic import (
-    discard,
     is_temporary,
     output_error,
     output_errors,
-    publish,
     temporary_path,
+    uninterrupted,
 )
 from robodyn_cli.results.lock import DirectoryLock
 from robodyn_cli.results.summary import read_summary, write_summary
 
 RESULT_NAME = "result.h5"
 SUMMARY_NAME = "summary.json"
+RUN_ID = "run_id"  # key of the summary and attribute of the result file: the same of one run
+SCENE_FILE = "scene_file"  # key of the summary: where the scene lies
 # The kind of file that a report leaves; anything else in an old list of outputs is not ours to remove.
 DRAWING_SUFFIX = ".png"
 # Text that every drawing of ours carries near its start (PNG keyword "Software").
@@ -31,17 +33,30 @@ SIGNATURE = b"Software\x00robodyn"
 class OutputDirectory:
     """Context manager around the output directory of one run.
 
-    Entering creates and locks the directory and removes what an earlier run left there; leaving removes
-    unpublished temporary files and unlocks. Files of others are never touched: a drawing is removed only if it
-    carries robodyn's mark. ``drawings`` are names that a report may have left without a summary listing them (a run
-    that was killed).
+    Entering creates and locks the directory. Files are written below ``new``, a folder of the run's own inside;
+    ``replace_old`` puts them in the place of what an earlier run left. Leaving without that leaves the earlier files as
+    they are. Files of others are never touched: a drawing is removed only if it carries robodyn's mark.
+
+    Parameters
+    ----------
+    path : the directory.
+    drawings : names that a report may have left without a summary listing them (a run that was killed).
+    scene : file of the scene, by which the directory of another scene is recognised.
+
+    Raises
+    ------
+    OutputError : it cannot be written into. DirectoryInUseError : another run is writing there.
     """
 
-    def __init__(self, path: str | Path, drawings: Iterable[str] = ()) -> None:
+    def __init__(
+        self, path: str | Path, drawings: Iterable[str] = (), scene: str | Path | None = None
+    ) -> None:
         self.path = Path(path)
+        self.new = temporary_path(self.path / "new")
         self.outputs: list[str] = []
+        self.run_id = os.urandom(8).hex()
+        self._scene = os.path.realpath(scene) if scene is not None else None
         self._drawings = tuple(drawings)
-        self._temporaries: dict[str, Path] = {}
         self._lock: DirectoryLock | None = None
 
     def __enter__(self) -> OutputDirectory:
@@ -55,7 +70,7 @@ class OutputDirectory:
                 ) from error
             self._lock = DirectoryLock(self.path)
         try:
-            self._remove_old()
+            self._prepare()
         except BaseException:
             self._lock.release()
             raise
@@ -64,64 +79,95 @@ class OutputDirectory:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for temporary in self._temporaries.values():
-            discard(temporary)
-        self._temporaries.clear()
+        shutil.rmtree(self.new, ignore_errors=True)
         if self._lock is not None:
             self._lock.release()
             self._lock = None
 
     @property
     def result_path(self) -> Path:
-        """Where the result file goes; its writer publishes it by itself."""
-        return self.path / RESULT_NAME
+        """Where the result file is written."""
+        return self.new / RESULT_NAME
 
-    def temporary(self, name: str) -> Path:
-        """Return the path under which to write the file ``name`` until it is published."""
-        return self._temporaries.setdefault(name, temporary_path(self.path / name))
+    def stored_run(self) -> tuple[float, ...] | None:
+        """Return what changes when another run's files come here; None if there are none."""
+        found: list[float] = []
+        for name in (RESULT_NAME, SUMMARY_NAME):
+            try:
+                status = os.stat(self.path / name)
+            except (OSError, ValueError):
+                continue
+            found += [status.st_ino, status.st_mtime_ns]
+        return tuple(found) or None
 
-    def publish(self, name: str) -> Path:
-        """Give the file written at ``temporary(name)`` its name and list it among the outputs."""
-        target = self.path / name
-        with output_errors(target):
-            publish(self._temporaries[name], target)
-        del self._temporaries[name]
-        self.record([target])
-        return target
+    def other_scene(self) -> Path | None:
+        """Return the scene file whose results are here, if it is another one than this run's and still there."""
+        owner = read_summary(self.path / SUMMARY_NAME).get(SCENE_FILE)
+        if self._scene is None or not isinstance(owner, str) or owner == self._scene:
+            return None
+        return Path(owner) if os.path.isfile(owner) else None
 
-    def record(self, paths: Iterable[str | Path]) -> None:
-        """List files that were published by other means (``ResultWriter``, ``draw_all``)."""
-        for path in paths:
-            name = Path(path).name
-            if name not in self.outputs:
-                self.outputs.append(name)
+    def replace_old(self, summary: Mapping[str, Any]) -> None:
+        """Put the files of this run, and its summary, in the place of an earlier run's.
 
-    def write_summary(self, summary: Mapping[str, Any]) -> Path:
-        """Write ``summary.json`` with the list of outputs added."""
-        target = self.path / SUMMARY_NAME
-        if self.result_path.exists():
-            self.record([self.result_path])
-        names = sorted({*self.outputs, SUMMARY_NAME}, key=lambda name: (name != RESULT_NAME, name))
-        write_summary({**summary, "outputs": names}, target)
-        self.record([target])
-        return target
+        The summary goes last and names the result file's run: ended in between, the files are known to be of two runs.
+        """
+        names = sorted(path.name for path in _entries(self.new) if not is_temporary(path))
+        drawings = [name for name in names if name != RESULT_NAME]
+        self.outputs = [*(name for name in names if name == RESULT_NAME), *sorted({*drawings, SUMMARY_NAME})]
+        write_summary(self._completed(summary), self.new / SUMMARY_NAME)
+        old = [name for name in self._old_drawings() if name not in names]
+        with uninterrupted():
+            if RESULT_NAME in names:
+                self._move(RESULT_NAME)
+            else:
+                # a summary that lists no result file cannot be told apart by it
+                self._remove(RESULT_NAME)
+                self._remove(SUMMARY_NAME)
+            for name in drawings:
+                self._move(name)
+            for name in old:
+                self._remove(name)
+            self._move(SUMMARY_NAME)
 
-    def _remove_old(self) -> None:
+    def _completed(self, summary: Mapping[str, Any]) -> dict[str, Any]:
+        own: dict[str, Any] = {SCENE_FILE: self._scene} if self._scene is not None else {}
+        return {**summary, **own, RUN_ID: self.run_id, "outputs": self.outputs}
+
+    def _prepare(self) -> None:
+        """Make the folder of new files, and refuse at once what would be in the way at the end."""
+        # The lock is ours, so a temporary file here belongs to a run that was killed.
+        for path in _entries(self.path):
+            if is_temporary(path):
+                self._remove(path.name)
+        for name in (RESULT_NAME, SUMMARY_NAME, *self._drawings):
+            if (self.path / name).is_dir():
+                raise OutputError(
+                    f"cannot write {self.path / name}: it is a directory", path=str(self.path / name)
+                )
+        with output_errors(self.path):
+            self.new.mkdir()
+
+    def _old_drawings(self) -> list[str]:
         listed = read_summary(self.path / SUMMARY_NAME).get("outputs", ())
         names = [name for name in listed if _is_drawing(name)] if isinstance(listed, list) else []
         # a list can name a file that somebody else has put there since
-        drawings = [
-            name for name in {**dict.fromkeys(names), **dict.fromkeys(self._drawings)} if self._is_ours(name)
-        ]
-        # The lock is ours, so a temporary file here belongs to a run that was killed.
-        stale = [path.name for path in _entries(self.path) if is_temporary(path)]
-        # The summary goes last: killed halfway, the next run still knows what to remove.
-        for name in [*drawings, *stale, RESULT_NAME, SUMMARY_NAME]:
-            path = self.path / name
-            try:
+        return [name for name in dict.fromkeys((*names, *self._drawings)) if self._is_ours(name)]
+
+    def _move(self, name: str) -> None:
+        target = self.path / name
+        with output_errors(target):
+            os.replace(self.new / name, target)
+
+    def _remove(self, name: str) -> None:
+        path = self.path / name
+        try:
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path)
+            else:
                 path.unlink(missing_ok=True)
-            except OSError as error:
-                raise output_error(path, error) from error
+        except OSError as error:
+            raise output_error(path, error) from error
 
     def _is_ours(self, name: str) -> bool:
         """Tell whether a file carries robodyn's mark."""
@@ -133,6 +179,11 @@ class OutputDirectory:
                 return SIGNATURE in stream.read(512)
         except OSError:
             return False
+
+
+def same_run(summary: Mapping[str, Any], attributes: Mapping[str, Any]) -> bool:
+    """Tell whether a summary and the attributes of a result file are of one run."""
+    return summary.get(RUN_ID) == attributes.get(RUN_ID)
 
 
 def _entries(directory: Path) -> list[Path]:

@@ -1,4 +1,4 @@
-"""What ran and on what: versions of the libraries in use, and the processor."""
+"""Where a result comes from: versions of the libraries in use, and the processor."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def robodyn_version() -> str:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of Python and of the libraries loaded so far; nothing is imported to ask."""
+    """Return the versions of Python and of the libraries loaded so far, without importing any."""
     found = {"python": platform.python_version()}
     for name in ("numpy", "h5py", "llvmlite", "scipy", "casadi"):
         module = sys.modules.get(name)
@@ -35,7 +35,7 @@ def cpu_name() -> str:
     """Return the processor's name, without starting another program to find it."""
     if sys.platform.startswith("linux"):
         try:
-            # The kernel asks every core for its clock as the file is read on: the first block is enough.
+            # Each further block makes the kernel query the clock of every core; the first one is enough.
             with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as stream:
                 head = stream.read(2048)
         except OSError:

@@ -6,15 +6,13 @@ import dataclasses
 from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.record import mutable_record
 from robodyn_cli.results import catalogue
+from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
-
-Array = NDArray[np.float64]
 
 
 @mutable_record
@@ -34,7 +32,7 @@ class Variable:
 
 
 class Meta(TypedDict, total=False):
-    """What may be said about an array beside its path; what is left out comes from the catalogue."""
+    """Units, names and meaning of an array; the catalogue gives those left out."""
 
     units: str | None
     long_name: str | None
@@ -44,7 +42,7 @@ class Meta(TypedDict, total=False):
 
 
 def make_variable(path: str, data: Any, **meta: Unpack[Meta]) -> Variable:
-    """Return ``data`` as a Variable; what is not given comes from the catalogue, shapes are checked."""
+    """Return ``data`` as a Variable; the catalogue gives what is left out, and shapes are checked."""
     known = catalogue.lookup(path)
     units, long_name, dims = meta.get("units"), meta.get("long_name"), meta.get("dims")
     names, column_units = meta.get("names", ()), meta.get("column_units", ())
@@ -68,7 +66,7 @@ def make_variable(path: str, data: Any, **meta: Unpack[Meta]) -> Variable:
 
 @mutable_record
 class Result:
-    """What a run computed.
+    """The result of a run.
 
     ``variables`` maps the HDF5 path without its leading slash (``"q"``, ``"torque_terms/gravity"``,
     ``"points/tip"``) to a Variable; ``summary`` is what goes into ``summary.json``; ``attributes`` are the

@@ -26,7 +26,7 @@ LEADING_KEYS = (
     "energy_drift",
     "constraint_residual",
 )
-TRAILING_KEYS = ("counters", "wall_time_s", "outputs")
+TRAILING_KEYS = ("counters", "wall_time_s", "scene_file", "run_id", "outputs")
 
 
 class Absent(enum.Enum):
@@ -115,7 +115,7 @@ def write_summary(summary: Mapping[str, Any], path: str | Path) -> None:
 
 
 def read_summary(path: str | Path) -> dict[str, Any]:
-    """Return the summary stored at ``path``; an empty one if there is none or it is not ours."""
+    """Return the summary stored at ``path``; an empty one if there is none, or another program wrote it."""
     try:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
     except (OSError, ValueError):

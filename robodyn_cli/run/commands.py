@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robodyn_cli.commands import COMMANDS, SCENE_COMMANDS
+from robodyn_cli.errors import no_linear_algebra
 from robodyn_cli.registry import Registry
 
 if TYPE_CHECKING:
@@ -40,8 +41,16 @@ def execute(
     writer: ResultWriter | None = None,
     **options: Any,
 ) -> Result:
-    """Run a command on a scene; ``options`` are those that it has of its own."""
+    """Run a command on a scene; ``options`` are those that it has of its own.
+
+    Raises
+    ------
+    RobodynError : whatever the command refuses or fails at; it may carry the result until then.
+    """
     if writer is not None:
         options["writer"] = writer
     with np.errstate(all="ignore"):  # results are looked at; a user gets no warning of numpy's
-        return functions[command](scene, progress=progress, watch=watch, **options)
+        try:
+            return functions[command](scene, progress=progress, watch=watch, **options)
+        except np.linalg.LinAlgError as error:
+            raise no_linear_algebra(error) from error

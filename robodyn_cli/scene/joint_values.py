@@ -31,7 +31,7 @@ from robodyn_cli.schema.fields import JointMap, Kind, Number
 ATTITUDES = {"quaternion": 4, "rpy": 3, "rotation_vector": 3}
 QUATERNION = ("qw", "qx", "qy", "qz")
 POSITION = ("x", "y", "z")
-LENGTH = 1e-3  # by how much a quaternion may be longer or shorter than 1: three digits
+LENGTH = 1e-3  # tolerance of a quaternion's length 1: three digits
 
 
 def joint_map(reader: ScalarReader, kind: JointMap, node: Node, path: Path, unit: str) -> dict[str, Any]:
@@ -87,7 +87,7 @@ def joint_values(
 
 
 def _items(kind: JointMap, joint: Joint) -> dict[str, Kind]:
-    """Return the kind of each coordinate of a joint; nothing for one that goes by the joint's own name."""
+    """Return the kind of each coordinate of a joint; nothing for a single one, which has the joint's own name."""
     if kind.coordinates == "q":
         return {name: _item(kind.item, unit) for name, unit in zip(joint.names, joint.units)}
     return {name: _item(kind.item, unit) for name, unit in zip(joint.v_names, joint.v_units)}

@@ -1,4 +1,4 @@
-"""Load a scene: YAML to a tree, files and options brought in, read, checked; all faults are collected."""
+"""Load a scene: YAML to a tree, included files and options, reading, checks; all errors are collected."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ STAND_INS: dict[str, Any] = {"schema": 1, "gravity": (0.0, 0.0, 0.0)}
 
 @record
 class Examined:
-    """A scene as far as it could be read: ``scene`` only if there is no error; ``root`` is its tree."""
+    """A scene as far as it could be read: ``scene`` only without errors; ``root`` is its tree."""
 
     errors: tuple[SceneError, ...]
     scene: Scene | None = None
@@ -75,7 +75,7 @@ def load_scene_text(text: str, path: str = NO_FILE, overrides: Sequence[str] = (
 def examine(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Examined:
     """Return the scene of a YAML file and every error in it, in the order of the files' lines.
 
-    Errors that only follow from another one, in the same key or above or below it, are left out.
+    Errors that follow from another one (in the same key, or above or below it) are left out.
     """
     name = os.fspath(path)
     return _examine(lambda includer: includer.open_root(name), name, overrides)
@@ -96,7 +96,7 @@ def _examine(open_root: Callable[[Includer], Node], path: str, overrides: Sequen
 
 
 def _completed(root: Node, overrides: Sequence[str], includer: Includer) -> Node:
-    """Return the tree of a scene with its overrides, and whole: nothing left to be included.
+    """Return the tree of a scene with its overrides and all included files.
 
     Raises
     ------
@@ -130,7 +130,7 @@ def _checked(root: Node, faults: Faults) -> Scene | None:
         scene = check_scene(scene, check)
     errors = check.found
     if any(key.startswith(("robot.points", "robot.frames")) for key in faults.keys):
-        # it is the points that could not be read, not those who name them
+        # the points could not be read; references to them are right
         errors = [e for e in errors if "unknown point" not in e.message]
     faults.add_unrelated(errors)
     checked: Scene = scene

@@ -48,7 +48,7 @@ from robodyn_cli.schema.fields import (
 T = TypeVar("T")
 
 _MAX_LISTED = 20
-# squares of longer or shorter directions leave the range of numbers
+# squares of longer or shorter directions overflow or underflow
 _LONGEST = 1e100
 
 
@@ -96,9 +96,9 @@ def _is_default(field: dataclasses.Field[Any], node: Node) -> bool:
 
 
 class Reader(ScalarReader):
-    """Reads one scene; what cannot be read is BROKEN, and so is what cannot do without it.
+    """Reads one scene. A value that cannot be read is BROKEN, and so is a section that needs it.
 
-    stand_ins : what stands for keys at the top of the scene that are broken or missing.
+    stand_ins : values in place of keys at the top of the scene that are broken or missing.
     """
 
     def __init__(self, names: Names, faults: Faults, stand_ins: MappingOf[str, Any]) -> None:
@@ -199,13 +199,13 @@ class Reader(ScalarReader):
         if found is None or (isinstance(node, Scalar) and node.value is None):
             raise self.wrong(kind, node, path, unit)
         if isinstance(found, Choice) and isinstance(node, Scalar) and node.text not in found.options:
-            # speak of all that is allowed, not of the scalar form only
+            # the message names all forms, not the scalar one only
             hint = did_you_mean(node.text, found.options)
             raise self.unknown(kind, node, path, hint)
         return self.value(found, node, path, unit)
 
     def or_file(self, kind: OrFile, node: Node, path: Path, unit: str) -> Any:
-        # files have been brought in before reading: what is still a scalar is no path
+        # files are included before reading: a scalar that is left is no path
         if isinstance(node, Scalar):
             raise self.wrong(kind, node, path, unit)
         return self.value(kind.item, node, path, unit)

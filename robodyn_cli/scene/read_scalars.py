@@ -18,7 +18,7 @@ from robodyn_cli.schema.fields import Boolean, Choice, CsvFile, Formula, Integer
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 _IN_FORMULAS = ("joint", "parameter")
-# what stands for a value that could not be read
+# in place of a value that could not be read
 BROKEN: Any = object()
 
 
@@ -34,12 +34,12 @@ class Names:
 
 
 class ScalarReader:
-    """Reads scalars; ``names`` are those that formulas may use, ``faults`` takes what is wrong."""
+    """Reads scalars; ``names`` are those that formulas may use, ``faults`` collects errors."""
 
     def __init__(self, names: Names, faults: Faults) -> None:
         self.names = names
         self.faults = faults
-        # looked up once a formula: as sets, but in the order of the scene
+        # looked up for each formula: as sets, but in the order of the scene
         self.joints = dict.fromkeys(names.joints)
         self.rates = dict.fromkeys(names.rates or names.joints)
         self.parameters = dict.fromkeys(names.parameters)
@@ -55,7 +55,7 @@ class ScalarReader:
         }
 
     def value(self, kind: Kind, node: Node, path: Path, unit: str = "") -> Any:
-        """Return what ``node`` says, as ``kind`` wants it; BROKEN, and a fault, where it cannot be read."""
+        """Return the value of ``node`` as ``kind`` asks; report a fault and return BROKEN where it cannot be read."""
         with self.faults:
             return self.handlers[type(kind)](kind, node, path, unit)
         return BROKEN
@@ -136,7 +136,7 @@ class ScalarReader:
         except SceneError as error:
             if not isinstance(node.value, str):
                 raise
-            # a bad name still tells things apart, and without it nothing of the list could be checked
+            # keep a bad name: it still distinguishes entries, and the rest of the list can be checked
             self.faults.report(error)
         return node.text
 

@@ -122,7 +122,7 @@ class Joint:
 
 @record
 class Link:
-    """A rigid body. What is not given is unknown; a run that needs it says so."""
+    """A rigid body. Data that are not given are unknown; a run that needs them refuses the scene."""
 
     name: str = key(Name(of="link"), doc="Name.")
     mass: float | None = key(Number(minimum=0.0), default=None, unit="kg", doc="Mass.")

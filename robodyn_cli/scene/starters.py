@@ -1,4 +1,4 @@
-"""Commented scenes to begin with, one a kind."""
+"""Commented scenes to begin with, one of each kind."""
 
 from __future__ import annotations
 

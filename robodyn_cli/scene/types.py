@@ -1,4 +1,4 @@
-"""The scene as typed, immutable data: what the YAML says, checked, with names resolved but nothing computed.
+"""The scene as typed, immutable data: the checked content of the YAML, with names resolved but nothing computed.
 
 Every field is one YAML key. Angles are in radians here, whatever the file used. ``formula`` values are
 ``robodyn_cli.expr.formula.Formula`` trees with canonical names (a constant is a formula too). The loader

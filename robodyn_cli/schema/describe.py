@@ -1,4 +1,4 @@
-"""Say in words what a kind of value allows, for error messages and for the reference."""
+"""Describe in words the values that a kind allows, for error messages and for the reference."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Describe the YAML keys of a scene section: one frozen dataclass a section, one ``key()`` a field.
+"""The YAML keys of a scene: one frozen dataclass per section, one ``key()`` per field.
 
-The same description drives the reader (``scene/read.py``), the error messages and the reference in
+The same description serves the reader (``scene/read.py``), the error messages and the reference in
 ``docs/scene.md``. Kinds carry no behaviour: the reader dispatches on them.
 """
 
@@ -74,7 +74,7 @@ class Vector(Kind):
 
 @record
 class Direction(Vector):
-    """A list of three numbers of which only the direction counts, so that they are not all zero."""
+    """A direction: a list of three numbers, not all zero, whose length does not matter."""
 
 
 @record
@@ -149,7 +149,7 @@ class OrFile(Kind):
 
 @record
 class Inline(Kind):
-    """Optional keys of the section itself, one a registered class; the value holds (key, instance) pairs."""
+    """Optional keys of the section itself, one for each registered class; the value holds (key, instance) pairs."""
 
     registry: Callable[[], Mapping[str, type]]
 

@@ -1,7 +1,7 @@
 """The JSON Schema (draft 2020-12) of a section, from the description that its reader uses.
 
-It allows no less than the reader does. What a schema cannot say (formulas, names that must exist, ranges of numbers
-that are written as text) is left to the reader.
+It allows everything that the reader allows. The reader alone checks what a schema cannot express: formulas, names that
+must exist, ranges of numbers that are written as text.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ DRAFT = "https://json-schema.org/draft/2020-12/schema"
 NAME = r"^[A-Za-z_][A-Za-z0-9_-]*$"
 # joints and parameters are used in formulas, where '-' is a sign
 NAME_IN_FORMULAS = r"^[A-Za-z_][A-Za-z0-9_]*$"
-# what the coordinates of joints with several are called, and the forms of an attitude
+# names of the coordinates of joints with several, and the forms of an attitude
 COORDINATE = r"^(q[wxyz]|[vw]?[xyz]|theta[12]?|d|xyz|rpy|quaternion|rotation_vector)$"
-# a constant expression holds a digit or a constant, so that most slips of the pen are seen
+# a constant expression holds a digit or a constant, which catches most typing errors
 EXPRESSION = {"type": "string", "pattern": r"[0-9]|\bpi\b|\be\b"}
 
 Schema = dict[str, Any]
@@ -186,7 +186,7 @@ class _Maker:
         return {"anyOf": [found, EXPRESSION]}
 
     def tagged(self, kind: Tagged) -> Schema:
-        """Return one branch a type; ``if`` before ``then`` keeps an editor's messages to the type that is meant."""
+        """Return one branch per type; with ``if`` and ``then``, an editor reports errors for the given type only."""
         registry = kind.registry()
         branches = [
             {

@@ -1,4 +1,4 @@
-"""Close the loops: exact positions and consistent velocities from rough initial values."""
+"""Close the loops: exact positions and consistent velocities from approximate initial values."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ def _close(numbers: Numbers, q: Array, task: _Closing) -> Array:
             tried += more
     if not found:
         raise _open_loop(numbers, task, tried)
-    # a regular configuration is preferred to a singular one, however near
+    # a regular configuration is preferred to any singular one
     ranks = [_rank(numbers.psi(closed))[0] for _, closed in found]
     return min((f for f, rank in zip(found, ranks) if rank == max(ranks)), key=lambda f: f[0])[1]
 
@@ -161,7 +161,8 @@ def _starts(
 def _close_from(
     numbers: Numbers, q: Array, task: _Closing, starts: list[Array]
 ) -> tuple[list[tuple[float, Array]], list[tuple[float, Array]]]:
-    """Return (distance from q, configuration) of what closes, and (residual, configuration) of every start."""
+    """Return (distance from q, configuration) of the starts that close, and (residual, configuration) of every
+    start."""
     given = [k for k in range(numbers.nv) if k not in task.missing]
     found, tried = [], []
     for start in starts:

@@ -17,7 +17,7 @@ MOST_STEP = 0.7  # rad, or part of the size of the mechanism
 
 
 class Equations(Protocol):
-    """What assembly needs of the equations (satisfied by ``equations.problem.Problem``)."""
+    """The equations that assembly uses (satisfied by ``equations.problem.Problem``)."""
 
     model: Model
 

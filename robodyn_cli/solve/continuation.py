@@ -24,9 +24,9 @@ from robodyn_cli.trajectories.quintic_spline import hermite
 
 Target = Callable[[Array], PointMotion]
 
-MISS = 0.1  # rad or m by which the extrapolation may miss: beyond it the branch could change unnoticed
+MISS = 0.1  # largest error of the extrapolation, rad or m: beyond it the branch could change unnoticed
 FIRST_MISS = 1e-5  # the same for the first step of a redundant chain, which has only one state to start from
-SELF_MOTION_ERROR = 1e-10  # rad or m a step
+SELF_MOTION_ERROR = 1e-10  # rad or m per step
 HALVINGS = 18
 LISTED = 200  # samples among which the worst target is sought
 
@@ -71,7 +71,7 @@ class Follower:
         """
         found = self.solver.solve(self.at_samples.p[0], start)
         if not self.reached(found.residual):
-            # from a singular pose, such as a stretched arm, Newton's method may find no direction: move off it once
+            # in a singular pose, such as a stretched arm, Newton's method may find no direction: leave it by one step
             nudge = 0.05 * np.cos(np.arange(len(start))) * self.solver.moving
             found = self.solver.solve(self.at_samples.p[0], start + nudge)
         if not self.reached(found.residual):
@@ -134,7 +134,7 @@ class Follower:
         self.steps += 1
         h = t - now.t
         guess, error = extrapolate(before, now, h)
-        # nothing corrects a joint that does not move the point, so extrapolating it would amplify rounding
+        # a joint that does not move the point is never corrected, so extrapolating it would amplify rounding
         guess = np.where(self.solver.moving, guess, now.q)
         found = self.solver.solve(target[0], guess)
         if not self.reached(found.residual):
@@ -152,7 +152,7 @@ class Follower:
         new = self.state(t, found, target)
         integrated = now.q + 0.5 * h * (now.qd + new.qd) + h * h / 12.0 * (now.qdd - new.qdd)
         drift = integrated - new.q
-        drift -= new.Vt.T @ (new.Vt @ drift)  # what would move the point
+        drift -= new.Vt.T @ (new.Vt @ drift)  # the part that would move the point
         return dataclasses.replace(new, q=new.q + drift)
 
     def failure(self, now: State, t: float, p: Array, k: int) -> Exception:

@@ -1,8 +1,8 @@
 """Follow the motion of a mechanism that its loops and the conditions on some joints or on a point determine.
 
 At every sample F(q, t) = 0 is solved by Newton's method on one branch, then J v = c and J v-dot = b. F holds the rows
-of the loops and of the conditions. J has full column rank wherever these determine the motion, even if some rows
-depend on others.
+of the loops and of the conditions. J has full column rank where these determine the motion, even if some rows depend
+on others.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Place:
 class Stuck(Exception):
     """The motion cannot go on: the configuration is singular, or conditions contradict each other.
 
-    last : the last place that was reached. time : where it could not go on [s]. row : the violated row and its
+    last : the last place that was reached. time : of the step that failed [s]. row : the violated row and its
     residual; None at a singular configuration. weights : of rows and of coordinates in the direction in which J
     loses rank.
     """

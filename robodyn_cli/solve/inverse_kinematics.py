@@ -30,7 +30,7 @@ class PointTask:
 
     frame : the point. trajectory : its path and the options of the inverse kinematics.
     start : joint positions by name near which the motion starts (``ik.guess``, or the scene's ``initial.q``).
-    parameters : those of the scene. where : the prefix of messages about the scene.
+    parameters : of the scene. where : prefix of messages about the scene.
     """
 
     model: Model
@@ -157,7 +157,7 @@ def _by_newton(task: PointTask, times: Array, start: Array, compile: Compile) ->
 
 
 def _check_options(ik: Ik, arm: Planar2R | None, point: str, where: str) -> None:
-    """Refuse a method or a branch that does not go with the chain."""
+    """Refuse a method or a branch that does not suit the chain."""
     if arm is None and ik.method == "analytic":
         raise CapabilityError(
             f"{where}trajectory.ik.method: analytic fits only planar 2R arms (two revolute joints with "

@@ -1,8 +1,8 @@
-"""How actuators and loop closures of a mechanism share the generalised force u that a motion, or rest, needs.
+"""How actuators and loop closures of a mechanism share the generalised force u of a motion, or of rest.
 
 u = B tau + Psi^T lambda, where B selects the actuated coordinates. With the columns of N spanning the null space of
 Psi (the motions that the loops allow), the principle of virtual work gives N^T u = N^T B tau: one equation for each
-degree of freedom. The loops hold the rest, u - B tau.
+degree of freedom. The loops bear the rest, u - B tau.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class TooFewActuators(Exception):
 
 @record
 class Shared:
-    """Torques by term (T, nv), zero where nothing drives; multipliers (T, m); N (T, nv, f).
+    """Torques by term (T, nv), zero without an actuator; multipliers (T, m); N (T, nv, f).
 
     freedom : degrees of freedom f. unique_torques, unique_multipliers : whether there is no other way to share;
     otherwise those of least norm are given. residual : largest |u - B tau - Psi^T lambda|.
@@ -61,7 +61,7 @@ class Shared:
 
     @property
     def uniqueness(self) -> tuple[str, str]:
-        """In words, whether the torques, and the multipliers, are the only ones that bear the load."""
+        """In words, whether the torques, and the multipliers, are unique."""
         torques = "unique" if self.unique_torques else "least norm: more actuators than degrees of freedom"
         return torques, "unique" if self.unique_multipliers else "least norm: redundant rows"
 

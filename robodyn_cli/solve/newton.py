@@ -52,7 +52,7 @@ class PointSolver:
     Parameters
     ----------
     function : p, J and J-dot of the point (see ``PointFunction``); n : number of joints.
-    tolerance : distance to the target that is accepted [m]; max_iterations : a sample.
+    tolerance : distance to the target that is accepted [m]; max_iterations : per sample.
     """
 
     def __init__(self, function: PointFunction, n: int, tolerance: float, max_iterations: int) -> None:
@@ -88,7 +88,7 @@ class PointSolver:
         r = _length(e)
         mu, count = 0.0, 0
         limit = max(self.tolerance, self.floor)
-        # one step at least, however near the start: it costs little and leaves nothing but rounding
+        # at least one step, even from a near start: it takes little time and leaves only rounding
         while r > (limit if count else 0.0) and count < self.max_iterations:
             count += 1
             U, s, Vt = np.linalg.svd(J, full_matrices=False)
@@ -123,7 +123,7 @@ class PointSolver:
             _, J, _ = self.kinematics(q, np.zeros_like(q))
         U, s, Vt = np.linalg.svd(J, full_matrices=False)
         U, s, Vt = U[:, :, : self.rank], s[:, : self.rank], Vt[:, : self.rank]
-        with np.errstate(divide="ignore", invalid="ignore"):  # the caller looks at the measure first
+        with np.errstate(divide="ignore", invalid="ignore"):  # the caller checks the measure first
             V, Ut = np.swapaxes(Vt, 1, 2), np.swapaxes(U, 1, 2)
             qd = _apply(V, _apply(Ut, pd) / s)
             _, _, J_rate = self.kinematics(q, qd)

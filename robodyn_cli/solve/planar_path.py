@@ -12,7 +12,7 @@ from robodyn_cli.solve.reach import Singular, Unreachable
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import JointMotion, PointMotion
 
-LEAST_INTERVALS = 256  # however few samples are asked for: which turn a joint is on must not depend on them
+LEAST_INTERVALS = 256  # at least so many: the turns of a joint must not depend on the number of samples
 LEVELS = 12
 MOST_POINTS = 4_000_000
 RESOLVED = 0.1  # rad
@@ -115,7 +115,7 @@ def _check_regular(beta: Array, grid: Array) -> None:
 
 
 def _unresolved(grid: Array, phi: Array, beta: Array, phi_d: Array, beta_d: Array) -> NDArray[np.intp]:
-    """Return the intervals over which the motion is not known to be smooth and regular."""
+    """Return the intervals in which the motion may not be smooth and regular."""
     h = np.diff(grid)
     bad = np.zeros(len(h), dtype=bool)
     for x, xd in ((phi, phi_d), (beta, beta_d)):

@@ -11,9 +11,8 @@ import itertools
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 POINTS = 6
 

@@ -1,12 +1,11 @@
-"""How following a target can fail; the caller turns these into messages that name the point."""
+"""Failures of following a target; the caller turns these into messages that name the point."""
 
 from __future__ import annotations
 
 
 class Unreachable(Exception):
-    """A target that is out of reach.
-
-    time, distance : the first such time [s] and how far the nearest reachable point is there [m].
+    """A target that is out of reach. time, distance : the first such time [s] and the distance to the nearest
+    reachable point there [m].
     worst_time, worst : the same where it is farthest. nearest : whether the distances are those of the
     nearest reachable point, or only of the nearest one that was found.
     """

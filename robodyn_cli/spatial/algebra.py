@@ -232,7 +232,7 @@ class Wrench:
 
     @staticmethod
     def zero() -> Wrench:
-        """Return the wrench that does nothing."""
+        """Return the zero wrench."""
         return Wrench(zeros(3), zeros(3))
 
     @staticmethod

@@ -73,7 +73,7 @@ class DoubleDouble:
     __rmul__ = __mul__
 
     def __float__(self) -> float:
-        return self.high
+        return float(self.high)
 
 
 def _of(x: DoubleDouble | float) -> DoubleDouble:

@@ -62,7 +62,7 @@ class RigidInertia:
 
 
 def parallel_axis(h: Vector, c: Vector) -> Matrix:
-    """Return -skew(h) skew(c) for parallel h and c: what the shift to the origin adds to I."""
+    """Return -skew(h) skew(c) for parallel h and c: the part that the shift to the origin adds to I."""
     hc = [h[k] * c[k] for k in range(3)]
     out = zeros(3, 3)
     for i in range(3):
@@ -73,7 +73,7 @@ def parallel_axis(h: Vector, c: Vector) -> Matrix:
 
 
 def _shift_matrix(r: Vector, h: Vector, m: Any) -> Matrix:
-    """Return what moving the reference by r adds to I: 2 (r.h) E - r h^T - h r^T + m (r.r E - r r^T)."""
+    """Return the part that moving the reference by r adds to I: 2 (r.h) E - r h^T - h r^T + m (r.r E - r r^T)."""
     u = [2.0 * h[k] + m * r[k] for k in range(3)]
     s = [h[k] + m * r[k] for k in range(3)]
     out = zeros(3, 3)

@@ -1,6 +1,6 @@
 """Unit quaternions (w, x, y, z) and rigid motions over any scalar: numbers or expressions.
 
-A quaternion stands for the rotation R that takes body coordinates to those of the frame before; q-dot = q (0, w) / 2
+A quaternion represents the rotation R that takes body coordinates to those of the frame before; q-dot = q (0, w) / 2
 with the angular velocity w in body coordinates (Hairer, Lubich and Wanner 2006, VII.5.3).
 """
 

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from robodyn_cli.expr.formula import Formula as FormulaTree
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Formula, ListOf, Number, Section, Text, key
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.base import Ik, Problems, SceneNames, point_problems
 from robodyn_cli.trajectories.formulas import time_derivatives
-from robodyn_cli.trajectories.motion import Array, PointMotion
+from robodyn_cli.trajectories.motion import PointMotion
 
 
 @record

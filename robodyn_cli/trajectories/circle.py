@@ -9,8 +9,9 @@ import numpy as np
 
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Direction, ListOf, Number, Section, Text, key
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.base import Ik, Problems, SceneNames, point_problems
-from robodyn_cli.trajectories.motion import Array, PointMotion
+from robodyn_cli.trajectories.motion import PointMotion
 
 
 @record

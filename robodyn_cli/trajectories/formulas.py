@@ -12,7 +12,8 @@ from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.formula import Formula
 from robodyn_cli.expr.graph import Expr, Graph
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.trajectories.motion import Array, column_order
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.trajectories.motion import column_order
 
 
 def time_derivatives(
@@ -20,8 +21,8 @@ def time_derivatives(
 ) -> tuple[Array, Array, Array]:
     """Return values, rates and accelerations (T, n) of formulas in t.
 
-    The derivatives are those of the expressions, not differences. At a kink (``abs``, ``if``, ``min``, ...)
-    they are those of one side: an acceleration without the jerk of the kink itself.
+    The derivatives are those of the expressions, not differences. Where the slope jumps (``abs``, ``if``,
+    ``min``, ...) they are those of one side, without the impulse of the jump itself.
 
     Parameters
     ----------

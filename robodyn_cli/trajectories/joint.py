@@ -7,10 +7,11 @@ from typing import Any
 
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Formula, JointMap, Number, key
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.attitudes import joint_expressions, texts
 from robodyn_cli.trajectories.base import Problems, SceneNames, joint_problems, led_joints
 from robodyn_cli.trajectories.formulas import sampled, time_symbol
-from robodyn_cli.trajectories.motion import Array, JointMotion
+from robodyn_cli.trajectories.motion import JointMotion
 
 
 @record

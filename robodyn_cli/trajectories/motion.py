@@ -10,11 +10,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.record import record
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 
 @record

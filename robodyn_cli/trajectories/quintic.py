@@ -8,6 +8,7 @@ import numpy as np
 
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, JointMap, ListOf, Number, Section, key
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.base import (
     Problems,
     SceneNames,
@@ -16,7 +17,7 @@ from robodyn_cli.trajectories.base import (
     led_joints,
     time_problems,
 )
-from robodyn_cli.trajectories.motion import Array, JointMotion
+from robodyn_cli.trajectories.motion import JointMotion
 from robodyn_cli.trajectories.quintic_spline import QuinticSpline
 
 

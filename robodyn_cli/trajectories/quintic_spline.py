@@ -11,9 +11,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
+
 Ends = tuple[Array, Array, Array]
 
 # (c3, c4, c5) of the quintic on [0, 1] from (q0, v0, a0, q1, v1, a1)

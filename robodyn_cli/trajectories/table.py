@@ -8,6 +8,7 @@ import numpy as np
 
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, CsvFile, ListOf, Text, Vector, key
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.base import (
     Problems,
     SceneNames,
@@ -16,7 +17,7 @@ from robodyn_cli.trajectories.base import (
     led_joints,
     time_problems,
 )
-from robodyn_cli.trajectories.motion import Array, JointMotion, column_order
+from robodyn_cli.trajectories.motion import JointMotion, column_order
 
 DEGREES = {"linear": 1, "cubic": 3, "quintic": 5}
 
@@ -57,7 +58,7 @@ class TableTrajectory:
         yield from self._column_problems(scene)
         for k, row in enumerate(self.rows):
             if len(row) != len(self.columns):
-                yield ("rows", k), f"has {len(row)} numbers; needed: {len(self.columns)}, one a column"
+                yield ("rows", k), f"has {len(row)} numbers; needed: {len(self.columns)}, one per column"
         if all(self.rows):
             places = [("rows", k, 0) for k in range(len(self.rows))]
             yield from time_problems([row[0] for row in self.rows], places)

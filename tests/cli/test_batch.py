@@ -21,7 +21,7 @@ from robodyn_cli.run.batch.entry import Entry
 from robodyn_cli.run.batch.gather import gather
 from robodyn_cli.run.batch.reports import junit, markdown, tally
 from tests.cli.batch_scenes import ROOT, arm, loaded, robodyn, run
-from tests.cli.tool import environment
+from tests.cli.tool import environment, invoke
 
 PASSES = "expect: {status: ok, peak_torque.swing: < 100}"
 FAILS = "expect: {peak_torque.swing: < 0.1, samples: 21}"
@@ -155,6 +155,11 @@ def test_scenes_of_the_same_name_do_not_share_a_directory(tmp_path: Path) -> Non
     paths = [arm(tmp_path / folder / "a.yaml") for folder in ("x", "y/z")] + [arm(tmp_path / "y" / "b.yaml")]
     assert unique_names(paths) == ["x/a", "y/z/a", "b"]
     assert unique_names(paths[:1]) == ["a"]
+    assert unique_names([tmp_path / "a.yaml", tmp_path / "a.yml", tmp_path / "b.yml"]) == [
+        "a.yaml",
+        "a.yml",
+        "b",
+    ]
 
 
 # -- workers ---------------------------------------------------------------------------------------------
@@ -175,6 +180,16 @@ def with_worker(tmp_path: Path, code: str, count: int = 3) -> list[Entry]:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_results_of_a_namesake_are_not_replaced_in_silence(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    for folder in ("x", "y"):
+        arm(tmp_path / folder / "a.yaml", motion="sin(t)" if folder == "x" else "cos(t)")
+        done = invoke("run", tmp_path / folder, "--no-plots", "--out", out)
+        assert done.code == 0
+        assert ("another scene" in done.err) == (folder == "y")
+    assert str(tmp_path / "x" / "a.yaml") in done.err
+
+
 def test_a_worker_that_is_killed_is_one_scene_lost(tmp_path: Path) -> None:
     scenes = with_worker(tmp_path, "import os; os.kill(os.getpid(), 9)")
     assert [e.exit_code for e in scenes] == [0, 70, 0]

@@ -102,7 +102,7 @@ def test_the_worst_exit_code(tmp_path: Path) -> None:
     """One that fails is worse than none, 3 is worse than 1, 2 worse than 3."""
     arm(tmp_path / "good.yaml", PASSES)
     arm(tmp_path / "one.yaml", "expect: {peak_torque.swing: < 0.1}")
-    (tmp_path / "three.yaml").write_text(PENDULUM + "command: simulate\ntorques: {j1: 1/t}\n")
+    (tmp_path / "three.yaml").write_text(PENDULUM + "command: simulate\ntorques: {j1: 1/(0.7 - t)}\n")
     (tmp_path / "two.yaml").write_text("schema: 1\n")
     out = ["--out", tmp_path / "out", "--timeout", "600"]
     codes = []

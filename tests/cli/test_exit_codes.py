@@ -165,8 +165,7 @@ def test_5_geometry(command: str, name: str, override: str, words: tuple[str, ..
     assert done.code == 5 and done.out == ""
     for word in words:
         assert word in message
-    assert files(tmp_path) == {"summary.json"}
-    assert json.loads((tmp_path / "summary.json").read_text())["error"]["exit_code"] == 5
+    assert files(tmp_path) == set()
 
 
 def test_5_an_unreachable_circle_says_when_and_by_how_much(tmp_path: Path) -> None:
@@ -186,7 +185,7 @@ def test_70_an_internal_error_is_reported_in_one_line(
     def broken(*args: Any, **more: Any) -> None:
         raise AssertionError("the impossible")
 
-    monkeypatch.setattr(module, "_drive", broken)
+    monkeypatch.setattr(module, "build_motion", broken)
     done = invoke("simulate", scene, "--json", "--out", tmp_path / "out")
     message = one_message(done)
     assert done.code == 70 and "internal error" in message and "the impossible" in message
@@ -249,25 +248,87 @@ def test_no_space_left(scene: Path, tmp_path: Path) -> None:
         subprocess.run(["umount", str(small)], check=True)
 
 
-# -- nothing of yesterday ----------------------------------------------------------------------------------
+# -- a mistake does not cost a result ----------------------------------------------------------------------
+def contents(directory: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in directory.iterdir() if path.name != ".lock"}
+
+
 @pytest.mark.parametrize(
     ("override", "code"),
     [
         ("simulate.rtol=none", 2),
-        ("robot.links.l2={name: l2, mass: 0}", 3),
+        ("simulate.smaples=3", 2),
         ("gravity=[0, 0]", 2),
         ("robot.links.l1.mass=null", 2),
     ],
 )
-def test_a_failure_leaves_no_old_result(override: str, code: int, scene: Path, tmp_path: Path) -> None:
+def test_a_mistake_leaves_earlier_results(override: str, code: int, scene: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert invoke("simulate", scene, "--out", out).code == 0
     (out / "notes.txt").write_text("mine")
-    assert "result.h5" in files(out) and "joint_angles.png" in files(out)
+    before = contents(out)
+    assert {"result.h5", "joint_angles.png"} <= set(before)
     done = invoke("simulate", scene, "--set", override, "--out", out)
-    assert done.code == code
+    assert done.code == code and "stay as they were" in done.err and str(out) in done.err
+    assert contents(out) == before
+
+
+def test_geometry_that_cannot_be_met_leaves_earlier_results(tmp_path: Path) -> None:
+    assert invoke("inverse", CIRCLE, "--no-plots", "--out", tmp_path).code == 0
+    before = contents(tmp_path)
+    done = invoke("inverse", CIRCLE, "--set", "trajectory.center=[3, 0]", "--out", tmp_path)
+    assert done.code == 5 and "stay as they were" in done.err and contents(tmp_path) == before
+
+
+def test_an_internal_error_leaves_earlier_results(
+    scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert invoke("simulate", scene, "--no-plots", "--out", tmp_path / "out").code == 0
+    before = contents(tmp_path / "out")
+    monkeypatch.setattr("robodyn_cli.run.simulate.build_motion", None)
+    done = invoke("simulate", scene, "--out", tmp_path / "out")
+    assert done.code == 70 and "stay as they were" in done.err and contents(tmp_path / "out") == before
+
+
+@pytest.mark.parametrize("words", [["--methods", "x"], ["--set", "simulate.x=1"]])
+def test_work_precision_too(words: list[str], scene: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert invoke("simulate", scene, "--no-plots", "--out", out).code == 0
+    before = contents(out)
+    done = invoke("work-precision", scene, *words, "--out", out)
+    assert done.code == 2 and "stay as they were" in done.err and contents(out) == before
+
+
+def test_a_failure_of_the_numerics_replaces_earlier_results(scene: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert invoke("simulate", scene, "--out", out).code == 0
+    (out / "notes.txt").write_text("mine")
+    done = invoke("simulate", scene, "--set", "robot.links.l2={name: l2, mass: 0}", "--out", out)
+    assert done.code == 3 and "stay as they were" not in done.err
     assert files(out) == {"summary.json", "notes.txt"}
     assert json.loads((out / "summary.json").read_text())["status"] == "failed"
+
+
+def test_results_of_another_scene_are_not_replaced_in_silence(scene: Path, tmp_path: Path) -> None:
+    other = tmp_path / "elsewhere" / scene.name
+    other.parent.mkdir()
+    other.write_text(scene.read_text())
+    out = tmp_path / "out"
+    assert invoke("simulate", scene, "--no-plots", "--out", out).err == ""
+    assert invoke("simulate", scene, "--no-plots", "--out", out).err == ""
+    done = invoke("simulate", other, "--no-plots", "--out", out)
+    assert done.code == 0 and "another scene" in done.err and str(scene) in done.err
+
+
+def test_files_of_two_runs_are_recognised(scene: Path, tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        assert invoke("simulate", scene, "--no-plots", "--out", tmp_path / name).code == 0
+    (tmp_path / "a" / "result.h5").replace(tmp_path / "b" / "result.h5")
+    for words in (["check", tmp_path / "b", scene], ["compare", tmp_path / "b", tmp_path / "b"]):
+        done = invoke(*words)
+        assert done.code == 2 and "not of the same run" in one_message(done)
+    done = invoke("check", tmp_path / "a", scene)
+    assert done.code == 2 and "not of the same run" in one_message(done)
 
 
 def test_a_failure_that_kept_results_leaves_only_its_own(scene: Path, tmp_path: Path) -> None:

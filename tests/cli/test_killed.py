@@ -1,4 +1,4 @@
-"""``simulate`` and ``deploy`` ended at any moment leave a whole result or none, and the directory can be used again."""
+"""Runs ended at any moment: an earlier run's files stay, or this one's replace them all, or a mix is recognised."""
 
 from __future__ import annotations
 
@@ -12,18 +12,23 @@ import time
 from functools import lru_cache
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from robodyn_cli.results.hdf5 import read
-from robodyn_cli.results.result import Result
+from robodyn_cli.errors import ResultFileError
+from robodyn_cli.run.batch.stored import read_stored
 from tests.cli.tool import CONFIGS, environment, files, invoke
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals")
 
-SCENES = {"simulate": "double_pendulum.yaml", "deploy": "four_bar_deploy.yaml"}
-# many samples, so that there is something to write
-SAMPLES = ("--set", "simulate.samples=20001")
+# of each command a scene, and options: many samples where there is something to write
+SCENES = {
+    "simulate": ("double_pendulum.yaml", "--set", "simulate.samples=20001"),
+    "deploy": ("four_bar_deploy.yaml", "--set", "simulate.samples=20001"),
+    "inverse": ("2r_circle.yaml", "--set", "inverse.samples=20001"),
+    "kinematics": ("mechanisms/four_bar_kinematics.yaml",),
+    "statics": ("mechanisms/balanced_four_bar.yaml",),
+    "assemble": ("four_bar_deploy.yaml",),
+}
 # before the program has begun, an interrupt is Python's own affair
 BEGIN = "import robodyn_cli.cli.main as m; print('up', flush=True); m.main()"
 MOMENTS = 3
@@ -39,12 +44,21 @@ def begin(command: str, out: Path) -> subprocess.Popen[str]:
 
 
 def words(command: str, out: Path) -> list[str]:
-    return [command, str(CONFIGS / SCENES[command]), *SAMPLES, "--out", str(out)]
+    scene, *options = SCENES[command]
+    return [command, str(CONFIGS / scene), *options, "--out", str(out)]
+
+
+def contents(directory: Path) -> dict[str, bytes]:
+    return {
+        path.name: path.read_bytes()
+        for path in directory.iterdir()
+        if path.is_file() and path.name != ".lock"
+    }
 
 
 @lru_cache
-def whole(command: str) -> tuple[float, Result]:
-    """Return how long a run takes that nobody disturbs, and its result."""
+def whole(command: str) -> tuple[float, set[str]]:
+    """Return how long a run takes that nobody disturbs, and the files that it leaves."""
     import tempfile
 
     with tempfile.TemporaryDirectory() as folder:
@@ -52,20 +66,27 @@ def whole(command: str) -> tuple[float, Result]:
         started = time.monotonic()
         process.communicate(timeout=120)
         assert process.returncode == 0
-        return time.monotonic() - started, read(Path(folder) / "result.h5")
+        return time.monotonic() - started, set(contents(Path(folder)))
 
 
-def check_whole_or_none(command: str, out: Path) -> None:
-    """Compare what has a final name with what a run leaves that nobody disturbs."""
-    result, summary = out / "result.h5", out / "summary.json"
-    if result.exists():
-        mine, expected = read(result), whole(command)[1]
-        assert mine.status == expected.status and set(mine.variables) == set(expected.variables)
-        for path in ("time", "q", "tau"):
-            assert np.array_equal(mine[path], expected[path]), path
-    if summary.exists():
-        assert json.loads(summary.read_text())["status"] == whole(command)[1].status
-        assert result.exists()
+def check(command: str, out: Path, old: dict[str, bytes]) -> str:
+    """Tell what an ended run has left: nothing, old files, new ones, or a mix that says so."""
+    if not out.exists() or not (found := contents(out)):
+        return "nothing"
+    if found == old:
+        return "old"
+    try:
+        read_stored(out)
+    except ResultFileError as error:
+        assert "not of the same run" in error.message or "there is no result.h5" in error.message
+        return "mixed"
+    summary = json.loads((out / "summary.json").read_text()) if "summary.json" in found else {}
+    if not summary:
+        return "mixed"
+    # a drawing of its own is the last that a run may leave behind beside the files of the one before
+    assert set(found) == set(summary["outputs"]) == whole(command)[1]
+    assert all(found[name] != old.get(name) for name in ("result.h5", "summary.json"))
+    return "new"
 
 
 @pytest.mark.parametrize("kind", ["SIGINT", "SIGKILL"])
@@ -76,6 +97,7 @@ def test_ended_at_any_moment(command: str, kind: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
     moments = random.Random(f"{command} {kind}")
     codes = set()
+    old: dict[str, bytes] = {}
     for k in range(MOMENTS):
         process = begin(command, out)
         time.sleep((k + moments.random()) / MOMENTS * duration)
@@ -84,8 +106,13 @@ def test_ended_at_any_moment(command: str, kind: str, tmp_path: Path) -> None:
         codes.add(process.returncode)
         assert process.returncode in ((0, 130) if kind == "SIGINT" else (0, -number)), said
         assert "Traceback" not in said
-        check_whole_or_none(command, out)
+        verdict = check(command, out, old)
+        assert verdict != "mixed" or process.returncode == -number
+        assert verdict in ("old", "nothing") or process.returncode != 130 or "stay as they were" not in said
+        if k == 0:
+            assert invoke(*words(command, out), "--quiet").code == 0
+            assert check(command, out, {}) == "new"
+        old = contents(out)
     assert codes - {0}, "the signals all came too late"
     again = invoke(*words(command, out), "--no-plots", "--quiet")
     assert again.code == 0 and files(out) == {"result.h5", "summary.json"}
-    check_whole_or_none(command, out)

@@ -12,10 +12,10 @@ import pytest
 from robodyn_cli import load_scene
 from robodyn_cli.formulations.events import Event, EventFunction, EventKind, Jump, Leap, Outcome
 from robodyn_cli.integrators.runtime.integrator import Grid, Options
+from robodyn_cli.run.contact.events import Transition
+from robodyn_cli.run.contact.states import ContactStates
 from robodyn_cli.run.deploy.deploy import build_deployment
 from robodyn_cli.run.driver.build import build_motion
-from robodyn_cli.run.driver.contact_events import Transition
-from robodyn_cli.run.driver.contact_states import ContactStates
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.motion import Watcher
 from robodyn_cli.run.driver.second_run import watched_again

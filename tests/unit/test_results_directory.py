@@ -1,4 +1,4 @@
-"""The output directory: one run at a time, its own old files removed, those of others left alone."""
+"""The output directory: one run at a time, whose files replace those of an earlier run at its end; others stay."""
 
 from __future__ import annotations
 
@@ -8,13 +8,16 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from robodyn_cli.errors import DirectoryInUseError, OutputError
+from robodyn_cli.errors import DirectoryInUseError, OutputError, ResultFileError
 from robodyn_cli.report import draw_all, plot_files
+from robodyn_cli.results.atomic import temporary_path
 from robodyn_cli.results.hdf5 import write
 from robodyn_cli.results.output_dir import OutputDirectory
+from robodyn_cli.run.batch.stored import read_stored
 from tests.unit.synthetic_results import inverse_result
 
 HOLD = """
@@ -34,10 +37,10 @@ def test_a_run_leaves_what_it_lists(tmp_path: Path) -> None:
     target = tmp_path / "a" / "b"
     with OutputDirectory(target) as out:
         write(inverse_result(), out.result_path)
-        out.temporary("notes.png").write_bytes(b"x")
-        out.publish("notes.png")
-        out.temporary("abandoned.png").write_bytes(b"x")
-        out.write_summary({"status": "ok"})
+        (out.new / "notes.png").write_bytes(b"x")
+        temporary_path(out.new / "abandoned.png").write_bytes(b"x")
+        assert names(target) == {out.new.name}
+        out.replace_old({"status": "ok"})
     assert names(target) == {"result.h5", "notes.png", "summary.json"}
     summary = json.loads((target / "summary.json").read_text())
     assert summary["outputs"] == ["result.h5", "notes.png", "summary.json"]
@@ -49,8 +52,8 @@ def test_old_outputs_go_and_foreign_files_stay(tmp_path: Path) -> None:
     target = tmp_path / "run"
     with OutputDirectory(target) as out:
         write(inverse_result(), out.result_path)
-        out.record(draw_all(inverse_result(), target))
-        out.write_summary({"status": "ok"})
+        draw_all(inverse_result(), out.new)
+        out.replace_old({"status": "ok"})
     assert "torques.png" in names(target)
     for name in ("mine.png", "data.csv", "energy.png", "listed.png"):
         (target / name).write_bytes(b"mine")
@@ -58,8 +61,11 @@ def test_old_outputs_go_and_foreign_files_stay(tmp_path: Path) -> None:
     listing["outputs"] += ["listed.png", "energy.png", "../outside.png", str(outside), "data.csv", ".", "", 3]
     (target / "summary.json").write_text(json.dumps(listing))
     (target / ".result.h5.1-00.robodyn-tmp").write_bytes(b"left by a kill")
-    with OutputDirectory(target, plot_files()):
-        assert names(target) == {"mine.png", "data.csv", "energy.png", "listed.png"}
+    before = names(target)
+    with OutputDirectory(target, plot_files()) as out:
+        assert names(target) == before - {".result.h5.1-00.robodyn-tmp"} | {out.new.name}
+        out.replace_old({"status": "failed"})
+    assert names(target) == {"mine.png", "data.csv", "energy.png", "listed.png", "summary.json"}
     assert outside.read_bytes() == b"mine"
 
 
@@ -67,8 +73,75 @@ def test_drawings_of_a_killed_run_are_known_by_their_mark(tmp_path: Path) -> Non
     draw_all(inverse_result(), tmp_path)
     (tmp_path / "summary.json").write_text("not json")
     assert len(names(tmp_path)) == 7
-    with OutputDirectory(tmp_path, plot_files()):
-        assert names(tmp_path) == set()
+    with OutputDirectory(tmp_path, plot_files()) as out:
+        out.replace_old({"status": "failed"})
+    assert names(tmp_path) == {"summary.json"}
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_ended_between_any_two_files_the_mix_is_known(
+    whole: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What another process would see if this one were killed after each step of a replacement."""
+    seen = []
+
+    def watched(act: Any) -> Any:
+        def step(*words: Any, **more: Any) -> Any:
+            done = act(*words, **more)
+            seen.append(stored_now())
+            return done
+
+        return step
+
+    def stored_now() -> dict[str, bytes]:
+        found = (path for path in target.iterdir() if path.is_file() and path.name != ".lock")
+        return {path.name: path.read_bytes() for path in found}
+
+    target = tmp_path / "out"
+    for last in (False, True):
+        with OutputDirectory(target, plot_files()) as out:
+            if whole or not last:
+                result = inverse_result()
+                result.attributes["run_id"] = out.run_id
+                write(result, out.result_path)
+            draw_all(inverse_result(), out.new)
+            if last:
+                monkeypatch.setattr(os, "replace", watched(os.replace))
+                monkeypatch.setattr(Path, "unlink", watched(Path.unlink))
+            out.replace_old({"status": "ok"})
+    monkeypatch.undo()
+    first, end = seen[0], seen[-1]
+    verdicts = []
+    for k, state in enumerate(seen):
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        for name, content in state.items():
+            (folder / name).write_bytes(content)
+        try:
+            read_stored(folder)
+            verdicts.append("whole")
+        except ResultFileError as error:
+            verdicts.append("mixed" if "not of the same run" in error.message else "none")
+            continue
+        assert state in (first, end)
+    if whole:
+        assert verdicts[-1] == "whole" and "mixed" in verdicts
+    else:
+        assert verdicts[-1] == "none" and "result.h5" not in end
+
+
+def test_the_directory_knows_the_scene_whose_results_it_holds(tmp_path: Path) -> None:
+    mine, other = tmp_path / "a" / "arm.yaml", tmp_path / "b" / "arm.yaml"
+    for path in (mine, other):
+        path.parent.mkdir()
+        path.write_text("")
+    out = tmp_path / "out"
+    with OutputDirectory(out, scene=mine) as directory:
+        directory.replace_old({"status": "ok"})
+    assert OutputDirectory(out, scene=mine).other_scene() is None
+    assert OutputDirectory(out, scene=other).other_scene() == mine.resolve()
+    mine.unlink()  # renamed or moved: the same scene, as far as anybody can tell
+    assert OutputDirectory(out, scene=other).other_scene() is None
 
 
 def test_the_directory_is_locked_within_a_process(tmp_path: Path) -> None:
@@ -82,27 +155,26 @@ def test_the_directory_is_locked_within_a_process(tmp_path: Path) -> None:
 
 
 def test_a_second_process_is_refused_and_a_kill_frees(tmp_path: Path) -> None:
-    (tmp_path / "result.h5").write_bytes(b"the first run removes this")
+    (tmp_path / "result.h5").write_bytes(b"earlier")
     child = subprocess.Popen([sys.executable, "-c", HOLD, str(tmp_path)], stdout=subprocess.PIPE, text=True)
     try:
         assert child.stdout is not None and child.stdout.readline() == "held\n"
-        assert names(tmp_path) == set()
-        (tmp_path / "result.h5").write_bytes(b"being written")
         with pytest.raises(DirectoryInUseError, match="in use"), OutputDirectory(tmp_path):
             pass
-        assert names(tmp_path) == {"result.h5"}
+        assert "result.h5" in names(tmp_path)
     finally:
         child.send_signal(getattr(signal, "SIGKILL", signal.SIGTERM))
         child.wait()
         assert child.stdout is not None
         child.stdout.close()
-    with OutputDirectory(tmp_path):
-        assert names(tmp_path) == set()
+    with OutputDirectory(tmp_path) as out:
+        assert names(tmp_path) == {"result.h5", out.new.name}  # what the killed one was writing is gone
+    assert (tmp_path / "result.h5").read_bytes() == b"earlier"
 
 
 def test_an_error_inside_frees_the_directory(tmp_path: Path) -> None:
     with pytest.raises(ZeroDivisionError), OutputDirectory(tmp_path) as out:
-        out.temporary("x.png").write_bytes(b"x")
+        (out.new / "x.png").write_bytes(b"x")
         raise ZeroDivisionError
     assert names(tmp_path) == set()
     with OutputDirectory(tmp_path):

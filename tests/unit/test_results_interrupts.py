@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from robodyn_cli.results.hdf5.sink import uninterrupted
+from robodyn_cli.results.atomic import uninterrupted
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals")
 

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robodyn_cli.equations.problem import GROUPS, Problem
+from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.model.build import build_model
+from robodyn_cli.model.model import MOTION_GROUPS
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.inverse.dynamics import ForwardDynamics, InverseDynamics
 from robodyn_cli.run.inverse.inverse import inverse
@@ -258,7 +259,7 @@ def test_compiled_and_interpreted_agree() -> None:
     outputs: dict[str, Any] = {**torque_terms(problem), **place_outputs(problem), "fixed": [1.5, -2.0]}
     rng = np.random.default_rng(0)
     groups = {g: rng.normal(size=(5000, 2)) for g in ("q", "v", "a")}
-    interpreted, compiled = (SampleFunction(outputs, GROUPS, n) for n in (100, 10**9))
+    interpreted, compiled = (SampleFunction(outputs, MOTION_GROUPS, n) for n in (100, 10**9))
     assert not interpreted.compiled and compiled.compiled
     one, two = interpreted(**groups), compiled(**groups)
     assert one.keys() == two.keys() == outputs.keys()

@@ -103,7 +103,8 @@ def test_torques_of_a_simulation_come_back(text: str) -> None:
 
 def test_spatial_mechanism_gives_back_its_torque() -> None:
     """The spatial slider-crank at the states of a simulation: torque and multipliers, to the run's accuracy."""
-    from robodyn_cli.equations.problem import GROUPS, Problem
+    from robodyn_cli.equations.problem import Problem
+    from robodyn_cli.model.model import MOTION_GROUPS
     from robodyn_cli.run.observation.evaluation import SampleFunction
     from robodyn_cli.solve.load_sharing import share
 
@@ -115,7 +116,7 @@ def test_spatial_mechanism_gives_back_its_torque() -> None:
     problem = Problem(scene)
     terms = torque_terms(problem)
     psi = [x for row in problem.constraints.rows for x in row.psi]
-    found = SampleFunction({**terms, "psi": psi}, GROUPS, 51)(
+    found = SampleFunction({**terms, "psi": psi}, MOTION_GROUPS, 51)(
         t=run.time[:, None], q=run["q"], v=run["qd"], a=run["qdd"]
     )
     shared = share(found["psi"].reshape(51, 3, 4), [0], {name: found[name] for name in terms})

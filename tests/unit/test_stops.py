@@ -11,7 +11,7 @@ import pytest
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.run.driver.impact import Hit, impact
+from robodyn_cli.run.contact.impact import Hit, impact
 from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene.load import load_scene_text
 from tests.mechanisms import SLIDER
@@ -279,3 +279,36 @@ def test_a_floating_body_with_forces_and_a_tail_that_sticks_and_bounces() -> Non
     assert {"impact", "slip"} <= set(found.summary["transitions"])
     assert found.summary["energy_drift_relative"] < 1e-10
     assert found.summary["error_estimate"]["state_max"] < 1e-8
+
+
+CORNER = """
+schema: 1
+gravity: [{x:.3f}, -9.81, 0]
+robot:
+  joints:
+    - {{name: a, type: revolute, axis: [0, 0, 1], limits: {{lower: -0.5, stop: {{restitution: {e:.2f}}}}}}}
+    - {{name: b, type: revolute, axis: [0, 0, 1], origin: {{xyz: [1, 0, 0]}},
+        limits: {{lower: -0.4, stop: {{restitution: {f:.2f}}}}}}}
+  links:
+    - {{name: l, mass: {m:.3f}, com: [0.5, 0, 0], inertia: {{zz: 0.1}}}}
+    - {{name: m, mass: {n:.3f}, com: [{c:.3f}, 0, 0], inertia: {{zz: {i:.3f}}}}}
+initial: {{q: {{a: {q:.3f}, b: {r:.3f}}}}}
+simulate: {{duration: 3, samples: 31, error_estimate: false}}
+"""
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_joints_that_throw_each_other_on_their_stops_come_to_rest(seed: int) -> None:
+    """Two joints that fall into the corner of their stops: impacts accumulate, or fall together."""
+    rng = np.random.default_rng(seed)
+    draw = rng.uniform
+    text = CORNER.format(
+        x=draw(-2, 2), e=draw(0, 0.6), f=draw(0, 0.6) * (seed % 3 > 0), m=draw(0.3, 2), n=draw(0.3, 3),
+        c=draw(0.3, 1.2), i=draw(0.01, 0.5), q=draw(-0.4, 0.5), r=draw(-0.3, 0.5),
+    )  # fmt: skip
+    result = simulate(load_scene_text(text))
+    assert result.status == "ok"
+    assert (result["q"] >= np.array([-0.5, -0.4]) - 1e-9).all()
+    assert result.summary["energy_drift"] < 1e-8
+    lost = [event["energy_lost"] for event in result.events if event["kind"] == "impact"]
+    assert min(lost) > -1e-12

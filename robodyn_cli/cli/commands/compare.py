@@ -74,7 +74,7 @@ def describe(item: Difference) -> str:
 
 
 def as_dict(item: Difference) -> dict[str, Any]:
-    """Return what ``--json`` shows; values only where values were compared."""
+    """Return the report of ``--json``; with values only where values were compared."""
     found: dict[str, Any] = {"path": item.path, "verdict": item.verdict}
     if item.verdict in ("equal", "differs"):
         found |= {

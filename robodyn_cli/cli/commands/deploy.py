@@ -73,7 +73,7 @@ def describe(summary: Mapping[str, Any]) -> str:
 
 
 def _after_lock(summary: Mapping[str, Any]) -> list[str]:
-    """Return what is said of the locked structure, and of loads beyond their limit."""
+    """Return lines about the locked structure, and loads beyond their limits."""
     lines = []
     after = summary.get("after_lock")
     if after and after.get("latch"):

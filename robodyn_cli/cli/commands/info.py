@@ -8,9 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.interrupts import tidy_up_first
 from robodyn_cli.cli.options import NoPlots, OutDir, Overrides, Quiet, ReportAsJson, SceneFile, utf8
-from robodyn_cli.cli.runner import default_directory, publish
+from robodyn_cli.cli.runner import begun, default_directory, output, publish
 
 
 def command(
@@ -30,18 +29,17 @@ def command(
     as_json: ReportAsJson = False,
     quiet: Quiet = False,
 ) -> int:
-    """Print what the scene is at a state, and draw it; return the exit code."""
-    from robodyn_cli.results.output_dir import OutputDirectory
+    """Print the report of a scene at a state, and draw it; return the exit code."""
     from robodyn_cli.results.summary import jsonable
     from robodyn_cli.run.mechanism.info import info
 
     console = Console(as_json, quiet)
-    found, result = info(scene, overrides or (), at or ())
-    result.summary = {"status": "ok", "command": "info", **found}
-    if not no_plots:
-        tidy_up_first()
-        with OutputDirectory(out or default_directory(scene, "info")) as directory:
-            publish(result, directory, no_plots)
+    with output(out or default_directory(scene, "info"), scene, console) as directory:
+        found, result = info(scene, overrides or (), at or ())
+        result.summary = {"status": "ok", "command": "info", **found}
+        if not no_plots:
+            with begun(directory, console):
+                publish(result, directory, no_plots)
     console.data(jsonable(result.summary))
     console.say(describe(found))
     if not no_plots:
@@ -81,7 +79,7 @@ def describe(found: Mapping[str, Any]) -> str:
 
 
 def state(values: Mapping[str, float], units: Sequence[str]) -> str:
-    """Return values with their units: who has given an angle in degrees sees it."""
+    """Return values with their units, which shows that angles are in radians."""
     texts = (f"{name} {x:.6g} {unit}".removesuffix(" 1") for (name, x), unit in zip(values.items(), units))
     return ", ".join(texts)
 
@@ -97,7 +95,7 @@ def units(joints: Sequence[Mapping[str, Any]], of: str) -> list[str]:
 
 
 def cell(x: float) -> str:
-    """Return a number for reading; what is not known is a question mark."""
+    """Return a number for reading; an unknown one as a question mark."""
     return "?" if x != x else f"{x + 0.0:.6g}" if abs(x) > 1e-12 else "0"
 
 
@@ -107,7 +105,7 @@ def vector(x: Any) -> str:
 
 
 def values(x: list[float] | None) -> str:
-    """Return singular values, or why there are none."""
+    """Return singular values, or the reason why there are none."""
     return "not known: data are missing" if x is None else ", ".join(cell(v) for v in x)
 
 

@@ -30,7 +30,7 @@ def command(
             "-j",
             metavar="N",
             parser=number("a whole number >= 1", lambda n: n >= 1, int),
-            help="Processes at a time. [default: one a core]",
+            help="Processes at a time. [default: one per core]",
         ),
     ] = None,
     out: Annotated[
@@ -57,7 +57,7 @@ def command(
     as_json: ReportAsJson = False,
     quiet: Quiet = False,
 ) -> int:
-    """Run the batch, print a line a scene, write the reports; return the worst exit code."""
+    """Run the batch, print a line for each scene, write the reports; return the worst exit code."""
     from robodyn_cli.run.batch.reports import tally, write_reports
 
     start, console = time.perf_counter(), Console(as_json, quiet)
@@ -75,7 +75,7 @@ def command(
         for entry in Batch(entries, jobs or _cores(), worker, not no_plots, force, timeout).run():
             _tell(entry, max(len(e.name) for e in entries), console)
     finally:
-        # interrupted too, there is a report of what was done
+        # an interrupted batch reports the scenes that have run
         write_reports(entries, junit, markdown)
     code = worst(e.exit_code for e in entries)
     console.say(f"{tally(entries)}; {time.perf_counter() - start:.2f} s")
@@ -90,6 +90,8 @@ def _cores() -> int:
 
 def _tell(entry: Entry, width: int, console: Console) -> None:
     """Print how a scene ended."""
+    if entry.replaced is not None:
+        console.note(f"robodyn: warning: {entry.directory} held results of another scene, {entry.replaced}")
     time_taken = "unchanged" if entry.unchanged else f"{entry.seconds:.2f} s"
     console.say(f"{entry.verdict:<7} {entry.name:<{width}}  {entry.command or '-':<8} {time_taken:>9}")
     for problem in entry.problems if entry.verdict != "ok" else ():

@@ -9,9 +9,8 @@ from typing import Annotated, Any
 import typer
 
 from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.interrupts import tidy_up_first
 from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, file
-from robodyn_cli.cli.runner import SceneRun, publish, run_scene, show
+from robodyn_cli.cli.runner import SceneRun, begun, output, publish, run_scene, show, store
 from robodyn_cli.cli.words import table
 from robodyn_cli.errors import SceneError
 from robodyn_cli.exit_codes import FAILED
@@ -32,7 +31,9 @@ def command(
     ] = False,
     quick: Annotated[
         bool,
-        typer.Option("--quick", help="Smaller budgets: one method a family, seconds instead of minutes."),
+        typer.Option(
+            "--quick", help="Smaller budgets: one method of each family, seconds instead of minutes."
+        ),
     ] = False,
     cases: Annotated[
         str | None, typer.Option("--cases", metavar="A,B", help="Cases of the suite to run. [default: all]")
@@ -61,24 +62,23 @@ def run_suite(
     cases: Sequence[str] | None, quick: bool, out: Path | None, no_plots: bool, console: Console
 ) -> int:
     """Run the suite; return 1 where a case misses its expectation."""
-    from robodyn_cli.report.registry import plot_files
     from robodyn_cli.results.atomic import write_bytes
-    from robodyn_cli.results.hdf5 import write
-    from robodyn_cli.results.output_dir import OutputDirectory
     from robodyn_cli.run.numerics.stability_suite import suite
 
-    tidy_up_first()
-    with OutputDirectory(out or Path("outputs") / "stability-suite", plot_files()) as directory:
+    with (
+        output(out or Path("outputs") / "stability-suite", None, console) as directory,
+        begun(directory, console),
+    ):
         try:
             result = suite(quick, cases, console.progress, console.note)
         finally:
             console.clear()
         result.summary = {"status": result.status, "command": "stability", **result.summary}
-        write(result, directory.result_path)
+        store(result, directory)
         for case in result.summary["cases"]:
-            write_bytes(directory.path / f"{case['name']}.yaml", case.pop("scene").encode())
+            write_bytes(directory.new / f"{case['name']}.yaml", case.pop("scene").encode())
         publish(result, directory, no_plots)
-        show(result, directory, console, describe_suite)
+    show(result, directory, console, describe_suite)
     return 0 if result.summary["missed"] == 0 else FAILED
 
 
@@ -99,7 +99,7 @@ def describe(summary: Mapping[str, Any]) -> str:
 
 
 def _reference_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Return what is said of the reference and of the linearised motion."""
+    """Return lines about the reference and the linearised motion."""
     lines = []
     ref, found = summary["reference"], summary["spectrum"]
     if ref is None:
@@ -159,7 +159,7 @@ def _method_rows(summary: Mapping[str, Any]) -> list[list[str]]:
 
 
 def _gain_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Return what is said of Baumgarte's gains."""
+    """Return a line about Baumgarte's gains."""
     lines = []
     for name, words in (("own", "as the scene asks"), ("fixed", "fixed step")):
         found = (summary.get("baumgarte") or {}).get(name)
@@ -174,7 +174,7 @@ def _gain_lines(summary: Mapping[str, Any]) -> list[str]:
 
 
 def _energy(found: Mapping[str, Any] | None, period: float) -> str:
-    """Return the largest error of the energy, and over how many periods where these are not all."""
+    """Return the largest error of the energy, and the number of periods if not all were run."""
     if found is None:
         return "-"
     cut = "" if found["status"] == "ok" else f" ({found['until'] / period:.0f})"

@@ -10,7 +10,7 @@ from robodyn_cli.exit_codes import worst
 def command(
     scenes: SceneFiles, as_json: ReportAsJson = False, quiet: Quiet = False, strict: Strict = False
 ) -> int:
-    """List what is wrong with each scene; return the exit code of the worst finding."""
+    """List the errors of each scene; return the exit code of the worst finding."""
     from robodyn_cli.run.batch.findings import findings
     from robodyn_cli.run.batch.gather import gather
 

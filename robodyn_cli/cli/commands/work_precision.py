@@ -10,9 +10,8 @@ from typing import Annotated, Any
 import typer
 
 from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.interrupts import tidy_up_first
 from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, SceneFile, number
-from robodyn_cli.cli.runner import default_directory, publish, show
+from robodyn_cli.cli.runner import begun, default_directory, output, publish, show, store
 from robodyn_cli.cli.words import table
 
 COLUMNS = (
@@ -58,29 +57,25 @@ def command(
     quiet: Quiet = False,
 ) -> int:
     """Compare the methods, write every run, print the best; return the exit code."""
-    from robodyn_cli.report.registry import plot_files
     from robodyn_cli.results.atomic import write_bytes
-    from robodyn_cli.results.hdf5 import write
-    from robodyn_cli.results.output_dir import OutputDirectory
     from robodyn_cli.run.numerics.work_precision import work_precision
     from robodyn_cli.scene.load import load_scene
 
     console = Console(as_json, quiet)
-    loaded = load_scene(scene, list(overrides or ()))
     names = methods.split(",") if methods else None
-    tidy_up_first()
-    with OutputDirectory(out or default_directory(scene, "work-precision"), plot_files()) as directory:
-        try:
-            result = work_precision(loaded, names, tolerances, repeats, console.progress)
-        finally:
-            console.clear()
-        head = {"status": "ok", "command": "work-precision", "title": result.title}
-        result.summary = {**head, **result.summary}
-        write(result, directory.result_path)
-        write_bytes(directory.path / "runs.csv", as_csv(result.summary["runs"]).encode())
-        directory.record(["runs.csv"])
-        publish(result, directory, no_plots)
-        show(result, directory, console, describe)
+    with output(out or default_directory(scene, "work-precision"), scene, console) as directory:
+        loaded = load_scene(scene, list(overrides or ()))
+        with begun(directory, console):
+            try:
+                result = work_precision(loaded, names, tolerances, repeats, console.progress)
+            finally:
+                console.clear()
+            head = {"status": "ok", "command": "work-precision", "title": result.title}
+            result.summary = {**head, **result.summary}
+            store(result, directory)
+            write_bytes(directory.new / "runs.csv", as_csv(result.summary["runs"]).encode())
+            publish(result, directory, no_plots)
+    show(result, directory, console, describe)
     return 0
 
 

@@ -1,4 +1,4 @@
-"""Events: from a step that passes one to the state at it.
+"""Locating events: from a step that contains an event to the state at the event.
 
 The compiled loop looks at dense output only to see that some function changes sign in a step. Here the motion
 is integrated to trial times by steps that end there, which have the full order of the method, so that an event
@@ -10,31 +10,28 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.events import EventFunction
 from robodyn_cli.integrators.runtime.layout import FINE
 from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 Numbers = Sequence[float] | Array
 Values = Callable[[float], Numbers]
 
 Point = tuple[float, float]  # a time, and the value of a function there
 
 TRIALS = 200
-PATIENCE = 3  # secant trials that may fail to halve the bracket before it is bisected; fewer each time
+PATIENCE = 3  # secant steps that may fail to halve the bracket before it is bisected; fewer each time
 
 
 def chatter(event: EventFunction, time: float) -> NumericalError:
-    """Return the error of a function that changes its sign again and again, getting nowhere."""
+    """Return the error of a function that changes its sign again and again while time stands still."""
     advice = (
         "; make its jump a steep slope, as in tanh(x/0.001) for sign(x)" if event.is_discontinuity else ""
     )
     return NumericalError(
-        f"{event.name} switches to and fro without end at t = {time:.6g} s{advice}",
+        f"{event.name} keeps switching back and forth (chattering) at t = {time:.6g} s{advice}",
         time=time, status="chatter",
     )  # fmt: skip
 
@@ -51,7 +48,7 @@ class Root:
 
 @record
 class Found:
-    """Where to go, and the functions that change sign there (none: go there and look on)."""
+    """The time to go to, and the functions that change sign there (none: go there and search on)."""
 
     time: float
     roots: tuple[Root, ...] = ()
@@ -105,7 +102,7 @@ def first_roots(
 
 
 def resolution(a: float, b: float) -> float:
-    """Return how narrow a bracket between these times can sensibly become."""
+    """Return the shortest bracket that rounding of these times allows."""
     return FINE * max(abs(a), abs(b))
 
 
@@ -113,14 +110,14 @@ def _root(index: int, values: Values, low: Point, high: Point, strict: bool = Fa
     """Bracket the sign change between two times by regula falsi; None where there is none.
 
     low, high : time and value of the function.
-    strict : zero counts as the old side. What switches on a function (``where``) takes zero for negative, so that a
-    run which stood at zero would go on with the old right-hand side, however short its steps.
+    strict : zero counts as the old side. ``where`` takes zero for negative, so a run that stopped exactly at zero
+    would go on with the old right-hand side.
     """
     (a, g_a), (b, g_b) = low, high
     sign, side, exact = math.copysign(1.0, g_a) if g_a else 0.0, 0, False
     g_a = float(values(a)[index])
     if g_a * sign < 0.0 or (g_a * sign == 0.0 and not (strict and sign)):
-        return Root(index, a, a, -sign)  # it stood at zero all along
+        return Root(index, a, a, -sign)  # it was zero from the start
     fine = resolution(a, b)
     goal, patience, wasted = 0.5 * (b - a), PATIENCE, 0
     for _ in range(TRIALS):
@@ -134,7 +131,7 @@ def _root(index: int, values: Values, low: Point, high: Point, strict: bool = Fa
         elif math.isfinite(g_b) and g_b != g_a:
             wasted += 1
             secant = b - g_b * (b - a) / (g_b - g_a)
-            # never so close to an end that nothing is learned
+            # a point too close to an end would not shorten the bracket
             middle = min(max(secant, a + 0.5 * fine), b - 0.5 * fine)
         if not a < middle < b:
             break
@@ -146,7 +143,7 @@ def _root(index: int, values: Values, low: Point, high: Point, strict: bool = Fa
             g_a *= _weight(g, g_b) if side > 0 else 1.0
             b, g_b, exact, side = middle, g, g == 0.0, 1
     if exact:
-        a = max(a, b - fine)  # no bracket says more than a value of zero
+        a = max(a, b - fine)  # the root itself was met
     return Root(index, a, b, -sign) if math.isfinite(g_b) else None
 
 

@@ -1,11 +1,11 @@
-"""The compiled functions that run to an event, go to where dense output has it, and close in on it by trial steps.
+"""The compiled functions that run to an event and locate it by trial steps.
 
-They decide little: a crossing that no other function shares is located here; of all others there is a bracket, with
-all values at its ends. Which functions cross there, and where one of them cannot be followed, is told from these
-values (``first_roots``).
+A crossing of one function alone is located here. In all other cases these functions return a bracket with all values
+at its ends, and ``first_roots`` finds from these values which functions cross, or where one of them cannot be
+followed.
 
-All compiled functions that Python calls take one address, of a row that says where everything lies (``PLACES``): a call
-from Python costs by its arguments.
+Each compiled function takes one address, that of a table of addresses (``PLACES``), because a call from Python takes
+longer with every argument.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from robodyn_cli.kernels.lower import lower
 # for what ``locate_event`` finds
 PLACES = (*ARGUMENTS, "saved", "bytes", "values", "bracket")
 COUNTERS = [IntegerSlot.ACCEPTED, IntegerSlot.REJECTED, IntegerSlot.EVALUATIONS, IntegerSlot.PROJECTIONS]
-PATIENCE = 256  # steps; a trial step that takes more goes on in Python, which hears interrupts
-TELLING = 16.0  # resolutions between two trial steps from which on their secant counts
+PATIENCE = 256  # steps; a trial step that takes more goes on in Python, where interrupts are handled
+TELLING = 16.0  # a secant is used if its two times differ by at least so many resolutions
 TRIALS = 10  # a simple root takes three, one that is shared four
 STEEPEST = 1e300
 
 
 def load_places(f: Function, *names: str) -> None:
-    """Load entries of ``%places`` into registers that are called after them."""
+    """Load entries of ``%places`` into registers of the same names."""
     for name in names:
         address = f.offset("%places", PLACES.index(name))
         f.load_argument(name, "i64" if name == "bytes" else "ptr", address)
@@ -94,7 +94,7 @@ def trial_step_function() -> Function:
 def run_to_event_function(count: int) -> Function:
     """Return ``i64 run_to_event(places)``, which calls ``run``, and ``locate_event`` where that meets an event.
 
-    Its result is the ``Status`` of ``run``. At an event what the run was before the step lies in ``%saved``. Functions
+    Its result is the ``Status`` of ``run``. At an event, ``%saved`` holds the run as it was before the step. Functions
     that are to be watched from the start are armed first.
     """
     f = Function("run_to_event", ["ptr %places"], result="i64", flags="")
@@ -115,7 +115,8 @@ def run_to_event_function(count: int) -> Function:
 
 
 def locate_event_function(count: int) -> Function:
-    """Return ``i64 locate_event(places)`` for so many event functions; 1 if the state is at an event that stands alone.
+    """Return ``i64 locate_event(places)`` for so many event functions; 1 if the state is at an event of one function
+    alone.
 
     Secants, each going a little beyond its root, until one lies beyond it by less than the resolution. If no other
     function has changed its sign on the way there, that is the event, and the run may go on from there; else the
@@ -192,7 +193,7 @@ class _Secants:
             f.store(f.load(f.offset("%values", k)), f.offset(f.offset(row, 1), k))
         moved = x - f.load(self.old_x)
         secant = (g - f.load(self.old_g)) / moved
-        # between two values of rounding a secant says nothing: the last one stays
+        # a secant between two values of rounding has no meaning: keep the last one
         sound = f.compare("ogt", f.select(self.rising, secant, -secant), 0.0)
         sound = sound & f.compare("olt", f.abs(secant), STEEPEST)
         sound = sound & f.compare("ogt", f.abs(moved), self.resolution * TELLING)
@@ -203,7 +204,7 @@ class _Secants:
         return after, f.abs(g / slope)
 
     def aim(self, x: Value, after: Condition, beyond: Value, given_up: Block) -> None:
-        """Choose the next time, unless the bracket is as narrow as it can sensibly become."""
+        """Choose the next time, unless the bracket is as short as rounding allows."""
         f = self.f
         a, b = f.load(self.before), f.load(self.after)
         given_up.leave(f.compare("ole", b - a, self.resolution))

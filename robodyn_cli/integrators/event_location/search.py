@@ -1,8 +1,9 @@
-"""Looking for events in a step: sign changes of event functions along dense output, all lanes at once.
+"""Search for events in a step: sign changes of event functions along dense output, all lanes at once.
 
-A window of the step is looked at in ``LANES`` points. Where a function changes sign between two of them, these two
-bound the next window; where one comes so near to zero that it may cross and come back, its neighbours do. What is found
-is a bracket and a guess; the event is then located by steps that end there, which have the full order of the method.
+The functions are evaluated at ``LANES`` points of a window. Where one changes sign between two points, these two bound
+the next window; where one comes so near to zero that it may cross and come back, the points beside it do. The search
+returns a bracket and a guess. The event is then located by steps that end there, which have the full order of the
+method.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from robodyn_cli.integrators.stepping.stepper import Stepper
 from robodyn_cli.integrators.stepping.writer import LANES, Exit, Writer
 from robodyn_cli.kernels.ir import Condition, Function, Int, Value
 
-DIPS = 4  # times that it is looked at where a function nearly touches zero
+DIPS = 4  # windows around points where a function nearly touches zero
 TOUCHING = 1e-9  # of its neighbours, below which a value says nothing about what lies beyond zero
 CLOSER = 2  # windows around an event after the first
 ROW = LANES + 1  # values of a function: before the window, and in it
@@ -93,7 +94,7 @@ class Search:
         sooner = f.compare_int("slt", lane, f.load_int(self.first))
         f.store_int(f.select_int(sooner, lane, f.load_int(self.first)), self.first)
         f.store_int(f.select_int(sooner, k, f.load_int(self.which)), self.which)
-        # what is much shorter than a fixed step is not resolved by it, nor by half of it for the estimate
+        # neither a fixed step nor half of it (for the error estimate) resolves what is much shorter
         if self.stepper.method.adaptive:
             lane = _lowest(f, _dips(f, start, before, g))
             deeper = f.compare_int("slt", lane, LANES)
@@ -124,7 +125,7 @@ class Search:
         self._narrow_to(f.load_int(self.first), start, part)
 
     def may_dip(self) -> Condition:
-        """Return whether some function nearly touches zero, and it has not been looked at often enough."""
+        """Return whether some function nearly touches zero, and windows are left to examine it."""
         f = self.f
         may = f.compare_int("slt", f.load_int(self.dip), LANES)
         may = may & f.compare_int("eq", f.load_int(self.closer), 0)
@@ -150,7 +151,7 @@ class Search:
         f, w = self.f, self.w
         for k in range(self.count):
             g, armed = f.load(f.offset(self.ends, k)), DoubleSlot.SIZE + k
-            # a function that ends the step at zero keeps its sign: whether it crosses shows in the next step
+            # a function that is zero at the end of the step keeps its sign: the next step shows whether it crosses
             w.put(armed, f.select(f.compare("oeq", g, 0.0), w.get(armed), g))
 
 
@@ -186,7 +187,7 @@ def _dips(f: Function, first: Value, before: Value, g: Value) -> Int:
         slope, bend = after - before, (before + after) - (g + g)
         # g - slope^2 / (8 bend) < g / 4, where g and bend have the same sign
         deep = f.compare("ogt", slope * slope, f.abs(bend) * size * 6.0)
-        # a value that is zero but for rounding was looked at in the window before
+        # the window before has examined a value that is zero within rounding
         return nearest & together & deep & f.compare("ogt", size, f.abs(after) * TOUCHING)
 
     lane = [f.lane(g, k) for k in (0, 1, width - 3, width - 2, width - 1)]

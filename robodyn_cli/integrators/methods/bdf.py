@@ -5,8 +5,8 @@ taken for the present step, are the polynomial through them. A step solves, for 
 
     f(t + h, x) - (alpha_k / h) (psi + d) = 0,    psi = sum gamma_j D_j / alpha_k
 
-by Newton's method with the exact Jacobian. Two histories are kept, so that a step that is looked at but not taken (an
-event lies in it) leaves the other one as it was.
+by Newton's method with the exact Jacobian. Two histories are kept: a step that is tried but not taken, because it
+contains an event, leaves the other one as it was.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ ROWS = tables.ROWS
 LIMITS = Limits(rounds=5, converged=0.003, rounding=0.03, shorter=0.3)
 SAFETY = 0.85
 HOLD = 1.2  # a step that could grow by less stays as it is
-JUMP = 10.0  # a state that lies so many tolerances off the history has been replaced
+JUMP = 10.0  # a state that differs from the history by more tolerances than this has been replaced
 CAUTION = 0.3  # of the first step, which is of order 1, its error being half of this squared
 # head of %dense: which history is the latest, where the last run was to end, whether to begin anew, whether begun
 LATEST, END, ANEW, BEGUN, HEAD = 0, 1, 2, 3, 8

@@ -106,7 +106,7 @@ class ExplicitStepper(Stepper[Sequence[Array]]):
             self._carry_over(kept[self.table.stages - 1])
 
     def _carry_over(self, last: Array | None) -> None:
-        """Make the rate at the end of the step the first stage of the next, unless the state is put back."""
+        """Make the rate at the end of the step the first stage of the next, unless the state is projected."""
         w = self.w
         if last is not None and not self.method.moves_state(w.system):
             for c in w.each(w.size):

@@ -28,21 +28,21 @@ from robodyn_cli.kernels.arrays import Total
 from robodyn_cli.kernels.ir import Block, Condition, Int, Value
 
 ITERATIONS = 14
-HALFWAY = 4  # rounds after which an iteration that would still be far off in eight more is given up
+HALFWAY = 4  # rounds after which the iteration is given up if eight more would not suffice
 CONVERGED = 0.02  # last update times contraction ratio, in units of the tolerance
-SMALLEST_RATIO = 0.01  # a luckily small update must not pass for convergence
+SMALLEST_RATIO = 0.01  # one small update by chance does not prove convergence
 BEST_RATIO = 0.35  # steps are chosen so that the iteration contracts at least this fast
 SAFETY = 0.85
-STALE = 0.25  # contraction of the iteration beyond which factors are renewed in each round
+STALE = 0.25  # contraction of the iteration beyond which each round computes new factors
 SECOND = 0.1  # weight of the last but one Legendre coefficient in the error estimate
-SECOND_STEEP = 1.0  # where coefficients need not fall geometrically, so that a small last one proves little
+SECOND_STEEP = 1.0  # where coefficients need not fall geometrically: a small last one proves little
 SCALE = 3.0
 ACCEPT = 100.0  # the estimate is that pessimistic; measured against true errors
 ACCEPT_STEEP = 1.0  # not where a front may lie in the step
-STEEP = frozenset({"tanh", "exp", "atan"})  # operations with which smooth rates may still change all at once
-ROUGH = 1e-11  # of a rate: what rounding may make of it at the ends of a step
+STEEP = frozenset({"tanh", "exp", "atan"})  # functions of which smooth rates may change abruptly
+ROUGH = 1e-11  # relative rounding error of a rate at the ends of a step
 SOLVED, SMALLEST = 1e-13, 1e-15  # tolerances of a step's iteration where no error is controlled
-SHORT = 200  # operations of the rates up to which they cannot be had for less
+SHORT = 200  # operations of the rates up to which corrections take no fewer
 ROUNDS = 6  # of the iteration, which a step takes about
 BEGUN = 1e300  # stands for the update before the first
 FIRST = 1e200  # updates before the first are above this
@@ -82,7 +82,7 @@ class Gauss(Method):
             return [StepProgram("accelerations", system.dynamics.program, self.lanes)]
         found = [
             StepProgram("corrections of accelerations, each round", residual.correction, self.lanes),
-            StepProgram("factors of the mass matrix, once a step", residual.factors, self.lanes),
+            StepProgram("factors of the mass matrix, once per step", residual.factors, self.lanes),
         ]
         if not self.facts.fixed_step and self.is_steep(system):
             found.append(StepProgram("accelerations at the ends of steps", system.dynamics.program))
@@ -90,7 +90,7 @@ class Gauss(Method):
 
     @staticmethod
     def is_steep(system: System) -> bool:
-        """Tell whether smooth rates may change all at once."""
+        """Tell whether smooth rates may change abruptly."""
         return any(i.op in STEEP for i in system.dynamics.program.instructions)
 
     def stepper(self, w: Writer) -> GaussStepper:
@@ -100,7 +100,7 @@ class Gauss(Method):
 class GaussStepper(GaussOutput):
     """Writes steps of Gauss collocation.
 
-    steep : whether rates may change all at once, so that coefficients need not fall geometrically. estimates : whether
+    steep : whether rates may change abruptly, so that coefficients need not fall geometrically. estimates : whether
     the error is estimated, so that the tolerance of the iteration is that of the step.
     """
 
@@ -121,7 +121,7 @@ class GaussStepper(GaussOutput):
             most=1.6,
             most_if_tiny=4.0,
             accept=ACCEPT_STEEP if self.steep else ACCEPT,
-            # where fronts may hide, a step that is rejected after all is a second look
+            # a step with a front may be rejected only after the check at its ends
             held=not self.steep,
             trend_safety=None if self.steep else 1.0,
         )
@@ -162,7 +162,7 @@ class GaussStepper(GaussOutput):
             if self.residual is not None:
                 first = f.compare("ogt", f.load(self.before), FIRST)
                 with f.when(first | f.compare("ogt", w.get(DoubleSlot.CONTRACTION), STALE)):
-                    self.renew(times)
+                    self.factorise(times)
             self.evaluate(times, self.guess)
             update, ratio = self._update()
             rounds.leave(f.compare("olt", update * ratio, CONVERGED))
@@ -206,7 +206,7 @@ class GaussStepper(GaussOutput):
             ratio = f.min(update / last, 1.0)
             first = f.compare("ogt", last, FIRST)
             remembered = w.get(DoubleSlot.CONTRACTION)
-            # where the first round is enough nothing is measured, and what is remembered must fade
+            # one round measures no contraction, so the remembered one fades
             measured = f.select(first, remembered * 0.5, ratio)
             ratio = f.max(f.select(first, remembered, ratio), SMALLEST_RATIO)
             w.put(DoubleSlot.CONTRACTION, f.select(f.compare("ord", ratio, 0.0), measured, f.constant(1.0)))
@@ -317,7 +317,7 @@ class GaussStepper(GaussOutput):
             return total.value * (SCALE * SCALE) / w.number(w.rates)
 
     def _look_at_ends(self, t: Value, h: Value, total: Total) -> None:
-        """Add to the error what may hide where no stage looks: in the first and the last 2 % of the step.
+        """Add the error in the first and the last 2 % of the step, where no stage lies.
 
         A front that falls there, such as smoothed friction at the turn of a joint, leaves no trace in the stages.
         """

@@ -49,8 +49,8 @@ class GaussOutput(Stepper[StageRates]):
         if residual is not None:
             self.factors = Array(w.f, w.f.slot(self.lanes, len(residual.entries)), self.lanes)
 
-    def renew(self, t: Value) -> None:
-        """Factor what the corrections of the rates at times t and states ``x`` need, if they need anything."""
+    def factorise(self, t: Value) -> None:
+        """Factor the mass matrices for corrections of the rates at times t and states ``x``, if these need any."""
         if self.residual is not None:
             for k, entry in enumerate(self.w.evaluate(self.residual.factors, t, self.x)["l"]):
                 self.factors[k] = entry
@@ -114,7 +114,7 @@ class GaussOutput(Stepper[StageRates]):
         """Return, for each result, the sum over sources of (m x m block of its table) times source.
 
         ``tables[r][k]`` is the address and block of the table that result r applies to source k, or result r has
-        fewer sources. Columns in a loop: this code runs once a step, and unrolled it would be half of all code.
+        fewer sources. Columns in a loop: this code runs once per step, and unrolled it would be half of all code.
         """
         f, m = self.f, self.lanes
         totals = [f.slot(m) for _ in tables]
@@ -160,7 +160,7 @@ class GaussOutput(Stepper[StageRates]):
             for j in range(w.system.nz):
                 correct(w.nv + j, 2)
             times = f.muladd(wide_h, c, f.splat(t, m))
-            self.renew(times)
+            self.factorise(times)
             self.evaluate(times, known)
             inside = f.compare_int("eq", group, 0)
             for j in w.each(w.rates):
@@ -200,7 +200,7 @@ class GaussOutput(Stepper[StageRates]):
         f, w, T = self.f, self.w, self.table
         w.put(DoubleSlot.DENSE_END, t + h)
         w.put(DoubleSlot.DENSE_STEP, h)
-        # samples beyond the step's end are not this step's business
+        # samples beyond the end belong to the next step
         with f.when(w.due(t + h, 2.0 * SLACK)):
             self._refine(t, h, kept)
         for j in w.each(w.rates):

@@ -10,15 +10,12 @@ from __future__ import annotations
 
 from decimal import Decimal, localcontext
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.integrators.methods.polynomials import evaluate, integrals, lagrange, legendre, roots
 from robodyn_cli.record import record
-
-Array = NDArray[Any]
+from robodyn_cli.spatial.algebra import Array
 
 
 @record

@@ -1,4 +1,4 @@
-"""The generalized-alpha method with a fixed step: order 2, with numerical damping of what the step does not resolve.
+"""The generalized-alpha method with a fixed step: order 2, with numerical damping of fast oscillations.
 
 Beside the accelerations v-dot, which obey the equations of motion at the end of each step, the method carries an
 auxiliary sequence a (Chung and Hulbert 1993, in the form of Arnold and Bruls 2007):
@@ -27,7 +27,7 @@ from robodyn_cli.kernels.ir import Block, Value
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.record import mutable_record
 
-RHO = 0.8  # spectral radius for infinitely fast oscillations: what is left of them after a step
+RHO = 0.8  # spectral radius for infinitely fast oscillations: the part of them that remains after a step
 ALPHA_M = (2.0 * RHO - 1.0) / (RHO + 1.0)
 ALPHA_F = RHO / (RHO + 1.0)
 GAMMA = 0.5 + ALPHA_F - ALPHA_M
@@ -156,8 +156,8 @@ class AlphaStepper(Stepper[Solved]):
 
         a belongs to a time that lies (alpha_m - alpha_f) h off, so it is v-dot extrapolated to there; starting with
         v-dot itself would cost an order in the multipliers (Arnold, Bruls and Cardona 2015). Where the step does not
-        resolve the fastest decays, which shows in an explicit extrapolation far beyond an implicit one, v-dot at the
-        start says nothing of the step: what an implicit Euler step gives takes its place.
+        resolve the fastest decays, an explicit extrapolation goes far beyond an implicit one; the result of an
+        implicit Euler step then replaces v-dot at the start.
         """
         f, w, s = self.f, self.w, self.w.system
         ahead = h * (ALPHA_F - ALPHA_M)
@@ -215,7 +215,7 @@ class AlphaStepper(Stepper[Solved]):
             self.l[k] = multiplier
         self._solve(t + h, h, unknowns)
         if self.solved == nv and nz:
-            # nothing depends on z, such as work: it follows at the end
+            # nothing depends on z (work, for example), so it is computed at the end
             w.dynamics(t + h, self.x, self.rates)
             w.count(IntegerSlot.EVALUATIONS)
             for k in range(nz):

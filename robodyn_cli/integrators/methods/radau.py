@@ -2,8 +2,8 @@
 
 The stage increments Z solve Z = h A F(x0 + Z). Newton's matrix (h A)^-1 x E - E x J falls apart into one system
 g_l / h E - J for each eigenvalue g_l of A^-1 (Hairer and Wanner 1996, IV.8); one sweep of complex elimination solves
-them all, an eigenvalue a lane. The Jacobian is exact and new in each step. The method is L-stable, and its order
-inside a stiff step is at least that of its stages.
+them all, with one eigenvalue in each lane. The Jacobian is exact and new in each step. The method is L-stable, and its
+order inside a stiff step is at least that of its stages.
 """
 
 from __future__ import annotations

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from decimal import Decimal, localcontext
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.integrators.methods.polynomials import integrals, lagrange, legendre, roots
 from robodyn_cli.record import record
-
-Array = NDArray[Any]
+from robodyn_cli.spatial.algebra import Array
 
 
 @record
@@ -20,7 +17,7 @@ class RadauTable:
     """Radau IIA with s stages, order 2 s - 1 (Hairer and Wanner 1996, sections IV.5 and IV.8), padded to whole vectors.
 
     lanes : of a vector of stages, s or more; stages beyond s repeat the last one and count for nothing.
-    shifts : lanes of a vector of eigenvalues of A^-1, one a complex pair, the real one first.
+    shifts : lanes of a vector of eigenvalues of A^-1, one for each complex pair, the real one first.
     c : (lanes,) nodes, the last one 1. A : (lanes, s) Runge-Kutta matrix. P : (lanes, s) takes stage increments Z to
     the coefficients of u, u^2 .. u^s of x(t1 + u h) - x1.
     g : (shifts,) complex eigenvalues. to : (2 shifts, s) takes residuals of the stages to the eigenvectors, real parts

@@ -1,4 +1,4 @@
-"""Linearly implicit methods for stiff motion: no iteration, one factored matrix a step, exact Jacobian."""
+"""Linearly implicit methods for stiff motion: no iteration, one factored matrix per step, exact Jacobian."""
 
 from __future__ import annotations
 

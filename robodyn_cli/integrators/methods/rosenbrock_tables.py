@@ -7,12 +7,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
 
 Row = tuple[float, ...]
-Array = NDArray[Any]
 Tree = Any  # a tree is the sorted tuple of its branches
 
 

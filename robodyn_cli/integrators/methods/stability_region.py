@@ -7,10 +7,8 @@ stable where |R(z)| <= 1; how far that region reaches along a direction of the c
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.integrators.methods.explicit import ExplicitRungeKutta
 from robodyn_cli.integrators.methods.gauss import Gauss
@@ -18,8 +16,8 @@ from robodyn_cli.integrators.methods.gauss_tables import gauss_table
 from robodyn_cli.integrators.methods.tableaus import ExplicitTable
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[Any]
 FARTHEST = 40.0  # |z| up to which the boundary is looked for; explicit methods end well before
 STRICT = 1e-9  # growth per step that counts as none: rounding of R
 

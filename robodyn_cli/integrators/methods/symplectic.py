@@ -121,7 +121,7 @@ class CompositionStepper(Stepper[list[Value]]):
             w.count(IntegerSlot.EVALUATIONS)
             kicks = [rates[k] for k in range(s.nv)]
             if s.nz:
-                # what only collects, such as work, takes its rate in the middle
+                # a pure integral, such as work, takes its rate in the middle
                 for k in range(s.nv):
                     x[s.nq + k] = f.muladd(half, kicks[k], x[s.nq + k])
                 w.dynamics(middle, x, rates)

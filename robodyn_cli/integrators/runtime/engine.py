@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import ctypes
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.event_location.locate_event import PLACES
@@ -16,8 +14,8 @@ from robodyn_cli.integrators.runtime.memory import Memory
 from robodyn_cli.integrators.stepping.loop import write_run
 from robodyn_cli.kernels.arrays import aligned_zeros
 from robodyn_cli.kernels.compiler import compile_module, machine
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[Any]
 STATUSES = tuple(Status)  # by number
 ADDRESS, NUMBER, DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 
@@ -60,11 +58,11 @@ class Engine:
         self.places[:] = (w, n, y, p, dense, *others, saved, memory.saved.nbytes, values, bracket)
 
     def run_to_event(self) -> Status:
-        """Run on, and where a step meets an event, go to it or close in on it."""
+        """Run on; where a step contains an event, locate it or bracket it."""
         return STATUSES[self._run_to_event(self._at)]
 
     def trial_step(self, time: float, last: int) -> Status:
-        """Go back to what was saved, and from there to ``time``, writing samples up to number ``last``."""
+        """Go back to the saved state, and from there to ``time``, writing samples up to number ``last``."""
         return STATUSES[self._trial_step(self._at, time, last)]
 
     def look(self) -> list[float]:
@@ -73,6 +71,6 @@ class Engine:
         return self.seen()
 
     def seen(self) -> list[float]:
-        """Return the event functions where they were last looked at."""
+        """Return the event functions where they were last evaluated."""
         values: list[float] = self._values.tolist()
         return values

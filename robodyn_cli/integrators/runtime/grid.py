@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.integrators.stepping.stepper import SLACK
 from robodyn_cli.record import record
-
-Array = NDArray[Any]
+from robodyn_cli.spatial.algebra import Array
 
 
 @record

@@ -1,4 +1,4 @@
-"""Drive the compiled stepping loop: blocks of samples, breakpoints, events, counters."""
+"""Run the compiled stepping loop: blocks of samples, breakpoints, events, counters."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.events import GO_ON, Event, EventKind, Jump, Outcome, Owner, Repartition
@@ -30,18 +29,18 @@ from robodyn_cli.integrators.runtime.layout import UNARMED, DoubleSlot, IntegerS
 from robodyn_cli.integrators.runtime.options import Counters as Counters
 from robodyn_cli.integrators.runtime.options import Options as Options
 from robodyn_cli.integrators.runtime.parameters import Parameters
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[Any]
 DEFAULTS = Options()
 SMALLEST_ATOL = 1e-300  # keeps weights finite where the tolerance is zero
 # the compiled loop runs for about this long [s] at a time; the number of steps adapts itself
 SLICE_TIME = 0.02
 FIRST_SLICE = 256
 RESTART = 1 / 16  # first step after a jump, as a part of the time since the last one
-# so many steps with events within this part of the time so far (or of a second) get nowhere
+# chattering: so many steps with events within this part of the time so far (or of a second)
 CROWD = 200
 CROWDED = 1e-9
-BEYOND = 7  # doublings of the resolution in which a function that stands at zero is expected to cross
+BEYOND = 7  # doublings of the resolution within which a function that is zero is expected to cross
 
 
 class Integrator:
@@ -137,14 +136,14 @@ class Integrator:
             # look good where derivatives happen to vanish
             w[DoubleSlot.H] = min(1e-3 * (end - w[DoubleSlot.T]), self.options.max_step)
             if not self.method.adaptive:
-                # a step that no control lets grow again must not be what an event has left of it
+                # no control lets a fixed step grow again, so an event must not shorten it for good
                 self._step = w[DoubleSlot.H]
         if self._step is not None:
             w[DoubleSlot.H_MAX] = self._step
         if not w[DoubleSlot.H_OLD] > 0.0:
             w[DoubleSlot.H_OLD] = w[DoubleSlot.H]
         while True:
-            # back here every few milliseconds: interrupts are heard, and progress is told
+            # return to Python every few milliseconds, to handle interrupts and report progress
             most = n[IntegerSlot.ACCEPTED] + n[IntegerSlot.REJECTED] + self._slice
             n[IntegerSlot.MAX_STEPS] = min(limit, most)
             start = perf_counter()
@@ -171,7 +170,7 @@ class Integrator:
             if k in signs:
                 w[place] = signs[k] * max(abs(g), 1e-300)
             elif g != 0.0 and not crosses(event, w[place], g):
-                # a function at zero keeps the side it came from, and one that has crossed is found in the next step
+                # a function at zero keeps the side it came from; one that has crossed is found in the next step
                 w[place] = g
         self.n[IntegerSlot.WATCH] = 1
 
@@ -182,7 +181,7 @@ class Integrator:
         ------
         NumericalError : the step size underflows, the state stops being finite, or there are too many steps.
         """
-        if self.system.partition is not None:  # which wears out on the way
+        if self.system.partition is not None:  # re-partitions are events
             self.run(end, Grid(end, 0.0, 0), lambda t, x: None, watch=False)
             return
         self.n[IntegerSlot.WATCH], self.n[IntegerSlot.LAST_SAMPLE] = 0, -1
@@ -217,7 +216,7 @@ class Integrator:
         s, n = self.system, self.n
         capacity = max(1, min(block, grid.count))
         self._begin_samples(grid, capacity, emit)
-        # a partition wears out whether anyone looks or not
+        # a partition must be chosen anew whether events are wanted or not
         watch = (watch or s.partition is not None) and bool(s.events)
         if not watch:
             n[IntegerSlot.WATCH] = 0
@@ -236,7 +235,7 @@ class Integrator:
             while True:
                 try:
                     status = self._call(stop, self.pause)
-                except NumericalError:  # of who is told the progress: what the run has come to stays
+                except NumericalError:  # raised by ``tick``: keep the samples so far
                     flush()
                     raise
                 flush()
@@ -270,13 +269,14 @@ class Integrator:
         n[IntegerSlot.NEXT_SAMPLE], n[IntegerSlot.LAST_SAMPLE] = first, grid.count - 1
 
     def _handle(self, events: Sequence[Event]) -> Outcome:
-        """Hand events at the same time to their owners, each with the state that the ones before it have left.
+        """Hand simultaneous events to their owners, each with the state that the one before has left.
 
         Returns what ends the run, or GO_ON.
         """
         end: Outcome = GO_ON
         for k, event in enumerate(events):
-            self.events_seen += event.function.kind is not EventKind.REPARTITION  # that is none of the motion
+            # a re-partition does not change the motion
+            self.events_seen += event.function.kind is not EventKind.REPARTITION
             outcome = (dataclasses.replace(event, state=self.state) if k else event).outcome()
             if outcome.ends:
                 end = outcome
@@ -337,10 +337,10 @@ class Integrator:
 
         def values(time: float) -> Sequence[float]:
             if time not in known:
-                known[time] = trial(time)
+                known[time] = trial_step(time)
             return known[time]
 
-        def trial(time: float) -> Sequence[float]:
+        def trial_step(time: float) -> Sequence[float]:
             status = engine.trial_step(time, -1)
             if status is Status.DONE:
                 return engine.seen()
@@ -358,20 +358,20 @@ class Integrator:
                 low, high = (time, high) if k == 0 else (min(low, time), time)
         found = first_roots(events, values, armed, seen, (start, low, high))
         if not found.roots and events[seen].is_discontinuity:
-            # it may stand at zero, where what switches on it does so a few roundings later
+            # the function may be zero here and switch only a few roundings later
             for k in range(BEYOND):
                 further = high + 2**k * resolution(start, high)
                 if further <= stop and crosses(events[seen], armed[seen], values(further)[seen]):
                     found = first_roots(events, values, armed, seen, (start, low, further))
                     break
         if not found.roots and found.time <= start:
-            # the step cannot be taken: let it fail where it does
+            # no motion leads there: take the step, so that its failure is reported
             self._go(high, -1, flush)
             found = Found(high)
         return found.time, found.roots
 
     def _go(self, time: float, last: int, flush: Callable[[], None]) -> None:
-        """Go to ``time`` from what was saved."""
+        """Go to ``time`` from the saved state."""
         status = self.engine.trial_step(time, last)
         arrived = status is Status.DONE
         while status in (Status.FULL, Status.MAX_STEPS):

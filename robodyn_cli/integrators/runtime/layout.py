@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 
-FINE = 4e-16  # how narrow the bracket of an event can sensibly become, relative to its time
+FINE = 4e-16  # shortest bracket of an event, relative to its time
 UNARMED = 2  # event functions are watched from the side that they are on at the start
 
 

@@ -1,16 +1,15 @@
-"""What a run is, in one block of memory: going back to a moment of it is one copy."""
+"""The whole state of a run in one block of memory: going back to an earlier moment is one copy."""
 
 from __future__ import annotations
 
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot
 from robodyn_cli.kernels.arrays import aligned_zeros
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 ROW = 8  # doubles; each part starts where a vector may
 
 

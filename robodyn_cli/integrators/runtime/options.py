@@ -1,4 +1,4 @@
-"""How a run is asked to go, and what it took."""
+"""Options of a run, and its counters."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from robodyn_cli.record import mutable_record, record
 
 @mutable_record
 class Counters:
-    """What a run took."""
+    """Counts of what a run did."""
 
     steps: int = 0
     rejected: int = 0

@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.formulations.system import System
-
-Array = NDArray[Any]
+from robodyn_cli.spatial.algebra import Array
 
 
 class Parameters:

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.layout import Status
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.record import record
-
-Array = NDArray[Any]
+from robodyn_cli.spatial.algebra import Array
 
 
 @record
@@ -43,7 +39,7 @@ class Stopped:
             return f"the equations of motion give no finite accelerations {where}"
         hint = ""
         if self.options.atol == 0.0 and np.any(self.state == 0.0):
-            hint = "; with 'atol: 0' what is or passes zero may have no error at all: allow some, as 'atol: 1e-12'"
+            hint = "; with 'atol: 0' a quantity at zero may have no error at all; allowed: an 'atol' such as 1e-12"
         return f"the step size became too small {where} (step {self.step:.3g} s){hint}"
 
 

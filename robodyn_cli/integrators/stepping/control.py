@@ -1,6 +1,6 @@
 """Step control: whether an attempted step counts, and how long the next one is to be.
 
-Methods hand over the raw error of a step and the order with which it falls; all else is here. Errors are mean squares
+Methods supply the error of a step and its order; everything else is here. Errors are mean squares
 in units of the tolerance, (1/n) sum (e_i / (atol + rtol |x_i|))^2; logarithms are of their roots, and rough ones do.
 """
 
@@ -18,8 +18,8 @@ from robodyn_cli.kernels.mathematics import rough_exp2, rough_log2
 from robodyn_cli.record import mutable_record, record
 
 ROUNDING = 1e-15  # part of a state below which an error means nothing
-LEAST_LAST = 1e-4  # a last error below this promises no more than this
-TINY = 1e-8  # an error that says that the step is far too short
+LEAST_LAST = 1e-4  # a smaller last error counts as this
+TINY = 1e-8  # below this error the step is far too short
 # limits of the factor after a rejected step, and the factor where the error is not finite
 LEAST_RETRY, MOST_RETRY, BROKEN = 0.1, 0.9, 0.1
 
@@ -111,7 +111,7 @@ FIXED = Controller(1.0, 1.0, 1.0, 1.0, 1.0)  # every step that is solved counts,
 
 @mutable_record
 class Verdict:
-    """What becomes of an attempted step.
+    """The verdict on an attempted step.
 
     square : of the error over what is accepted; the step counts where it is below 1. factor : of the next step.
     log_error : for the control of the next step; none with a fixed step.

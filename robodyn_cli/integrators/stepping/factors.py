@@ -1,4 +1,4 @@
-"""Solving with the factors of g E - J inside compiled code: triangular sweeps that skip what is zero by structure."""
+"""Solving with the factors of g E - J inside compiled code: triangular sweeps that skip structural zeros."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from robodyn_cli.kernels.program import Program
 
 
 def _present(entries: Sequence[int | float]) -> list[bool]:
-    """Tell which entries are not zero by structure."""
+    """Tell which entries are structurally nonzero."""
     return [not (isinstance(e, float) and e == 0.0) for e in entries]
 
 
@@ -49,7 +49,7 @@ Pair = tuple[Value, Value]
 
 
 class ComplexFactors:
-    """g E - J for complex g = (re, im), one g a lane, factored at time t and state x (of as many lanes)."""
+    """g E - J for complex g = (re, im), one g in each lane, factored at time t and state x (of as many lanes)."""
 
     def __init__(self, w: Writer, t: Value, x: Array, g: Pair) -> None:
         program: Program = w.system.complex_linearisation

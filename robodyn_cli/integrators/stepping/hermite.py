@@ -1,4 +1,4 @@
-"""Dense output from states and accelerations at both ends of a step, for methods that have nothing better."""
+"""Dense output from states and accelerations at both ends of a step, for methods without an output of their own."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Value
 from robodyn_cli.record import mutable_record
 
-PROBE = 0.25  # part of a step at which the rate of z is looked at once more for dense output
+PROBE = 0.25  # part of a step at which dense output evaluates the rate of z once more
 
 
 def hermite_size(system: System) -> int:
@@ -43,7 +43,7 @@ class HermiteOutput:
         self._probe(t, h, len(numbers))
 
     def _probe(self, t: Value, h: Value, place: int) -> None:
-        """Store what the cubic polynomials of z miss: the coefficients of x^2 (1 - x)^2."""
+        """Store the error of the cubic polynomials of z: the coefficients of x^2 (1 - x)^2."""
         f, w, s = self.f, self.w, self.w.system
         if not s.nz:
             return

@@ -25,9 +25,9 @@ from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Block, Condition, Value, module
 from robodyn_cli.record import mutable_record
 
-RESOLUTION = 4e-16  # of a time: shorter steps lead nowhere
+RESOLUTION = 4e-16  # of a time: shorter steps are lost in rounding
 SHORTEST = 32 * 2.3e-16  # of the time: steps that may pass a jump unchecked
-STRETCH = 1.0001  # of the last step, which would leave almost nothing
+STRETCH = 1.0001  # a step that would leave less than this of itself is extended to the end
 REJECTIONS = 60  # in a row, after which a step will not get shorter any more
 PROJECTIONS = 6  # Newton steps
 CLOSED = 1e-9  # change of q from which, with quadratic convergence, the next one is below rounding
@@ -130,8 +130,8 @@ def _reject(w: Writer, adaptive: bool, step: Step, verdict: Verdict, failed: Blo
 def _steps_over_jump(w: Writer, step: Step) -> Condition:
     """Return whether a rejected step is as short as steps can be and passes a jump of the right-hand side.
 
-    No step over a jump is short enough for a tight tolerance; what a step of a few roundings of time makes of a wrong
-    right-hand side is rounding.
+    No step over a jump is short enough for a tight tolerance. In a step of a few roundings of time, even a wrong
+    right-hand side changes the state by rounding only.
     """
     f, s = w.f, w.system
     assert s.switching is not None
@@ -148,7 +148,7 @@ def _steps_over_jump(w: Writer, step: Step) -> Condition:
 
 
 def _count_rejection(w: Writer, run: Exit) -> None:
-    """Count a step that came to nothing; the run ends where steps get too short."""
+    """Count a rejected step; the run ends where steps get too short."""
     f = w.f
     w.count(IntegerSlot.REJECTED)
     in_row = f.bump(w.integer_at(IntegerSlot.REJECTED_IN_ROW))

@@ -10,7 +10,7 @@ from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.ir import Block, Loop, Value
 from robodyn_cli.record import record
 
-BEGUN = 1e300  # stands for the update before the first
+BEGUN = 1e300  # in place of the update before the first
 FIRST = 1e200  # updates before the first are above this
 UNKNOWN_RATIO = 0.5  # of the first two updates, where nothing is remembered
 LEAST_RATIO = 0.01
@@ -62,7 +62,7 @@ class Rounds:
             first = f.compare("ogt", last, FIRST)
             ratio = f.select(first, self._expected(), update / last)
             if limits.remembers:
-                # what is remembered fades, so that steps solved in one round go on being tried in one
+                # the remembered ratio fades, so that steps that one round solves still end after one
                 fading = f.select(first, ratio * 0.5, ratio)
                 w.put(DoubleSlot.CONTRACTION, f.select(f.compare("ord", ratio, 0.0), fading, 1.0))
             left = update * ratio / f.max(1.0 - ratio, LEAST_RATIO)

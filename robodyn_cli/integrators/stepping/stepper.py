@@ -52,7 +52,7 @@ class Method:
     dense_order = 0
     proportion = 1.0
     lanes = 1  # stages that are evaluated at once
-    instead = "auto, gauss, radau13"  # methods for systems that this one refuses
+    instead = "auto, gauss, radau13"  # methods to name in a refusal
 
     def __init__(self, facts: IntegrationMethod) -> None:
         self.facts = facts
@@ -99,7 +99,7 @@ class Method:
         return True
 
     def moves_state(self, system: System) -> bool:
-        """Tell whether there is something to put back, so that a step ends at another state than it came to."""
+        """Tell whether steps are corrected, so that the next one starts from another state."""
         corrections = (system.normal_form, system.positions, system.velocities)
         return self.projects(system) and any(c is not None for c in corrections)
 

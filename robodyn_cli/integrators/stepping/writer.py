@@ -68,7 +68,7 @@ class Writer:
 
     # -- rows of vectors ------------------------------------------------------------------------------
     def array(self, velocities: int, others: int, width: int = 1) -> Array:
-        """Return room for so many vectors a velocity, and so many a further state z."""
+        """Return room for so many vectors per velocity, and so many per further state z."""
         f, s = self.f, self.system
         more = others * s.nz
         if isinstance(self.nv, int):

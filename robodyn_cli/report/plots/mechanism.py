@@ -15,7 +15,8 @@ from robodyn_cli.report.marks import lock_time
 from robodyn_cli.report.placing import name_lines
 from robodyn_cli.report.plane import AXES, box_height, main_plane
 from robodyn_cli.report.ticks import number
-from robodyn_cli.results.result import Array, Result
+from robodyn_cli.results.result import Result
+from robodyn_cli.spatial.algebra import Array
 
 POSES = 8
 MOST_NAMES = 8

@@ -12,7 +12,8 @@ from robodyn_cli.report.decimate import finite, where_largest
 from robodyn_cli.report.lines import column_names, draw_columns
 from robodyn_cli.report.marks import growth_times, lock_time, loop_columns, mark_lock
 from robodyn_cli.report.ticks import labelled, log_axis, number, positive_floor, unit
-from robodyn_cli.results.result import Array, Result
+from robodyn_cli.results.result import Result
+from robodyn_cli.spatial.algebra import Array
 
 
 def applies(result: Result) -> bool:

@@ -13,7 +13,8 @@ from robodyn_cli.report.heatmap import draw_map
 from robodyn_cli.report.lines import draw_columns
 from robodyn_cli.report.marks import mark_lock
 from robodyn_cli.report.ticks import log_axis, number
-from robodyn_cli.results.result import Array, Result, Variable
+from robodyn_cli.results.result import Result, Variable
+from robodyn_cli.spatial.algebra import Array
 
 SPREAD = 30.0  # largest over typical load from which on the scale is logarithmic
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robodyn_cli.report.plane import AXES, box_height, main_plane
-from robodyn_cli.results.result import Array, Result
+from robodyn_cli.results.result import Result
+from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -12,7 +12,8 @@ from robodyn_cli.report.decimate import finite, largest, thin_path
 from robodyn_cli.report.plane import AXES, box_height, main_plane
 from robodyn_cli.report.style import FEW, GREY, TARGET, line_styles
 from robodyn_cli.report.ticks import number
-from robodyn_cli.results.result import Array, Result
+from robodyn_cli.results.result import Result
+from robodyn_cli.spatial.algebra import Array
 
 
 def applies(result: Result) -> bool:

@@ -1,8 +1,8 @@
 """Dimension scales: which dataset names and labels each axis of each other one.
 
 The rules, so that xarray and netCDF readers open every group: each axis of each dataset has a scale; a
-one-dimensional dataset named like its dimension is that scale (``/time``); otherwise the scale lies at the
-root under the dimension's name and holds the labels, or nothing but a length.
+one-dimensional dataset named like its dimension is that scale (``/time``); otherwise the scale lies at the root under
+the dimension's name and holds the labels, or only a length.
 """
 
 from __future__ import annotations

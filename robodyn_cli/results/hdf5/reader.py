@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.errors import ResultFileError
-from robodyn_cli.results.hdf5.trial import survive
+from robodyn_cli.results.hdf5.isolation import survive
 from robodyn_cli.results.hdf5.writer import FILETYPE, FORMAT_VERSION, JSON_ATTRIBUTES
 from robodyn_cli.results.result import Result, Variable
 
-# the time that a file gets to be read, beyond which it is taken for one that never ends
+# time limit of reading a file [s]; a damaged one may make the library loop forever
 SECONDS = 10.0
 BYTES_PER_SECOND = 5e6
 
@@ -46,7 +46,7 @@ def read(path: str | Path, select: Callable[[str], bool] | None = None) -> Resul
         return _read(path, select)
     except ResultFileError:
         raise
-    except Exception as error:  # a damaged file can lead anywhere
+    except Exception as error:  # a damaged file can raise any error
         message = f"{path} cannot be read as a result of robodyn: {error}"
         raise ResultFileError(message, path=str(path)) from error
 
@@ -151,7 +151,7 @@ def _is_bare(dataset: Any) -> bool:
 
 
 def _dims(dataset: Any, path: str) -> tuple[str, ...]:
-    """Return the names of the dimensions from their scales; one that is a scale itself is its own."""
+    """Return the names of the dimensions from their scales; a dataset that is a scale names its own."""
     if dataset.is_scale:
         return (path,)
     names = [dimension[0].name if len(dimension) else f"dim_{k}" for k, dimension in enumerate(dataset.dims)]

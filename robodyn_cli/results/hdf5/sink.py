@@ -1,12 +1,8 @@
-"""The file below HDF5: it never reports a failure or an interrupt to the library, only to us."""
+"""The file below HDF5: it keeps failures and interrupts from the library and reports them to the writer."""
 
 from __future__ import annotations
 
-import contextlib
 import os
-import signal
-import threading
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +12,8 @@ class Sink:
 
     HDF5 cannot close a file whose writes have failed: on a full disk it crashes the process. So the first
     failure is kept in ``error`` and what follows goes to memory, until the writer asks and gives up; that is
-    little, since it asks after every block. Interrupts wait outside (``uninterrupted``): one that is raised between two
-    statements here would reach the library.
+    little, since it asks after every block. Interrupts wait outside (``atomic.uninterrupted``): one that is raised
+    between two statements here would reach the library.
     """
 
     def __init__(self, path: Path) -> None:
@@ -95,25 +91,3 @@ class Sink:
                 os.fsync(self._file.fileno())
         finally:
             self._file.close()
-
-
-@contextlib.contextmanager
-def uninterrupted() -> Iterator[None]:
-    """Put an interrupt (Ctrl-C) off until the block has ended.
-
-    HDF5 calls back into Python to write; an interrupt raised in there would reach the library as a failed write, and
-    it would report that, or crash on closing the file. Only the main thread sees interrupts, so elsewhere, and where a
-    program handles them in a way of its own that is no Python function, this does nothing.
-    """
-    before = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or not callable(before):
-        yield
-        return
-    waiting: list[tuple[int, Any]] = []
-    signal.signal(signal.SIGINT, lambda number, frame: waiting.append((number, frame)))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-        if waiting:
-            before(*waiting[0])

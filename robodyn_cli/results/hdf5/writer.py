@@ -1,4 +1,4 @@
-"""Write a result file block by block: whole under its final name, or not there at all."""
+"""Write a result file block by block; it gets its final name when it is complete."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ import numpy as np
 
 from robodyn_cli.record import mutable_record
 from robodyn_cli.results import catalogue, provenance
-from robodyn_cli.results.atomic import discard, output_errors, temporary_path
-from robodyn_cli.results.hdf5.sink import uninterrupted
+from robodyn_cli.results.atomic import discard, output_errors, temporary_path, uninterrupted
 from robodyn_cli.results.result import Meta, Result, Variable, make_variable
 from robodyn_cli.results.summary import dumps
 
@@ -34,7 +33,7 @@ CHUNK_BYTES = 1 << 18
 
 @mutable_record
 class _Column:
-    """A dataset on its way to the file: what is buffered, and what is already there."""
+    """A dataset that is being written: its buffered rows, and the rows already in the file."""
 
     meta: Variable
     blocks: list[np.ndarray]
@@ -156,7 +155,7 @@ class ResultWriter:
         return self.path
 
     def _abandon(self) -> None:
-        """Close and remove the temporary file, whatever state it is in."""
+        """Close and remove the temporary file in any state."""
         temporary, self._temporary = self._temporary, None
         self._columns.clear()
         try:
@@ -191,7 +190,7 @@ class ResultWriter:
         column.blocks = [rows[count:].copy()] if column.buffered else []
 
     def _check_lengths(self, status: str) -> None:
-        """Make all datasets over time equally long, or say which is not."""
+        """Make all datasets over time equally long, or raise an error that names the lengths."""
         timed = {path: column for path, column in self._columns.items() if "time" in column.meta.dims[:1]}
         if len({column.rows for column in timed.values()}) <= 1:
             return

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import queue
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from robodyn_cli import exit_codes
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.exit_codes import INTERNAL, INTERRUPTED
-from robodyn_cli.results.output_dir import SUMMARY_NAME
+from robodyn_cli.results.output_dir import SUMMARY_NAME, OutputDirectory
 from robodyn_cli.results.summary import read_summary
 from robodyn_cli.run.batch.criteria import exit_code
 from robodyn_cli.run.batch.entries import finished, settle
@@ -32,6 +34,15 @@ def interrupt(process: subprocess.Popen[bytes]) -> None:
     """Ask a worker to end."""
     with contextlib.suppress(OSError):
         process.send_signal(signal.SIGTERM if sys.platform == "win32" else signal.SIGINT)
+
+
+def _summary(printed: bytes) -> dict[str, Any]:
+    """Return what a worker printed of a run that failed; nothing if it did not get as far."""
+    try:
+        found = json.loads(printed)
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 class Clock:
@@ -143,24 +154,33 @@ class Batch:
                 settle(entry, exit_code(summary), summary)
                 entry.seconds = time.perf_counter() - start
                 return
-        code, said, late = self._work(entry)
+        entry.replaced = OutputDirectory(entry.directory, scene=entry.path).other_scene()
+        code, said, printed, late = self._work(entry)
         entry.seconds = time.perf_counter() - start
         if late:
             entry.exit_code = TIMED_OUT
             entry.message = f"ended after {self.timeout:g} s: the time limit of a scene (--timeout)"
             return
-        summary = read_summary(entry.directory / SUMMARY_NAME)
+        # with other codes the file, if there is one, is an earlier run's
+        found = code in exit_codes.REPLACING
+        summary = read_summary(entry.directory / SUMMARY_NAME) if found else _summary(printed)
         if not summary or exit_code(summary) != code:
-            # the worker did not get as far as a summary: what is there is another run's
             summary = {"status": "failed", "error": {"exit_code": code, "message": said}}
         settle(entry, code, summary)
 
-    def _work(self, entry: Entry) -> tuple[int, str, bool]:
-        """Return the exit code of a worker, the last line that it printed, and whether it ran out of time."""
+    def _work(self, entry: Entry) -> tuple[int, str, bytes, bool]:
+        """Return a worker's exit code, its last message, what it printed, and whether it ran out of time."""
+        with tempfile.TemporaryFile() as printed:
+            code, said, late = self._wait_for(entry, printed)
+            printed.seek(0)
+            return code, said, printed.read(), late
+
+    def _wait_for(self, entry: Entry, printed: IO[bytes]) -> tuple[int, str, bool]:
+        """Run a worker that prints into a file; return its exit code, last message, and whether it was too late."""
         with self._lock:
             if self._stopping:
                 return INTERNAL, "", False
-            process = self._start(entry)
+            process = self._start(entry, printed)
             self._running.add(process)
         assert process.stderr is not None and process.stdin is not None
         clock = Clock(process, self.timeout)
@@ -184,7 +204,7 @@ class Batch:
         # a worker that ended by itself as its time ran out counts as it ended
         return code, said, clock.fired and code in (INTERNAL, INTERRUPTED)
 
-    def _start(self, entry: Entry) -> subprocess.Popen[bytes]:
+    def _start(self, entry: Entry, printed: IO[bytes]) -> subprocess.Popen[bytes]:
         """Start the worker of a scene."""
         assert entry.directory is not None
         environment = dict(os.environ)
@@ -196,7 +216,7 @@ class Batch:
         return subprocess.Popen(
             self.worker(entry.command, entry.path, entry.directory),
             stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
+            stdout=printed,
             stderr=subprocess.PIPE,
             env=environment,
             **own,

@@ -10,7 +10,7 @@ from typing import Any
 from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.errors import ResultFileError, RobodynError, SceneError
 from robodyn_cli.exit_codes import FAILED, worst
-from robodyn_cli.results.output_dir import RESULT_NAME, SUMMARY_NAME
+from robodyn_cli.results.output_dir import RESULT_NAME, SUMMARY_NAME, same_run
 from robodyn_cli.results.provenance import sha256
 from robodyn_cli.results.summary import read_summary
 from robodyn_cli.run.batch.criteria import EXIT_CODE, exit_code, judge
@@ -47,15 +47,19 @@ def unique_names(paths: Sequence[Path]) -> list[str]:
     stems = [path.stem for path in paths]
     if len(set(stems)) == len(stems):
         return stems
-    full = [Path(os.path.abspath(path)).with_suffix("") for path in paths]
+    full = [Path(os.path.abspath(path)) for path in paths]
     try:
         root = os.path.commonpath([path.parent for path in full])
     except ValueError:  # on different drives
         return [f"{stem}-{k}" if stems.count(stem) > 1 else stem for k, stem in enumerate(stems)]
-    return [
-        stem if stems.count(stem) == 1 else path.relative_to(root).as_posix()
-        for stem, path in zip(stems, full)
-    ]
+    places = [path.relative_to(root) for path in full]
+    bare = [place.with_suffix("") for place in places]
+    names = []
+    for stem, place, short in zip(stems, places, bare):
+        # x.yaml and x.yml in one folder keep their suffixes
+        distinct = place if bare.count(short) > 1 else short
+        names.append(stem if stems.count(stem) == 1 else distinct.as_posix())
+    return names
 
 
 def finished(entry: Entry, drawn: bool) -> dict[str, Any] | None:
@@ -85,6 +89,7 @@ def finished(entry: Entry, drawn: bool) -> dict[str, Any] | None:
         sha256(result.scene_text) == sha256(entry.scene.text)
         and result.attributes.get("robodyn_version") == __version__
         and result.status == summary.get("status")
+        and same_run(summary, result.attributes)
     )
     return summary if same else None
 

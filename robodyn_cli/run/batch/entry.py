@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 class Entry:
     """One scene of a batch and what became of it.
 
-    ``stopped`` : not done, as all are at first. ``unchanged`` : an earlier result was kept. ``verdict`` is ``ok``,
-    ``failed`` (a criterion, or no lock), ``error`` or ``stopped``.
+    ``stopped`` : not done, as all are at first. ``unchanged`` : an earlier result was kept. ``replaced`` : another
+    scene, whose results were in the directory. ``verdict`` is ``ok``, ``failed`` (a criterion, or no lock),
+    ``error`` or ``stopped``.
     """
 
     path: Path
@@ -31,6 +32,7 @@ class Entry:
     stopped: bool = False
     seconds: float = 0.0
     message: str = ""
+    replaced: Path | None = None
     criteria: list[Outcome] = dataclasses.field(default_factory=list)
 
     @property

@@ -8,7 +8,7 @@ from typing import Any
 
 from robodyn_cli.errors import ResultFileError
 from robodyn_cli.results.hdf5 import read
-from robodyn_cli.results.output_dir import RESULT_NAME, SUMMARY_NAME
+from robodyn_cli.results.output_dir import RESULT_NAME, SUMMARY_NAME, same_run
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import read_summary
 
@@ -31,8 +31,20 @@ def result_path(path: Path) -> Path:
 
 
 def read_stored(path: Path, select: Callable[[str], bool] | None = None) -> Result:
-    """Return the result that a path means."""
-    return read(result_path(path), select)
+    """Return the result that a path means.
+
+    Raises
+    ------
+    ResultFileError : there is none, it cannot be read, or the summary beside it is of another run.
+    """
+    result = read(result_path(path), select)
+    if (
+        path.is_dir()
+        and (summary := read_summary(path / SUMMARY_NAME))
+        and not same_run(summary, result.attributes)
+    ):
+        raise _mixed(path)
+    return result
 
 
 def summary_and_scene(path: Path) -> tuple[dict[str, Any], str | None]:
@@ -42,6 +54,17 @@ def summary_and_scene(path: Path) -> tuple[dict[str, Any], str | None]:
     """
     summary = read_summary(path / SUMMARY_NAME) if path.is_dir() else {}
     if summary and not (path / RESULT_NAME).exists():
+        outputs = summary.get("outputs")
+        if isinstance(outputs, list) and RESULT_NAME in outputs:
+            raise _mixed(path)
         return summary, None
     result = read_stored(path, lambda _: False)
     return summary or result.summary, result.scene_text
+
+
+def _mixed(path: Path) -> ResultFileError:
+    return ResultFileError(
+        f"{path}: {SUMMARY_NAME} and {RESULT_NAME} are not of the same run: one was ended while it "
+        "replaced the other's files; run the scene again",
+        path=str(path),
+    )

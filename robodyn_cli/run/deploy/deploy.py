@@ -263,7 +263,7 @@ def _reason(done: Deployment, lock: Lock) -> str:
         ahead = next(time for time, _ in done.found.dead_points if time >= lock.time)
         return f"{reason}, on the way to the dead point at t = {ahead:.9g} s"
     if done.found.driven:
-        names = ", ".join(done.motion.scene.prescribed or {})
+        names = ", ".join(done.motion.scene.prescribed)
         return (
             f"dead point under the prescribed motion of {names}: the passive joints cannot follow, and the "
             "multipliers diverge"

@@ -6,11 +6,10 @@ import dataclasses
 import heapq
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.record import mutable_record
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 GRID = 1e-3  # s, the uniform grid on which the running median is taken
 LEVELS = (10.0, 100.0, 1000.0)
 

@@ -6,7 +6,6 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.kinematics import transforms
 from robodyn_cli.algorithms.reactions import loop_wrench
@@ -17,9 +16,7 @@ from robodyn_cli.loops.fixed import FixedLoop
 from robodyn_cli.model.model import BASE, FixedFrame, Loop, Model
 from robodyn_cli.record import record
 from robodyn_cli.run.deploy.summary import LatchKeys
-from robodyn_cli.spatial.algebra import matrix, vector
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array, matrix, vector
 
 NEW = 1e-6  # part of a row that the others must leave before it counts as a further constraint
 

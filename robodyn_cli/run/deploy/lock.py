@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.errors import NumericalError, RobodynError, SingularConfigurationError
 from robodyn_cli.record import record
@@ -25,8 +24,8 @@ from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.driver.second_run import other_steps, remainder, tighter
 from robodyn_cli.run.observation.recorder import Recorder
 from robodyn_cli.run.singular.singularity import Singularity, classify, culprit, loop_rows, psi_at
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 TRUSTED = 0.01  # relative error of a lock's time beyond which it is not reported as a lock
 
 

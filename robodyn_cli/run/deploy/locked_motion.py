@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.formulations.build import build_system
@@ -26,8 +25,7 @@ from robodyn_cli.run.driver.summary import Residual
 from robodyn_cli.run.observation.observe import Column, Observer
 from robodyn_cli.run.observation.recorder import Recorder
 from robodyn_cli.run.stopwatch import Stopwatch
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 # what the locked structure says; all else is that of the mechanism without its latch
 DYNAMIC = ("qdd", "tau", "constraints/", "reactions/", "loop_reactions/", "base_wrench")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.events import GO_ON, STOP, Event, EventKind, Outcome
@@ -13,8 +12,8 @@ from robodyn_cli.run.driver.driver import Driver, Repeat
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.observation.recorder import Recorder
 from robodyn_cli.run.progress import Progress
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 # smallest singular value of the passive block, relative to the largest of Psi, that is still worth reporting
 NEAR_SINGULAR = 1e-3
 SHORT_OF = 1e-2  # part of the extrapolated way to a loss of rank that samples stay short of it

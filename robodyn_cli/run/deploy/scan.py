@@ -10,16 +10,13 @@ import dataclasses
 from collections.abc import Sequence
 from typing import TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError
-from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.formulations.events import GO_ON, STOP, Event, EventFunction, EventKind, Outcome
 from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.record import record
 from robodyn_cli.run.deploy.growth import GRID, GrowthMonitor, levels_with, multiplier_norm
 from robodyn_cli.run.driver.build import contact_watchers
@@ -30,8 +27,8 @@ from robodyn_cli.run.observation.least_norm import LeastNorm
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.singular.rank_loss import Passage, PosesAhead
 from robodyn_cli.run.singular.singularity import classify, driven_dead_point, loop_rows, passive_determinant
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 Pose = tuple[float, Array]  # a time [s] and the state x (nx,) there
 W = TypeVar("W", bound=Watcher)
 BLOCK = 4096  # samples whose multipliers are judged at a time
@@ -68,7 +65,7 @@ class MultiplierGrowth(Watcher):
     def follow(self, motion: Motion) -> None:
         self.system, self.deploy = motion.system, motion.scene.deploy
         lam = {"lam": list(self.problem.forward.lam)} if not self.problem.dependent else {}
-        self.kernel = SampleKernel(lam, GROUPS) if lam else LeastNorm(self.problem)
+        self.kernel = SampleKernel(lam, STATE_GROUPS) if lam else LeastNorm(self.problem)
         self.begin(0.0, motion.start, motion.options)
 
     @property

@@ -7,26 +7,24 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError
 from robodyn_cli.formulations.build import build_system
-from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.formulations.projection import projection
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.record import record
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.motion import Gains, Motion
 from robodyn_cli.scene.types import Baumgarte
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[Any]
 SAMPLES = 129
 FACTORS = tuple(2.0**k for k in range(-12, 3))  # c in alpha = beta = c / h that are tried, the smallest first
 LONGEST = 5_000  # steps of the trial runs: the gains of a long run are chosen on its first part
@@ -69,7 +67,7 @@ class GainStudy:
         alpha, beta = problem.graph.symbols(["alpha", "beta"], "p")
         self.system = build_system(problem, Baumgarte(alpha=alpha, beta=beta), work=False)  # type: ignore[arg-type]
         q, _ = projection(problem)
-        self._observe = SampleKernel({"q": q, "eta": problem.constraints.eta}, GROUPS)
+        self._observe = SampleKernel({"q": q, "eta": problem.constraints.eta}, STATE_GROUPS)
         self.over = projected.scene.simulate.duration
         states, steps, reached = self._run(projected.system, (), self.options, LONGEST)
         if reached < self.over:

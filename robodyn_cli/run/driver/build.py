@@ -47,7 +47,7 @@ def contact_watchers(problem: Problem) -> list[Watcher]:
     """Return the watcher of joints that stick, slip and meet rigid stops, where there are such joints."""
     if not problem.contact_joints:
         return []
-    from robodyn_cli.run.driver.contact_states import ContactStates
+    from robodyn_cli.run.contact.states import ContactStates
 
     return [ContactStates(problem)]
 

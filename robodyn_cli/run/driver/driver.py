@@ -15,7 +15,6 @@ from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.events import Leap
@@ -25,8 +24,8 @@ from robodyn_cli.integrators.runtime.integrator import CROWDED, Counters, Grid, 
 from robodyn_cli.integrators.runtime.layout import IntegerSlot
 from robodyn_cli.record import record
 from robodyn_cli.run.driver.motion import Motion, Watcher
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 Emit = Callable[[Array, Array], None]
 STANDSTILL = 1_000  # steps
 BLOCK = 65536  # samples that are handed on at a time

@@ -27,7 +27,7 @@ def explained(error: RobodynError, motion: Motion, driver: Driver) -> RobodynErr
     pose = driven_dead_point(problem, motion.passive, q, driver.time, motion.scene.simulate.duration)
     if pose is not None:
         time, where, kind = pose
-        names = ", ".join(problem.scene.prescribed or {})
+        names = ", ".join(problem.scene.prescribed)
         what = "dead point" if kind == "dead_point" else "singular configuration"
         return SingularConfigurationError(
             f"{what} at t = {time:.9g} s under the prescribed motion of {names}: the passive joints cannot follow, "

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.aba import factor_joint
 from robodyn_cli.algorithms.kinematics import slice_q, transforms
@@ -11,10 +12,9 @@ from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr.graph import is_number
 from robodyn_cli.model.model import BASE, Model
 from robodyn_cli.record import record
-from robodyn_cli.spatial.algebra import columns
+from robodyn_cli.spatial.algebra import Array, columns
 from robodyn_cli.spatial.inertia import ArticulatedInertia
 
-Array = NDArray[np.float64]
 SINGULAR = 1e-12
 NEARLY = 1e-6
 
@@ -62,8 +62,8 @@ def lightest_joint(model: Model, q: Array) -> Lightest | None:
     return found
 
 
-def refuse_singular(model: Model, q: Array) -> None:
-    """Refuse a start at which the accelerations are not determined.
+def refuse_singular(model: Model, q: Array, prescribed: Collection[str] = ()) -> None:
+    """Refuse a start at which the accelerations are not determined by the mass matrix; ``prescribed`` are joints.
 
     Raises
     ------
@@ -79,6 +79,12 @@ def refuse_singular(model: Model, q: Array) -> None:
     else:
         what = f"joint {name!r} feels no inertia, because the joints beyond it can take all of its motion"
         advice = "give its link an inertia, or start in another configuration"
+    if name in prescribed:
+        raise NumericalError(
+            f"the mass matrix is singular at t = 0: {what}; the multipliers are computed with its inverse. Its "
+            "motion is prescribed, so a rotor_inertia of any size changes nothing but the force that drives it",
+            time=0.0, joint=name, status="singular_mass_matrix",
+        )  # fmt: skip
     raise NumericalError(
         f"the mass matrix is singular at t = 0: {what}, so its acceleration is not determined; {advice}",
         time=0.0, joint=name, status="singular_mass_matrix",

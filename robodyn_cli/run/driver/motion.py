@@ -7,9 +7,6 @@ import dataclasses
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.formulations.events import GO_ON, Event, EventFunction, Outcome
 from robodyn_cli.formulations.system import System
@@ -19,8 +16,7 @@ from robodyn_cli.record import record
 from robodyn_cli.run.observation.observe import Observer
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import Assembled
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 
 @record

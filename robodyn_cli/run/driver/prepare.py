@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.dependence import Dependence
 from robodyn_cli.equations.problem import Problem
@@ -14,8 +13,7 @@ from robodyn_cli.run.driver.mass_matrix import refuse_singular
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import RANK_TOLERANCE, Assembled, assemble
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 
 @record
@@ -49,13 +47,13 @@ def prepare(scene: Scene, watch: Stopwatch | None = None, neutral: bool = False)
             from robodyn_cli.run.mechanism.prescribed import check_prescribed
 
             check_prescribed(problem)
-        hold = [*held, *(n for n in scene.prescribed or {} if n not in held)]
-        assembled = assemble(problem, given, dict(scene.initial.qd or {}), hold)
+        hold = [*held, *(n for n in scene.prescribed if n not in held)]
+        assembled = assemble(problem, given, dict(scene.initial.qd), hold)
         if scene.torques or scene.prescribed or problem.model.forces:
             from robodyn_cli.run.mechanism.formulas import check_formulas
 
             check_formulas(problem, assembled.q, assembled.v)
-        refuse_singular(problem.model, assembled.q)
+        refuse_singular(problem.model, assembled.q, problem.scene.prescribed or ())
     if assembled.redundant:
         with watch.stage("equations"):
             groups = dependent_rows(problem, assembled)
@@ -65,7 +63,7 @@ def prepare(scene: Scene, watch: Stopwatch | None = None, neutral: bool = False)
 
 
 def _positions_given(scene: Scene, problem: Problem) -> bool:
-    given = {*(scene.initial.q or {}), *(scene.prescribed or {})}
+    given = {*scene.initial.q, *scene.prescribed}
     return given.issuperset(problem.model.q_names)
 
 
@@ -89,7 +87,7 @@ def initial_positions(scene: Scene, problem: Problem) -> dict[str, float]:
     ------
     SceneError : a position is missing.
     """
-    given = dict(scene.initial.q or {})
+    given = dict(scene.initial.q)
     if scene.prescribed:
         from robodyn_cli.run.mechanism.prescribed import prescribed_starts
 
@@ -116,9 +114,9 @@ def passive_coordinates(problem: Problem) -> list[int] | None:
     scene, model = problem.scene, problem.model
     if not model.closures:
         return None
-    driven = {*(scene.torques or {}), *(scene.prescribed or {})}
+    driven = {*scene.torques, *scene.prescribed}
     if scene.actuated is not None:
-        driven = {*(scene.prescribed or {}), *(x for name in scene.actuated for x in model.v_columns(name))}
+        driven = {*scene.prescribed, *(x for name in scene.actuated for x in model.v_columns(name))}
     return [k for k, name in enumerate(model.v_names) if name not in driven]
 
 

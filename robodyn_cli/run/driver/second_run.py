@@ -20,8 +20,8 @@ from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.method import supervisor_for
 from robodyn_cli.run.driver.motion import Motion, Watcher
 from robodyn_cli.run.observation.recorder import Recorder
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 Tick = Callable[[float], None] | None
 # the second run: so many times the steps, so that both together take less than three times the first, unless a
 # tolerance so much tighter does it with fewer

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.integrators.registry import methods
@@ -11,8 +10,8 @@ from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.driver.second_run import NOT_MEANINGFUL, ErrorEstimate
 from robodyn_cli.run.observation.recorder import Recorder
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)
 BEYOND = 1e3  # times what tolerance and rounding explain
 STEADY = 1e-6  # stands in the place of rtol where a step is fixed

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.run.singular.singularity import Array, psi_at
+from robodyn_cli.run.singular.singularity import psi_at
+from robodyn_cli.spatial.algebra import Array
 
 # smallest singular value of the passive block over the largest of Psi; about the angle [rad] from a dead point
 NEAR = 1e-6

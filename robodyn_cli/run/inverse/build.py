@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
@@ -14,8 +13,7 @@ from robodyn_cli.run.inverse.program import InverseProgram, Sampled, parts
 from robodyn_cli.run.mechanism.motion import Planned, plan_motion, with_led_point
 from robodyn_cli.run.observation.evaluation import SampleFunction, without_idle_unknowns
 from robodyn_cli.scene import types as sc
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 
 def build_inverse(scene: sc.Scene) -> InverseProgram:
@@ -23,7 +21,8 @@ def build_inverse(scene: sc.Scene) -> InverseProgram:
 
     Raises
     ------
-    SceneError, CapabilityError : motion or actuators do not suffice, or something in the scene has no place here.
+    SceneError, CapabilityError : motion or actuators do not suffice, or inverse dynamics does not support a part of
+    the scene.
     """
     if scene.loops or scene.couplers:
         from robodyn_cli.run.inverse.closed import build_closed
@@ -76,7 +75,7 @@ def open_problem(source: sc.Scene | Model | Problem, what: str) -> Problem:
     CapabilityError : it has loops or prescribed joints.
     """
     if isinstance(source, Model):
-        # the model brings everything but drives, and what is driven is not asked here
+        # every joint counts as actuated here, so torques and ``actuated`` do not matter
         nothing = sc.Scene(schema=1, robot=sc.Robot(joints=(), links=()), gravity=(0.0, 0.0, 0.0))
         source = Problem(nothing, model=source)
     problem = source if isinstance(source, Problem) else Problem(source)
@@ -89,13 +88,13 @@ def open_problem(source: sc.Scene | Model | Problem, what: str) -> Problem:
     if problem.scene.prescribed:
         name = next(iter(problem.scene.prescribed))
         raise CapabilityError(
-            f"{what} takes all motion from its input, so 'prescribed' ({name!r}) has no place there"
+            f"{what} takes all motion from its input, so 'prescribed' ({name!r}) is not allowed there"
         )
     return problem
 
 
 def _refuse_passive_joints(problem: Problem) -> None:
-    """Refuse motion of joints that nothing drives: passive joints of an open chain follow no given path.
+    """Refuse motion of joints without an actuator: passive joints of an open chain follow no given path.
 
     Raises
     ------

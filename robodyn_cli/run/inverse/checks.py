@@ -1,9 +1,8 @@
-"""The figures of an inverse run, and how far they can be trusted."""
+"""The figures of an inverse run, and their errors."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.forces.element import half_turn_warning
@@ -15,16 +14,16 @@ from robodyn_cli.run.inverse.summary import ErrorEstimate, JointFigures
 from robodyn_cli.run.mechanism.motion import Planned
 from robodyn_cli.run.observation.units import TORQUE
 from robodyn_cli.solve.quadrature import integrate, integrate_positive, root_mean_square
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import JointMotion
-
-Array = NDArray[np.float64]
 
 
 def joint_figures(model: Model, sampled: Sampled) -> dict[str, JointFigures]:
-    """Return what sizes the actuators, by velocity coordinate; of mechanisms with loops only those that are driven.
+    """Return the figures that size the actuators, by velocity coordinate; in mechanisms with loops, of actuated joints
+    only.
 
     peak_torque : largest magnitude among the samples, and its time. rms_torque : root of the time average of tau^2.
-    energy : integral of the positive mechanical power, what the actuator delivers if it cannot take back any;
+    energy : integral of the positive mechanical power, which the actuator delivers if it cannot take back any;
     energy_net : integral of the power. Integrals are of degree 5 between samples (see ``quadrature``).
     """
     h, tau, power = sampled.step, sampled.tau, sampled.power
@@ -51,7 +50,7 @@ def joint_figures(model: Model, sampled: Sampled) -> dict[str, JointFigures]:
 def beyond_limits(problem: Problem, times: Array, motion: JointMotion) -> list[str]:
     """Return a warning for each joint that the motion takes beyond its limits.
 
-    A compliant stop has its torque there, a rigid one is passed as if it were not.
+    The torque of a compliant stop acts there; a rigid stop is ignored.
     """
     model, found = problem.model, []
     for joint in problem.scene.robot.joints:
@@ -86,7 +85,7 @@ def half_turns(problem: Problem, sampled: Sampled) -> list[str]:
 
 
 def path_error(planned: Planned, sampled: Sampled) -> float | Absent:
-    """Return the largest distance [m] of the led point from its target, in the coordinates asked for."""
+    """Return the largest distance [m] of the led point from its target, in the coordinates of the target."""
     if planned.target is None:
         return ABSENT
     gap = sampled.arrays[f"points/{planned.point}"][:, : planned.target.shape[1]] - planned.target
@@ -128,10 +127,9 @@ def _halved(power: Array, work: Array, h: float) -> float | Absent:
 
 
 def round_trip(program: InverseProgram, sampled: Sampled) -> float | None:
-    """Return accelerations of forward dynamics under the computed torques less those asked for, relative.
-
-    Relative to the largest acceleration among those asked for and those of a free motion. None where the mass matrix
-    is singular.
+    """Return the relative difference between the accelerations of forward dynamics under the computed torques and
+    those of the motion. Relative to the largest acceleration of the given and of a free motion. None where the mass
+    matrix is singular.
     """
     accelerations = program.forward(sampled)
     if accelerations is None:

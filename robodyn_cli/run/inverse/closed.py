@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError
@@ -20,8 +19,7 @@ from robodyn_cli.run.observation.evaluation import SampleFunction
 from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import accelerations
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 
 def build_closed(scene: Scene) -> ClosedLoops:
@@ -34,7 +32,7 @@ def build_closed(scene: Scene) -> ClosedLoops:
 
     Raises
     ------
-    SceneError : no motion, or nothing that drives. CapabilityError : gears with losses.
+    SceneError : no motion, or no actuator. CapabilityError : gears with losses.
     """
     problem = Problem(with_led_point(scene))
     refuse_gears(problem)
@@ -63,7 +61,8 @@ class ClosedLoops(InverseProgram):
     Torques are zero in joints without an actuator; where there are more actuators than degrees of freedom they are
     of least norm, and so are multipliers of redundant rows.
 
-    lead : what the trajectory leads. actuated : joints with an actuator. rows : those of the loops.
+    lead : the joints or the point that the trajectory leads. actuated : joints with an actuator. rows : those of the
+    loops.
     """
 
     lead: Lead
@@ -141,7 +140,7 @@ def actuated_joints(problem: Problem, lead: Lead) -> tuple[str, ...]:
 
     Raises
     ------
-    SceneError : a point is led and nothing says what drives.
+    SceneError : a point is led and 'actuated' is missing.
     """
     scene = problem.scene
     if scene.actuated is not None:

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.equations.problem import Problem
@@ -16,28 +15,26 @@ from robodyn_cli.kernels.crossover import prefer_rolled
 from robodyn_cli.model.model import Model
 from robodyn_cli.run.inverse.build import open_problem
 from robodyn_cli.scene import types as sc
-from robodyn_cli.spatial.algebra import Vector, zeros
+from robodyn_cli.spatial.algebra import Array, Vector, zeros
 
 if TYPE_CHECKING:
     from robodyn_cli.kernels.program import Program
     from robodyn_cli.kernels.rolled_tables import RolledPlan
 
-Array = NDArray[np.float64]
-
 
 def _timeless(problem: Problem) -> list[Vector]:
-    """Return the torques of all but the actuators by term, friction with the exact sign.
+    """Return the torques beside those of the actuators by term, friction with the exact sign.
 
     Raises
     ------
-    CapabilityError : some depend on time, and functions of samples have none.
+    CapabilityError : some depend on time, which functions of samples do not take.
     """
     terms = list(problem.passive_forces(smooth=False).values())
     if any(symbol is problem.t for symbol in free_symbols([x for term in terms for x in term])):
         names = ", ".join(force.name for force in problem.model.forces if force.element.term == "external")
         raise CapabilityError(
-            f"forces that depend on time (among {names}) have no place in a function of q, qd and qdd; allowed: forces "
-            "of constants, positions and rates"
+            f"forces that depend on time (among {names}) are not allowed in a function of q, qd and qdd; "
+            "allowed: forces of constants, positions and rates"
         )
     return terms
 
@@ -60,7 +57,7 @@ class _Unrolled:
 
 
 class _JointForces:
-    """The torques of springs, dampers and friction at many samples; nothing to call where there are none."""
+    """The torques of springs, dampers and friction at many samples, if there are any."""
 
     def __init__(self, problem: Problem) -> None:
         from robodyn_cli.kernels.samples import SampleKernel
@@ -87,7 +84,7 @@ class _Samples:
         self._columns = dict(zip(self.names, (model.q_names, model.v_names, model.v_names)))
 
     def _check(self, *arrays: Array) -> None:
-        """Refuse arrays that do not have a column each joint: what is left over would be ignored in silence.
+        """Refuse arrays without exactly one column per joint: further columns would be ignored silently.
 
         Raises
         ------
@@ -98,8 +95,8 @@ class _Samples:
             columns = 1 if len(shape) == 1 else shape[-1]
             if len(shape) not in (1, 2) or columns != len(joints):
                 raise CapabilityError(
-                    f"{name} has shape {shape}; needed: (samples, {len(joints)}), a row each sample and a column each "
-                    f"of {', '.join(joints)}"
+                    f"{name} has shape {shape}; needed: (samples, {len(joints)}), a row for each sample and a "
+                    f"column for each of {', '.join(joints)}"
                 )
 
 
@@ -128,7 +125,7 @@ class InverseDynamics(_Samples):
 
             if geared(problem.model):
                 raise CapabilityError(
-                    "gear losses have no place in loops over bodies; allowed: the command inverse"
+                    "loops over bodies do not support gear losses; allowed: the command inverse"
                 )
 
             rigid, forces = RolledInverseDynamics(problem.model), _JointForces(problem)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robodyn_cli.equations.problem import Problem
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, Residual, Termination, as_keys
 from robodyn_cli.run.inverse.build import build_inverse
@@ -17,7 +18,6 @@ from robodyn_cli.run.inverse.checks import (
     path_error,
 )
 from robodyn_cli.run.inverse.program import InverseProgram, Loops, Sampled
-from robodyn_cli.run.inverse.rest import rest_warnings, with_rest
 from robodyn_cli.run.inverse.summary import (
     CLOSED_DEFINITIONS,
     DEFINITIONS,
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from robodyn_cli.run.observation.reactions import Loads
 
 
-@np.errstate(all="ignore")  # what is not finite is refused by name
+@np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite
 def inverse(
     scene: Scene,
     *,
@@ -55,7 +55,7 @@ def inverse(
     Parameters
     ----------
     samples : number of uniform samples; default: the scene's ``inverse.samples``.
-    progress : told when the work is done; watch : adds up wall times by stage.
+    progress : called when the work is done. watch : adds up wall times by stage.
 
     Returns
     -------
@@ -74,7 +74,7 @@ def inverse(
     with watch.stage("equations"):
         program = build_inverse(scene)
     with watch.stage("solve"):
-        planned = with_rest(program.problem, program.plan(count))
+        planned = _at_rest(program.problem, program.plan(count))
     with watch.stage("equations"):
         function = program.compile(count)
     with watch.stage("evaluate"):
@@ -88,6 +88,23 @@ def inverse(
     result.summary = as_keys(summarise(program, planned, sampled, errors, loads, watch))
     refuse_result(result)
     return result
+
+
+def _at_rest(problem: Problem, planned: Planned) -> Planned:
+    """Return the motion with joints at rest where only rounding moves them (see ``rest``)."""
+    if not any(body.forces for body in problem.model.bodies):
+        return planned
+    from robodyn_cli.run.inverse.rest import with_rest
+
+    return with_rest(problem, planned)
+
+
+def _rest_warnings(problem: Problem, planned: Planned) -> list[str]:
+    if not any(body.forces for body in problem.model.bodies):
+        return []
+    from robodyn_cli.run.inverse.rest import rest_warnings
+
+    return rest_warnings(problem, planned)
 
 
 def loads_of(program: InverseProgram, sampled: Sampled) -> Loads:
@@ -117,7 +134,7 @@ def report(program: InverseProgram, planned: Planned, sampled: Sampled, loads: L
     program.add_loops(result, sampled)
     add_places(result, {path: arrays[path] for path in program.places})
     if planned.target is not None:
-        # what the target leaves free is taken from the point itself
+        # coordinates that the target leaves free are those of the point
         asked = result[f"points/{planned.point}"].copy()
         asked[:, : planned.target.shape[1]] = planned.target
         result.add(f"targets/{planned.point}", asked)
@@ -143,7 +160,7 @@ def summarise(
         warnings=[
             *beyond_limits(problem, sampled.times, sampled.motion),
             *half_turns(problem, sampled),
-            *rest_warnings(problem, planned),
+            *_rest_warnings(problem, planned),
         ]
         or ABSENT,
         mechanism=ABSENT if loops is None else _mechanism(loops),

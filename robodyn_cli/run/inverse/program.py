@@ -1,4 +1,4 @@
-"""What an inverse run evaluates: the parts of the torque, energies, places, as expressions and at samples."""
+"""The expressions of an inverse run (parts of the torque, energies, places) and their values at samples."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from robodyn_cli.equations.problem import GROUPS, Problem
+from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar, is_nonzero
+from robodyn_cli.model.model import MOTION_GROUPS
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.mechanism.motion import Planned
 from robodyn_cli.run.observation.evaluation import SampleFunction, without_idle_unknowns
 from robodyn_cli.run.observation.places import place_outputs
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import JointMotion
 
 if TYPE_CHECKING:
     from robodyn_cli.solve.load_sharing import Shared
 
-Array = NDArray[np.float64]
 Outputs = dict[str, list[Scalar]]
 RIGID = ("inertia", "coriolis", "gravity")
 
@@ -43,9 +43,8 @@ class Loops:
 
 @record
 class Sampled:
-    """A motion at uniform times with its torque terms (T, nv) and whatever else was evaluated along it.
-
-    counters : what it took.
+    """A motion at uniform times with its torque terms (T, nv) and all other arrays evaluated along it. counters : of
+    iterations and steps.
     """
 
     times: Array
@@ -71,7 +70,7 @@ class Sampled:
 
     @property
     def applied(self) -> Array:
-        """Generalised force (T, nv) of actuators and of all that is no rigid term [N m or N]."""
+        """Generalised force (T, nv) of actuators and of all terms but the rigid bodies' [N m or N]."""
         total = self.tau
         for name in self.terms:
             if name not in RIGID:
@@ -86,11 +85,11 @@ class Sampled:
 
 @record
 class InverseProgram(ABC):
-    """The equations of an inverse run, and what is evaluated along its motion.
+    """The equations of an inverse run, and the expressions evaluated along its motion.
 
     problem : equations of the scene; the point that the trajectory leads is among its points.
     duration : of the motion [s].
-    terms : what actuators (and loops) have to bear, by name: their sum is the generalised force (nv,) [N m or N].
+    terms : of the load on actuators (and loops), by name: their sum is the generalised force (nv,) [N m or N].
     beside : energies, power, bias, and the rows of the loops, by name. places : points, frames and outlines.
     """
 
@@ -102,12 +101,12 @@ class InverseProgram(ABC):
 
     @property
     def outputs(self) -> Outputs:
-        """All that is evaluated at samples, by result path where it is a dataset."""
+        """All expressions that are evaluated at samples, by result path where they are datasets."""
         terms = {f"torque_terms/{name}": term for name, term in self.terms.items()}
         return {**terms, **self.beside, **self.places}
 
     def loads(self, arrays: Mapping[str, Array]) -> dict[str, Array]:
-        """Return the terms (T, nv) by name, out of what was evaluated."""
+        """Return the terms (T, nv) by name from the evaluated arrays."""
         return {name: arrays[f"torque_terms/{name}"] for name in self.terms}
 
     def compile(self, samples: int) -> SampleFunction:
@@ -117,7 +116,7 @@ class InverseProgram(ABC):
         ------
         SceneError : the outputs depend on data that the scene does not give.
         """
-        return SampleFunction(self.outputs, GROUPS, samples)
+        return SampleFunction(self.outputs, MOTION_GROUPS, samples)
 
     def times(self, samples: int) -> Array:
         """Return the uniform times (T,) of the samples [s]."""
@@ -129,11 +128,11 @@ class InverseProgram(ABC):
 
     @abstractmethod
     def evaluate(self, planned: Planned, function: SampleFunction) -> Sampled:
-        """Return the torques of a planned motion, and all else, at its samples."""
+        """Return the torques of a planned motion, and all other arrays, at its samples."""
 
     @abstractmethod
     def forward(self, sampled: Sampled) -> tuple[Array, Array] | None:
-        """Return accelerations (T, nv) by forward dynamics: under the computed torques, and under none at all.
+        """Return accelerations (T, nv) by forward dynamics: under the computed torques, and under zero torques.
 
         None where the mass matrix is singular.
         """
@@ -150,7 +149,7 @@ class InverseProgram(ABC):
 def torque_terms(problem: Problem) -> Outputs:
     """Return the parts of tau = M qdd + C qd + G - tau_passive - tau_friction - tau_external, by name.
 
-    Inertia is always there; any other part that vanishes identically is left out. Friction has the exact sign of
+    Inertia is always included; any other part that vanishes identically is left out. Friction has the exact sign of
     the rate.
     """
     terms: Outputs = {name: list(term) for name, term in problem.rigid_terms().items()}
@@ -162,9 +161,8 @@ def torque_terms(problem: Problem) -> Outputs:
 
 
 def energies(problem: Problem, terms: Outputs) -> Outputs:
-    """Return the energies, the bias C qd + G, and the power of what dissipates.
-
-    Data that no torque needs can only shift the level at which the potential energy is zero.
+    """Return the energies, the bias C qd + G, and the dissipated power. Data that no torque needs can only shift the
+    level at which the potential energy is zero.
     """
     lost: Any = 0.0
     for place, torque in problem.losses(smooth=False):
@@ -189,6 +187,6 @@ def energies(problem: Problem, terms: Outputs) -> Outputs:
 
 
 def parts(problem: Problem) -> dict[str, Outputs]:
-    """Return what every program evaluates, as fields of ``InverseProgram``."""
+    """Return the expressions of every program, as fields of ``InverseProgram``."""
     terms = torque_terms(problem)
     return {"terms": terms, "beside": energies(problem, terms), "places": place_outputs(problem)}

@@ -1,7 +1,7 @@
 """Joints with Coulomb friction or gear losses that stand still for a while along a motion.
 
-At rest friction is whatever balances, within its bounds, so the torque of the actuator is not determined there; the
-torques that are reported are those without it. A rate that the rounding of the path explains is no motion.
+At rest, friction takes any value within its bounds, so the torque of the actuator is not determined there; the reported
+torques are those without friction. A rate no larger than the rounding error of the path counts as rest.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.forces.friction import Friction
@@ -17,7 +16,6 @@ from robodyn_cli.forces.gear import Gear
 from robodyn_cli.model.model import Body
 from robodyn_cli.run.mechanism.motion import Planned
 
-Array = NDArray[np.float64]
 ROUNDING = 64 * np.finfo(float).eps  # relative, of what a motion is computed from
 
 

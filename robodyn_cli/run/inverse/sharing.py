@@ -1,11 +1,10 @@
-"""How actuators and loops share a load, and why they cannot, in the words of the mechanism."""
+"""How actuators and loops share a load; errors name joints and loops."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.equations.problem import Problem
@@ -13,12 +12,11 @@ from robodyn_cli.errors import CapabilityError, SingularConfigurationError
 from robodyn_cli.run.mechanism.loop_conditions import coordinate_name
 from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.solve.load_sharing import LostRank, Shared, TooFewActuators, share
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 
 def refuse_gears(problem: Problem) -> None:
-    """Refuse losses that depend on the load of a drive: loops share the load, and they would decide about the share.
+    """Refuse losses that depend on an actuator's load: with loops, the sharing of the load would depend on the losses.
 
     Raises
     ------
@@ -26,8 +24,8 @@ def refuse_gears(problem: Problem) -> None:
     """
     if geared(problem.model):
         raise CapabilityError(
-            "losses in gears depend on the load of each drive, and with closed loops that load depends on the losses; "
-            "allowed here: friction in the joints"
+            "losses in gears depend on the load of each actuator, and with closed loops that load depends on "
+            "the losses; allowed here: friction in the joints"
         )
 
 
@@ -39,7 +37,7 @@ def share_load(
     Parameters
     ----------
     psi : (T, m, nv) of the loops. driven : velocity coordinates with an actuator. needed : the load (T, nv) by name.
-    times, q : of the samples (T,), (T, nq), for what is said about a singular one.
+    times, q : of the samples (T,), (T, nq), for messages.
 
     Raises
     ------

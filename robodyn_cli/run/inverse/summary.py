@@ -7,7 +7,7 @@ from typing import Any
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import ABSENT, Absent, Residual, Termination
 
-# what the figures of the summary mean, for readers of the file alone
+# meaning of the figures, for readers of summary.json
 DEFINITIONS = {
     "peak_torque": "largest magnitude among the samples",
     "rms_torque": "root of the time average of the squared torque",
@@ -27,7 +27,7 @@ CLOSED_DEFINITIONS = {
 
 @record
 class JointFigures:
-    """What sizes the actuator of a joint: torque [N m or N], speed [rad/s or m/s], power [W], energy [J]."""
+    """Figures that size the actuator of a joint: torque [N m or N], speed [rad/s or m/s], power [W], energy [J]."""
 
     peak_torque: float
     peak_torque_time: float
@@ -42,7 +42,7 @@ class JointFigures:
 
 @record
 class ErrorEstimate:
-    """How far the figures can be trusted; see ``checks.error_estimate``."""
+    """Errors of the figures; see ``checks.error_estimate``."""
 
     ik_residual: float | Absent
     round_trip: float | None
@@ -55,7 +55,8 @@ class ErrorEstimate:
 
 @record
 class Mechanism:
-    """What bears the load of a mechanism with loops; ``unique``, or of least norm and why."""
+    """The joints that bear the load of a mechanism with loops, and whether torques and multipliers are ``unique``, or
+    of least norm and why."""
 
     degrees_of_freedom: int
     actuated: list[str]

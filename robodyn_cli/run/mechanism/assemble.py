@@ -1,9 +1,8 @@
-"""Close the loops of a mechanism and say how: positions, rates, accelerations, branches."""
+"""Close the loops of a mechanism: positions, rates, accelerations, branches."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
@@ -24,8 +23,7 @@ from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import assemble as close_loops
 from robodyn_cli.solve.load_sharing import RANK
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 
 @record
@@ -48,7 +46,7 @@ class Closed:
     redundant: tuple[str, ...]
 
 
-@np.errstate(all="ignore")  # what is not finite is refused by name
+@np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite
 def assemble(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch | None = None) -> Result:
     """Close the loops at t = 0 at position, velocity and acceleration level.
 

@@ -1,12 +1,9 @@
-"""A mechanism at rest: its configuration, what holds it, and the values of its symbols."""
+"""A mechanism at rest: its configuration, the torques that hold it, and the values of its symbols."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar, free_symbols
@@ -14,8 +11,7 @@ from robodyn_cli.kernels.program import unknown_data
 from robodyn_cli.model.model import UNKNOWN_GROUP
 from robodyn_cli.record import record
 from robodyn_cli.run.mechanism.summary import Balanced, Held
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 
 @record

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.kinematics import slice_q, slice_v
 from robodyn_cli.equations.contact_joints import moving_freely
@@ -22,8 +21,7 @@ from robodyn_cli.run.observation.evaluation import without_idle_unknowns
 from robodyn_cli.run.observation.finite import cause
 from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.solve.equilibrium import Balance, balance
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 
 class _RestForces:
@@ -31,7 +29,7 @@ class _RestForces:
 
     def __init__(self, problem: Problem, conditions: LoopConditions) -> None:
         model = self.model = problem.model
-        self.parameters = moving_freely(problem.contact_joints)  # nothing sticks, and no stop is met
+        self.parameters = moving_freely(problem.contact_joints)  # no joint sticks or rests on a stop
         load = list(problem.bias - problem.applied)
         lam = problem.graph.symbols(list(conditions.names), "lam")
         rows = problem.constraints.rows

@@ -7,7 +7,6 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
@@ -20,14 +19,14 @@ from robodyn_cli.run.observation.units import joint_columns
 from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.solve.branches import halton, search
 from robodyn_cli.solve.load_sharing import RANK
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 SINGULAR = 1e-7  # smallest over largest singular value below which a determinant has no sign
 
 
 @record
 class Branches:
-    """Configurations (nq,) that close, the one that was there before first, and what is said of them."""
+    """Configurations (nq,) that close, the initial one first, and their records in the summary."""
 
     problem: Problem
     configurations: list[Array]

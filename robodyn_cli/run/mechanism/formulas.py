@@ -1,4 +1,4 @@
-"""Formulas of a scene that have no value at a state: torques, forces and prescribed motions."""
+"""Check that the formulas of a scene have values at a state: torques, forces and prescribed motions."""
 
 from __future__ import annotations
 
@@ -7,13 +7,11 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import NumericalError, SceneError
 from robodyn_cli.expr.formula import Formula
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 
 def check_formulas(problem: Problem, q: Array, v: Array) -> None:

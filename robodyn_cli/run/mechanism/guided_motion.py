@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, GeometryError, SingularConfigurationError
@@ -15,15 +13,13 @@ from robodyn_cli.run.mechanism.motion import Planned
 from robodyn_cli.run.mechanism.prescribed import check_prescribed, prescribed_starts
 from robodyn_cli.solve.assembly import assemble
 from robodyn_cli.solve.guided import Guide, Place, Stuck
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import JointMotion
-
-Array = NDArray[Any]
 
 
 def guided_motion(problem: Problem, lead: Lead, times: Array) -> Planned:
-    """Return the motion at ``times`` (T,) that the loops and what is led decide about.
-
-    A motion that cannot go on ends early, with the reason in ``stopped``.
+    """Return the motion at ``times`` (T,) that the loops and the led joints, or point, determine. A motion that cannot
+    go on ends early, with the reason in ``stopped``.
 
     Raises
     ------
@@ -64,12 +60,12 @@ def _start(problem: Problem, lead: Lead, conditions: LoopConditions) -> Array:
     ik = getattr(scene.trajectory, "ik", None)
     guess = dict(ik.guess) if ik is not None and lead.point is not None else {}
     held = {**prescribed_starts(scene), **led}
-    given = {**(scene.initial.q or {}), **guess, **held}
+    given = {**scene.initial.q, **guess, **held}
     return assemble(problem, given, {}, tuple(held)).q
 
 
 def _check_determined(problem: Problem, conditions: LoopConditions, q: Array, t: float) -> None:
-    """Refuse motions that leave the mechanism freedom.
+    """Refuse motions that do not determine the mechanism's motion.
 
     Raises
     ------
@@ -128,9 +124,8 @@ def explain(
 
 
 def _bifurcates(conditions: LoopConditions, last: Place) -> bool:
-    """Tell whether it is the loops themselves that lose rank, as fast as all conditions together do.
-
-    At a dead point of what is led they keep it.
+    """Tell whether the loops themselves lose rank, as fast as all conditions together do. At a dead point of the led
+    joints they keep it.
     """
     held = len(conditions.names) - conditions.led - len(conditions.prescribed)
     independent = last.J.shape[1] - conditions.led - len(conditions.prescribed)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SingularConfigurationError
@@ -17,8 +16,7 @@ from robodyn_cli.run.mechanism.loop_conditions import LoopConditions, nothing_le
 from robodyn_cli.run.mechanism.summary import Held
 from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.solve.load_sharing import LostRank, Shared, TooFewActuators, share
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 
 def held(problem: Problem, q: Array) -> AtRest:
@@ -46,7 +44,8 @@ def held(problem: Problem, q: Array) -> AtRest:
 
 
 def _holding(problem: Problem) -> tuple[str, ...]:
-    """Return the joints with an actuator: those in ``actuated``, else those that something drives or holds, or all."""
+    """Return the joints with an actuator: those in ``actuated``, else those with torques or prescribed or held ones,
+    or all."""
     scene, model = problem.scene, problem.model
     if scene.actuated is not None:
         return scene.actuated

@@ -1,4 +1,4 @@
-"""What a scene is at one state: its tree, its frames, the matrices of its equations."""
+"""A scene at one state: its tree, its frames, the matrices of its equations."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.coriolis import coriolis
 from robodyn_cli.algorithms.kinematics import point_jacobian
@@ -25,8 +24,7 @@ from robodyn_cli.run.mechanism.state_text import state_overrides as state_overri
 from robodyn_cli.run.observation.places import quaternions, world_pose
 from robodyn_cli.scene.load import load_scene
 from robodyn_cli.scene.types import Scene
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 
 @record
@@ -68,7 +66,7 @@ class ConstraintsAt:
 
 @record
 class Info:
-    """What ``info`` reports; numbers that depend on data which the scene does not give are NaN."""
+    """The report of ``info``; numbers that depend on data which the scene does not give are NaN."""
 
     title: str
     joints: list[dict[str, Any]]
@@ -83,9 +81,9 @@ class Info:
     constraints: ConstraintsAt | Absent
 
 
-@np.errstate(all="ignore")  # what has no value is shown as such
+@np.errstate(all="ignore")  # the report shows numbers without a value as NaN
 def info(path: Path, overrides: Sequence[str] = (), at: Sequence[str] = ()) -> tuple[dict[str, Any], Result]:
-    """Return what the scene is at a state, and a result of that one sample to draw.
+    """Return the report of a scene at a state, and a result of that one sample to draw.
 
     The state is the initial one unless ``at`` gives another; joints of an open chain without a position are at 0,
     loops are closed. Numbers that depend on data which the scene does not give are None.
@@ -114,7 +112,7 @@ def _changed(path: Path, changes: Sequence[str], at: Sequence[str]) -> Scene:
     try:
         return load_scene(path, changes)
     except SceneError as error:
-        # the user wrote no --set for the state
+        # the user did not write the state as --set
         label, mark, message = error.message.partition(": initial.")
         if at and mark and label.startswith("--set initial."):
             raise SceneError(f"--at {', '.join(at)!r}: {message}", **error.details) from None
@@ -148,7 +146,7 @@ class Numbers:
         return found.reshape(entries.shape)
 
     def report(self) -> Info:
-        """Return all that is said about the state."""
+        """Return the report of the state."""
         problem = self.problem
         scene, model = problem.scene, problem.model
         M = self.array(problem.mass_matrix)

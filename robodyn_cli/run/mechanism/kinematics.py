@@ -6,13 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from robodyn_cli.algorithms.kinematics import motions, velocities
-from robodyn_cli.equations.problem import GROUPS, Problem
+from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import RobodynError, SceneError
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.model.model import BASE
+from robodyn_cli.model.model import MOTION_GROUPS
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, Absent, Termination, as_keys
 from robodyn_cli.run.driver.prepare import held_columns
@@ -31,18 +29,16 @@ from robodyn_cli.run.mechanism.summary import (
 )
 from robodyn_cli.run.observation.evaluation import SampleFunction
 from robodyn_cli.run.observation.finite import refuse_result
-from robodyn_cli.run.observation.places import add_places, place_outputs
+from robodyn_cli.run.observation.places import add_places, place_outputs, point_motion
 from robodyn_cli.run.observation.units import add_motion
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.spatial.algebra import cross
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 
-@np.errstate(all="ignore")  # what is not finite is refused by name
+@np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite
 def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch | None = None) -> Result:
     """Compute the motion that a sweep, a trajectory or prescribed joints give: no mass is needed.
 
@@ -64,7 +60,7 @@ def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwat
         planned, led = plan(problem)
     times = planned.times
     with watch.stage("equations"):
-        function = SampleFunction(outputs(problem), GROUPS, len(times))
+        function = SampleFunction(outputs(problem), MOTION_GROUPS, len(times))
     with watch.stage("evaluate"):
         arrays = function.along(times, planned.motion)
     progress(float(times[-1]), float(times[-1]))
@@ -105,7 +101,7 @@ def plan(problem: Problem) -> tuple[Planned, tuple[str, ...]]:
 
 
 def _swept(problem: Problem) -> Lead:
-    """Return a lead with the swept joint, and joints that stay: held ones, in an open chain all others."""
+    """Return a lead with the swept joint and the joints that stay: held ones, or all others in an open chain."""
     scene = problem.scene
     sweep = scene.kinematics.sweep
     assert sweep is not None
@@ -133,26 +129,10 @@ def _swept(problem: Problem) -> Lead:
 
 
 def outputs(problem: Problem) -> dict[str, list[Scalar]]:
-    """Return what is evaluated along the motion by result path, and Psi and eta of the loops."""
+    """Return the expressions evaluated along the motion by result path, and Psi and eta of the loops."""
     rows = [problem.constraints.rows[i] for i in loop_rows(problem)]
     loops = {"psi": [x for row in rows for x in row.psi], "eta": [row.eta for row in rows]}
-    return {**place_outputs(problem), **_point_motion(problem), **loops}
-
-
-def _point_motion(problem: Problem) -> dict[str, list[Scalar]]:
-    """Return velocities and accelerations of the named points in world coordinates, by result path."""
-    model = problem.model
-    speed = velocities(model, problem.X, problem.q, problem.v)
-    motion = motions(model, problem.X, problem.q, problem.v, problem.a)
-    out: dict[str, list[Scalar]] = {}
-    for name, frame in model.points.items():
-        if frame.body == BASE:
-            continue
-        to_world = model.base.E.T @ problem.pose[frame.body].R
-        here = speed[frame.body]
-        out[f"point_velocities/{name}"] = list(to_world @ (here.v + cross(here.w, frame.p)))
-        out[f"point_accelerations/{name}"] = list(to_world @ motion[frame.body].acceleration_of(frame.p))
-    return out
+    return {**place_outputs(problem), **point_motion(problem), **loops}
 
 
 def report(problem: Problem, planned: Planned, led: tuple[str, ...], arrays: Mapping[str, Array]) -> Result:
@@ -179,7 +159,7 @@ def psi_of(problem: Problem, arrays: Mapping[str, Array]) -> Array:
 
 
 def _add_passive(result: Result, psi: Array, passive: list[int]) -> None:
-    """Add singular values and determinant of the block of Psi (T, m, nv) that follows what leads."""
+    """Add singular values and determinant of the block of Psi (T, m, nv) of the joints that are not led."""
     if not passive or len(passive) == psi.shape[2]:
         return
     block = psi[:, :, passive]
@@ -263,7 +243,7 @@ def _transmission(result: Result) -> TransmissionAngle | Absent:
 
 
 def failed(error: RobodynError, result: Result) -> RobodynError:
-    """Return the error of a motion that ends early, with what was reached."""
+    """Return the error of a motion that ends early, with the result so far."""
     result.status = "failed"
     error.result = result
     return error

@@ -1,4 +1,4 @@
-"""What leads a mechanism, and its loops, as conditions on positions, rates and accelerations."""
+"""The led joints or point of a mechanism, and its loops, as conditions on positions, rates and accelerations."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.kinematics import slice_q
 from robodyn_cli.equations.problem import Problem
@@ -17,18 +16,18 @@ from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 from robodyn_cli.solve.assembly import mechanism_size
 from robodyn_cli.solve.point_kinematics import PointKinematics
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import TaskSpace
 
-Array = NDArray[Any]
-# seconds: an operation interpreted; compiling at all, and an operation of it
+# seconds: to interpret an operation; to compile at all, and per operation
 INTERPRETED, COMPILING, COMPILED = 2e-7, 35e-3, 80e-6
-# what is asked at times (T,): values, rates and accelerations (T, k)
+# the given motion at times (T,): values, rates and accelerations (T, k)
 Asked = Callable[[Array], tuple[Array, Array, Array]]
 
 
 @record
 class Lead:
-    """What leads a mechanism beside its loops and prescribed joints: joints, or a point, and how they move."""
+    """The joints, or the point, that lead a mechanism beside its prescribed joints, and their motion."""
 
     asked: Asked
     joints: tuple[str, ...] = ()
@@ -37,15 +36,15 @@ class Lead:
 
 
 def nothing_led() -> Lead:
-    """Return the lead of a mechanism that its loops and prescribed joints alone decide about."""
+    """Return the lead of a mechanism whose motion its loops and prescribed joints determine alone."""
     return Lead(lambda times: (np.zeros((len(times), 0)),) * 3)
 
 
 def lead_of(problem: Problem) -> Lead:
-    """Return what the scene's trajectory leads; nothing where prescribed joints do."""
+    """Return the joints or the point that the scene's trajectory leads; none without a trajectory."""
     scene = problem.scene
     trajectory: Any = scene.trajectory
-    parameters = scene.parameters or {}
+    parameters = scene.parameters
     if trajectory is None:
         return nothing_led()
     if isinstance(trajectory, TaskSpace):
@@ -56,7 +55,7 @@ def lead_of(problem: Problem) -> Lead:
             return target.p, target.pd, target.pdd
 
         return Lead(point, point=trajectory.point, components=some.p.shape[1])
-    both = [name for name in trajectory.joints if name in (scene.prescribed or {})]
+    both = [name for name in trajectory.joints if name in scene.prescribed]
     if both:
         raise SceneError(
             f"{scene.path}: joint {both[0]!r} moves by `trajectory` and by `prescribed`; leave it out of one of them",
@@ -89,7 +88,7 @@ def refuse_quasi(model: Model, names: Sequence[str]) -> None:
 
 
 class LoopConditions:
-    """Loops, prescribed joints and what is led, as conditions on numbers (see ``solve.guided.Conditions``)."""
+    """Loops, prescribed joints and the lead as conditions on numbers (see ``solve.guided.Conditions``)."""
 
     def __init__(self, problem: Problem, lead: Lead, times: Array) -> None:
         model = self.model = problem.model
@@ -134,7 +133,7 @@ class LoopConditions:
             self._asked[t] = (found[0][k], found[1][k], found[2][k])
 
     def asked(self, t: float) -> tuple[Array, Array, Array]:
-        """Return value, rate and acceleration (k,) of what is led."""
+        """Return value, rate and acceleration (k,) of the led joints or point."""
         if t not in self._asked:
             found = self.lead.asked(np.array([t]))
             self._asked[t] = (found[0][0], found[1][0], found[2][0])

@@ -1,15 +1,14 @@
-"""Mobility of a mechanism: by counting, and as it is."""
+"""Mobility of a mechanism: by counting, and by rank."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.record import record
 from robodyn_cli.run.singular.singularity import loop_rows
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 RANK = 1e-8  # ratio of singular values below which rank is lost
 
 

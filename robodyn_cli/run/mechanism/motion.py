@@ -7,26 +7,24 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError, SceneError, SingularConfigurationError
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Point, Scene
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import JointMotion, TaskSpace
 
 if TYPE_CHECKING:
     from robodyn_cli.solve.inverse_kinematics import PointTask
     from robodyn_cli.solve.point_kinematics import PointFunction, PointKinematics
 
-Array = NDArray[np.float64]
-
 
 @record
 class Planned:
-    """The joints' motion at sample times (T,), and where it comes from.
+    """The joints' motion at sample times (T,), and its origin.
 
-    point, target : the point that is led, and its coordinates (T, 2 or 3) [m] that were asked for.
+    point, target : the point that is led, and its target coordinates (T, 2 or 3) [m].
     method : of the inverse kinematics, ``analytic`` or ``newton``. residuals : the largest of the loops, by level.
     stopped : why the motion ends early, None where it is whole.
     """

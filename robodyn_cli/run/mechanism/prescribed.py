@@ -1,4 +1,4 @@
-"""Prescribed motions that a simulation can follow: they agree with the start, and nothing jumps."""
+"""Check that a simulation can follow the prescribed motions: they agree with the start and do not jump."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.loops.base import Row
 from robodyn_cli.scene.types import Scene
 
-BESIDE = (1e-9, 1e-7, 1e-5)  # parts of the duration at which a jump is looked at from both sides
+BESIDE = (1e-9, 1e-7, 1e-5)  # parts of the duration: distances from a jump at which both sides are evaluated
 JUMP = 1e-6  # rad, rad/s, m or m/s
 
 
@@ -24,10 +24,10 @@ def prescribed_starts(scene: Scene) -> dict[str, float]:
     SceneError : initial.q says something else. NumericalError : a formula has no value there.
     """
     starts = {}
-    for name, formula in (scene.prescribed or {}).items():
-        env = {"t": 0.0, **{f"p.{n}": x for n, x in (scene.parameters or {}).items()}}
+    for name, formula in scene.prescribed.items():
+        env = {"t": 0.0, **{f"p.{n}": x for n, x in scene.parameters.items()}}
         start = float(formula.evaluate(env))
-        given = (scene.initial.q or {}).get(name)
+        given = scene.initial.q.get(name)
         if given is not None and abs(given - start) > 1e-9 * max(1.0, abs(start)):
             raise SceneError(
                 f"{scene.path}: initial.q.{name}: {given:.9g} contradicts prescribed.{name}, which starts at "

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.rebuild import evaluate
@@ -14,13 +13,13 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.run.observation.observe import loop_columns
 from robodyn_cli.run.observation.places import add_places, place_outputs
 from robodyn_cli.run.observation.units import add_motion
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import JointMotion
-
-Array = NDArray[np.float64]
 
 
 def add_sample(result: Result, problem: Problem, q: Array, v: Array, a: Array) -> None:
-    """Add the one sample q (nq,), v and v-dot (nv,) at t = 0, and where everything is then, to a result."""
+    """Add the one sample q (nq,), v and v-dot (nv,) at t = 0, and the places of points, frames and links, to a
+    result."""
     add_motion(result, problem.model, np.zeros(1), JointMotion(q[None], v[None], a[None]))
     values = {"q": q.tolist(), "v": v.tolist(), "t": [0.0], "p": []}
     places = place_outputs(problem)
@@ -30,7 +29,8 @@ def add_sample(result: Result, problem: Problem, q: Array, v: Array, a: Array) -
 def add_rows(
     result: Result, rows: Sequence[Row], arrays: Mapping[str, Array], dependent: bool = False
 ) -> None:
-    """Add what was evaluated of the loops' rows (T, m), by path, to a result; ``dependent``: on each other."""
+    """Add arrays of the loops' rows (T, m), by path, to a result; ``dependent`` : whether rows depend on each
+    other."""
     columns = loop_columns(rows, dependent)
     for path, data in arrays.items():
         column = columns[path]

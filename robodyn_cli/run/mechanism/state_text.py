@@ -36,7 +36,7 @@ def state_overrides(scene: Scene, given: Sequence[str]) -> list[str]:
     overrides = [f"initial.{key}={value}" for key, value in found.items()]
     held = [key.partition(".")[2] for key in found if key.startswith("q.")]
     if (scene.loops or scene.couplers) and held:
-        # all of them would leave nothing to close the loops with
+        # with all joints held, none could move to close the loops
         overrides.append(f"initial.hold=[{', '.join(held if len(held) < len(joints) else [])}]")
     return overrides
 

@@ -1,9 +1,8 @@
-"""Statics: where a mechanism balances, and what holds it where it is."""
+"""Statics: the configuration in which a mechanism balances, or the torques that hold it."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.contact_joints import contact_joints
 from robodyn_cli.equations.problem import Problem
@@ -28,12 +27,11 @@ from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import assemble
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import JointMotion
 
-Array = NDArray[np.float64]
 
-
-@np.errstate(all="ignore")  # what is not finite is refused by name
+@np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite
 def statics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch | None = None) -> Result:
     """Find the balanced configuration of a scene, or the torques that hold the given one.
 
@@ -80,7 +78,7 @@ def closed_configuration(problem: Problem) -> Array:
 
 
 def refuse_beyond_stops(problem: Problem, q: Array) -> None:
-    """Refuse a configuration beyond a rigid stop: what the stop bears is not among the forces that balance.
+    """Refuse a configuration beyond a rigid stop, whose force is not among those that balance.
 
     Raises
     ------

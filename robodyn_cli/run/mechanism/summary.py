@@ -25,7 +25,7 @@ class Branch:
 
 @record
 class BranchSearch:
-    """What the search for branches took, and what it proves."""
+    """The effort of the search for branches, and what it proves."""
 
     starts: int
     closed: int

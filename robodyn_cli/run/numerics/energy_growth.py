@@ -5,18 +5,16 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.record import record
 from robodyn_cli.run.numerics.spectrum import Spectrum
 from robodyn_cli.run.numerics.trial import Budget, Reference, Solution, solve
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[Any]
 PERIODS = 1000
 PATIENCE = 5.0  # times the fastest method's time: what a slower one may take for its long run
 LEAST_SECONDS = 2.0

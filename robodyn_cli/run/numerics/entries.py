@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.errors import CapabilityError, NumericalError, SingularConfigurationError
 from robodyn_cli.formulations.build import build_system
@@ -25,7 +24,6 @@ from robodyn_cli.run.driver.method import LARGEST
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.scene.types import Baumgarte
 
-Array = NDArray[np.float64]
 LONGEST = 400_000  # steps after which a run counts as too slow
 SECONDS = 20.0  # as the last resort, the time after which it does; three times that for a reference
 FEW_SECONDS = 1.0  # a run that takes longer is made once

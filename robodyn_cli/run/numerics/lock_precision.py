@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.errors import NumericalError, SingularConfigurationError
 from robodyn_cli.integration_methods import REFERENCES
@@ -18,7 +17,6 @@ from robodyn_cli.run.numerics.entries import LONGEST, SECONDS, Entry, driver_of,
 from robodyn_cli.run.numerics.trial import tight
 from robodyn_cli.scene.types import Scene
 
-Array = NDArray[np.float64]
 AGREED = (
     1e-7  # relative agreement of two families about the time of a lock, without which there is no reference
 )

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.calculus import jacobian
@@ -16,8 +15,8 @@ from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.formulations.system import System
 from robodyn_cli.kernels.rolled import RolledForwardDynamics
 from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[Any]
 DENSE = 120  # velocities up to which all eigenvalues are worth their time
 LARGEST = 8  # eigenvalues of greatest magnitude that are looked for beyond
 DIFFERENCE = 1e-6  # for long chains, whose compiled loops have no exact Jacobian

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import RobodynError
@@ -38,8 +36,8 @@ from robodyn_cli.run.numerics.trial import Budget, Reference, Trial, attempts, r
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[Any]
 INSTANTS = 65  # at which eigenvalues are taken
 FEW_INSTANTS = 3  # in long chains
 STIFF = (

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.driver.motion import Gains
 from robodyn_cli.run.numerics.energy_growth import Growth, GrowthKeys, Period
 from robodyn_cli.run.numerics.spectrum import Spectrum
 from robodyn_cli.run.numerics.trial import Reference, Trial
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 
 @record

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.errors import CapabilityError, NumericalError, RobodynError, SingularConfigurationError
 from robodyn_cli.integration_methods import METHODS, REFERENCES, STIFF_REFERENCES
@@ -17,8 +16,8 @@ from robodyn_cli.record import mutable_record, record
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[Any]
 SAMPLES = 257  # instants at which solutions are compared
 INACCURATE = 1e-3  # an error above this part of the range of its quantity is a wrong answer
 AGREED = 1e-5  # agreement of the references, relative to the range, beyond which nothing is judged

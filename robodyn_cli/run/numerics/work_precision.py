@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.errors import CapabilityError, NumericalError, RobodynError, SingularConfigurationError
 from robodyn_cli.formulations.system import System
@@ -38,8 +37,8 @@ from robodyn_cli.run.numerics.trial import SAMPLES, Reference, agreed, tight
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Baumgarte, Scene
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[Any]
 TOLERANCES = tuple(10.0**-k for k in range(2, 14))
 SHORT_OF = 0.9  # of the time of a lock: up to there a small change of the start is followed
 STEPS = 10  # step sizes tried for a method without step control, each half the one before
@@ -162,6 +161,7 @@ def best_at(entries: Sequence[Entry], levels: Sequence[float]) -> list[Best]:
     return table
 
 
+@np.errstate(all="ignore")  # errors that are not finite are verdicts
 def work_precision(
     scene: Scene,
     methods: Sequence[str] | None = None,

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.expr.calculus import substitute
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations, free_symbols, reachable
@@ -14,9 +13,9 @@ from robodyn_cli.expr.rebuild import apply
 from robodyn_cli.kernels.program import Program, make_program, unknown_data
 from robodyn_cli.model.model import UNKNOWN_GROUP
 from robodyn_cli.run.observation.finite import refuse_sampled
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import JointMotion
 
-Array = NDArray[np.float64]
 Outputs = Mapping[str, Sequence[Scalar]]
 
 # measured: a numpy operation costs about 1.3 us and 2 ns a sample, compiling 35 ms (half of it the import)
@@ -53,7 +52,7 @@ class SampleFunction:
         self.operations = count_operations(entries)
         self.compiled = worth_compiling(self.operations, samples)
         self._known = tuple(known)
-        # constants need no kernel; names of paths are not names in the compiled code
+        # constants need no kernel; compiled code cannot use paths as names
         varying = [n for n, a in self.outputs.items() if any(isinstance(e, Expr) for e in a)]
         self._names = {f"o{k}": name for k, name in enumerate(varying)}
         if self.compiled:
@@ -69,7 +68,7 @@ class SampleFunction:
 
     @property
     def program(self) -> Program:
-        """What is evaluated, as a program, be it compiled or interpreted."""
+        """The outputs as a program, whether compiled or interpreted."""
         return self._kernel.program if self.compiled else make_program(dict(self._varying), self._known)
 
     def __call__(self, **groups: Array) -> dict[str, Array]:
@@ -104,10 +103,9 @@ class SampleFunction:
 
 
 def without_idle_unknowns(outputs: Sequence[Scalar], needed: Sequence[Scalar]) -> list[Scalar]:
-    """Return outputs with the unknown data that ``needed`` does without set to zero.
-
-    For quantities that can depend on such data by an additive constant only, or by terms that cancel: a
-    potential energy, where ``needed`` are the torques that are its gradient.
+    """Return outputs with those unknown data set to zero that ``needed`` does not depend on. For quantities that
+    depend on such data by an additive constant only, or by terms that cancel: a potential energy, where ``needed`` are
+    the torques that are its gradient.
     """
     used = {s.index for s in free_symbols(needed)}
     idle = {
@@ -119,7 +117,7 @@ def without_idle_unknowns(outputs: Sequence[Scalar], needed: Sequence[Scalar]) -
 class Interpreter:
     """Expressions as a sequence of numpy operations that drops each result after its last use.
 
-    That keeps the arrays in play in the cache, which is worth a factor of three over keeping them all.
+    So the live arrays stay in the cache, which is three times as fast as keeping all.
     """
 
     def __init__(self, outputs: Sequence[Scalar]) -> None:

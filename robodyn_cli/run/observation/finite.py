@@ -6,25 +6,24 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr.graph import Expr, Scalar, reachable
 from robodyn_cli.expr.rebuild import apply
 from robodyn_cli.results.result import Result
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 CONSTANT = "a number of the scene, or a product of some, exceeds what a double holds (1.8e308)"
 TOO_LARGE = "it exceeds what a double holds (1.8e308), or is 0 / 0"
 SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
-# what the symbol groups of a motion are called in results
+# names of a motion's symbol groups in results
 MOTION = {"t": ("time", "time"), "q": ("q", "position"), "v": ("qd", "rate"), "a": ("qdd", "acceleration")}
 
 
 def first_fault(arrays: Mapping[str, Array]) -> tuple[str, tuple[int, ...]] | None:
     """Return name and index of the first number that is not finite, sample by sample of the first such array."""
     for name, array in arrays.items():
-        # a sum is finite where all entries are, but for an overflow that the second look tells apart
+        # a finite sum has finite entries; one that overflows is examined entry by entry
         if not np.isfinite(array.sum()) and not np.isfinite(array).all():
             at = np.argwhere(~np.isfinite(array))[0]
             return name, tuple(int(k) for k in at)

@@ -12,20 +12,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.kinematics import slice_q
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.kernels.samples import SampleKernel
-from robodyn_cli.spatial.algebra import vector
+from robodyn_cli.model.model import STATE_GROUPS
+from robodyn_cli.spatial.algebra import Array, vector
 
-Array = NDArray[Any]
-VANISHED = 1e-9  # of the largest singular value: rank lost on the way as well, where the motion passes that
+VANISHED = (
+    1e-9  # of the largest singular value; the rank may also fall at a singular pose that the motion passes
+)
 
 
 def equations_of(problem: Problem) -> dict[str, Sequence[Scalar]]:
@@ -51,7 +50,7 @@ class LeastNorm:
     def __init__(self, problem: Problem, more: Mapping[str, Sequence[Scalar]] | None = None) -> None:
         self.problem = problem
         self.rank = len(problem.independent_rows.rows)
-        self.function = SampleKernel({**equations_of(problem), **(more or {})}, GROUPS)
+        self.function = SampleKernel({**equations_of(problem), **(more or {})}, STATE_GROUPS)
 
     def evaluate(self, samples: int, groups: Mapping[str, Array]) -> dict[str, Array]:
         """Return the outputs with ``qdd`` (T, nv), ``lam`` (T, m); prescribed joints' multipliers enter ``tau``."""
@@ -84,7 +83,7 @@ class LeastNorm:
         return U, np.where(kept, 1.0 / np.where(kept, S, 1.0), 0.0), Vt
 
     def _solve(self, psi: Array, residual: Array) -> Array:
-        """Return the least x with Psi x = residual."""
+        """Return the smallest x with Psi x = residual."""
         U, S, Vt = self._leading(psi)
         inner = S[..., None] * (np.swapaxes(U, 1, 2) @ residual[..., None])
         return np.asarray((np.swapaxes(Vt, 1, 2) @ inner)[..., 0])

@@ -1,23 +1,22 @@
-"""From integrated states to everything a simulation reports, block by block."""
+"""From integrated states to the datasets of a simulation, block by block."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols, is_nonzero
-from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.formulations.system import System
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.loops.base import Row
-from robodyn_cli.model.model import UNKNOWN_GROUP
+from robodyn_cli.model.model import BASE, STATE_GROUPS, UNKNOWN_GROUP
 from robodyn_cli.record import record
-from robodyn_cli.run.observation.places import FORCES, place_dataset, place_outputs
+from robodyn_cli.run.observation.places import FORCES, place_dataset, place_outputs, point_motion
 from robodyn_cli.run.observation.units import joint_columns
+from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
     from robodyn_cli.run.observation.evaluation import SampleFunction
@@ -25,12 +24,11 @@ if TYPE_CHECKING:
     from robodyn_cli.run.observation.observe_rolled import RolledKernel
     from robodyn_cli.run.observation.reactions import ReactionSamples
 
-Array = NDArray[Any]
 XYZ = ("x", "y", "z")
 MEANINGS = {
     "q": "joint position", "qd": "joint velocity", "qdd": "joint acceleration", "tau": "actuator torque"
 }  # fmt: skip
-MOST_ROWS = 40  # of Psi, up to which its singular values are worth their time at every sample
+MOST_ROWS = 40  # of Psi: up to so many, singular values are computed at every sample
 
 
 @record
@@ -45,7 +43,7 @@ class Column:
 
 
 def observed(problem: Problem, accelerations: bool = True) -> dict[str, Sequence[Scalar]]:
-    """Return what is evaluated at the samples of a simulation, by output."""
+    """Return the expressions that are evaluated at the samples of a simulation, by output."""
     outputs: dict[str, Sequence[Scalar]] = {
         "tau": _actuator_torques(problem),
         "energy": [problem.kinetic, _potential(problem)],
@@ -69,9 +67,8 @@ def observed(problem: Problem, accelerations: bool = True) -> dict[str, Sequence
 
 
 def _potential(problem: Problem) -> Scalar:
-    """Return the potential energy; unknown data that only shift it by a constant count as zero.
-
-    Such are those that its gradient does without: the height of a cart's centre of mass, where it rolls on the flat.
+    """Return the potential energy; unknown data that only shift it by a constant count as zero. These are the data
+    that its gradient does not depend on, such as the height of the centre of mass of a cart on level ground.
     """
     energy = problem.potential
     if all(symbol.value[1] != UNKNOWN_GROUP for symbol in free_symbols([energy])):
@@ -84,7 +81,7 @@ def _potential(problem: Problem) -> Scalar:
 
 
 def _actuator_torques(problem: Problem) -> list[Scalar]:
-    """Actuator torques; a prescribed joint's is the multiplier that drives it."""
+    """Actuator torques; that of a prescribed joint is the multiplier of its row."""
     tau = list(problem.actuator_torques)
     if problem.dependent:  # ``LeastNorm`` knows the multipliers
         return tau
@@ -96,7 +93,8 @@ def _actuator_torques(problem: Problem) -> list[Scalar]:
 
 
 def loop_columns(rows: Sequence[Row], dependent: bool = False) -> dict[str, Column]:
-    """Return units and names of what is recorded of constraint rows, by path; ``dependent``: on each other."""
+    """Return units and names of the datasets of constraint rows, by path; ``dependent`` : whether rows depend on each
+    other."""
     dims, names = ("time", "constraint"), tuple(row.name for row in rows)
     force = "N" if all(row.kind == "force" for row in rows) else "N or N m"
     least = " (rows depend on each other: those of least norm)" if dependent else ""
@@ -111,7 +109,7 @@ def _kernel(
     problem: Problem, system: System, outputs: Mapping[str, Sequence[Scalar]]
 ) -> SampleKernel | RolledKernel:
     if not system.dynamics.any_size:
-        return SampleKernel({name: list(entries) for name, entries in outputs.items()}, GROUPS)
+        return SampleKernel({name: list(entries) for name, entries in outputs.items()}, STATE_GROUPS)
     from robodyn_cli.run.observation.observe_rolled import RolledKernel
 
     return RolledKernel(problem, system.dynamics, outputs)
@@ -121,6 +119,15 @@ def _least_norm(problem: Problem, outputs: Mapping[str, Sequence[Scalar]]) -> Le
     from robodyn_cli.run.observation.least_norm import LeastNorm
 
     return LeastNorm(problem, {name: list(entries) for name, entries in outputs.items()})
+
+
+def _point_motion(problem: Problem) -> SampleFunction | None:
+    """Return velocities and accelerations of the points that move as a function of q, v and v-dot."""
+    if all(frame.body == BASE for frame in problem.model.points.values()):
+        return None
+    from robodyn_cli.run.observation.evaluation import SampleFunction
+
+    return SampleFunction(point_motion(problem), ("t", "q", "v", "a"), problem.scene.simulate.samples)
 
 
 def _reactions(problem: Problem) -> ReactionSamples:
@@ -134,7 +141,7 @@ class Observer:
 
     Parameters
     ----------
-    passive : velocity coordinates that nothing drives. reactions : observe these in any case, not only if asked for.
+    passive : velocity coordinates without an actuator. reactions : observe these in any case, not only if asked for.
 
     ``parameters`` are the p at which the next samples are evaluated.
     """
@@ -150,19 +157,20 @@ class Observer:
         self.kernel = self.least_norm or _kernel(problem, system, outputs)
         self.places = [path for path in outputs if path.startswith(("points/", "skeleton/", "frames/"))]
         c = system.corrections
-        self.normalise = SampleKernel({"n": c.normalisation}, GROUPS) if c.normalisation else None
+        self.normalise = SampleKernel({"n": c.normalisation}, STATE_GROUPS) if c.normalisation else None
         positions = c.sample_position or c.position
         velocities = c.sample_velocity or c.velocity
-        self.correct_q = SampleKernel({"q": positions}, GROUPS) if positions else None
-        self.correct_v = SampleKernel({"v": velocities}, GROUPS) if velocities else None
+        self.correct_q = SampleKernel({"q": positions}, STATE_GROUPS) if positions else None
+        self.correct_v = SampleKernel({"v": velocities}, STATE_GROUPS) if velocities else None
         self.residuals = None
         if self.correct_q is not None:
             rows = problem.constraints
             residuals = {"q": rows.eta, "v": rows.velocity_residual(problem.v)}
-            self.residuals = SampleKernel(residuals, GROUPS)
+            self.residuals = SampleKernel(residuals, STATE_GROUPS)
         self.parameters = np.zeros(max(1, len(problem.model.parameters)))
         asked = reactions or problem.scene.outputs.reactions
         self.reactions = _reactions(problem) if asked else None
+        self.point_motion = _point_motion(problem)
 
     @property
     def kernels(self) -> dict[str, SampleKernel | SampleFunction]:
@@ -200,8 +208,7 @@ class Observer:
 
     def _corrected(self, t: Array, x: Array, kernel: SampleKernel, output: str, places: list[int]) -> float:
         """Correct entries of states x (T, nx) in place, where that lessens the residual; return the largest change.
-
-        Close to a loss of rank a correction is rounding, magnified.
+        Close to a loss of rank a correction is magnified rounding.
         """
         assert self.residuals is not None
         better = x.copy(order="F")
@@ -261,6 +268,8 @@ class Observer:
         for path in self.places:
             name, block = place_dataset(path, found[path])
             data[name] = block
+        if self.point_motion is not None:
+            data.update(self.point_motion(t=t[:, None], q=data["q"], v=data["qd"], a=data["qdd"]))
         if self.reactions is not None:
             data.update(
                 self.reactions(t, data["q"], data["qd"], data["qdd"], data.get("constraints/multipliers"))

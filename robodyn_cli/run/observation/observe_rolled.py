@@ -1,24 +1,23 @@
-"""What is observed of long chains, whose accelerations come from loops over the bodies."""
+"""Observation of long chains, whose accelerations come from loops over the bodies."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.formulations.dynamics import GROUPS, Dynamics
+from robodyn_cli.formulations.dynamics import Dynamics
 from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.kernels.rolled import RolledForwardDynamics
+from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.run.observation.evaluation import Outputs, SampleFunction
-
-Array = NDArray[np.float64]
+from robodyn_cli.spatial.algebra import Array
 
 
 class RolledKernel:
-    """What is observed of a long chain: accelerations by loops over its bodies, the rest from expressions.
+    """Observation of a long chain: accelerations by loops over its bodies, other outputs from expressions.
 
-    outputs : these others. They grow with the length only, and are interpreted where that takes less time than
-    compiling them.
+    outputs : these others. Their size grows with the length only; they are interpreted where that takes less time than
+    compiling.
     """
 
     def __init__(self, problem: Problem, dynamics: Dynamics, outputs: Outputs) -> None:
@@ -26,7 +25,7 @@ class RolledKernel:
         self.places = list(dynamics.places)
         forces = [dynamics.forces[k] for k in self.places]
         samples = problem.scene.simulate.samples
-        self.function = SampleFunction({**outputs, "forces": forces}, GROUPS, samples)
+        self.function = SampleFunction({**outputs, "forces": forces}, STATE_GROUPS, samples)
         self.forward = RolledForwardDynamics(problem.model)
 
     def evaluate(self, samples: int, groups: dict[str, Array]) -> dict[str, Array]:

@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
-from robodyn_cli.algorithms.kinematics import Pose, velocities
+from robodyn_cli.algorithms.kinematics import Pose, motions, velocities
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.model.model import FixedFrame, Model
+from robodyn_cli.model.model import BASE, FixedFrame, Model
 from robodyn_cli.results.result import Result
-from robodyn_cli.spatial.algebra import cross
+from robodyn_cli.spatial.algebra import Array, cross
 
-Array = NDArray[np.float64]
-FORCES = ("forces/potential", "forces/power")  # what each force element reports, by element
+FORCES = ("forces/potential", "forces/power")  # datasets with a column for each force element
 
 
 def place_outputs(problem: Problem) -> dict[str, list[Scalar]]:
@@ -42,6 +40,22 @@ def place_outputs(problem: Problem) -> dict[str, list[Scalar]]:
     return out
 
 
+def point_motion(problem: Problem) -> dict[str, list[Scalar]]:
+    """Return velocities and accelerations of the named points in world coordinates, by result path."""
+    model = problem.model
+    speed = velocities(model, problem.X, problem.q, problem.v)
+    motion = motions(model, problem.X, problem.q, problem.v, problem.a)
+    out: dict[str, list[Scalar]] = {}
+    for name, frame in model.points.items():
+        if frame.body == BASE:
+            continue
+        to_world = model.base.E.T @ problem.pose[frame.body].R
+        here = speed[frame.body]
+        out[f"point_velocities/{name}"] = list(to_world @ (here.v + cross(here.w, frame.p)))
+        out[f"point_accelerations/{name}"] = list(to_world @ motion[frame.body].acceleration_of(frame.p))
+    return out
+
+
 def world_pose(model: Model, pose: dict[int, Pose], frame: FixedFrame) -> Pose:
     """Return the pose of a frame in world coordinates."""
     here = pose[frame.body]
@@ -59,7 +73,7 @@ def place_dataset(path: str, array: Array) -> tuple[str, Array]:
 
 
 def add_places(result: Result, arrays: Mapping[str, Array]) -> None:
-    """Add what ``place_outputs`` asked for, evaluated at T samples, to a result."""
+    """Add the outputs of ``place_outputs``, evaluated at T samples, to a result."""
     for path, array in arrays.items():
         name, data = place_dataset(path, array)
         result.add(name, data)

@@ -1,4 +1,4 @@
-"""Forces and moments in joints and loop closures along a motion, from what the run has computed already."""
+"""Forces and moments in joints and loop closures along a motion, from its accelerations and multipliers."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.kinematics import Pose, motions, poses
 from robodyn_cli.algorithms.reactions import Reactions, reactions
@@ -19,12 +18,11 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.run.observation.evaluation import SampleFunction
 from robodyn_cli.scene import types as sc
 from robodyn_cli.scene.points import point_link
-from robodyn_cli.spatial.algebra import Matrix, Wrench, identity
+from robodyn_cli.spatial.algebra import Array, Matrix, Wrench, identity
 from robodyn_cli.trajectories.motion import JointMotion
 
-Array = NDArray[np.float64]
 NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
-GROUPS = ("t", "q", "v", "a", "lam")
+REACTION_GROUPS = ("t", "q", "v", "a", "lam")
 BASE_PATH = "base_wrench"
 
 
@@ -59,10 +57,10 @@ class ReactionSamples:
                 outputs[path] = [entries[k] for k in known]
                 self.names[path] = tuple(NAMES[k] for k in known)
                 self.meanings[path] = meaning
-        self.function = SampleFunction(outputs, GROUPS, samples)
+        self.function = SampleFunction(outputs, REACTION_GROUPS, samples)
 
     def _entries(self, model: Model, found: Reactions) -> dict[str, tuple[list[Scalar], str]]:
-        """Return forces and moments of each joint and closure, and of the base, with what they are in words."""
+        """Return forces and moments of each joint and closure, and of the base, each with its meaning in words."""
         problem = self.problem
         in_world = problem.scene.outputs.reaction_axes == "world"
         to_world = model.base.E.T
@@ -96,7 +94,7 @@ class ReactionSamples:
         return self.function(t=np.reshape(t, (-1, 1)), q=q, v=qd, a=qdd, lam=lam)
 
     def add(self, result: Result, data: Mapping[str, Array]) -> None:
-        """Add what was evaluated to a result."""
+        """Add the loads to a result."""
         for path, array in data.items():
             result.add(path, array, long_name=self.meanings[path], names=self.names[path])
 
@@ -105,7 +103,7 @@ class ReactionSamples:
         return figures({path: data[path] for path in self.names}, self.names)
 
     def note(self) -> dict[str, Any]:
-        """Return what the summary says: the frame, and components that the scene's data do not determine."""
+        """Return the keys of the summary: the frame, and components that the scene's data do not determine."""
         axes = self.problem.scene.outputs.reaction_axes
         missing = {path.split("/")[-1]: names for path, names in self.missing.items()}
         return {"axes": axes, **({"not_determined": missing} if missing else {})}
@@ -123,7 +121,7 @@ class Loads:
         self.samples.add(result, self.data)
 
     def summary(self) -> dict[str, Any]:
-        """Return what the summary says of them: the frame, and the largest ones."""
+        """Return the keys of the summary: the frame, and the largest loads."""
         return {**self.samples.note(), "largest": figures(self.data, self.samples.names)}
 
 

@@ -1,4 +1,4 @@
-"""What a simulation keeps of its samples, in memory or in a file, and the extremes that its summary reports."""
+"""The samples of a simulation, in memory or in a file, and the extremes that its summary reports."""
 
 from __future__ import annotations
 
@@ -7,23 +7,22 @@ import functools
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.observation.observe import Column, Observer
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[Any]
-KEPT_IN_MEMORY = 100_000  # samples, when the whole goes to a file
+KEPT_IN_MEMORY = 100_000  # samples, when all of them go to a file
 
 
 class Recorder:
     """Collects blocks of observations into a Result; keeps the extremes that the summary reports.
 
     With a ``writer`` everything goes to the file block by block, and only every ``every``-th sample stays in
-    memory, for plots and for the error estimate: a run of 10^7 samples never stands in memory whole.
+    memory, for plots and for the error estimate: a run of 10^7 samples never fills memory.
     """
 
     def __init__(self, observer: Observer, writer: ResultWriter | None = None, every: int = 1) -> None:
@@ -144,7 +143,7 @@ class Recorder:
         return self.observer.describe()
 
     def described(self, path: str) -> dict[str, Any]:
-        """Return what ``Result.add`` is to be told about a dataset beside its data."""
+        """Return the arguments of ``Result.add`` beside path and data."""
         column = self.columns.get(path)
         return {} if column is None else dataclasses.asdict(column)
 
@@ -159,7 +158,7 @@ class Recorder:
         return self._last
 
     def array(self, path: str) -> Array:
-        """Return what was collected under ``path``."""
+        """Return the array collected under ``path``."""
         return np.concatenate(self.blocks[path])
 
     def fill(self, result: Result) -> None:

@@ -23,7 +23,7 @@ def unit_text(units: Sequence[str]) -> str:
 
 @record
 class JointColumns:
-    """What is said of an array (T, nq) or (T, nv) of joint quantities (see ``Result.add``)."""
+    """Units and names of an array (T, nq) or (T, nv) of joint quantities (see ``Result.add``)."""
 
     names: tuple[str, ...]
     column_units: tuple[str, ...]
@@ -35,7 +35,7 @@ class JointColumns:
         return unit_text(self.column_units)
 
     def described(self) -> dict[str, Any]:
-        """Return what ``Result.add`` takes."""
+        """Return the arguments of ``Result.add``."""
         mixed = len(set(self.column_units)) > 1
         units = {"column_units": self.column_units} if mixed else {}
         return {"units": self.units, "names": self.names, "dims": self.dims, **units}

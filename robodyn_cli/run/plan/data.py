@@ -13,7 +13,7 @@ TENSOR = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
 def unknown_data(model: Model, outputs: Sequence[Scalar]) -> tuple[list[str], list[str]]:
-    """Return what the scene does not say of its bodies: what the outputs need, and what they do not."""
+    """Return the data of the bodies that the scene does not give: those that the outputs need, and the others."""
     unknown = [e.value[0] for e in model.graph.nodes if e.op == "sym" and e.value[1] == UNKNOWN_GROUP]
     needed = {e.value[0] for e in free_symbols(outputs) if e.value[1] == UNKNOWN_GROUP}
     return [n for n in unknown if n in needed], [n for n in unknown if n not in needed]
@@ -28,7 +28,7 @@ def idle_constants(scene: sc.Scene, outputs: Callable[[Model], Sequence[Scalar]]
 
 
 def _given(scene: sc.Scene) -> dict[str, str]:
-    """Return the paths of the links' data that are given and not zero, and what to call them."""
+    """Return the paths of the links' data that are given and not zero, with their names in messages."""
     found: dict[str, str] = {}
     for link in scene.robot.links:
         path = f"links.{link.name}"

@@ -1,4 +1,4 @@
-"""The plan of ``simulate`` and ``deploy``: the accelerations, and what stepping needs beside them."""
+"""The plan of ``simulate`` and ``deploy``: the accelerations, and the other programs of a step."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class Forward:
         return found
 
     def _rates(self) -> list[Entry]:
-        """Describe what the method evaluates in its steps."""
+        """Describe the programs that the method evaluates in its steps."""
         if isinstance(self.system.dynamics, Rolled):
             return [rolled_step("accelerations", self.system.dynamics, self.method.lanes)]
         programs = self.method.programs(self.system)
@@ -195,12 +195,17 @@ class Forward:
         return Term(name, True, f"of {listed(joints)}, once a step", program.operations)
 
     def _work(self, e: Equations) -> Term:
-        """Return the work integral, with what does work."""
+        """Return the work integral, with the forces that do work."""
         p, name = self.problem, "work integral"
         if not self.system.further:
             driven = general_drives(e.here).problem()
             more, less = (count_operations(self.outputs(driven, work)) for work in (True, False))
-            return Term(name, False, "nothing drives or brakes: energy itself is conserved", more - less)
+            return Term(
+                name,
+                False,
+                "no force but gravity and springs does work: energy itself is conserved",
+                more - less,
+            )
         doing = {
             "actuators": any(is_nonzero(x) for x in p.actuator_torques),
             "friction, dampers or stops": bool(p.dissipated),
@@ -214,7 +219,7 @@ class Forward:
         return Term(name, True, reason, count_operations(self.outputs(p)) - less)
 
     def _events(self) -> Iterator[Term]:
-        """Yield the event functions of the system, by name; ``kind`` says what they are watched for."""
+        """Yield the event functions of the system, by name; ``kind`` gives the reason."""
         events = self.system.events
         watched: dict[str, list[EventFunction]] = {}
         for event in events:
@@ -240,7 +245,7 @@ class Forward:
 
     # -- choices --------------------------------------------------------------------------------------
     def choices(self) -> list[Entry]:
-        """Describe what the engine chose, and the alternatives."""
+        """Describe the choices of the engine, and the alternatives."""
         choice = self.motion.choice
         found = [self._solver(), {"choice": "integrator", "taken": choice.method, "reason": choice.reason}]
         dynamics = self.system.dynamics
@@ -290,7 +295,8 @@ class Forward:
         }
 
     def equation_36(self, ledger: Ledger) -> dict[str, Any] | None:
-        """Return what the loops cost: the open tree, the open chain of as many joints, loops, projection."""
+        """Return the operations of the loops: of the open tree, the open chain of as many joints, loops,
+        projection."""
         if not self.problem.model.loops:
             return None
         tree = ledger.operations(without_loops(ledger.here))
@@ -310,7 +316,7 @@ class Forward:
 
 
 def title_of(event: EventFunction) -> str:
-    """Return what the plan calls an event function; those that differ by a number share an entry."""
+    """Return the name of an event function in the plan; those that differ by a number share an entry."""
     return f"event: {re.sub(r'[.][0-9]+$', '', event.name).replace('_', ' ')}"
 
 

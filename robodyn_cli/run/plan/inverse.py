@@ -1,4 +1,4 @@
-"""The plan of ``inverse``: the torques, and what is evaluated beside them."""
+"""The plan of ``inverse``: the torques, and the other programs at the samples."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Inverse:
 
     def __init__(self, scene: sc.Scene) -> None:
         self.program = build_inverse(scene)
-        # equations of their own, for whatever is asked beside the run
+        # equations of their own, for counts that the run does not need
         self.problem = Problem(scene)
         self.samples = scene.inverse.samples
         trajectory: Any = scene.trajectory
@@ -39,7 +39,7 @@ class Inverse:
         self.task = point_task(self.program.problem) if leads else None
 
     def outputs(self, problem: Problem) -> list[Scalar]:
-        """Return what actuators and loops have to bear, and the rows of the loops, which share it."""
+        """Return the load on actuators and loops, and the rows of the loops, which share it."""
         tau: Any = problem.inverse_dynamics
         for term in problem.passive_forces(smooth=False).values():
             tau = tau - term
@@ -48,7 +48,7 @@ class Inverse:
 
     @property
     def _operations(self) -> int:
-        """Of all that is evaluated at a sample."""
+        """Of all programs at a sample."""
         return count_operations([x for entries in self.program.outputs.values() for x in entries])
 
     def kernels(self) -> list[dict[str, Any]]:
@@ -109,7 +109,7 @@ class Inverse:
         return Term(name, True, f"{leads}: by Newton's method", work)
 
     def choices(self) -> list[dict[str, Any]]:
-        """Describe what the engine chose."""
+        """Describe the choices of the engine."""
         compiled = worth_compiling(self._operations, self.samples)
         first, second = ("compiling", "interpreting") if compiled else ("interpreting", "compiling")
         found = [{

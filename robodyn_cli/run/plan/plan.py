@@ -1,4 +1,4 @@
-"""What a scene needs and what is left out, read off the equations and programs that its command builds.
+"""The terms that a scene needs and those left out, read off the equations and programs that its command builds.
 
     operations          of the program that the command's inner loop runs: torques (inverse), accelerations
     operations_general  of the same program with every constant of the scene a symbol
@@ -11,6 +11,8 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from typing import Any, Protocol
+
+import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
@@ -48,16 +50,17 @@ class Subject(Protocol):
         """Return the expressions of the command's inner loop, for this problem or a variant of it."""
 
     def terms(self, equations: Equations) -> Iterator[Term]:
-        """Yield what the command has beside the mechanism: its stages, and what it does around the inner loop."""
+        """Yield the terms of the command beside those of the mechanism: its stages, and the work around the inner
+        loop."""
 
     def kernels(self) -> list[dict[str, Any]]:
         """Describe the compiled programs."""
 
     def choices(self) -> list[dict[str, Any]]:
-        """Describe what the engine chose, with reasons."""
+        """Describe the choices of the engine, with reasons."""
 
     def equation_36(self, ledger: Ledger) -> dict[str, Any] | None:
-        """Return what the loops cost, None where that is not counted."""
+        """Return the operations of the loops, None where they are not counted."""
 
 
 def command_of(scene: sc.Scene) -> str:
@@ -67,8 +70,9 @@ def command_of(scene: sc.Scene) -> str:
     return "inverse" if scene.trajectory is not None else "simulate"
 
 
+@np.errstate(all="ignore")  # what absurd data make of the figures is no news for a terminal
 def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
-    """Return what the command keeps and leaves out of the general problem, ready for JSON.
+    """Return the terms of the general problem that the command keeps and leaves out, ready for JSON.
 
     Parameters
     ----------

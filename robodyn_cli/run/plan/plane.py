@@ -5,20 +5,20 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.kinematics import poses, slice_q, transforms
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import BASE, Model
 from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 PARALLEL = 1e-12
 
 
 @record
 class Directions:
-    """What a joint lets its body do: unit vectors of the axes it turns about and slides along, in base coordinates."""
+    """The motions that a joint allows: unit vectors of the axes it turns about and slides along, in base
+    coordinates."""
 
     name: str
     turning: tuple[Array, ...]
@@ -42,7 +42,8 @@ class Plane:
 
     @cached_property
     def _pose(self) -> tuple[list[Array], list[Directions]]:
-        """Axes of the bodies (columns) and directions of the joints, where nothing is aligned by chance."""
+        """Axes of the bodies (columns) and directions of the joints, in a pose in which nothing is aligned by
+        chance."""
         manifold = Manifold(self.model)
         steps = 0.37 + 0.61 * np.arange(self.model.nv, dtype=np.float64)
         q = manifold.integrate(manifold.neutral(), steps).tolist()
@@ -69,7 +70,7 @@ class Plane:
 
     @cached_property
     def _candidate(self) -> Array:
-        """The only direction that can be the normal; where bodies only slide along a line, gravity decides."""
+        """The only possible normal; where bodies only slide along a line, gravity decides."""
         if self._turning:
             return self._turning[0]
         across = (np.cross(self._sliding[0], d) for d in (*self._sliding, self.gravity, *np.eye(3)))

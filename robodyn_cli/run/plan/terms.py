@@ -1,8 +1,8 @@
 """The terms of the general problem, one by one: kept or left out, why, and the equations to compare with.
 
-A kept term is counted by what leaving it out would save, a term left out by what it would add in general
-form. Terms share work (a sine serves them all), so the counts do not add up to the total, and a term whose
-work the others need as well counts as 0.
+The count of a kept term is the saving if it were left out; that of a term left out is the addition in general form.
+Terms share work (a sine serves them all), so the counts do not add up to the total, and a term whose work the others
+need as well counts as 0.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from robodyn_cli.run.plan.variant import Variant
 from robodyn_cli.run.plan.words import listed, listed_data, plural
 from robodyn_cli.spatial.algebra import Transform, identity, zeros
 
-LOOPS = 4  # up to which loops have entries of their own
+LOOPS = 4  # so many loops at most have entries of their own
 
 
 @record
 class Term:
     """A part of the general problem that the equations contain (``kept``), or not, with the reason.
 
-    operations : what leaving it out saves, or what it would add; or two variants (more, less) whose difference it is.
+    operations : the saving if it were left out, or the addition; or two variants (more, less) whose difference it is.
     """
 
     name: str
@@ -40,7 +40,7 @@ class Term:
 
 @record
 class Equations:
-    """What terms are told of: the equations as the command builds them, and ``here``, the variant that they are.
+    """The input of the terms: the equations as the command builds them, and ``here``, the same as a variant.
 
     idle : given data without effect. spare : data neither given nor needed.
     """
@@ -56,11 +56,11 @@ class Equations:
         return self.here.model
 
     def kept(self, name: str, reason: str, without: Variant) -> Term:
-        """Return a term that the equations contain; ``without`` : they without it."""
+        """Return a term that the equations contain; ``without`` : the equations without it."""
         return Term(name, True, reason, (self.here, without))
 
     def left_out(self, name: str, reason: str, general: Variant) -> Term:
-        """Return a term that the equations do not contain; ``general`` : they with it in general form."""
+        """Return a term that the equations do not contain; ``general`` : the equations with it in general form."""
         return Term(name, False, reason, (general, self.here))
 
     def either(
@@ -248,7 +248,7 @@ def elements(e: Equations) -> Terms:
         yield e.left_out("forces on points and between bodies", reason, more)
 
 
-# what every command's equations may contain; commands add what they do around them
+# terms of every command's equations; a command adds those of its stages
 MECHANISM = (
     velocity_terms, gravity, rotors, gears, joint_directions, lever_arms, inertia, fixed_links, loops,
     couplers, joint_elements, elements,

@@ -1,4 +1,4 @@
-"""A scene's equations with changes: what decides them, ready to be changed."""
+"""A scene's equations with changes."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ class Symbols:
 
 @record
 class Variant:
-    """What decides the equations, ready to be changed.
+    """Everything that decides the equations, ready to be changed.
 
-    velocity_terms, accelerations : whether rigid bodies feel qd and qdd. rows : names of the constraint rows to
-    keep (all by default). dependent : rows that are combined. still : joints that are kept at zero.
+    velocity_terms, accelerations : whether the rigid bodies' equations contain qd and qdd. rows : names of the
+    constraint rows to keep (all by default). dependent : rows that are combined. still : joints that are kept at zero.
     """
 
     scene: sc.Scene

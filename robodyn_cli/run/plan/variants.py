@@ -1,7 +1,7 @@
 """Variants of a scene's equations: one part taken out, or made as general as code for any scene has it.
 
-The plan counts operations by building such variants: nothing in it is estimated. What is made general becomes
-a symbol, so it cannot be folded.
+The plan counts operations by building such variants; it estimates nothing. A constant that is made general becomes a
+symbol, so it cannot be folded.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from robodyn_cli.spatial.inertia import RigidInertia
 
 
 def general_directions(v: Variant) -> Variant:
-    """Joint axes in any direction: nine symbols a rotation between bodies."""
+    """Joint axes in any direction: nine symbols for each rotation between bodies."""
     return v.with_bodies(X_tree=lambda b: Transform(v.symbols.matrix(), b.X_tree.r))
 
 
 def general_levers(v: Variant, plane: Plane | None = None) -> Variant:
-    """Joints anywhere on their bodies: three symbols a lever arm; in planar motion anywhere in the plane."""
+    """Joints anywhere on their bodies: three symbols for each lever arm; in planar motion anywhere in the plane."""
     return v.with_bodies(X_tree=lambda b: Transform(b.X_tree.E, _place(v, plane, b.parent, b.X_tree.r)))
 
 
@@ -46,7 +46,7 @@ def _place(v: Variant, plane: Plane | None, body: int, p: Vector) -> Vector:
 
 
 def general_inertia(v: Variant) -> Variant:
-    """Ten symbols a body."""
+    """Ten symbols for each body."""
     s = v.symbols
     return v.with_bodies(inertia=lambda b: RigidInertia(s.one(), s.vector(), s.symmetric()))
 
@@ -65,7 +65,7 @@ def general_rotors(v: Variant) -> Variant:
 class Element:
     """How elements of one kind in the joints count as a term.
 
-    has : whether an element has this part. without : what is left of it without. general : an element with symbols
+    has : whether an element has this part. without : the element without it. general : an element with symbols
     for constants, None where none is counted. everywhere : code for any scene has one in every joint.
     """
 
@@ -158,7 +158,7 @@ def one_prescribed(v: Variant) -> Variant:
 
 
 def general(v: Variant) -> Variant:
-    """Every constant a symbol: what code for any scene with this tree of joints does."""
+    """Every constant a symbol: code for any scene with this tree of joints."""
     found = v.with_bodies(forces=lambda b: ())
     for change in (
         general_directions, general_levers, general_inertia, general_gravity, general_rotors, general_loops,
@@ -178,7 +178,7 @@ def _ends(v: Variant, plane: Plane) -> tuple[FixedFrame, FixedFrame]:
 
 
 def one_pin(v: Variant, plane: Plane) -> Variant:
-    """A pin between the last body and the base: what the smallest loop would bring."""
+    """A pin between the last body and the base: the smallest loop."""
     first, second = _ends(v, plane)
     axis, axis2 = (
         (float(x), float(y), float(z)) if plane.normal is not None else (0.0, 0.0, 1.0)
@@ -199,7 +199,7 @@ def one_spring(v: Variant, plane: Plane) -> Variant:
 
 
 def planar_inertia(b: Body) -> RigidInertia:
-    """Return of a body only what acts in a plane: m, the centre of mass in it, the moment about its normal."""
+    """Return the inertia of a body that acts in a plane: m, the centre of mass in it, the moment about its normal."""
     I = zeros(3, 3)
     I[2, 2] = b.inertia.I[2, 2]
     if b.joint.nv > 1:

@@ -18,17 +18,16 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.kinematics import slice_q, slice_v
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.integrators.methods.gauss_tables import gauss_table
 from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.record import record
 from robodyn_cli.run.singular.singularity import loop_rows
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)
 LOST = 1e-6  # ratio of singular values at a located pose below which a direction counts as lost
 HISTORY = 9  # points through which a guess is extrapolated
@@ -70,9 +69,9 @@ class Equations:
             "power": [problem.applied_power] if work else [],
         }
         self.work = work
-        self.geometry = SampleKernel(geometry, GROUPS)
-        self.rates = SampleKernel({k: x for k, x in rates.items() if x}, GROUPS)
-        self.shift = SampleKernel({"q": _moved(problem)}, GROUPS)
+        self.geometry = SampleKernel(geometry, STATE_GROUPS)
+        self.rates = SampleKernel({k: x for k, x in rates.items() if x}, STATE_GROUPS)
+        self.shift = SampleKernel({"q": _moved(problem)}, STATE_GROUPS)
         self.p = np.zeros(max(1, len(problem.model.parameters)))
 
     def in_contact(self, parameters: Array) -> None:

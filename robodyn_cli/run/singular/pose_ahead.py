@@ -10,12 +10,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.record import record
 from robodyn_cli.run.singular.leap import EPS, LOST, Collocation, Equations, Leap, NotSmooth, State
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 NODES = 16
 REACH = 0.4  # joint angle [rad] that a leap covers on either side of the pose, at most
 STEPS = 80  # of the approach

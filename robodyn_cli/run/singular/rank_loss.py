@@ -12,7 +12,6 @@ import copy
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.dependence import closeness
 from robodyn_cli.equations.problem import Problem
@@ -26,8 +25,8 @@ from robodyn_cli.run.driver.motion import Motion, Watcher
 from robodyn_cli.run.singular.leap import Equations, State
 from robodyn_cli.run.singular.pose_ahead import Approach, Pose, Unresolved
 from robodyn_cli.run.singular.singularity import classify, culprit, refuse_dependent_rows
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 NEAR = 0.03  # ratio of singular values at the highest threshold
 RUNGS = 8
 LOWER = (

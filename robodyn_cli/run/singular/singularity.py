@@ -7,10 +7,8 @@ Bifurcation: Psi itself loses rank; the constraints no longer decide how the mot
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.constraints import determinant
 from robodyn_cli.equations.problem import Problem
@@ -20,8 +18,8 @@ from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.row_combinations import RowCombinations
 from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[Any]
 RANK = 1e-6  # ratio of singular values below which a located pose counts as having lost rank
 START = 1e-9  # the same at the start, where only rounding stands between a pose and a singular one
 

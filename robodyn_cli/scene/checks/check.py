@@ -12,10 +12,10 @@ from robodyn_cli.scene.text.nodes import Mapping, Node, Path, Scalar, dotted, fi
 
 
 class Check(Faults):
-    """Says where in the tree something is wrong.
+    """Places errors in the tree.
 
-    Checks that do not build on each other have ``with check:`` blocks of their own; such a block ends at its
-    first error, and what follows it goes on.
+    Independent checks have ``with check:`` blocks of their own; such a block ends at its first error, and the next one
+    runs.
     """
 
     def __init__(self, root: Node) -> None:

@@ -73,7 +73,7 @@ def check_moving_points(scene: Scene, check: Check) -> None:
 
 
 def check_forces(scene: Scene, check: Check) -> None:
-    """Refuse forces whose places are unknown or do nothing, and laws that do not fit together."""
+    """Refuse forces at unknown places or without effect, and laws that contradict each other."""
     paths: list[Path] = [("forces", k) for k in range(len(scene.forces))]
     check.unique([force.name for force in scene.forces], "force", [(*path, "name") for path in paths])
     for path, force in zip(paths, scene.forces):

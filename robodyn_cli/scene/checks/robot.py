@@ -196,7 +196,7 @@ def _not_taken(joint: Joint, kind: JointKind) -> tuple[str, ...]:
     """Return the keys that make no sense for a kind of joint."""
     axis = ("axis",) if kind.nv == 0 else ()
     offset = () if kind.dh_variable else ("offset",)
-    # which of several coordinates a spring or a gear belongs to is not said by the joint alone
+    # the joint alone does not say to which of its coordinates a spring or a gear belongs
     drive = () if kind.nv == 1 else (*_DRIVE, *(name for name, _ in joint.forces))
     return (*axis, *offset, *drive)
 

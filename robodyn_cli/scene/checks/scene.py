@@ -20,7 +20,7 @@ from robodyn_cli.scene.types import Robot, Scene, Torque
 
 @record
 class _SceneNames:
-    """What a trajectory may ask."""
+    """The names of a scene, for trajectories."""
 
     robot: Robot
     closed: bool = False
@@ -38,7 +38,7 @@ class _SceneNames:
 
 
 def check_scene(scene: Scene, check: Check) -> Scene:
-    """Return the scene with the robot's connections filled in; all that is wrong is in ``check.found``."""
+    """Return the scene with the robot's connections filled in; ``check.found`` holds all errors."""
     robot = check_robot(scene.robot, check)
     scene = dataclasses.replace(scene, robot=robot)
     joints = {joint.name for joint in robot.joints}

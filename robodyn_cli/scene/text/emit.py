@@ -13,7 +13,7 @@ WIDTH = 110
 
 # text that YAML reads back as itself without quotes, in block and in flow style
 _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*( [A-Za-z0-9_./(*+=-]+)*\)?")
-# characters that YAML wants escaped; compiled where it is needed, for that takes milliseconds
+# characters that YAML wants escaped; compiled on first use, because that takes milliseconds
 _ESCAPED = "[^\x20-\x7e\xa0-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]"
 
 

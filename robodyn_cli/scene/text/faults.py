@@ -1,4 +1,4 @@
-"""The faults of a scene, collected: reading goes on after a fault wherever it can."""
+"""The errors of a scene, collected: reading goes on after an error where it can."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from types import TracebackType
 
 from robodyn_cli.errors import SceneError
 
-# what comes after so many is not worth the time to find it
+# reading ends after so many
 MOST = 1000
 
 
 class TooMany(Exception):
-    """There are more faults than anybody reads; it ends the reading of the scene."""
+    """There are too many errors; raised to end the reading of the scene."""
 
 
 class Faults:
     """A list of errors, and a ``with`` block that ends at its first error and adds it to the list.
 
     found : the errors, in the order in which they were found.
-    lost : keys whose values are not there because of a fault elsewhere, in a file to be included.
+    lost : keys without a value because a file to be included has an error.
     """
 
     def __init__(self) -> None:

@@ -1,4 +1,4 @@
-"""Bring other files into the tree where the schema allows it: YAML files and CSV tables."""
+"""Include other files where the schema allows it: YAML files and CSV tables."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def child_kind(kind: Kind | None, step: str) -> Kind | None:
 
 
 class Includer:
-    """Brings in files and remembers which; a value whose file cannot be brought in stays as it is."""
+    """Includes files and remembers which; a value whose file cannot be included stays as it is."""
 
     def __init__(self, faults: Faults) -> None:
         self.faults = faults
@@ -97,7 +97,7 @@ class Includer:
         return compose(text, source, self.faults)
 
     def whole(self, kind: Kind, node: Node, path: Path = ()) -> Node:
-        """Return the tree with every file that ``kind`` allows brought in."""
+        """Return the tree with every file included that ``kind`` allows."""
         if isinstance(kind, OrFile):
             node = self.here(kind, node, path)
         inner = concrete(kind, node)
@@ -122,7 +122,7 @@ class Includer:
         return result
 
     def here(self, kind: Kind, node: Node, path: Path) -> Node:
-        """Return the node, or what the file that it names contains; the node itself if that is at fault."""
+        """Return the node, or the content of the file that it names; the node itself if the file has an error."""
         with self.collecting(path):
             return self.found(kind, node, path)
         return node
@@ -137,9 +137,7 @@ class Includer:
             self.faults.lost.append(dotted(path))
 
     def found(self, kind: Kind, node: Node, path: Path) -> Node:
-        """Return the node, or what the file that it names contains.
-
-        Raises
+        """Return the node, or the content of the file that it names. Raises
         ------
         SceneError : the file cannot be read, is no YAML, includes itself or does not fit.
         """

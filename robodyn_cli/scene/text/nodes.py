@@ -14,7 +14,7 @@ Path = tuple[str | int, ...]
 
 @record
 class Source:
-    """Where text comes from.
+    """The origin of a text.
 
     name : shown in errors.
     directory : relative paths inside start here.

@@ -78,23 +78,23 @@ class _Setter:
             key = node.key(step) or Scalar(self.place.source, 1, 1, step, step)
             below = child_kind(kind, step)
             old = node.get(step)
-            # a key that the schema does not know is left to the reader, here too
+            # the reader refuses a key that the schema does not know
             known = old is not None or below is not None or not isinstance(kind, Section)
             if self.removes and not rest and known:
                 return self.without(node, kind, step, done)
             if old is None or (isinstance(old, Scalar) and old.value is None and rest):
                 if rest and isinstance(below, ListOf):
                     raise self.error((*done, step), "is empty, so it has no items; set the whole list")
-                # what the schema does not know is refused by the reader, which names this option
+                # the reader refuses unknown keys and names this option
                 old = mapping(self.place, [])
             new = self.set(old, below, rest, (*done, step))
-            # where nothing was removed, nothing is added
+            # an absent key needs no removal
             return node if new is old else node.replaced(key, new)
         what = f"is {describe_node(node)}" if done else f"the scene is {describe_node(node)}"
         raise self.error(done, f"{what}, so it has no key {shown(step)}")
 
     def without(self, node: Mapping, kind: Kind | None, step: str, done: Path) -> Node:
-        """Return a map without a key; a key of the schema that is not there is removed already."""
+        """Return a map without a key; a known key that is absent needs no removal."""
         if node.get(step) is not None:
             return node.without(step)
         if not isinstance(kind, Section):

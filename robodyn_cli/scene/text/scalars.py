@@ -17,7 +17,7 @@ _NAN = re.compile(r"\.(nan|NaN|NAN)")
 _BASED = re.compile(r"[-+]?0[oOxX][0-9a-fA-F]+")
 _WORDS: dict[str, Value] = {"true": True, "false": False, "null": None, "~": None, "": None}
 
-# Python refuses to convert very long integers; as floats they are infinite, which the reader refuses
+# Python does not convert very long integers; as floats they are infinite, and the reader refuses those
 _LONGEST_INT = 300
 
 

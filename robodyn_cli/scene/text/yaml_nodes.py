@@ -29,7 +29,7 @@ from robodyn_cli.scene.text.nodes import (
 )
 from robodyn_cli.scene.text.scalars import Value, resolve
 
-# reading takes a second or two a megabyte
+# reading takes a second or two per megabyte
 MAX_BYTES = 10_000_000
 MAX_DEPTH = 50
 MAX_ALIASED_NODES = 100_000
@@ -131,7 +131,7 @@ def _at(source: Source, text: str, index: int) -> Node:
 
 @mutable_record
 class _Open:
-    """A list or map whose end has not come yet."""
+    """A list or map that has not ended yet."""
 
     place: Scalar
     is_map: bool

@@ -13,26 +13,32 @@ from collections.abc import Collection
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.equations.contact_joints import UNBOUNDED, ContactJoint
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError, SceneError
-from robodyn_cli.formulations.dynamics import GROUPS
 from robodyn_cli.formulations.events import Event, Jump, Outcome
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels.samples import SampleKernel
-from robodyn_cli.run.driver.contact_events import STOPS, ContactFunction, Transition, contact_functions
-from robodyn_cli.run.driver.impact import Hit, impact
+from robodyn_cli.model.model import STATE_GROUPS
+from robodyn_cli.run.contact.checks import MISSED, check_freedom, refuse_missed
+from robodyn_cli.run.contact.events import (
+    HELD,
+    STOPS,
+    ContactFunction,
+    Transition,
+    contact_functions,
+    known_sides,
+)
+from robodyn_cli.run.contact.impact import Hit, impact
 from robodyn_cli.run.driver.motion import Motion, Watcher
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
-HELD = 0  # the state of a joint that is held; the others are the direction of motion, +1 or -1
 AT_STOP = 1e-12  # a joint this close to a stop, relative to its position, is at it
 AT_REST = 1e-13  # a rate this small, relative to the largest, is zero
 FORCE = 1e-9  # a multiplier may pass its bound by this part of the largest one, for rounding
-MISSED = 1e-6  # what has gone past an event by this part of its scale was missed
 COMBINATIONS = 6561  # of contact states that are tried where pivoting does not end
+CASCADE = 1000  # impacts at one instant, each caused by the one before
 CROWD = 1000  # so many events within this part of the time so far (or of a second) get nowhere
 CROWDED = 1e-5
 FLIGHT = 1 / 8  # the first step after an impact, as a part of the time to the next one
@@ -64,9 +70,11 @@ class ContactStates(Watcher):
 
     def follow(self, motion: Motion) -> None:
         self.system = motion.system
-        self._rates = SampleKernel({"a": list(self.problem.forward.qdd), "lam": self.problem.holding}, GROUPS)
+        self._rates = SampleKernel(
+            {"a": list(self.problem.forward.qdd), "lam": self.problem.holding}, STATE_GROUPS
+        )
         matrices = {"M": list(self.problem.mass_matrix.ravel()), "psi": list(self.problem.psi.ravel())}
-        self._matrices = SampleKernel({k: v for k, v in matrices.items() if v}, GROUPS)
+        self._matrices = SampleKernel({k: v for k, v in matrices.items() if v}, STATE_GROUPS)
         self._clear()
 
     @property
@@ -83,7 +91,7 @@ class ContactStates(Watcher):
         self._flight = np.inf
         self._fastest = 0.0
         self._known_held: set[int] = set()
-        self._recent: deque[float] = deque(maxlen=CROWD)
+        self._recent: deque[tuple[float, str]] = deque(maxlen=CROWD)
         self._inertia = np.ones(self.problem.model.nv)
 
     @property
@@ -122,7 +130,7 @@ class ContactStates(Watcher):
         x = x.copy()
         self._clear()
         self.options = options
-        self._check_freedom(t, x)
+        check_freedom(self.joints, self._numbers(t, x)[1])
         self._settle_speeds(x)
         for k, joint in enumerate(self.joints):
             place = self._q(joint)
@@ -140,21 +148,6 @@ class ContactStates(Watcher):
         self._write()
         return x
 
-    def _check_freedom(self, t: float, x: Array) -> None:
-        sticking = [joint for joint in self.joints if joint.friction is not None]
-        psi = self._numbers(t, x)[1]
-        units = np.zeros((len(sticking), psi.shape[1]))
-        units[np.arange(len(sticking)), [joint.v for joint in sticking]] = 1.0
-        rows = np.concatenate([psi, units])
-        if len(sticking) and np.linalg.matrix_rank(rows, tol=1e-9) < len(rows):
-            names = ", ".join(joint.name for joint in sticking)
-            free = psi.shape[1] - np.linalg.matrix_rank(psi, tol=1e-9)
-            raise CapabilityError(
-                f"friction with 'law: set_valued' in {names}: with {free} degrees of freedom left by loops and "
-                "prescribed motion, their forces at rest would not be unique; allowed: fewer such joints, none of them "
-                "prescribed, or 'transition_speed' in the others"
-            )
-
     def _numbers(self, t: float, x: Array) -> tuple[Array, Array]:
         """Return the mass matrix and Psi."""
         found = self._matrices.evaluate(1, self.system.groups(np.array([[t]]), x[None, :], self.p))
@@ -163,7 +156,7 @@ class ContactStates(Watcher):
 
     def arm(self, x: Array) -> Outcome:
         """Return the present contact states, and the sides from which event functions start."""
-        return Jump(x, self.p, self._sides(), self._flight)
+        return Jump(x, self.p, known_sides(self.functions, self.state, self.rest, self.contact), self._flight)
 
     def handle(self, event: Event) -> Outcome:
         """Change contact states and the state at an event; the run goes on."""
@@ -175,8 +168,11 @@ class ContactStates(Watcher):
         forced: dict[int, int] = {}
         self._flight = np.inf
         if (push := STOPS.get(function.transition)) is not None:
-            if push * x[self._v(joint)] <= 0.0 and k not in self.contact:
-                x = self._strike(t, x, k, push, dict(joint.stops)[push])
+            at = dict(joint.stops)[push]
+            if k not in self.contact and push * x[self._v(joint)] <= 0.0:
+                x = self._strike_others(t, self._strike(t, x, k, push, at), k)
+            elif k not in self.contact:
+                x[self._q(joint)] = at  # it leaves, and lies behind its stop by rounding alone
         elif function.transition is Transition.REST:
             if k not in self.rest:
                 x[self._v(joint)] = 0.0
@@ -188,10 +184,11 @@ class ContactStates(Watcher):
         return self.arm(x)
 
     def _refuse_chatter(self, t: float, joint: ContactJoint) -> None:
-        self._recent.append(t)
-        if len(self._recent) == CROWD and t - self._recent[0] < CROWDED * max(1.0, t):
+        self._recent.append((t, joint.name))
+        if len(self._recent) == CROWD and t - self._recent[0][0] < CROWDED * max(1.0, t):
+            names = ", ".join(sorted({name for _, name in self._recent}))
             raise NumericalError(
-                f"joint {joint.name!r} and others change between rest and motion without end at t = {t:.6g} s",
+                f"contacts of {names} change without end at t = {t:.6g} s",
                 time=t, status="chatter",
             )  # fmt: skip
 
@@ -204,19 +201,7 @@ class ContactStates(Watcher):
         """
         q, v, _ = self.system.split(x)
         self._fastest = max(self._fastest, float(np.abs(v).max(initial=0.0)))
-        for k, joint in enumerate(self.joints):
-            wrong = np.zeros(len(t), dtype=bool)
-            for push, at in joint.stops:
-                wrong |= push * (q[:, joint.q] - at) < -MISSED * max(1.0, abs(at))
-            if joint.friction is not None:
-                wrong |= self.state[k] * v[:, joint.v] < -MISSED * self._fastest
-            if wrong.any():
-                when = float(t[int(np.argmax(wrong))])
-                raise NumericalError(
-                    f"an event of joint {joint.name!r} before t = {when:.6g} s was missed; a tighter tolerance "
-                    "finds it",
-                    time=when, status="missed_event",
-                )  # fmt: skip
+        refuse_missed(self.joints, self.state, t, q, v, self._fastest)
 
     # -- contact states -------------------------------------------------------------------------------
     def _settle_speeds(self, x: Array) -> None:
@@ -377,22 +362,33 @@ class ContactStates(Watcher):
         self._note(t, "impact", k, speed=float(abs(v[joint.v])), energy_lost=lost)
         return bounced
 
-    def _sides(self) -> dict[int, float]:
-        """Return the side from which each event function starts, by its number, where that is known."""
-        sides = {}
-        for number, function in enumerate(self.functions):
-            k = function.joint
-            held = k in self.rest
-            push = STOPS.get(function.transition)
-            if push is not None:
-                known = not (held and self.contact.get(k) == push)
-            elif function.transition is Transition.REST:
-                known = not held and self.state[k] != HELD
-            else:
-                known = held
-            if known:
-                sides[number] = 1.0
-        return sides
+    def _strike_others(self, t: float, x: Array, last: int) -> Array:
+        """Return the state after the impacts that an impact of joint ``last`` sets off at the same instant.
+
+        Joints at their stops may throw each other on these again and again, in no time at all; the series ends where
+        none runs into its stop any more.
+        """
+        for _ in range(CASCADE):
+            rates = x[list(self.system.v_places)]
+            slow = AT_REST * float(np.abs(rates).max(initial=0.0))
+            running = [
+                (k, push, at)
+                for k, joint in enumerate(self.joints)
+                for push, at in joint.stops
+                if k != last
+                and k not in self.contact
+                and push * (x[self._q(joint)] - at) <= AT_STOP * max(1.0, abs(at))
+                and push * x[self._v(joint)] < -slow
+            ]
+            if not running:
+                return x
+            last = running[0][0]
+            x = self._strike(t, x, *running[0])
+        names = ", ".join(joint.name for joint in self.joints if joint.stops)
+        raise NumericalError(
+            f"joints throw each other on their rigid stops without end at t = {t:.6g} s ({names})",
+            time=t, status="chatter",
+        )  # fmt: skip
 
     def _note(self, t: float, kind: str, k: int, **details: Any) -> None:
         self.counts[kind] += 1

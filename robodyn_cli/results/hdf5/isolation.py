@@ -1,4 +1,4 @@
-"""Try an action in a process of its own: the HDF5 library may crash on a damaged file, or never come back."""
+"""Run an action in a process of its own: the HDF5 library may crash on a damaged file, or loop forever."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import signal
 import time
 from collections.abc import Callable
 
-# how often the process is asked whether it has ended
+# time between two checks whether the process has ended
 _POLL = 0.001
 
 
@@ -26,7 +26,7 @@ def survive(action: Callable[[], object], seconds: float) -> None:
     process = os.fork()
     if process == 0:
         try:
-            # whatever it says as it dies is no message for the user
+            # its last output is no message for the user
             os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
             action()
         finally:

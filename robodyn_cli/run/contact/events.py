@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Collection, Mapping, Sequence
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
@@ -20,6 +21,7 @@ class Transition(enum.Enum):
     BREAK_LOW = "break low"
 
 
+HELD = 0  # the state of a joint that is held; the others are the direction of motion, +1 or -1
 STOPS = {Transition.LOWER_STOP: 1.0, Transition.UPPER_STOP: -1.0}  # the direction in which the stop pushes
 
 
@@ -53,3 +55,29 @@ def contact_functions(problem: Problem, owner: Owner) -> tuple[ContactFunction, 
         add(k, Transition.BREAK_HIGH, joint.hold * (joint.high - force))
         add(k, Transition.BREAK_LOW, joint.hold * (force - joint.low))
     return tuple(found)
+
+
+def known_sides(
+    functions: Sequence[ContactFunction],
+    state: Sequence[int],
+    rest: Collection[int],
+    contact: Mapping[int, float],
+) -> dict[int, float]:
+    """Return the side from which each event function starts, by its number, where that is known.
+
+    state : of each joint. rest : joints at rest. contact : the direction in which a stop pushes a joint.
+    """
+    sides = {}
+    for number, function in enumerate(functions):
+        k = function.joint
+        held = k in rest
+        push = STOPS.get(function.transition)
+        if push is not None:
+            known = not (held and contact.get(k) == push)
+        elif function.transition is Transition.REST:
+            known = not held and state[k] != HELD
+        else:
+            known = held
+        if known:
+            sides[number] = 1.0
+    return sides

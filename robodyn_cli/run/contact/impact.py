@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
 
-Array = NDArray[np.float64]
 ROUNDS = 64
 
 

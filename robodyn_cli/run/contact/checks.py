@@ -1,0 +1,62 @@
+"""What a scene with sticking friction and rigid stops must meet, and samples that show a missed event."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from robodyn_cli.equations.contact_joints import ContactJoint
+from robodyn_cli.errors import CapabilityError, NumericalError
+from robodyn_cli.spatial.algebra import Array
+
+MISSED = 1e-6  # what has gone past an event by this part of its scale was missed
+
+
+def check_freedom(joints: Sequence[ContactJoint], psi: Array) -> None:
+    """Refuse more joints that could stick than the mechanism has degrees of freedom; psi : (m, nv).
+
+    Raises
+    ------
+    CapabilityError : their forces at rest would not be unique.
+    """
+    sticking = [joint for joint in joints if joint.friction is not None]
+    units = np.zeros((len(sticking), psi.shape[1]))
+    units[np.arange(len(sticking)), [joint.v for joint in sticking]] = 1.0
+    rows = np.concatenate([psi, units])
+    if len(sticking) and np.linalg.matrix_rank(rows, tol=1e-9) < len(rows):
+        names = ", ".join(joint.name for joint in sticking)
+        free = psi.shape[1] - np.linalg.matrix_rank(psi, tol=1e-9)
+        raise CapabilityError(
+            f"friction with 'law: set_valued' in {names}: with {free} degrees of freedom left by loops and "
+            "prescribed motion, their forces at rest would not be unique; allowed: fewer such joints, none of them "
+            "prescribed, or 'transition_speed' in the others"
+        )
+
+
+def refuse_missed(
+    joints: Sequence[ContactJoint], states: Sequence[int], t: Array, q: Array, v: Array, fastest: float
+) -> None:
+    """Refuse samples that contradict the contact states: an event was missed.
+
+    Parameters
+    ----------
+    states : of each joint, 0 where it is held, else its direction of motion.
+    t, q, v : samples (T,), (T, nq), (T, nv). fastest : largest rate so far.
+
+    Raises
+    ------
+    NumericalError : with the joint and the time.
+    """
+    for k, joint in enumerate(joints):
+        wrong = np.zeros(len(t), dtype=bool)
+        for push, at in joint.stops:
+            wrong |= push * (q[:, joint.q] - at) < -MISSED * max(1.0, abs(at))
+        if joint.friction is not None:
+            wrong |= states[k] * v[:, joint.v] < -MISSED * fastest
+        if wrong.any():
+            when = float(t[int(np.argmax(wrong))])
+            raise NumericalError(
+                f"an event of joint {joint.name!r} before t = {when:.6g} s was missed; a tighter tolerance finds it",
+                time=when, status="missed_event",
+            )  # fmt: skip

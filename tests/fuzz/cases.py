@@ -1,0 +1,248 @@
+"""One case: words of a command line with their files, run in this process, and what is wrong with the outcome."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import functools
+import io
+import json
+import os
+import random
+import re
+import shutil
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from robodyn_cli.cli.app import run as run_words
+from robodyn_cli.scene import load_scene
+from robodyn_cli.scene.starters import STARTERS
+from tests.fuzz.mutate import Mutator, dump, spoil
+
+ROOT = Path(__file__).resolve().parents[2]
+CONFIGS = ROOT / "configs"
+# the commands by how often they are tried; runs that compile code are the dear ones
+WEIGHTS = {
+    "validate": 14, "plan": 6, "info": 14, "inverse": 22, "kinematics": 12, "statics": 8, "assemble": 10, "simulate": 5,
+    "deploy": 2, "check": 3, "compare": 3, "work-precision": 0.2, "stability": 0.2,
+}  # fmt: skip
+RUNS = ("inverse", "simulate", "deploy", "kinematics", "statics", "assemble")
+KNOWN_CODES = (0, 1, 2, 3, 4, 5, 74)
+SLOW = 130  # interrupted by the clock of a case, and heeded
+
+
+@dataclasses.dataclass
+class Case:
+    """What is run: a command with its scene and other files (name to bytes) and options."""
+
+    command: str
+    files: dict[str, bytes]
+    words: list[str]
+
+
+@dataclasses.dataclass
+class Outcome:
+    """How a case ended; ``finding`` says in one line what must not be, empty where all is well."""
+
+    code: int
+    said: str
+    finding: str = ""
+
+
+@functools.cache
+def bases() -> list[dict[str, Any]]:
+    """Return good scenes to begin with, short and with few samples."""
+    texts = [load_scene(path).text for path in sorted(CONFIGS.rglob("*.yaml")) if path.parent.name not in
+             ("robots", "trajectories")]  # fmt: skip
+    trees = [yaml.load(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader)) for text in texts]
+    trees += [yaml.safe_load(starter.text("x")) for starter in STARTERS.values()]
+    # the largest take minutes to build, which finds nothing that the others do not
+    small = [t for t in trees if "include" not in t and len(dump(t)) < 5000]
+    for tree in small:
+        for key in ("simulate", "inverse", "kinematics"):
+            if key in tree or key == "simulate":
+                tree[key] = {**(tree.get(key) or {}), "samples": 5}
+        tree["simulate"]["duration"] = min(0.1, float(tree["simulate"].get("duration", 1)))
+        tree.pop("expect", None)
+    return small
+
+
+def make(seed: int, stored: Path) -> Case:
+    """Return the case of a seed; ``stored`` is a directory with whole results, for ``check`` and ``compare``."""
+    rng = random.Random(seed)
+    trees = bases()
+    tree = rng.choice(trees)
+    mutator = _mutator(rng)
+    command = rng.choices(list(WEIGHTS), list(WEIGHTS.values()))[0]
+    if command in ("check", "compare"):
+        return _of_results(command, stored, rng)
+    if command in RUNS and rng.random() < 0.95:
+        tree = rng.choice([t for t in trees if t.get("command") == command] or trees)
+    words = ["--no-plots"] if command not in ("validate", "plan") else []
+    files = {}
+    kind = rng.random()
+    if kind < 0.65:
+        text = dump(mutator.scene(tree))
+    elif kind < 0.75:
+        text = mutator.text(tree)
+    else:
+        text = dump(tree)
+        if command != "validate":
+            words += [w for _ in range(rng.choice((1, 1, 2))) for w in ("--set", mutator.override(tree))]
+    if rng.random() < 0.05:
+        name, content = _table(rng)
+        files[name] = content
+        text = dump({**tree, "trajectory": {"type": "table", "file": name}})
+    files["scene.yaml"] = text.encode(errors="surrogatepass")
+    return Case(command, files, ["scene.yaml", *words, *_options(command, rng, mutator, tree)])
+
+
+@functools.cache
+def _vocabulary() -> Mutator:
+    return Mutator(bases(), random.Random(0))
+
+
+def _mutator(rng: random.Random) -> Mutator:
+    found = _vocabulary()
+    found.rng = rng
+    return found
+
+
+def _options(command: str, rng: random.Random, mutator: Mutator, tree: Any) -> list[str]:
+    words = ["--json"] if rng.random() < 0.1 else []
+    if command in ("info", "assemble") and rng.random() < 0.2:
+        names = [j["name"] for j in tree["robot"]["joints"]] if "robot" in tree else ["x"]
+        words += ["--at", f"q.{rng.choice(names)}={mutator.any_value(tree)}"]
+    if command == "assemble" and rng.random() < 0.3:
+        words.append("--branches")
+    if command == "work-precision":
+        words += ["--methods", "gauss,dop853", "--tolerances", "1e-4,1e-6", "--repeats", "1"]
+    if command == "stability":
+        words.append("--quick")
+    return words
+
+
+def _table(rng: random.Random) -> tuple[str, bytes]:
+    rows = "\n".join(f"{0.1 * k},{0.01 * k * k},{0.02 * k}" for k in range(5))
+    good = ("t,theta1,theta2\n" + rows + "\n").encode()
+    return "table.csv", spoil(good, rng)
+
+
+def _of_results(command: str, stored: Path, rng: random.Random) -> Case:
+    names = sorted(p.name for p in stored.iterdir())
+    source = stored / rng.choice(names)
+    files = {f"run/{name}": (source / name).read_bytes() for name in ("result.h5", "summary.json")}
+    broken = rng.choice(("run/result.h5", "run/result.h5", "run/summary.json"))
+    files[broken] = spoil(files[broken], rng)
+    return Case(command, files, ["run"] if command == "check" else ["run", str(stored / rng.choice(names))])
+
+
+def try_case(case: Case, folder: Path, seconds: float = 10.0) -> Outcome:
+    """Run a case in an empty folder; after ``seconds`` it gets an interrupt, which it should heed."""
+    shutil.rmtree(folder, ignore_errors=True)
+    for name, content in case.files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(content)
+    said, shown = io.StringIO(), io.StringIO()
+    before = os.getcwd()
+    os.chdir(folder)
+    try:
+        with _clock(seconds), contextlib.redirect_stdout(shown), contextlib.redirect_stderr(said):
+            code = run_words([case.command, *case.words])
+    except SystemExit as end:
+        code = int(end.code or 0)
+    except KeyboardInterrupt:
+        code = SLOW
+    except BaseException as error:
+        return Outcome(70, said.getvalue(), f"{type(error).__name__} leaves the program: {error}"[:200])
+    finally:
+        os.chdir(before)
+    outcome = Outcome(code, said.getvalue())
+    outcome.finding = _wrong(case, outcome, shown.getvalue(), folder)
+    return outcome
+
+
+@contextlib.contextmanager
+def _clock(seconds: float) -> Any:
+    def interrupt(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    if not hasattr(signal, "setitimer") or seconds <= 0:
+        yield
+        return
+    old = signal.signal(signal.SIGALRM, interrupt)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, old)
+
+
+def _wrong(case: Case, outcome: Outcome, shown: str, folder: Path) -> str:
+    """Return what must not be."""
+    if outcome.code == 70 or "Traceback" in outcome.said:
+        return _signature(outcome.said)
+    if outcome.code not in KNOWN_CODES and outcome.code != SLOW:
+        return f"exit code {outcome.code}"
+    if re.search(r"\w*Warning:", outcome.said):
+        return "a raw warning: " + outcome.said.strip().splitlines()[0][-120:]
+    if (
+        not shown
+        and outcome.code not in (0, SLOW)
+        and not (outcome.said + shown).strip()
+        and case.command not in ("validate", "check", "compare")
+    ):
+        return f"exit code {outcome.code} without a word"
+    if "--json" in case.words and outcome.code != SLOW:
+        try:
+            json.loads(shown, parse_constant=lambda word: 1 / 0)
+        except (ValueError, ZeroDivisionError):
+            return "standard output is not one JSON document"
+    if outcome.code == 0 and case.command in RUNS:
+        return _not_finite(folder)
+    return ""
+
+
+def _signature(said: str) -> str:
+    """Return the error and the last line of our own that it went through."""
+    ours = re.findall(r'File "[^"]*robodyn_cli/([^"]+)", line (\d+), in (\S+)', said)
+    lines = [
+        line for line in said.splitlines() if re.match(r"[\w.]+(Error|Exception|Warning|Interrupt)\b", line)
+    ]
+    where = " ".join(ours[-1]) if ours else "?"
+    return f"{(lines or ['?'])[-1][:120]} @ {where}"
+
+
+def _not_finite(folder: Path) -> str:
+    """Return which dataset of a run that succeeded holds a number that is not finite."""
+    import h5py
+    import numpy as np
+
+    bad: list[str] = []
+
+    def look(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and item.dtype.kind == "f" and not np.isfinite(item[()]).all():
+            bad.append(name)
+
+    for path in folder.glob("outputs/*/*/result.h5"):
+        with h5py.File(path) as file:
+            file.visititems(look)
+    return (
+        f"not finite, status ok: {', '.join(re.sub('[0-9]+', '', name) for name in sorted(bad)[:3])}"
+        if bad
+        else ""
+    )
+
+
+def store_results(folder: Path) -> None:
+    """Write whole results for ``check`` and ``compare``."""
+    for name, command in (("double_pendulum", "simulate"), ("2r_circle", "inverse")):
+        words = [command, str(CONFIGS / f"{name}.yaml"), "--no-plots", "--quiet", "--out", str(folder / name)]
+        code = run_words([*words, "--set", f"{command}.samples=5"])
+        if code:
+            sys.exit(f"{name} ends with {code}")
