@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from robodyn_cli.expr.graph import Expr, Scalar, reachable
 from robodyn_cli.expr.rebuild import apply
 from robodyn_cli.record import record
-from robodyn_cli.spatial.algebra import Array
+
+Array = NDArray[np.float64]
 
 Flags = NDArray[np.bool_]
 
