@@ -72,7 +72,9 @@ class Body:
         """
         moments = self.inertia.I[0, 0], self.inertia.I[1, 1]
         numbers = (x for p in self.parts for x in (p.m, *p.c, *p.I_com.flat, *p.frame.E.flat, *p.frame.r))
-        if self.joint.parent_inertia(self.inertia) is None or any(isinstance(x, Expr) for x in numbers):
+        if self.joint.parent_inertia(self.inertia) is None or any(
+            isinstance(x, Expr) for x in (*moments, *numbers)
+        ):
             return 1.0
         acting = 0.0
         for part in self.parts:

@@ -69,12 +69,18 @@ ENTRIES: tuple[Entry, ...] = (
     ),
     Entry("points/NAME", ("time", "axis"), "m", "position of a point in the world frame", XYZ),
     Entry("targets/NAME", ("time", "axis"), "m", "position asked of a point in the world frame", XYZ),
-    Entry("point_velocities/NAME", ("time", "axis"), "m/s", "velocity of a point in the world frame", XYZ),
+    Entry(
+        "point_velocities/NAME",
+        ("time", "axis"),
+        "m/s",
+        "velocity of a point in the world frame (`kinematics`, `simulate`, `deploy`)",
+        XYZ,
+    ),
     Entry(
         "point_accelerations/NAME",
         ("time", "axis"),
         "m/s^2",
-        "acceleration of a point in the world frame",
+        "acceleration of a point in the world frame (`kinematics`, `simulate`, `deploy`)",
         XYZ,
     ),
     Entry("transmission_angle", ("time",), "rad", "angle at the second of three points of the transmission"),
@@ -161,7 +167,12 @@ ATTRIBUTES: tuple[Attribute, ...] = (
     Attribute("termination", "JSON", "why and when the run ended: `reason`, `time`, ..."),
     Attribute("counters", "JSON", "steps, evaluations and so on"),
     Attribute("wall_time_s", "JSON", "wall time by stage, in seconds"),
-    Attribute("summary", "JSON", "what `summary.json` holds, but for the list of outputs"),
+    Attribute("run_id", "text", "the run that wrote the file; `summary.json` beside it has the same"),
+    Attribute(
+        "summary",
+        "JSON",
+        "the content of `summary.json` without `scene_file`, `run_id` and the list of outputs",
+    ),
 )
 
 

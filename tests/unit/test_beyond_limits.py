@@ -54,7 +54,7 @@ def test_loads_in_time_are_planned() -> None:
 
 def test_no_tolerance_at_zero_is_explained() -> None:
     scene = load_scene_text(ARM, overrides=["simulate={duration: 1, samples: 3, atol: 0}"])
-    with pytest.raises(NumericalError, match="with 'atol: 0' .* allow some"):
+    with pytest.raises(NumericalError, match="with 'atol: 0' .* allowed: an 'atol' such as"):
         simulate(scene)
 
 

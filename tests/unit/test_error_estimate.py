@@ -127,6 +127,5 @@ def test_a_run_that_no_second_one_confirms_carries_a_warning() -> None:
     overrides = ["simulate.integrator=rk4", "simulate.step=100", "simulate.samples=11"]
     summary = simulate(load_scene(CONFIGS / "double_pendulum.yaml", overrides)).summary
     assert summary["error_estimate"]["state_max"] is None
-    assert summary["warnings"][0].startswith(
-        "no second run confirms this motion: the second integration failed"
-    )
+    told = "no second run confirms this motion: the second integration failed"
+    assert any(text.startswith(told) for text in summary["warnings"])

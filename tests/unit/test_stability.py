@@ -29,7 +29,7 @@ from robodyn_cli.run.numerics.work_precision import formulations
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 FEW = Budget(100_000, 5.0)
-SPRING = slider("Mass on a spring", 50.0, 1.0, "-100*y", "{q: {y: 0.1}}", "[0, 0, 0]")
+SPRING = slider("Mass on a spring", 50.0, 1.0, "-100*y", "{q: {y: 0.1}}", gravity="[0, 0, 0]")
 
 
 def test_amplification_is_the_exponential_up_to_the_order() -> None:
@@ -51,7 +51,7 @@ def test_extents_of_regions_are_those_of_the_literature() -> None:
         assert np.all(np.abs(amplification(table, inside)) <= 1.0 + 1e-8)
 
 
-OSCILLATOR = slider("Oscillator", 10.0, 2.0, "-50*y - 4*qd.y", "{q: {y: 0.1}}", "[0, 0, 0]")
+OSCILLATOR = slider("Oscillator", 10.0, 2.0, "-50*y - 4*qd.y", "{q: {y: 0.1}}", gravity="[0, 0, 0]")
 
 
 def test_spectrum_of_a_damped_oscillator() -> None:
@@ -70,7 +70,9 @@ def test_spectrum_of_a_damped_oscillator() -> None:
 
 
 def test_the_step_limit_is_where_a_fixed_step_breaks_down() -> None:
-    stiff = load_scene_text(slider("Overdamped", 2.0, 1.0, "-100*y - 200*qd.y", "{q: {y: 0.1}}", "[0, 0, 0]"))
+    stiff = load_scene_text(
+        slider("Overdamped", 2.0, 1.0, "-100*y - 200*qd.y", "{q: {y: 0.1}}", gravity="[0, 0, 0]")
+    )
     found = at_start(prepare(stiff))
     assert found is not None
     limit = next(x for x in limits() if x.method == "rk4").largest_step(found.eigenvalues[0])

@@ -116,7 +116,8 @@ def _reject(w: Writer, adaptive: bool, step: Step, verdict: Verdict, failed: Blo
     """Leave ``failed``, with a shorter step to try, unless the step counts; with a fixed step the run ends."""
     f = w.f
     with f.block() as counts:
-        counts.leave(f.compare("olt", verdict.square, 1.0))
+        counted = f.compare("olt", verdict.square, 1.0)
+        counts.leave(counted if adaptive else counted & w.is_finite(w.new))
         if adaptive:
             if any(event.is_discontinuity for event in w.system.events):
                 counts.leave(_steps_over_jump(w, step))
@@ -124,6 +125,7 @@ def _reject(w: Writer, adaptive: bool, step: Step, verdict: Verdict, failed: Blo
             failed.leave()
         else:
             run.leave(Status.NOT_FINITE, f.compare("uno", verdict.square, 0.0))
+            run.leave(Status.NOT_FINITE, unless=w.is_finite(w.new))
             run.leave(Status.NOT_SOLVED)
 
 

@@ -182,6 +182,7 @@ class Observer:
             "projection of positions at the samples": self.correct_q,
             "projection of velocities at the samples": self.correct_v,
             "residuals at the samples": self.residuals,
+            "velocities and accelerations of points": self.point_motion,
             "reactions": None if self.reactions is None else self.reactions.function,
         }
         return {name: kernel for name, kernel in found.items() if kernel is not None}
