@@ -289,7 +289,7 @@ interrupts.end(guarded(command)())
 def test_killed_leaves_nothing_under_a_final_name(kill: int, scene: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     done, _ = stopped(
-        ["simulate", str(scene), *STREAMED, "--out", str(out)], kill, out / ".result.h5*", tmp_path
+        ["simulate", str(scene), *STREAMED, "--out", str(out)], kill, out / ".new.*", tmp_path
     )
     assert done.code == -kill
     assert all(name.startswith(".") for name in files(out))
