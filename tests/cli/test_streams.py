@@ -288,9 +288,7 @@ interrupts.end(guarded(command)())
 @pytest.mark.parametrize("kill", [signal.SIGKILL, signal.SIGTERM])
 def test_killed_leaves_nothing_under_a_final_name(kill: int, scene: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    done, _ = stopped(
-        ["simulate", str(scene), *STREAMED, "--out", str(out)], kill, out / ".new.*", tmp_path
-    )
+    done, _ = stopped(["simulate", str(scene), *STREAMED, "--out", str(out)], kill, out / ".new.*", tmp_path)
     assert done.code == -kill
     assert all(name.startswith(".") for name in files(out))
     # the next run takes over the directory and sweeps
