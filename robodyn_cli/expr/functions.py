@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from robodyn_cli.expr.fixed import Fixed, applied
 from robodyn_cli.expr.graph import Expr
 
 
@@ -17,6 +18,8 @@ def _lift(op: str, number: Callable[[float], float], array: str) -> Callable[[An
     def function(x: Any) -> Any:
         if isinstance(x, Expr):
             return x.graph.unary(op, x)
+        if isinstance(x, Fixed):
+            return applied(op, number, x)
         if isinstance(x, (float, int)):
             return number(x)
         import numpy as np
@@ -52,13 +55,18 @@ def _scalar(*xs: Any) -> bool:
     return all(isinstance(x, (float, int)) for x in xs)
 
 
+def _number(op: str, function: Callable[..., float], *xs: float) -> float:
+    """Return a function of numbers, of which some may be numbers of the scene."""
+    return applied(op, function, *xs) if any(isinstance(x, Fixed) for x in xs) else function(*xs)
+
+
 def atan2(y: Any, x: Any) -> Any:
     """Return the angle of the vector (x, y), in (-pi, pi]."""
     graph = _graph_of(y, x)
     if graph is not None:
         return graph.binary("atan2", y, x)
     if _scalar(y, x):
-        return math.atan2(y, x)
+        return _number("atan2", math.atan2, y, x)
     import numpy as np
 
     return np.arctan2(y, x)
@@ -70,7 +78,7 @@ def minimum(a: Any, b: Any) -> Any:
     if graph is not None:
         return graph.binary("min", a, b)
     if _scalar(a, b):
-        return min(a, b)
+        return _number("min", min, a, b)
     import numpy as np
 
     return np.minimum(a, b)
@@ -82,7 +90,7 @@ def maximum(a: Any, b: Any) -> Any:
     if graph is not None:
         return graph.binary("max", a, b)
     if _scalar(a, b):
-        return max(a, b)
+        return _number("max", max, a, b)
     import numpy as np
 
     return np.maximum(a, b)
@@ -94,7 +102,7 @@ def power(a: Any, b: Any) -> Any:
     if graph is not None:
         return graph.power(a, b)
     if _scalar(a, b):
-        return math.pow(a, b)
+        return _number("pow", math.pow, a, b)
     import numpy as np
 
     return np.power(a, b)
