@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, TypeGuard
 from weakref import WeakValueDictionary
 
 # Of the larger term: a smaller sum is what rounding leaves of a zero. The inputs themselves are not known better.
@@ -119,6 +119,11 @@ def is_plain(x: Any, value: float) -> bool:
     return not isinstance(x, Fixed) and bool(x == value)
 
 
+def is_negated(x: Any) -> TypeGuard[Fixed]:
+    """Tell whether a number of the scene is the negative of another; signs are kept outside of tables."""
+    return isinstance(x, Fixed) and x.op == "neg"
+
+
 def applied(op: str, function: Callable[..., float], *args: float) -> float:
     """Return an elementary function of numbers at least one of which is ``Fixed``."""
     return _made(op, args, function(*[float(x) for x in args]))
@@ -156,6 +161,10 @@ def _binary(op: str, a: Any, b: Any) -> Any:
             return b if op == "add" else -b
         if is_plain(b, 0.0):
             return a
+        if is_negated(b):
+            return a - b.args[0] if op == "add" else a + b.args[0]
+        if is_negated(a):
+            return b - a.args[0] if op == "add" else -(a.args[0] + b)
         total = x + y if op == "add" else x - y
         if abs(total) <= CANCELLED * max(abs(x), abs(y)):
             return 0.0
@@ -172,6 +181,11 @@ def _binary(op: str, a: Any, b: Any) -> Any:
         return a
     elif op == "div" and is_plain(a, 0.0) and y:
         return 0.0
+    if op != "pow":
+        for k, z in enumerate((a, b)):
+            if is_negated(z) or (not isinstance(z, Fixed) and z < 0.0):
+                positive = z.args[0] if is_negated(z) else -z
+                return -(_binary(op, positive, b) if k == 0 else _binary(op, a, positive))
     value = _PLAIN[op](x, y)
     return (
         _made(op, _sorted(op, a, b), value) if isinstance(value, float) and not math.isnan(value) else value

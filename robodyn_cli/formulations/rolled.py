@@ -16,7 +16,7 @@ from robodyn_cli.formulations.dynamics import LANES, Emission, Groups, Numbers
 from robodyn_cli.formulations.formulated import Formulated
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import RELAXED, Function, Value
-from robodyn_cli.kernels.lower import lower
+from robodyn_cli.kernels.lower import Table, lower
 from robodyn_cli.kernels.program import NUMBERS, Program, make_program
 from robodyn_cli.kernels.rolled_loops import rolled_function, tree_function
 from robodyn_cli.kernels.rolled_tables import RolledPlan
@@ -83,8 +83,8 @@ class Rolled:
                 w.functions[name] = self._force_function(name, width, w.fused)
             time = f.slot(width)
             f.store(f.splat(t, width), time, 8 * width)
-            numbers = w.numbers(self.program).base
-            arguments = (time, x.base, v.base, z.base, "%p", numbers, forces.base, rates.part(w.nv).base)
+            table = w.table(self.program)
+            arguments = (time, x.base, v.base, z.base, "%p", table, forces.base, rates.part(w.nv).base)
             f.raw(f"call void @{name}({', '.join(f'ptr {a}' for a in arguments)})")
         name = f"forward.{width}"
         if name not in w.functions:
@@ -101,11 +101,12 @@ class Rolled:
         f = Function(name, arguments, internal=True, attributes="noinline", flags=RELAXED)
         used = {i.value for i in self.program.instructions if i.op == "sym"}
         zero = f.constant(0.0, width)
-        inputs: dict[str, list[Value] | Array] = {NUMBERS: Array(f, f"%{NUMBERS}")}
+        table = Table(f, self.program, f"%{NUMBERS}", width)
+        inputs: dict[str, list[Value]] = {}
         for group, count in self.program.inputs.items():
             row = Array(f, f"%{group}", 1 if group == "p" else width)
             inputs[group] = [row[k] if (group, k) in used else zero for k in range(count)]
-        found = lower(f, self.program, inputs, width, fused)
+        found = lower(table, inputs, width, fused)
         forces, rates = Array(f, "%f", width), Array(f, "%r", width)
         for k, value in zip(self.places, found["f"]):
             forces[k] = value

@@ -10,7 +10,7 @@ from robodyn_cli.kernels.ir import Function, Value
 from robodyn_cli.kernels.mathematics import sincos
 from robodyn_cli.kernels.program import NUMBERS, TRIGONOMETRIC, Instruction, Program
 
-Inputs = Mapping[str, Sequence[Value] | Array]  # a value for each position, by group; the table of numbers
+Inputs = Mapping[str, Sequence[Value] | Array]  # a value for each position, by group
 # one-argument functions that LLVM hands to the C library, lane by lane
 LIBRARY = {
     "exp": "exp", "log": "log", "tan": "tan", "asin": "asin", "acos": "acos", "atan": "atan",
@@ -60,53 +60,50 @@ def _table(f: Function, x: Value, at: str, n: int, order: int) -> Value:
     return f.pack(results, x.width)
 
 
+class Table:
+    """The table of a program at an address, its entries in registers.
+
+    Make it before the program's inputs are loaded: LLVM orders the factors of a product by where they come from, and
+    only with numbers first does it order them as it does constants, so that products of variables are shared.
+    """
+
+    def __init__(self, f: Function, program: Program, base: str, width: int) -> None:
+        self.f, self.program, self.base = f, program, base
+        places = [i.value for i in program.instructions if i.op == "number"]
+        self.values = {k: f.splat(f.load(f.offset(base, k)), width) for k in places}
+
+
 class _Lowering:
     """State of one lowering: values so far, and sines and cosines waiting to share a vector."""
 
-    def __init__(self, f: Function, program: Program, inputs: Inputs, width: int, fused: bool) -> None:
-        self.f = f
-        self.code = program.instructions
+    def __init__(self, table: Table, inputs: Inputs, width: int, fused: bool) -> None:
+        self.f = table.f
+        self.table = table
+        self.code = table.program.instructions
         self.inputs = inputs
         self.width = width
         self.fused = fused
         self.values: list[Value | None] = [None] * len(self.code)
         self.groups = _trigonometric_levels(self.code)
 
-    @property
-    def _numbers(self) -> Array:
-        numbers = self.inputs[NUMBERS]
-        assert isinstance(numbers, Array)
-        return numbers
-
-    def is_known(self, k: int) -> bool:
-        """Tell whether an instruction needs no more code before its use."""
-        return self.values[k] is not None or self.code[k].op == "number"
-
-    def value(self, k: int) -> Value:
-        """Return an instruction's value. A number is loaded for each use: in registers it would displace others."""
-        i = self.code[k]
-        found = self.f.splat(self._numbers[i.value], self.width) if i.op == "number" else self.values[k]
-        assert found is not None
-        return found
-
     def need(self, k: int) -> None:
         """Compute instruction k and, before it, its arguments (an explicit stack: graphs may be deep)."""
         stack = [k]
         while stack:
             j = stack[-1]
-            if self.is_known(j):
+            if self.values[j] is not None:
                 stack.pop()
                 continue
             instruction = self.code[j]
             if instruction.op in TRIGONOMETRIC:
                 angles = self.groups[j]
-                waiting = [a for a in angles if not self.is_known(a)]
+                waiting = [a for a in angles if self.values[a] is None]
                 if waiting:
                     stack.extend(waiting)
                     continue
                 self._trigonometry(angles)
             else:
-                waiting = [a for a in instruction.args if not self.is_known(a)]
+                waiting = [a for a in instruction.args if self.values[a] is None]
                 if waiting:
                     stack.extend(waiting)
                     continue
@@ -120,7 +117,7 @@ class _Lowering:
         per_vector = 8 if self.width == 1 else 1
         for first in range(0, len(pending), per_vector):
             chunk = pending[first : first + per_vector]
-            xs = [self.value(a) for a in chunk]
+            xs = [x for x in (self.values[a] for a in chunk) if x is not None]
             if self.width == 1 and len(chunk) > 1 and self.fused:
                 lanes = 2
                 while lanes < len(chunk):
@@ -140,7 +137,9 @@ class _Lowering:
         if i.op == "sym":
             group, position = i.value
             return f.splat(self.inputs[group][position], self.width)
-        args = [self.value(a) for a in i.args]
+        if i.op == "number":
+            return self.table.values[i.value]
+        args = [v for v in (self.values[a] for a in i.args) if v is not None]
         if i.op == "add":
             return args[0] + args[1]
         if i.op == "sub":
@@ -169,7 +168,7 @@ class _Lowering:
             return f.intrinsic(LIBRARY[i.op], args)
         if i.op == "table":
             first, count, order = i.value
-            return _table(f, args[0], f.offset(self._numbers.base, first), count, order)
+            return _table(f, args[0], f.offset(self.table.base, first), count, order)
         raise CapabilityError(f"the operation {i.op} cannot be compiled")
 
 
@@ -188,35 +187,39 @@ def _trigonometric_levels(code: Sequence[Instruction]) -> dict[int, dict[int, li
     return members
 
 
-def lower(
-    f: Function, program: Program, inputs: Inputs, width: int, fused: bool = True
-) -> dict[str, list[Value]]:
+def lower(table: Table, inputs: Inputs, width: int, fused: bool = True) -> dict[str, list[Value]]:
     """Emit a program and return the values of its outputs.
 
     Parameters
     ----------
-    inputs : for each symbol group, a value for each position (scalars are spread over the lanes); ``NUMBERS``, the
-        program's table of numbers, as an ``Array``.
+    table : the program and its table, made before the inputs.
+    inputs : for each symbol group, a value for each position (scalars are spread over the lanes).
     width : lanes of the arithmetic.
     fused : whether the machine has fused multiply-add.
     """
-    state = _Lowering(f, program, inputs, width, fused)
+    f, program = table.f, table.program
+    state = _Lowering(table, inputs, width, fused)
     for k in range(len(program.instructions)):
         state.need(k)
-    return {
-        name: [f.constant(e, width) if isinstance(e, float) else state.value(e) for e in entries]
-        for name, entries in program.outputs.items()
-    }
+    found: dict[str, list[Value]] = {}
+    for name, entries in program.outputs.items():
+        row = []
+        for e in entries:
+            value = f.constant(e, width) if isinstance(e, float) else state.values[e]
+            assert value is not None
+            row.append(value)
+        found[name] = row
+    return found
 
 
 def call_program(
-    f: Function, name: str, program: Program, inputs: Inputs, width: int
+    f: Function, name: str, program: Program, base: str, inputs: Inputs, width: int
 ) -> dict[str, list[Value]]:
     """Call a program emitted by ``outline`` (for code too long to be repeated in place).
 
-    Inputs that lie in memory as vectors of this width are read from where they are.
+    Inputs that lie in memory as vectors of this width are read from where they are; ``base`` : address of the numbers.
     """
-    pointers = []
+    pointers = [base]
     for group, count in program.inputs.items():
         source = inputs[group]
         if isinstance(source, Array) and source.width == width and source.stride is None:
@@ -226,10 +229,6 @@ def call_program(
         for k in range(count):
             f.store(f.splat(source[k], width), f.offset(address, k * width), 8 * width)
         pointers.append(address)
-    if program.numbers:
-        numbers = inputs[NUMBERS]
-        assert isinstance(numbers, Array)
-        pointers.append(numbers.base)
     results = {}
     for output, entries in program.outputs.items():
         results[output] = f.slot(width, max(1, len(entries)))
@@ -242,17 +241,17 @@ def call_program(
 
 
 def outline(name: str, program: Program, width: int, fused: bool, flags: str) -> Function:
-    """Return a program as an internal function that works on memory."""
-    read = [*program.inputs, *([NUMBERS] if program.numbers else [])]
-    arguments = [f"ptr noalias readonly %in.{g}" for g in read]
+    """Return a program as an internal function that works on memory; its numbers come first."""
+    arguments = [f"ptr noalias readonly %{NUMBERS}"]
+    arguments += [f"ptr noalias readonly %in.{g}" for g in program.inputs]
     arguments += [f"ptr noalias %out.{o}" for o in program.outputs]
     f = Function(name, arguments, internal=True, attributes="noinline", flags=flags)
-    inputs: dict[str, Sequence[Value] | Array] = {
+    table = Table(f, program, f"%{NUMBERS}", width)
+    inputs = {
         g: [f.load(f.offset(f"%in.{g}", k * width), width, 8 * width) for k in range(n)]
         for g, n in program.inputs.items()
     }
-    inputs[NUMBERS] = Array(f, f"%in.{NUMBERS}")
-    for output, values in lower(f, program, inputs, width, fused).items():
+    for output, values in lower(table, inputs, width, fused).items():
         for k, v in enumerate(values):
             f.store(f.splat(v, width), f.offset(f"%out.{output}", k * width), 8 * width)
     f.ret()

@@ -10,10 +10,9 @@ import numpy as np
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.kernels.arrays import Array as Rows
 from robodyn_cli.kernels.compiler import compile_module, machine
 from robodyn_cli.kernels.ir import RELAXED, Function, Value, module
-from robodyn_cli.kernels.lower import lower
+from robodyn_cli.kernels.lower import Table, lower
 from robodyn_cli.kernels.program import NUMBERS, Program, make_program
 from robodyn_cli.spatial.algebra import Array
 
@@ -29,16 +28,17 @@ def write_sample_kernel(program: Program, lanes: int, fused: bool) -> str:
     f = Function("kernel", arguments, flags=RELAXED)
     samples = f.int_argument("T")
     with f.count(samples, step=lanes) as start:
+        table = Table(f, program, f"%{NUMBERS}", lanes)
         # the last block is moved back so that it ends at T; it repeats a few samples instead of needing masks
         t = f.select_int(f.compare_int("sgt", start + lanes, samples), samples - lanes, start)
-        inputs: dict[str, list[Value] | Rows] = {NUMBERS: Rows(f, f"%{NUMBERS}")}
+        inputs: dict[str, list[Value]] = {}
         for place, (group, count) in enumerate(program.inputs.items()):
             address = f"%in.{place}"
             if group == PARAMETERS:
                 inputs[group] = [f.splat(f.load(f.offset(address, k)), lanes) for k in range(count)]
             else:
                 inputs[group] = [f.load(f.offset(address, samples * k + t), lanes) for k in range(count)]
-        for place, values in enumerate(lower(f, program, inputs, lanes, fused).values()):
+        for place, values in enumerate(lower(table, inputs, lanes, fused).values()):
             for k, value in enumerate(values):
                 f.store(f.splat(value, lanes), f.offset(f"%out.{place}", samples * k + t))
     f.ret()

@@ -13,9 +13,8 @@ from __future__ import annotations
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.layout import FINE, UNARMED, DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.stepping.writer import ARGUMENTS, Tables
-from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Block, Condition, Function, Int, Value
-from robodyn_cli.kernels.lower import lower
+from robodyn_cli.kernels.lower import Table, lower
 from robodyn_cli.kernels.program import NUMBERS
 
 # the run's own arguments, room for a copy of its memory block and its bytes, for values of the event functions, and
@@ -58,13 +57,13 @@ def switching_function(system: System, tables: Tables, fused: bool) -> Function:
     first: dict[str, tuple[str, Int | int]] = {
         "t": ("%w", DoubleSlot.T), "q": ("%y", 0), "v": ("%y", nq), "z": ("%y", nq + nv), "p": ("%p", 0)
     }  # fmt: skip
-    numbers = Array(f, f.offset(f"%{NUMBERS}", tables.start(program)))
-    inputs: dict[str, list[Value] | Array] = {NUMBERS: numbers}
+    table = Table(f, program, f.offset(f"%{NUMBERS}", tables.start(program)), 1)
+    inputs: dict[str, list[Value]] = {}
     for group, count in program.inputs.items():
         base, start = first[group]
         row = f.offset(base, start)
         inputs[group] = [f.load(f.offset(row, k)) for k in range(count)]
-    for k, value in enumerate(lower(f, program, inputs, 1, fused)["g"]):
+    for k, value in enumerate(lower(table, inputs, 1, fused)["g"]):
         f.store(value, f.offset("%values", k))
     f.ret()
     return f

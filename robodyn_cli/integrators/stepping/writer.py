@@ -10,7 +10,7 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot, Status
 from robodyn_cli.kernels.arrays import Array, Total, each
 from robodyn_cli.kernels.ir import RELAXED, Block, Condition, Function, Int, Value
-from robodyn_cli.kernels.lower import call_program, lower, outline
+from robodyn_cli.kernels.lower import Table, call_program, lower, outline
 from robodyn_cli.kernels.program import NUMBERS, Program
 
 INLINE_LIMIT = 400  # operations; longer programs become functions
@@ -169,9 +169,9 @@ class Writer:
             return self.get(DoubleSlot.SAMPLE_START) + f.to_double(k) * self.get(DoubleSlot.SAMPLE_STEP)
 
     # -- programs -------------------------------------------------------------------------------------
-    def numbers(self, program: Program) -> Array:
-        """Return the table of a program, which is a part of the run's."""
-        return Array(self.f, self.f.offset(f"%{NUMBERS}", self.tables.start(program)))
+    def table(self, program: Program) -> str:
+        """Return the address of a program's table, which is a part of the run's."""
+        return self.f.offset(f"%{NUMBERS}", self.tables.start(program))
 
     def evaluate(
         self, program: Program, t: Value, x: Array, **more: list[Value] | Array
@@ -179,26 +179,27 @@ class Writer:
         """Emit a program of the system at time t and state x = (q, v, z), with ``more`` input groups."""
         f, width = self.f, x.width
         first: dict[str, Int | int] = {"q": 0, "v": self.nv, "z": self.nv * 2}
-        inputs: dict[str, list[Value] | Array] = {**more, "t": [t], NUMBERS: self.numbers(program)}
+        inputs: dict[str, list[Value] | Array] = {**more, "t": [t]}
         for group, count in program.inputs.items():
             if group == "p":
                 inputs[group] = [f.load(f.offset("%p", k)) for k in range(count)]
             elif group in first:
                 inputs[group] = x.part(first[group])
         if program.operations <= INLINE_LIMIT:
-            return lower(f, program, self._values(program, inputs, width), width, self.fused)
+            table = Table(f, program, self.table(program), width)
+            return lower(table, self._values(program, inputs, width), width, self.fused)
         name = f"program.{program.digest[:12]}.{width}"
         if name not in self.functions:
             self.functions[name] = outline(name, program, width, self.fused, f.flags)
-        return call_program(f, name, program, inputs, width)
+        return call_program(f, name, program, self.table(program), inputs, width)
 
     def _values(
         self, program: Program, inputs: Mapping[str, list[Value] | Array], width: int
-    ) -> dict[str, list[Value] | Array]:
+    ) -> dict[str, list[Value]]:
         """Load those inputs that are in memory, as far as they are used."""
         used = {i.value for i in program.instructions if i.op == "sym"}
         zero = self.f.constant(0.0, width)
-        found: dict[str, list[Value] | Array] = {NUMBERS: inputs[NUMBERS]}
+        found: dict[str, list[Value]] = {}
         for group, count in program.inputs.items():
             source = inputs[group]
             if isinstance(source, Array):
