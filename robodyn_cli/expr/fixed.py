@@ -19,6 +19,7 @@ from weakref import WeakValueDictionary
 
 # Of the larger term: a smaller sum is what rounding leaves of a zero. The inputs themselves are not known better.
 CANCELLED = 1e-15
+ROUNDED = 1e-25  # of the largest result of a function that computes with 32 digits
 
 
 class Fixed(float):
@@ -110,8 +111,17 @@ def literal(value: float, place: str) -> float:
 def derived(function: Callable[[Sequence[float]], Sequence[float]], inputs: Sequence[float]) -> list[float]:
     """Return what a function of numbers gives, each entry as a number that is computed from the inputs."""
     found = function([float(x) for x in inputs])
+    # a zero that other numbers do not share is no structure, such as the difference of two equal moments of inertia
+    varied = [
+        float(x) * (1.0 + 0.1 * math.sin(k + 1)) if isinstance(x, Fixed) else x for k, x in enumerate(inputs)
+    ]
+    others = function(varied)
+    least = ROUNDED * max([abs(x) for x in (*found, *others)], default=0.0)
     whole = (function, tuple(inputs))
-    return [_made("entry", (whole, k), float(x)) if x else 0.0 for k, x in enumerate(found)]
+    return [
+        _made("entry", (whole, k), float(x)) if abs(x) > least or abs(y) > least else 0.0
+        for k, (x, y) in enumerate(zip(found, others))
+    ]
 
 
 def is_plain(x: Any, value: float) -> bool:

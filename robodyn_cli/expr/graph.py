@@ -157,10 +157,8 @@ class Graph:
             return self.sub(a, b.args[0])
         if a.op == "neg":
             return self.sub(b, a.args[0])
-        (factor, x), (other, y) = _split_product(a), _split_product(b)
-        if x is y:
-            return self.mul(factor + other, x)
-        return self._binary("add", a, b)
+        factor, x = _like_terms(a, b, 1.0)
+        return self._binary("add", a, b) if x is None else self.mul(factor, x)
 
     def sub(self, a: Scalar, b: Scalar) -> Scalar:
         """Return a - b."""
@@ -183,10 +181,8 @@ class Graph:
             return self.add(a, b.args[0])
         if a.op == "neg":
             return self.neg(self.add(a.args[0], b))
-        (factor, x), (other, y) = _split_product(a), _split_product(b)
-        if x is y:
-            return self.mul(factor - other, x)
-        return self._binary("sub", a, b)
+        factor, x = _like_terms(a, b, -1.0)
+        return self._binary("sub", a, b) if x is None else self.mul(factor, x)
 
     def neg(self, a: Scalar) -> Scalar:
         """Return -a."""
@@ -319,6 +315,19 @@ def _split_product(a: Expr) -> tuple[float, Expr]:
         if y.op == "const":
             return y.value, x
     return 1.0, a
+
+
+def _like_terms(a: Expr, b: Expr, sign: float) -> tuple[float, Expr | None]:
+    """Return c and x with a + sign b = c x, None for x where the terms differ by more than a number.
+
+    Two moments of inertia that happen to be equal do not cancel: that they are is no structure.
+    """
+    (factor, x), (other, y) = _split_product(a), _split_product(b)
+    if x is not y:
+        return 0.0, None
+    total = factor + sign * other
+    known = not isinstance(factor, Fixed) and not isinstance(other, Fixed)
+    return (total, x) if total or known else (0.0, None)
 
 
 def reachable(outputs: Iterable[Scalar]) -> list[Expr]:
