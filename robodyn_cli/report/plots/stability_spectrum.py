@@ -35,7 +35,7 @@ def draw(result: Result) -> Figure:
     _eigenvalues(figure, result)
     _steps(figure, result)
     figure.text(
-        0.1, 0.022, "explicit: all modes inside |R| <= 1; gauss: the iteration that solves a step is done within its rounds",
+        0.1, 0.022, "explicit: all modes inside |R| <= 1; gauss: the iteration of a step is done within its rounds",
         color=GREY, fontsize=8,
     )  # fmt: skip
     return figure
