@@ -16,7 +16,7 @@ from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Absent, as_keys
+from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.driver.baumgarte import GainStudy
 from robodyn_cli.run.driver.build import build_motion, follow_changes, with_stabilisation
 from robodyn_cli.run.driver.driver import Driver
@@ -203,11 +203,10 @@ def work_precision(
         best=best_at(entries, [10.0**-k for k in range(1, 14)]),
         baumgarte=ABSENT if gains is None else gains,
         lock_time=measure.lock_time,
-        wall_time_s=watch.report(),
         error_norm=measure.norm,
     )
-    result = Result("work-precision", scene.title or "work-precision", "ok", scene.text)
-    result.summary = as_keys(summary)
+    result = Result.of("work-precision", scene)
+    result.summarise(summary, seconds=watch.report())
     add_runs(result, entries, measure)
     return result
 
@@ -320,9 +319,7 @@ class WorkPrecisionSummary:
     best: list[Best]
     baumgarte: Gains | Baumgarte | Absent
     lock_time: float | Absent
-    wall_time_s: dict[str, float]
-    status: str = "ok"
-    error_norm: str = ""
+    error_norm: str
 
 
 def planned(
