@@ -274,9 +274,9 @@ class Graph:
             return self.unary(op, a.args[0])
         return self._node(op, (a,))
 
-    def binary(self, op: str, a: Scalar, b: Scalar) -> Expr:
-        """Return a function of two arguments (``atan2``, ``min``, ``max``)."""
-        return self._binary(op, a, b)
+    def binary(self, op: str, a: Scalar, b: Scalar) -> Scalar:
+        """Return a function of two arguments (``atan2``, ``min``, ``max``, ``pow``)."""
+        return self.power(a, b) if op == "pow" else self._binary(op, a, b)
 
     def where(self, x: Expr, a: Scalar, b: Scalar) -> Scalar:
         """Return a if x > 0, else b."""

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robodyn_cli.expr import functions as f
 from robodyn_cli.expr.graph import Expr, Scalar, reachable
@@ -115,3 +116,10 @@ def evaluate(outputs: Sequence[Scalar], inputs: Mapping[str, Any]) -> list[Any]:
         of samples; any numpy number type, ``longdouble`` included).
     """
     return Evaluator(outputs)(inputs)
+
+
+def numbers(entries: Any, inputs: Mapping[str, Any]) -> NDArray[np.float64]:
+    """Return the values of an array or list of expressions as numbers in its shape; ``inputs`` as for ``evaluate``."""
+    array = np.asarray(entries, dtype=object)
+    found = np.array(evaluate(list(array.ravel()), inputs), dtype=float)
+    return found.reshape(array.shape)

@@ -240,7 +240,7 @@ def _number(robot: sc.Robot, moving: list[_Moving], values: _Values) -> tuple[Bo
                 parts=body.parts,
                 q=start[joint.name][0],
                 v=start[joint.name][1],
-                armature=joint.gear_ratio**2 * rotor,
+                armature=joint.gear_ratio * joint.gear_ratio * rotor,
                 gear_ratio=joint.gear_ratio,
                 forces=tuple(JointForce(name, element) for name, element in joint.forces),
             )

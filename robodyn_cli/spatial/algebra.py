@@ -221,10 +221,6 @@ class Twist:
         """Return self x m, the rate of a motion m that is fixed in a body with this velocity (equation 2.31)."""
         return Twist(cross(self.w, m.w), cross(self.w, m.v) + cross(self.v, m.w))
 
-    def cross_wrench(self, f: Wrench) -> Wrench:
-        """Return self x* f, the rate of a force f that is fixed in a body with this velocity (equation 2.32)."""
-        return Wrench(cross(self.w, f.n) + cross(self.v, f.f), cross(self.w, f.f))
-
 
 @record
 class Wrench:
