@@ -176,7 +176,7 @@ def _binary(op: str, a: Any, b: Any) -> Any:
         if is_negated(a):
             return b - a.args[0] if op == "add" else -(a.args[0] + b)
         total = x + y if op == "add" else x - y
-        if abs(total) <= CANCELLED * max(abs(x), abs(y)):
+        if math.isfinite(total) and abs(total) <= CANCELLED * max(abs(x), abs(y)):
             return 0.0
         return _made(op, _sorted(op, a, b), total)
     if op == "mul":
