@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeGuard
 from weakref import WeakValueDictionary
 
@@ -127,6 +127,23 @@ def derived(function: Callable[[Sequence[float]], Sequence[float]], inputs: Sequ
 def is_plain(x: Any, value: float) -> bool:
     """Tell whether ``x`` is this number as structure, not a number of the scene that happens to have its value."""
     return not isinstance(x, Fixed) and bool(x == value)
+
+
+def places(numbers: Iterable[object]) -> list[str]:
+    """Return the places in the scene of all numbers that these are computed from, in order."""
+    found: set[str] = set()
+    seen: set[int] = set()
+    pending: list[object] = list(numbers)
+    while pending:
+        x = pending.pop()
+        if not isinstance(x, Fixed) or id(x) in seen:
+            continue
+        seen.add(id(x))
+        if x.op == "literal":
+            found.add(x.args[0])
+        else:
+            pending.extend(x.args[0][1] if x.op == "entry" else x.args)
+    return sorted(found)
 
 
 def is_negated(x: Any) -> TypeGuard[Fixed]:
