@@ -94,6 +94,14 @@ class Method:
             found.append(StepProgram("accelerations and their derivatives", derivatives))
         return found
 
+    def operations(self, system: System) -> int:
+        """Return how many operations there are in the programs of the compiled loop; 0 for loops over bodies."""
+        if system.dynamics.any_size:
+            return 0
+        corrections = (system.positions, system.velocities, system.normal_form, system.switching)
+        programs = [*(p.program for p in self.programs(system)), *(p for p in corrections if p is not None)]
+        return sum(p.operations for p in programs)
+
     def projects(self, system: System) -> bool:
         """Tell whether states are to be put back on manifolds and constraints after each step."""
         return True
