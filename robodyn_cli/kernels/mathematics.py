@@ -132,12 +132,6 @@ def rough_exp2(f: Function, x: Value) -> Value:
         return f.emit(f"bitcast i64 {total} to double", 1)
 
 
-def rough_power(f: Function, x: Value, exponent: float) -> Value:
-    """Return x ** exponent to about 1e-4, for positive normal x: enough to choose a step size."""
-    with f.strict():
-        return rough_exp2(f, rough_log2(f, x) * exponent)
-
-
 def _where(f: Function, x: Value, a: Value, b: Value) -> Value:
     return f.select(f.compare("ogt", x, 0.0), a, b)
 

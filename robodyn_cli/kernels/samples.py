@@ -15,10 +15,11 @@ import numpy as np
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.kernels.arrays import Array as Rows
 from robodyn_cli.kernels.compiler import compile_module, machine
-from robodyn_cli.kernels.ir import RELAXED, Function, module
+from robodyn_cli.kernels.ir import RELAXED, Function, Value, module
 from robodyn_cli.kernels.lower import lower
-from robodyn_cli.kernels.program import PARAMETERS, Program, make_program
+from robodyn_cli.kernels.program import NUMBERS, PARAMETERS, Program, make_program
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
@@ -30,16 +31,17 @@ MANY = 200_000  # samples from which on a long program is compiled
 
 
 def write_sample_kernel(program: Program, lanes: int, fused: bool) -> str:
-    """Return the IR of ``kernel(in..., p, out..., T)``: inputs and outputs are rows of T samples."""
+    """Return the IR of ``kernel(in..., p, out..., numbers, T)``: inputs and outputs are rows of T samples."""
     # by number: names of outputs are paths and names from the scene, which the IR would not take
     arguments = [f"ptr noalias %in.{k}" for k in range(len(program.inputs))]
-    arguments += [f"ptr noalias %out.{k}" for k in range(len(program.outputs))] + ["i64 %T"]
+    arguments += [f"ptr noalias %out.{k}" for k in range(len(program.outputs))]
+    arguments += [f"ptr noalias readonly %{NUMBERS}", "i64 %T"]
     f = Function("kernel", arguments, flags=RELAXED)
     samples = f.int_argument("T")
     with f.count(samples, step=lanes) as start:
         # the last block is moved back so that it ends at T; it repeats a few samples instead of needing masks
         t = f.select_int(f.compare_int("sgt", start + lanes, samples), samples - lanes, start)
-        inputs = {}
+        inputs: dict[str, list[Value] | Rows] = {NUMBERS: Rows(f, f"%{NUMBERS}")}
         for place, (group, count) in enumerate(program.inputs.items()):
             address = f"%in.{place}"
             if group == PARAMETERS:
@@ -65,6 +67,7 @@ class SampleKernel:
 
     def __init__(self, outputs: Mapping[str, Sequence[Scalar]], known: Sequence[str]) -> None:
         self.program = make_program(dict(outputs), known)
+        self._numbers = self.program.table.ctypes.data
         self.lanes = machine().lanes
         self._seen = 0  # samples so far
 
@@ -76,7 +79,7 @@ class SampleKernel:
             f"samples {host.lanes} {self.program.digest}",
             lambda: write_sample_kernel(self.program, host.lanes, host.fused),
         )
-        count = len(self.program.inputs) + len(self.program.outputs)
+        count = len(self.program.inputs) + len(self.program.outputs) + 1
         return compiled.function("kernel", *[ctypes.c_void_p] * count, ctypes.c_int64)
 
     @cached_property
@@ -95,7 +98,7 @@ class SampleKernel:
             interpreted(inputs, results, samples)
         else:
             arrays = [*inputs.values(), *results.values()]
-            self._compiled(*(a.ctypes.data for a in arrays), samples)
+            self._compiled(*(a.ctypes.data for a in arrays), self._numbers, samples)
 
     def __call__(self, **groups: Array) -> dict[str, Array]:
         lengths = {np.shape(a)[0] for g, a in groups.items() if g != PARAMETERS}

@@ -39,7 +39,10 @@ class Engine:
         self._at = self.places.ctypes.data
         self._values = np.zeros(len(system.events))
         self.out = np.zeros(0)
-        self._load(interpreted=self._method.operations(system) > MANY)
+        self._method.check(system)
+        self._tables = self._method.tables(system)
+        operations = sum(program.operations for program in self._tables.programs)
+        self._load(interpreted=operations > MANY and not system.dynamics.any_size)
 
     def patience(self, taken: int, most: int) -> int:
         """Return up to how many steps to run, ``most`` or fewer, when so many are taken; a long run is compiled.
@@ -55,7 +58,7 @@ class Engine:
         system, kind, self.interpreted = self._system, self._method, interpreted
         host = machine()
         compiled = compile_module(
-            f"run{' interpreted' * interpreted} {kind.name} {system.digest}{kind.digest(system)}",
+            f"run{' interpreted' * interpreted} {kind.name} {system.digest} {self._tables.digest}",
             lambda: write_run(system, kind, Programs(host.fused, interpreted)),
         )
         self._run_to_event = compiled.function("run_to_event", ADDRESS, result=NUMBER)
@@ -64,7 +67,8 @@ class Engine:
             self._trial_step = compiled.function("trial_step", ADDRESS, DOUBLE, NUMBER, result=NUMBER)
         room = compiled.function("memory", NUMBER, result=NUMBER)(system.nv)
         registers = compiled.function("registers", result=NUMBER)()
-        self.fixed = (*system.dynamics.memory(), aligned_zeros(room), aligned_zeros(registers))
+        memory = (aligned_zeros(room), self._tables.numbers, aligned_zeros(registers))
+        self.fixed = (*system.dynamics.memory(), *memory)
         self._note_places()
 
     def make_room(self, count: int) -> None:

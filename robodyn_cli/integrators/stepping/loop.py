@@ -48,20 +48,21 @@ def write_run(system: System, method: Method, programs: Programs) -> str:
 
     w, n : see ``DoubleSlot`` and ``IntegerSlot``. y : the state. p : parameters. dense : what dense output keeps.
     out : block of samples, columns of CAPACITY rows. tables, scratch : of the dynamics. work : see ``memory_function``.
-    registers : so many doubles as ``i64 registers()`` says.
+    numbers : see ``Tables``. registers : so many doubles as ``i64 registers()`` says.
 
     Raises
     ------
     CapabilityError : the method cannot do the system.
     """
     method.check(system)
-    w = Writer(system, programs, loops=not method.needs_jacobian)
+    tables = method.tables(system)
+    w = Writer(system, tables, programs, loops=not method.needs_jacobian)
     _write_loop(w, method.stepper(w))
     count = len(system.events)
     functions = [w.f, w.memory_function(), run_to_event_function(count)]
     if count:
         functions += [
-            switching_function(system, programs),
+            switching_function(system, tables, programs),
             trial_step_function(),
             locate_event_function(count),
         ]

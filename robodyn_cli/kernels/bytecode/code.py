@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.kernels.program import Instruction, Program
+from robodyn_cli.kernels.program import LEAVES, Instruction, Program
 from robodyn_cli.record import record
 
 # kinds of operation with their numbers of arguments, in the order in which a round takes them
@@ -25,7 +25,6 @@ KINDS = {
     "min": 2, "max": 2, "where": 3, "pow": 2, "atan2": 2, "exp": 1, "log": 1, "tan": 1, "asin": 1, "acos": 1,
     "atan": 1, "sinh": 1, "cosh": 1, "tanh": 1,
 }  # fmt: skip
-LEAVES = ("sym", "const")
 
 
 @record
@@ -36,7 +35,8 @@ class Bytecode:
     code : int32; the number of rounds, then for each round and kind how many operations there are and, for each of
     them, the registers of its result and of its arguments.
     inputs : how many registers each input group has, in order from the first register on.
-    constants : numbers in the registers from ``first_constant`` on.
+    constants : values in the registers from ``first_constant`` on. numbers : how many entries of the program's table
+    there are, in the registers after those.
     outputs : per output array, the register of each entry, or a float where it is constant.
     registers : how many there are.
     """
@@ -46,8 +46,13 @@ class Bytecode:
     inputs: dict[str, int]
     first_constant: int
     constants: NDArray[np.float64]
+    numbers: int
     outputs: dict[str, tuple[int | float, ...]]
     registers: int
+
+    @property
+    def first_number(self) -> int:
+        return self.first_constant + len(self.constants)
 
 
 def kinds_of(program: Program) -> tuple[str, ...]:
@@ -76,6 +81,7 @@ def encode(program: Program, order: tuple[str, ...]) -> Bytecode:
         inputs=program.inputs,
         first_constant=sum(program.inputs.values()),
         constants=np.array(registers.constants),
+        numbers=len(program.numbers),
         outputs={
             name: tuple(e if isinstance(e, float) else registers.of[e] for e in entries)
             for name, entries in program.outputs.items()
@@ -120,13 +126,14 @@ class _Registers:
 
     def __init__(self, program: Program) -> None:
         code = program.instructions
+        self.of: dict[int, int] = {}
+        self.constants = [i.value for i in code if i.op == "const"]
         first: dict[str, int] = {}
         self.count = 0
         for group, count in program.inputs.items():
             first[group] = self.count
             self.count += count
-        self.of: dict[int, int] = {}
-        self.constants: list[float] = []
+        first_number = self.count + len(self.constants)
         self._uses = [0] * len(code)
         for k, i in enumerate(code):
             for a in i.args:
@@ -137,7 +144,9 @@ class _Registers:
             elif i.op == "const":
                 self.of[k] = self.count
                 self.count += 1
-                self.constants.append(i.value)
+            elif i.op == "number":
+                self.of[k] = first_number + i.value
+        self.count = first_number + len(program.numbers)
         kept = {e for entries in program.outputs.values() for e in entries if not isinstance(e, float)}
         for k in (*self.of, *kept):
             self._uses[k] = len(code) * len(KINDS)  # never free

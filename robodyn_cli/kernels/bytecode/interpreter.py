@@ -42,10 +42,13 @@ def _work_off(f: Function, kind: str, at: str, width: int, fused: bool) -> None:
             f.store(operation(f, kind, values, fused), target, 8 * lanes)
 
 
-def set_constants(f: Function, code: Bytecode, registers: Array) -> None:
-    """Put the constants of a bytecode into their registers."""
-    count = len(code.constants)
-    if count:
-        numbers = f.table(f"{f.title}.{f.fresh('numbers')}", code.constants.tolist())
-        with f.count(count) as k:
-            registers[k + code.first_constant] = f.load(f.offset(numbers, k))
+def set_constants(f: Function, code: Bytecode, registers: Array, numbers: Array) -> None:
+    """Put the constants of a bytecode, and the numbers of its table, into their registers."""
+    constants = Array(f, f.table(f"{f.title}.{f.fresh('constants')}", [*code.constants.tolist(), 0.0]))
+    for source, count, first in (
+        (constants, len(code.constants), code.first_constant),
+        (numbers, code.numbers, code.first_number),
+    ):
+        if count:
+            with f.count(count) as k:
+                registers[k + first] = source[k]

@@ -46,7 +46,7 @@ class InterpretedSamples:
 
     def __init__(self, program: Program) -> None:
         host = machine()
-        self.lanes = host.lanes
+        self.lanes, self._table = host.lanes, program.table
         kinds = kinds_of(program)
         self._code = code = encode(program, kinds)
         # of each output the numbers of its columns that vary, and the whole row where nothing does
@@ -72,7 +72,8 @@ class InterpretedSamples:
         # of this call alone, since several threads may call
         memory = aligned_zeros(code.registers * self.lanes)
         registers = memory.reshape(code.registers, self.lanes)
-        registers[code.first_constant : code.first_constant + len(code.constants)] = code.constants[:, None]
+        registers[code.first_constant :][: len(code.constants)] = code.constants[:, None]
+        registers[code.first_number :][: code.numbers] = self._table[: code.numbers, None]
         read, written = [], []
         for group, count in code.inputs.items():
             columns = inputs[group]
