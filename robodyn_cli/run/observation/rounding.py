@@ -1,0 +1,75 @@
+"""What rounding does to figures: they are computed again with every number and every result slightly off.
+
+Each constant, input and result of an operation is changed by a random part of one unit of rounding. What that makes of
+the outputs is how they may be off, cancellations and conditioning included (Vignes 1993, "A stochastic arithmetic for
+reliable scientific computation"). The changes are enlarged, so that the rounding of this computation itself does not
+count, and the differences divided by the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.expr.graph import Expr, Scalar, reachable
+from robodyn_cli.expr.rebuild import apply
+from robodyn_cli.spatial.algebra import Array
+
+UNIT = 2.0**-53
+ENLARGED = 2.0**13
+DRAWS = 4
+PATTERNS = 61  # of changes, which nodes take in turn
+SHORT = 1024.0  # numbers with so few binary places are exact
+EXACT = frozenset({"neg", "abs", "sign", "min", "max", "where"})
+
+
+class Rounded:
+    """Expressions at a few samples, as they are (draw 0), and as rounding might make them (draws 1 to DRAWS)."""
+
+    def __init__(self, outputs: Sequence[Scalar]) -> None:
+        self.outputs = list(outputs)
+        self.nodes = reachable(self.outputs)
+
+    def __call__(self, inputs: Mapping[str, Array]) -> Array:
+        """Return the outputs (draw, sample, output) at inputs (T, n) by group."""
+        samples = len(next(iter(inputs.values())))
+        factors = 1.0 + ENLARGED * UNIT * _changes(PATTERNS, samples)
+        value: dict[int, Any] = {}
+        with np.errstate(all="ignore"):
+            for k, node in enumerate(self.nodes):
+                value[node.index] = self._value(node, value, inputs, factors[k % PATTERNS])
+        columns = [value[e.index] if isinstance(e, Expr) else e for e in self.outputs]
+        return np.stack([np.broadcast_to(x, (DRAWS + 1, samples)) for x in columns], axis=-1)
+
+    @staticmethod
+    def _value(node: Expr, value: Mapping[int, Any], inputs: Mapping[str, Array], factor: Array) -> Any:
+        if node.op == "sym":
+            _, group, position = node.value
+            return inputs[group][:, position] * factor
+        if node.op == "const":
+            exact = float(node.value * SHORT).is_integer()
+            return node.value if exact else node.value * factor
+        found = apply(node, [value[a.index] for a in node.args])
+        return found if node.op in EXACT else found * factor
+
+
+def _changes(patterns: int, samples: int) -> Array:
+    """Return numbers between -1 and 1 without order (pattern, draw, sample), zero in draw 0; the same in each run."""
+    count = np.arange(1.0, 1.0 + patterns * (DRAWS + 1) * samples).reshape(patterns, DRAWS + 1, samples)
+    found = 2.0 * np.modf(np.abs(np.sin(12.9898 * count)) * 43758.5453)[0] - 1.0
+    found[:, 0] = 0.0
+    return found
+
+
+def largest_difference(found: Array) -> float | None:
+    """Return how far draws (draw, ...) of a figure lie from draw 0 at most, as rounding is small; None if not finite."""
+    largest = float(np.abs(found[1:] - found[0]).max(initial=0.0)) / ENLARGED
+    return largest if np.isfinite(largest) else None
+
+
+def few(samples: int, most: int = 9) -> Array:
+    """Return indices of a few samples out of many, the first and the last among them."""
+    places: Array = np.unique(np.linspace(0, samples - 1, min(samples, most)).round().astype(int))
+    return places
