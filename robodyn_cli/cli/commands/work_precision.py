@@ -70,8 +70,6 @@ def command(
                 result = work_precision(loaded, names, tolerances, repeats, console.progress)
             finally:
                 console.clear()
-            head = {"status": "ok", "command": "work-precision", "title": result.title}
-            result.summary = {**head, **result.summary}
             store(result, directory)
             write_bytes(directory.new / "runs.csv", as_csv(result.summary["runs"]).encode())
             publish(result, directory, no_plots)

@@ -69,10 +69,6 @@ class Gauss(Method):
             return None
         return system.residual if system.residual.pays(direct, ROUNDS) else None
 
-    def digest(self, system: System) -> str:
-        residual = self.residual_of(system)
-        return "" if residual is None else f" {residual.digest}"
-
     def dense_size(self, system: System) -> int:
         rates = system.nv + system.nz
         return (self.lanes + 2 * dense_width(self.stages) + 1) * rates + system.size

@@ -70,7 +70,6 @@ class Mechanism:
 class InverseSummary:
     """The summary of an inverse run."""
 
-    status: str
     termination: Termination
     samples: int
     warnings: list[str] | Absent
@@ -84,4 +83,3 @@ class InverseSummary:
     definitions: dict[str, str]
     counters: dict[str, int]
     reactions: dict[str, Any] | Absent
-    wall_time_s: dict[str, float]

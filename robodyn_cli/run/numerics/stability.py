@@ -15,7 +15,7 @@ from robodyn_cli.integrators.methods.stability_region import limits
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, as_keys
+from robodyn_cli.results.summary import ABSENT
 from robodyn_cli.run.driver.baumgarte import GainStudy
 from robodyn_cli.run.driver.build import projected_motion
 from robodyn_cli.run.driver.prepare import Setup, prepare
@@ -99,7 +99,7 @@ def stability(
         with watch.stage("baumgarte"):
             planes = gain_planes(scene, effort)
     progress(stages, stages)
-    result = Result("stability", scene.title or "stability", "ok", scene.text)
+    result = Result.of("stability", scene)
     summary = StabilitySummary(
         termination={"reason": "report made", "time": ref.until if ref else 0.0},
         reference=ReferenceKeys.of(ref),
@@ -108,9 +108,8 @@ def stability(
         methods=trials,
         energy_growth=EnergyKeys(energy.period, energy.periods, [g.keys for g in energy.growths]),
         baumgarte={name: plane.keys for name, plane in planes.items()} if has_gains else ABSENT,
-        wall_time_s=watch.report(),
     )
-    result.summary = as_keys(summary)
+    result.summarise(summary, seconds=watch.report())
     store.add_gains(result, planes)
     store.add_spectrum(result, found)
     store.add_trials(result, trials)

@@ -16,7 +16,7 @@ from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Absent, as_keys
+from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.driver.baumgarte import GainStudy
 from robodyn_cli.run.driver.build import build_motion, follow_changes, with_stabilisation
 from robodyn_cli.run.driver.driver import Driver
@@ -196,11 +196,10 @@ def work_precision(
         best=best_at(entries, [level for level in LEVELS if level >= measure.apart]),
         baumgarte=ABSENT if gains is None else gains,
         lock_time=measure.lock_time,
-        wall_time_s=watch.report(),
         error_norm=measure.norm,
     )
-    result = Result("work-precision", scene.title or "work-precision", "ok", scene.text)
-    result.summary = as_keys(summary)
+    result = Result.of("work-precision", scene)
+    result.summarise(summary, seconds=watch.report())
     add_runs(result, entries, measure)
     return result
 
@@ -318,9 +317,7 @@ class WorkPrecisionSummary:
     best: list[Best]
     baumgarte: Gains | Baumgarte | Absent
     lock_time: float | Absent
-    wall_time_s: dict[str, float]
-    status: str = "ok"
-    error_norm: str = ""
+    error_norm: str
 
 
 def planned(
