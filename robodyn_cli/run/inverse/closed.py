@@ -16,6 +16,7 @@ from robodyn_cli.run.mechanism.loop_conditions import Lead, lead_of, velocity_pl
 from robodyn_cli.run.mechanism.motion import Planned, with_led_point
 from robodyn_cli.run.mechanism.report import add_rows
 from robodyn_cli.run.observation.evaluation import SampleFunction
+from robodyn_cli.run.observation.singular_values import singular_values
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import accelerations
 from robodyn_cli.spatial.algebra import Array
@@ -112,7 +113,8 @@ class ClosedLoops(InverseProgram):
             "constraints/velocity_residual": velocity,
         }
         add_rows(result, self.rows, found, not sampled.loops.shared.unique_multipliers)
-        result.add("singularity/psi", np.linalg.svd(psi, compute_uv=False))
+        for path, data in singular_values(psi).items():
+            result.add(path, data)
 
 
 def motion_duration(scene: Scene) -> float:

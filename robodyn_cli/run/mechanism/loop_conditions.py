@@ -13,13 +13,13 @@ from robodyn_cli.expr.graph import Expr, Scalar, count_operations
 from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
+from robodyn_cli.run.observation.evaluation import compiling
 from robodyn_cli.solve.assembly import mechanism_size
 from robodyn_cli.solve.point_kinematics import PointKinematics
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import JointSpace, TaskSpace
 
-# seconds: to interpret an operation; to compile at all, and per operation
-INTERPRETED, COMPILING, COMPILED = 2e-7, 35e-3, 80e-6
+INTERPRETED = 2e-7  # seconds that an operation on plain numbers takes
 # the given motion at times (T,): values, rates and accelerations (T, k)
 Asked = Callable[[Array], tuple[Array, Array, Array]]
 
@@ -168,25 +168,21 @@ def _single(model: Model, entries: Sequence[Scalar], calls: int) -> Callable[[Ar
     varying = [k for k, e in enumerate(entries) if isinstance(e, Expr)]
     constant = np.array([0.0 if isinstance(e, Expr) else float(e) for e in entries])
     operations = count_operations([entries[k] for k in varying])
-    if not varying or operations * calls * INTERPRETED < COMPILING + operations * COMPILED:
+    if not varying or operations * calls * INTERPRETED < compiling(operations):
         evaluator = Evaluator(entries)
 
         def interpreted(q: Array, v: Array, t: float) -> Array:
             return np.array(evaluator({"q": q.tolist(), "v": v.tolist(), "t": [t], "p": []}), dtype=float)
 
         return interpreted
-    from robodyn_cli.kernels.samples import SampleKernel
+    from robodyn_cli.kernels.samples import SampleKernel, of_one_sample
 
     kernel = SampleKernel({"out": [entries[k] for k in varying]}, ("t", "q", "v"))
-    # one sample fills all lanes of arrays that are in place already
-    lanes = {"t": np.zeros(kernel.lanes)} | {
-        name: np.zeros((kernel.lanes, n), order="F") for name, n in (("q", model.nq), ("v", model.nv))
-    }
+    here = of_one_sample(kernel, t=1, q=model.nq, v=model.nv)
 
     def compiled(q: Array, v: Array, t: float) -> Array:
-        lanes["t"][:], lanes["q"][:], lanes["v"][:] = t, q, v
         out = constant.copy()
-        out[varying] = kernel.evaluate(kernel.lanes, lanes)["out"][0]
+        out[varying] = here(t=t, q=q, v=v)["out"]
         return out
 
     return compiled

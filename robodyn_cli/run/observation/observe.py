@@ -282,15 +282,10 @@ class Observer:
         loops = constraints.of_loops
         if not loops:
             return {}
+        from robodyn_cli.run.observation.singular_values import singular_values
+
         psi = flat.reshape(len(flat), len(constraints.rows), self.problem.model.nv)[:, loops, :]
-        rank = self.problem.loop_rank  # the others are zero in every pose
-        data = {"singularity/psi": np.linalg.svd(psi, compute_uv=False)[:, :rank]}
-        if self.passive:
-            block = psi[:, :, list(self.passive)]
-            data["singularity/passive"] = np.linalg.svd(block, compute_uv=False)[:, :rank]
-            if block.shape[1] == block.shape[2]:
-                data["singularity/determinant"] = np.linalg.det(block)
-        return data
+        return singular_values(psi, self.passive, self.problem.loop_rank)
 
     def singular_ratio(self, t: Array, x: Array) -> Array:
         """Return the smallest singular value of the passive block over the largest of Psi (T,)."""
