@@ -1,4 +1,4 @@
-"""Rows that were left out because they say things twice: whether they do so all along the motion."""
+"""Redundant constraint rows, left out since they follow from others at the start: do they hold along the motion?"""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ OPEN = 1e-6  # rad, or part of the size of the mechanism, from which on a constr
 
 @record
 class Redundant:
-    """Largest residual of the rows that were left out, and the error where they are violated."""
+    """Largest residual of the redundant rows, and the error where they are violated."""
 
     residual: float
     violated: GeometryError | None = None
 
 
 def check_redundant(problem: Problem, assembled: Assembled, recorder: Recorder) -> Redundant:
-    """Look at the residuals of the rows that were left out, along the samples."""
+    """Evaluate the residuals of the redundant rows along the samples."""
     whole = Problem(problem.scene, model=problem.model)
     # combined rows are solved together, so each may be the one that opens
     named = problem.constraints.names if problem.dependent else assembled.redundant

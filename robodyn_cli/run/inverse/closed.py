@@ -9,7 +9,7 @@ from robodyn_cli.errors import SceneError
 from robodyn_cli.loops.base import Row
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.inverse.program import InverseProgram, Loops, Outputs, Sampled, parts
+from robodyn_cli.run.inverse.program import InverseProgram, Loops, Outputs, Sampled, expressions_of
 from robodyn_cli.run.inverse.sharing import refuse_gears, share_load
 from robodyn_cli.run.mechanism.guided_motion import guided_motion
 from robodyn_cli.run.mechanism.loop_conditions import Lead, lead_of, velocity_places
@@ -39,8 +39,8 @@ def build_closed(scene: Scene) -> ClosedLoops:
     lead = lead_of(problem)
     duration, actuated = motion_duration(scene), actuated_joints(problem, lead)
     rows = problem.constraints.loop_rows
-    found = parts(problem)
-    found["beside"] |= _loop_outputs(problem, rows)
+    found = expressions_of(problem)
+    found["others"] |= _loop_outputs(problem, rows)
     return ClosedLoops(problem, duration, **found, lead=lead, actuated=actuated, rows=rows)
 
 

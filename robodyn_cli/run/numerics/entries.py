@@ -61,7 +61,7 @@ def in_formulation(motion: Motion, stabilisation: str | Baumgarte) -> Motion:
     """Return the motion with its loops kept closed in another way, and with watchers of its own."""
     functions = [function for watcher in motion.watchers for function in watcher.functions]
     system = build_system(motion.problem, stabilisation, functions, work=False)
-    other = motion.apart(system)
+    other = motion.with_own_watchers(system)
     for watcher in other.watchers:
         watcher.follow(other)
     return other

@@ -1,4 +1,4 @@
-"""Numerical stability of a scene: its spectrum, what limits the step, what every method makes of it."""
+"""Numerical stability of a scene: its spectrum, stability limits of the step, errors of every method."""
 
 from __future__ import annotations
 
@@ -47,9 +47,7 @@ from robodyn_cli.spatial.algebra import Array
 
 INSTANTS = 65  # at which eigenvalues are taken
 FEW_INSTANTS = 3  # in long chains
-STIFF = (
-    1e4  # decays of the fastest mode within the run from which on implicit methods make the better reference
-)
+STIFF = 1e4  # decays of the fastest mode within a run from which on implicit methods give the reference
 FIXED = "rk4"  # the textbook's setting for Baumgarte's gains: a fixed step
 
 

@@ -1,4 +1,4 @@
-"""What each method of integration does with a scene, against a reference that proves itself."""
+"""The error of each method of integration on a scene, against a reference that two methods agree on."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ INACCURATE = 1e-3  # an error above this part of the range of its quantity is a 
 AGREED = 1e-5  # agreement of the references, relative to the range, beyond which nothing is judged
 LOOSER = 100.0  # times the tolerance of a second run by the same method, where no other gets through
 SMALL = 1e-3  # a quantity that ranges over less than this part of the largest of its kind is judged by that
-HONEST = 0.1  # an estimate below this part of the true error would hide it
+HONEST = 0.1  # part of the true error that an estimate must reach
 
 
 def tight(name: str) -> float:

@@ -43,7 +43,7 @@ TOLERANCES = tuple(10.0**-k for k in range(2, 14))
 SHORT_OF = 0.9  # of the time of a lock: up to there a small change of the start is followed
 STEPS = 10  # step sizes tried for a method without step control, each half the one before
 AGREED = (
-    1e-9  # relative agreement that the references must keep; beyond the time they lose it nothing is compared
+    1e-9  # relative agreement of the references; nothing is compared after the time at which they lose it
 )
 
 

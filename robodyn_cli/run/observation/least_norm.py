@@ -22,9 +22,8 @@ from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.spatial.algebra import Array, vector
 
-VANISHED = (
-    1e-9  # of the largest singular value; the rank may also fall at a singular pose that the motion passes
-)
+# part of the largest singular value below which one counts as zero: the rank also falls at a singular pose on the way
+VANISHED = 1e-9
 
 
 def equations_of(problem: Problem) -> dict[str, Sequence[Scalar]]:
