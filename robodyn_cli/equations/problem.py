@@ -41,7 +41,7 @@ from robodyn_cli.loops.base import Row
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.scene import types as sc
-from robodyn_cli.spatial.algebra import Array, Matrix, Transform, Values, Vector, vector, zeros
+from robodyn_cli.spatial.algebra import Array, Matrix, Transform, Values, Vector, dot, vector, zeros
 
 CANCELLATION = 1e3  # so many units of rounding may be lost in a difference of moments of inertia
 DENSE_LIMIT = 12  # velocities up to which the factored mass matrix is tried: it grows with their cube
@@ -246,7 +246,7 @@ class Problem:
                     dropped.append(row.name)
                 else:
                     rows.append(row)
-        env = {"t": self.t, **{f"p.{n}": x for n, x in self.scene.parameters.items()}}
+        env = self._environment()
         for coupler in self.scene.couplers:
             value = 0.0 if coupler.value is None else coupler.value.evaluate(env)
             units = {self.model.q_units[self.model.q_names.index(name)] for name in coupler.terms}
@@ -369,9 +369,7 @@ class Problem:
     @cached_property
     def applied_power(self) -> Scalar:
         """Power of actuators, damping and forces between bodies that have no potential."""
-        total: Scalar = 0.0
-        for tau, v in zip(self.actuator_torques, self.v):
-            total = total + tau * v
+        total: Scalar = dot(self.actuator_torques, self.v)
         for place, torque in self.dissipated:
             total = total + torque * self.v[place]
         return total + self.elements.power

@@ -62,7 +62,7 @@ def choose(scene: Scene, problem: Problem, system: System, start: Array, options
 
 
 def supervisor_for(choice: Choice) -> Supervisor | None:
-    """Return what decides on changes of the method on the way; None for a method that the scene names, or without damping."""
+    """Return what may change the method on the way; None where the scene names a method, or nothing can damp."""
     if not choice.may_change:
         return None
     from robodyn_cli.run.driver.stiffness import StiffnessWatch

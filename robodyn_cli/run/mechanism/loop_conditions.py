@@ -16,7 +16,7 @@ from robodyn_cli.record import record
 from robodyn_cli.run.observation.evaluation import compiling
 from robodyn_cli.solve.assembly import mechanism_size
 from robodyn_cli.solve.point_kinematics import PointKinematics
-from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.spatial.algebra import Array, dot
 from robodyn_cli.trajectories.motion import JointSpace, TaskSpace
 
 INTERPRETED = 2e-7  # seconds that an operation on plain numbers takes
@@ -112,10 +112,7 @@ class LoopConditions:
             J += point.J
             for i in range(lead.components):
                 rate = point.J_rate[i * model.nv : (i + 1) * model.nv]
-                total: Scalar = 0.0
-                for x, v in zip(rate, problem.v):
-                    total = total + x * v
-                bias.append(total)
+                bias.append(dot(rate, problem.v))
                 names.append(f"{lead.point}.{'xyz'[i]}")
                 lengths.append(True)
         self.names = tuple(names)
