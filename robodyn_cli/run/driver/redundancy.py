@@ -9,7 +9,8 @@ from robodyn_cli.errors import GeometryError
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.record import record
 from robodyn_cli.run.observation.recorder import Recorder
-from robodyn_cli.solve.assembly import Assembled, mechanism_size
+from robodyn_cli.solve.assembly import Assembled
+from robodyn_cli.solve.closure import mechanism_size
 
 OPEN = 1e-6  # rad, or part of the size of the mechanism, from which on a constraint is violated
 

@@ -6,15 +6,15 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from robodyn_cli.algorithms.kinematics import slice_q
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations
 from robodyn_cli.expr.rebuild import Evaluator
+from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 from robodyn_cli.run.observation.evaluation import compiling
-from robodyn_cli.solve.assembly import mechanism_size
+from robodyn_cli.solve.closure import mechanism_size
 from robodyn_cli.solve.point_kinematics import PointKinematics
 from robodyn_cli.spatial.algebra import Array, dot
 from robodyn_cli.trajectories.motion import JointSpace, TaskSpace
@@ -87,10 +87,11 @@ def refuse_quasi(model: Model, names: Sequence[str]) -> None:
 
 
 class LoopConditions:
-    """Loops, prescribed joints and the lead as conditions on numbers (see ``solve.guided.Conditions``)."""
+    """Loops, prescribed joints and the lead as conditions on numbers (see ``solve.guided.MotionConditions``)."""
 
     def __init__(self, problem: Problem, lead: Lead, times: Array) -> None:
         model = self.model = problem.model
+        self.manifold = Manifold(model)
         self.lead = lead
         rows = problem.constraints.rows
         self.size = mechanism_size(model)
@@ -153,11 +154,7 @@ class LoopConditions:
         return c, b
 
     def step(self, q: Array, dq: Array) -> Array:
-        out = q.copy()
-        for body in self.model.bodies:
-            moved = body.joint.integrate(slice_q(body, q), dq[body.v : body.v + body.joint.nv])
-            out[body.q : body.q + body.joint.nq] = np.array(body.joint.normalise(moved), dtype=float)
-        return out
+        return self.manifold.normalise(self.manifold.integrate(q, dq))
 
 
 def _single(model: Model, entries: Sequence[Scalar], calls: int) -> Callable[[Array, Array, float], Array]:

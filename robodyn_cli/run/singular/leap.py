@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import legendre
 
-from robodyn_cli.algorithms.kinematics import slice_q, slice_v
+from robodyn_cli.algorithms.kinematics import moved, position_rates, slice_q
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.integrators.methods.gauss_tables import gauss_table
 from robodyn_cli.kernels.samples import SampleKernel
@@ -63,7 +63,7 @@ class Equations:
             "f": list(problem.applied - problem.bias),
             "gamma": rows.gamma,
             "eta_t": rows.eta_t,
-            "qd": _position_rates(problem),
+            "qd": position_rates(problem.model, problem.q, problem.v),
             "power": [problem.applied_power] if work else [],
         }
         self.work = work
@@ -99,21 +99,12 @@ class Equations:
         return self._values(self.shift, np.zeros(len(q)), q, dq)["q"]
 
 
-def _position_rates(problem: Problem) -> list[Any]:
-    """Return q-dot (nq,)."""
-    rates: list[Any] = [0.0] * problem.model.nq
-    for body in problem.model.bodies:
-        own = body.joint.velocity_map(slice_q(body, problem.q), slice_v(body, problem.v))
-        rates[body.q : body.q + body.joint.nq] = own
-    return rates
-
-
 def _moved(problem: Problem) -> list[Any]:
-    """Return q (nq,) after a step that stands in place of v, on the joints' manifolds."""
-    q: list[Any] = [0.0] * problem.model.nq
+    """Return q (nq,) after a step, given in place of v, on the joints' manifolds."""
+    q = moved(problem.model, problem.q, problem.v)
     for body in problem.model.bodies:
-        moved = body.joint.integrate(slice_q(body, problem.q), slice_v(body, problem.v))
-        q[body.q : body.q + body.joint.nq] = body.joint.normalise(moved) if body.joint.quasi else moved
+        if body.joint.quasi:
+            q[body.q : body.q + body.joint.nq] = body.joint.normalise(slice_q(body, q))
     return q
 
 
