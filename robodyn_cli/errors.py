@@ -62,6 +62,13 @@ def no_linear_algebra(error: Exception) -> NumericalError:
     )
 
 
+def out_of_range(error: OverflowError) -> NumericalError:
+    """Return the error of a number that no double holds, from Python's OverflowError."""
+    return NumericalError(
+        f"a number of the scene, or what follows from some, exceeds what a double holds (1.8e308): {error.args[-1]}"
+    )
+
+
 class SingularConfigurationError(RobodynError):
     """The mechanism met a singular configuration that the run was not told to expect (exit code 4)."""
 

@@ -40,6 +40,7 @@ from robodyn_cli.expr.rebuild import numbers
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import FixedFrame, Model
+from robodyn_cli.model.places import with_places
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Array, Matrix, Transform, Values, Vector, dot, zeros
 
@@ -66,7 +67,7 @@ class Problem:
         model: Model | None = None,
         dependent: Sequence[Dependence] = (),
     ) -> None:
-        self.scene = scene
+        self.scene = scene = with_places(scene)
         self.model = model if model is not None else build_model(scene, symbolic)
         graph = self.graph = self.model.graph
         self.t: Expr = graph.symbol("t", "t")

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from robodyn_cli.expr.fixed import Fixed, applied
 from robodyn_cli.expr.graph import Expr
 
 
@@ -17,6 +18,8 @@ def _lift(op: str, number: Callable[[float], float], array: str) -> Callable[[An
     def function(x: Any) -> Any:
         if isinstance(x, Expr):
             return x.graph.unary(op, x)
+        if isinstance(x, Fixed):
+            return applied(op, number, x)
         if isinstance(x, (float, int)):
             return number(x)
         import numpy as np
@@ -52,6 +55,11 @@ def _scalar(*xs: Any) -> bool:
     return all(isinstance(x, (float, int)) for x in xs)
 
 
+def _number(op: str, function: Callable[..., float], *xs: float) -> float:
+    """Return a function of numbers, of which some may be numbers of the scene."""
+    return applied(op, function, *xs) if any(isinstance(x, Fixed) for x in xs) else function(*xs)
+
+
 def _lift_two(
     op: str, number: Callable[[Any, Any], float], array: str, doc: str
 ) -> Callable[[Any, Any], Any]:
@@ -60,7 +68,7 @@ def _lift_two(
         if graph is not None:
             return graph.binary(op, a, b)
         if _scalar(a, b):
-            return number(a, b)
+            return _number(op, number, a, b)
         import numpy as np
 
         return getattr(np, array)(a, b)

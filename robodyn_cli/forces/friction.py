@@ -126,7 +126,7 @@ class Friction(InJoint):
 
     def viscous_torque(self, qd: Any, gear_ratio: float) -> Any:
         """Return -b qd [N m or N]."""
-        return -self.viscous * (gear_ratio**2 if self.side == "motor" else 1.0) * qd
+        return -self.viscous * (gear_ratio * gear_ratio if self.side == "motor" else 1.0) * qd
 
     def torque(self, q: Any, qd: Any, gear_ratio: float, smooth: bool) -> Any:
         """Return the torque on the joint [N m or N]; ``smooth`` for simulations.

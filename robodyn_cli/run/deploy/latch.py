@@ -9,11 +9,12 @@ import numpy as np
 from robodyn_cli.algorithms.kinematics import transforms
 from robodyn_cli.algorithms.reactions import loop_wrench
 from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.fixed import literal
 from robodyn_cli.loops.fixed import FixedLoop
 from robodyn_cli.model.model import BASE, FixedFrame, Loop
 from robodyn_cli.record import record
 from robodyn_cli.run.deploy.summary import LatchKeys
-from robodyn_cli.spatial.algebra import Array, matrix, vector
+from robodyn_cli.spatial.algebra import Array, identity, snap, vector
 
 NEW = 1e-6  # part of a row that must be independent of the others for it to count as a further constraint
 
@@ -134,9 +135,19 @@ def _ends(problem: Problem, first: str, second: str, q: Array, t: float) -> tupl
     R1, p1 = pose[one]
     R2, p2 = pose[two]
     ends = []
-    for body, R, p in ((one, R1, p1), (two, R2, p2)):
-        ends.append(FixedFrame(body, vector((R.T @ (where - p)).tolist()), matrix((R.T @ R1).tolist())))
+    for link, body, R, p in ((first, one, R1, p1), (second, two, R2, p2)):
+        axes = identity() if body == one else _numbers(R.T @ R1, f"latch.{link}.R")
+        ends.append(FixedFrame(body, _numbers(R.T @ (where - p), f"latch.{link}.p"), axes))
     return ends[0], ends[1]
+
+
+def _numbers(found: Array, place: str) -> Array:
+    """Return what the pose of the lock decides as numbers of the scene; zeros, and ones of attitudes, are structure."""
+    snapped = [snap(float(x)) for x in found.flat]
+    entries = [
+        x if found.ndim == 2 and abs(x) == 1.0 else literal(x, f"{place}.{k}") for k, x in enumerate(snapped)
+    ]
+    return vector(entries).reshape(found.shape)
 
 
 def close_latch(problem: Problem, latch: Locked, q: Array, qd: Array, t: float) -> LatchImpact:

@@ -49,9 +49,11 @@ def prepare(scene: Scene, watch: Stopwatch | None = None, neutral: bool = False)
         hold = [*held, *(n for n in scene.prescribed if n not in held)]
         assembled = assemble(problem, given, dict(scene.initial.qd), hold)
         if scene.torques or scene.prescribed or problem.model.forces:
-            from robodyn_cli.run.mechanism.formulas import check_formulas
+            from robodyn_cli.run.mechanism.formulas import check_formulas, check_formulas_ahead
 
             check_formulas(problem, assembled.q, assembled.v)
+            if not assembled.redundant:
+                check_formulas_ahead(problem, assembled.q, assembled.v)
         refuse_singular(problem.model, assembled.q, problem.scene.prescribed or ())
     if assembled.redundant:
         with watch.stage("equations"):

@@ -20,6 +20,7 @@ from robodyn_cli.run.driver.build import projected_motion
 from robodyn_cli.run.driver.prepare import Setup, prepare
 from robodyn_cli.run.numerics import stability_store as store
 from robodyn_cli.run.numerics.energy_growth import PERIODS, growths, period
+from robodyn_cli.run.numerics.instants import instants
 from robodyn_cli.run.numerics.spectrum import Spectrum, spectrum
 from robodyn_cli.run.numerics.stability_summary import (
     EnergyGrowth,
@@ -45,8 +46,6 @@ from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 
-INSTANTS = 65  # at which eigenvalues are taken
-FEW_INSTANTS = 3  # in long chains
 STIFF = 1e4  # decays of the fastest mode within a run from which on implicit methods give the reference
 FIXED = "rk4"  # the textbook's setting for Baumgarte's gains: a fixed step
 
@@ -161,17 +160,15 @@ def along(setup: Setup, ref: Reference | None) -> Spectrum | None:
     """Return the spectrum along the reference solution."""
     if ref is None:
         return None
-    count = INSTANTS if setup.problem.model.nv <= 30 else FEW_INSTANTS
-    places = np.unique(np.linspace(0, len(ref.times) - 1, count).round().astype(int))
-    q, v = np.split(ref.states[places], [setup.problem.model.nq], axis=1)
-    return eigenvalues(setup, ref.times[places], q, v)
+    model = setup.problem.model
+    return eigenvalues(setup, *instants(setup.problem.scene, ref, model.nq, model.nv))
 
 
 def step_limits(found: Spectrum | None) -> list[StepLimit]:
     """Return, for each method whose step stability limits, the extents of its region and its largest step [s]."""
     table = []
     for limit in limits():
-        steps = [limit.largest_step(row) for row in found.eigenvalues] if found is not None else []
+        steps = found.largest_steps(limit) if found is not None else ()
         finite = [h for h in steps if np.isfinite(h)]
         table.append(
             StepLimit(limit.method, limit.kind, limit.real, limit.imaginary, min(finite, default=None))
