@@ -131,6 +131,11 @@ class Driver:
         return self.integrator.p.copy()
 
     @property
+    def log(self) -> list[dict[str, Any]]:
+        """What has happened on the way, as the watchers tell it."""
+        return [event for watcher in self.watchers for event in watcher.log]
+
+    @property
     def repartitions(self) -> int:
         """How often a partition has chosen its parameters anew."""
         return self.integrator.parameters.repartitions

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.expr.graph import Expr, Scalar, free_symbols, is_nonzero
+from robodyn_cli.expr.graph import Expr, Scalar, is_nonzero
 from robodyn_cli.formulations.system import System
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.loops.base import Row
-from robodyn_cli.model.model import BASE, STATE_GROUPS, UNKNOWN_GROUP
+from robodyn_cli.model.model import BASE, STATE_GROUPS, unknown_among
 from robodyn_cli.record import record
 from robodyn_cli.run.observation.places import FORCES, place_dataset, place_outputs, point_motion
 from robodyn_cli.run.observation.units import joint_columns
@@ -70,7 +70,7 @@ def _potential(problem: Problem) -> Scalar:
     that its gradient does not depend on, such as the height of the centre of mass of a cart on level ground.
     """
     energy = problem.potential
-    if all(symbol.value[1] != UNKNOWN_GROUP for symbol in free_symbols([energy])):
+    if not unknown_among([energy]):
         return energy
     from robodyn_cli.expr.calculus import jacobian
     from robodyn_cli.run.observation.evaluation import without_idle_unknowns
