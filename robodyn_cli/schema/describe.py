@@ -20,6 +20,7 @@ from robodyn_cli.schema.fields import (
     Section,
     Tagged,
     Text,
+    Variations,
     Vector,
 )
 
@@ -69,6 +70,8 @@ def _plain(kind: Kind) -> str:
         return f"the keys {', '.join(kind.registry())}"
     if isinstance(kind, Criteria):
         return "a map from keys of the summary to what is expected there"
+    if isinstance(kind, Variations):
+        return "a map from keys of the scene to what they vary over"
     if isinstance(kind, CsvFile):
         return "the path of a CSV file"
     return "a value"

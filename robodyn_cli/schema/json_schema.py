@@ -29,7 +29,9 @@ from robodyn_cli.schema.fields import (
     Section,
     Tagged,
     Text,
+    Variations,
     Vector,
+    key_name,
 )
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
@@ -87,10 +89,10 @@ class _Maker:
                 for key, element in kind.registry().items():
                     properties[key] = {"$ref": self.reference(element), "description": _doc(element)}
             elif kind is not None:
-                properties[field.name] = self.field(field)
+                properties[key_name(field)] = self.field(field)
                 no_default = field.default is dataclasses.MISSING
                 if no_default and field.default_factory is dataclasses.MISSING:
-                    required.append(field.name)
+                    required.append(key_name(field))
         if tag:
             properties[tag[0]] = {"const": tag[1]}
         if included:
@@ -139,6 +141,8 @@ class _Maker:
         if isinstance(kind, Criteria):
             value = {"type": ["number", "string", "boolean", "null", "object"]}
             return {"type": ["object", "null"], "additionalProperties": value}
+        if isinstance(kind, Variations):
+            return {"type": "object", "additionalProperties": {"type": ["string", "array"]}}
         return self.composite(kind)
 
     def composite(self, kind: Kind) -> Schema:
