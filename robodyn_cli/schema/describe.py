@@ -50,6 +50,8 @@ def _plain(kind: kinds.Kind) -> str:
         return f"the keys {', '.join(kind.registry())}"
     if isinstance(kind, kinds.Criteria):
         return "a map from keys of the summary to what is expected there"
+    if isinstance(kind, kinds.Variations):
+        return "a map from keys of the scene to what they vary over"
     if isinstance(kind, kinds.CsvFile):
         return "the path of a CSV file"
     return "a value"
