@@ -20,7 +20,7 @@ from robodyn_cli.model.model import (
     Model,
     RigidPart,
 )
-from robodyn_cli.model.placement import joint_kind, joint_placement
+from robodyn_cli.model.placement import joint_kind, joint_placement, orientation
 from robodyn_cli.record import mutable_record, record
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import (
@@ -29,7 +29,6 @@ from robodyn_cli.spatial.algebra import (
     Vector,
     identity,
     matrix,
-    rotation_rpy,
     vector,
 )
 from robodyn_cli.spatial.inertia import RigidInertia
@@ -142,7 +141,7 @@ def build_model(scene: sc.Scene, symbolic: Sequence[str] = (), graph: Graph | No
     robot = scene.robot
     placed, moving = _place_links(robot, values)
     gravity = vector([values.get(f"gravity.{k}", g) for k, g in enumerate(scene.gravity)])
-    base = Transform.from_pose(rotation_rpy(robot.base.rpy), vector(robot.base.xyz))
+    base = Transform.from_pose(orientation(robot.base), vector(robot.base.xyz))
     bodies = _number(robot, moving, values)
     # in the order of their places, which is that of the YAML
     joints = [(b.joint_name, b.joint) for b in sorted(bodies, key=lambda b: b.v)]
@@ -240,10 +239,15 @@ def _number(robot: sc.Robot, moving: list[_Moving], values: _Values) -> tuple[Bo
                 v=start[joint.name][1],
                 armature=joint.gear_ratio**2 * rotor,
                 gear_ratio=joint.gear_ratio,
-                forces=tuple(JointForce(name, element) for name, element in joint.forces),
+                forces=tuple(JointForce(*force) for force in joint.forces if _acts(force[1])),
             )
         )
     return tuple(bodies)
+
+
+def _acts(element: Any) -> bool:
+    """Tell whether what stands in a joint exerts anything: limits without a stop do not."""
+    return bool(getattr(element, "acts", True))
 
 
 class _Places:
@@ -269,7 +273,7 @@ class _Places:
         else:
             at = frame.point(vector(point.at))
         if isinstance(point, sc.Frame):
-            R = R @ rotation_rpy(point.rpy)
+            R = R @ orientation(point)
         return FixedFrame(where.body, at, R)
 
     def _com(self, link: sc.Link) -> Vector:

@@ -115,6 +115,16 @@ def _warnings(motion: Motion, driver: Driver, said: list[str]) -> dict[str, Any]
     return {"warnings": warnings} if warnings else {}
 
 
+def _beyond_limits(motion: Motion, result: Result) -> list[str]:
+    """Return warnings about limits of acceleration and jerk that samples are beyond; a watcher locates the others."""
+    if not motion.scene.robot.limited:
+        return []
+    from robodyn_cli.run.observation.joint_limits import limit_warnings, limited_joints
+
+    joints = limited_joints(motion.scene, motion.problem.model)
+    return limit_warnings(joints, result["time"], {"qdd": result["qdd"]})
+
+
 def _judge_energy(
     motion: Motion, driver: Driver, recorder: Recorder, facts: dict[str, Any]
 ) -> RobodynError | None:
@@ -176,6 +186,8 @@ def _report(
     events = [event for watcher in driver.watchers for event in watcher.log]
     result = Result("simulate", scene.title or "simulate", status, scene.text, events=events)
     recorder.fill(result)
+    if beyond := _beyond_limits(motion, result):
+        facts["warnings"] = [*facts.get("warnings", ()), *beyond]
     summary = SimulateSummary(status=status, termination=termination, **facts, wall_time_s=watch.report())
     result.summary = as_keys(summary)
     if failure is not None:

@@ -66,7 +66,7 @@ def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwat
     progress(float(times[-1]), float(times[-1]))
     mobile = mobility(problem, psi_of(problem, arrays)) if loop_rows(problem) else None
     result = report(problem, planned, led, arrays)
-    result.summary = as_keys(summarise(planned, result, mobile, watch))
+    result.summary = as_keys(summarise(problem, planned, result, mobile, watch))
     refuse_result(result)
     if planned.stopped is not None:
         raise failed(planned.stopped, result)
@@ -178,8 +178,18 @@ def transmission_angle(result: Result, points: tuple[str, ...]) -> Array:
     return angle
 
 
+def _beyond_limits(problem: Problem, planned: Planned) -> list[str]:
+    """Return a warning for each limit of a joint that the motion is beyond."""
+    if not problem.scene.robot.limited:
+        return []
+    from robodyn_cli.run.observation.joint_limits import limit_warnings, limited_joints
+
+    motion, joints = planned.motion, limited_joints(problem.scene, problem.model)
+    return limit_warnings(joints, planned.times, {"qd": motion.qd, "qdd": motion.qdd}, motion.q)
+
+
 def summarise(
-    planned: Planned, result: Result, mobile: Mobility | None, watch: Stopwatch
+    problem: Problem, planned: Planned, result: Result, mobile: Mobility | None, watch: Stopwatch
 ) -> KinematicsSummary:
     """Return the summary of a run."""
     times, stopped = planned.times, planned.stopped
@@ -191,6 +201,7 @@ def summarise(
         termination=termination,
         mobility=ABSENT if mobile is None else mobile,
         samples=len(times),
+        warnings=_beyond_limits(problem, planned) or ABSENT,
         joints=_joint_ranges(result),
         points=_point_paths(result),
         singular_ratio=_singular_ratio(result),
