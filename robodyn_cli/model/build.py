@@ -189,9 +189,9 @@ def _place_links(robot: sc.Robot, values: _Values) -> tuple[dict[str, _Placed], 
             here = _Placed(len(moving), joint_frame, link_frame)
             moving.append(_Moving(name, joint, parent.body, X_tree))
         placed[name] = here
-        if here.body != BASE:
-            part = _rigid_part(links[name], values, here.frame_of_com(links[name]))
-            moving[here.body].parts += () if part is None else (part,)
+        part = _rigid_part(links[name], values, here.frame_of_com(links[name]))
+        if here.body != BASE and part is not None:  # what is fixed to the ground has no effect
+            moving[here.body].parts += (part,)
     return placed, moving
 
 
