@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 from robodyn_cli.expr.functions import maximum, power, where
 from robodyn_cli.expr.graph import Expr
+from robodyn_cli.forces.element import InJoint
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Number, Section, key
 
@@ -50,7 +51,7 @@ class Stop:
 
 
 @record
-class Limits:
+class Limits(InJoint):
     """What a joint may do, and the stops at ``lower`` and ``upper``, where there are any.
 
     A stop exerts a torque away from it while the joint is beyond it; delta is the depth. A rigid one exerts no torque
@@ -59,7 +60,6 @@ class Limits:
     """
 
     term: ClassVar[str] = "stops"
-    dissipative: ClassVar[bool] = False
 
     lower: float | None = key(
         Number(angle=True), default=None, unit="rad or m", doc="Least q; none by default."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.fixed import literal
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.events import GO_ON, Event, EventFunction, EventKind, Outcome
@@ -43,11 +44,12 @@ class JointLimits(Watcher):
         found = []
         for name, x in inside.items():
             if x is not None:
+                bound = literal(x, f"robot.joints.{joint.name}.limits.{name}")
                 value, what = {
-                    "lower": (q - x, unit),
-                    "upper": (x - q, unit),
-                    "speed": (x * x - v * v, f"{unit}/s"),
-                    "effort": (x * x - tau * tau, TORQUE[unit]),
+                    "lower": (q - bound, unit),
+                    "upper": (bound - q, unit),
+                    "speed": (bound * bound - v * v, f"{unit}/s"),
+                    "effort": (bound * bound - tau * tau, TORQUE[unit]),
                 }[name]
                 words = f"{name} limit of {x:.6g} {what}"
                 path = f"limits.{joint.name}.{name}"
