@@ -31,9 +31,9 @@ FIGURES = ("torques", "mass", "frames", "acceleration", "residual", "drag", "cou
 REPEATS = 5
 
 
-def row_of(path: Path) -> dict[str, Any]:
+def row_of(name: str, path: Path) -> dict[str, Any]:
     """Return the figures of one robot, or why it is refused."""
-    row: dict[str, Any] = {"robot": path.stem, "file": str(path)}
+    row: dict[str, Any] = {"robot": name}
     try:
         times = []
         for _ in range(REPEATS):
@@ -42,7 +42,7 @@ def row_of(path: Path) -> dict[str, Any]:
             times.append(time.perf_counter() - start)
         found = compare(path)
     except RobodynError as error:
-        return row | {"refused": error.message}
+        return row | {"refused": error.message.replace(str(path), path.name)}
     figures = {name: getattr(found, name) for name in FIGURES}
     return row | {
         "joints": found.joints,
@@ -51,6 +51,15 @@ def row_of(path: Path) -> dict[str, Any]:
         "singular": found.singular,
         "read_ms": 1e3 * min(times),
     }
+
+
+def robots(folder: Path) -> dict[str, Path]:
+    """Return the files below a folder by their names, and by their folder too where two have the same."""
+    found: dict[str, Path] = {}
+    for path in sorted(folder.rglob("*.urdf"), key=lambda path: path.stem.lower()):
+        name = path.stem if path.stem not in found else f"{path.stem} ({path.parents[1].name})"
+        found[name] = path
+    return found
 
 
 def cell(value: Any) -> str:
@@ -73,7 +82,9 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="folder with the URDF files, at any depth")
     parser.add_argument("--json", help="file for the figures")
     parsed = parser.parse_args()
-    rows = [row_of(path) for path in sorted(parsed.folder.rglob("*.urdf"))]
+    measure.print_machine()
+    print()
+    rows = [row_of(name, path) for name, path in robots(parsed.folder).items()]
     read = [row for row in rows if "refused" not in row]
     header = ["robot", "joints", "mimics", *FIGURES, "read [ms]"]
     table = [header]
@@ -91,7 +102,7 @@ def main() -> None:
     for row in read:
         if row["singular"]:
             print(
-                f"{row['robot']}: no forward dynamics, because joint {row['singular']!r} moves nothing that has inertia"
+                f"\n{row['robot']}: no forward dynamics, because joint {row['singular']!r} moves nothing that has inertia"
             )
     for row in rows:
         if "refused" in row:

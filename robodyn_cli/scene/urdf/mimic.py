@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from robodyn_cli.errors import did_you_mean
 from robodyn_cli.record import record
 from robodyn_cli.scene.urdf.elements import UrdfJoint
 
+MOST_LISTED = 10
 SINGLE = ("revolute", "continuous", "prismatic")
 
 
@@ -41,16 +43,17 @@ def _refuse(joints: Mapping[str, UrdfJoint], joint: UrdfJoint) -> None:
     assert joint.mimic is not None
     error, what, leader = joint.mimic.element.error, f"joint {joint.name!r} mimics", joint.mimic.joint
     moving = [name for name, other in joints.items() if other.type in SINGLE and name != joint.name]
+    allowed = f"allowed: {', '.join(moving[:MOST_LISTED])}{', ...' if len(moving) > MOST_LISTED else ''}"
     if joint.type not in SINGLE:
         raise error(f"{what} another, but is {joint.type}; allowed: a joint with one coordinate")
     if leader not in joints:
-        raise error(f"{what} {leader!r}, a joint that is not there; allowed: {', '.join(moving)}")
+        raise error(f"{what} {leader!r}, a joint that is not there{did_you_mean(leader, moving)}; {allowed}")
     if joints[leader].type not in (*SINGLE, "fixed"):
-        raise error(f"{what} {leader!r}, which is {joints[leader].type}; allowed: {', '.join(moving)}")
+        raise error(f"{what} {leader!r}, which is {joints[leader].type}; {allowed}")
     chain = [joint.name]
     while (mimic := joints[chain[-1]].mimic) is not None and mimic.joint in joints:
         if mimic.joint in chain:
-            raise error(f"{what} itself ({' -> '.join([*chain, mimic.joint])}); allowed: {', '.join(moving)}")
+            raise error(f"{what} itself ({' -> '.join([*chain, mimic.joint])}); {allowed}")
         chain.append(mimic.joint)
 
 
