@@ -102,7 +102,7 @@ def main() -> None:
     for row in read:
         if row["singular"]:
             print(
-                f"\n{row['robot']}: no forward dynamics, because joint {row['singular']!r} moves nothing that has inertia"
+                f"\n{row['robot']}: no forward dynamics, because joint {row['singular']!r} moves nothing with inertia"
             )
     for row in rows:
         if "refused" in row:

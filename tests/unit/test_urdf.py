@@ -268,6 +268,13 @@ def test_loops_and_mimics_in_circles(tmp_path: Path) -> None:
         load(tmp_path, circle)
 
 
+def test_a_mimic_of_a_mimic_of_nothing(tmp_path: Path) -> None:
+    lost = ARM.replace("</joint>", '<mimic joint="j2"/></joint>', 1)
+    lost = lost[::-1].replace("</joint>"[::-1], '<mimic joint="j9"/></joint>'[::-1], 1)[::-1]
+    with pytest.raises(SceneError, match="'j2' mimics 'j9', a joint that is not there"):
+        load(tmp_path, lost)
+
+
 def test_all_errors_are_listed(tmp_path: Path) -> None:
     broken = ARM.replace('value="1.5"', 'value="x"').replace('"0 1 0"', '"0 0 0"') + " "
     found = examine(scene_with(tmp_path, broken, "actuatd: []\n")).errors
