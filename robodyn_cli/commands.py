@@ -41,6 +41,7 @@ COMMANDS: dict[str, Command] = {
     "plan": Command("What a scene needs, what is left out, and operations."),
     "check": Command("Check a result against what its scene expects."),
     "compare": Command("Compare two results dataset by dataset."),
+    "import": Command("Write the robot of a URDF file as YAML."),
     "info": Command("Tree, frames, M, C, G and Jacobians at a state."),
     "new": Command("Write a commented scene to begin with."),
     "run": Command("Run many scenes, each by its own command; check them."),
