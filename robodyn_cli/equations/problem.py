@@ -36,11 +36,13 @@ from robodyn_cli.equations.joint_forces import JointForces
 from robodyn_cli.equations.switching import Switching
 from robodyn_cli.expr.functions import interpolate
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations, is_nonzero
+from robodyn_cli.expr.rebuild import numbers
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import FixedFrame, Model
+from robodyn_cli.model.places import with_places
 from robodyn_cli.scene import types as sc
-from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, vector, zeros
+from robodyn_cli.spatial.algebra import Array, Matrix, Transform, Values, Vector, vector, zeros
 
 CANCELLATION = 1e3  # so many units of rounding may be lost in a difference of moments of inertia
 DENSE_LIMIT = 12  # velocities up to which the factored mass matrix is tried: it grows with their cube
@@ -65,7 +67,7 @@ class Problem:
         model: Model | None = None,
         dependent: Sequence[Dependence] = (),
     ) -> None:
-        self.scene = scene
+        self.scene = scene = with_places(scene)
         self.model = model if model is not None else build_model(scene, symbolic)
         graph = self.graph = self.model.graph
         self.t: Expr = graph.symbol("t", "t")
@@ -74,6 +76,20 @@ class Problem:
         self.a: list[Expr] = graph.symbols([f"{n}''" for n in self.model.v_names], "a")
         self.keep_rows = keep_rows
         self.dependent = tuple(dependent)
+
+    def numbers(
+        self, entries: Any, q: Array, t: float = 0.0, v: Array | None = None, p: Array | None = None
+    ) -> Array:
+        """Return the values of expressions at one state, in the shape of ``entries``; without v and p at rest, p = ().
+
+        Parameters
+        ----------
+        entries : array or list of expressions. q : (nq,). v : (nv,). p : parameters.
+        """
+        still = [0.0] * self.model.nv
+        groups = {"t": [t], "q": q.tolist(), "v": still if v is None else v.tolist(), "a": still,
+                  "p": [] if p is None else p.tolist()}  # fmt: skip
+        return numbers(entries, groups)
 
     # -- rigid bodies ---------------------------------------------------------------------------------
     @property

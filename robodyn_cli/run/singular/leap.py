@@ -25,7 +25,6 @@ from robodyn_cli.integrators.methods.gauss_tables import gauss_table
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.record import record
-from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.spatial.algebra import Array
 
 EPS = float(np.finfo(float).eps)
@@ -33,7 +32,6 @@ LOST = 1e-6  # ratio of singular values at a located pose below which a directio
 HISTORY = 9  # points through which a guess is extrapolated
 ROUNDS = 60
 CLOSING = 9  # Newton steps that may close the loops at a node
-TAIL = 1e-9  # the last coefficients of positions, over their size, at most
 
 
 class NotSmooth(Exception):
@@ -58,7 +56,7 @@ class Equations:
         self.nv, self.m = nv, len(rows.rows)
         # those of loops and of prescribed joints together: both bind the motion
         self.rank = len(problem.independent_rows.rows)
-        self.loops, self.loop_rank = loop_rows(problem), problem.loop_rank
+        self.loops, self.loop_rank = rows.of_loops, problem.loop_rank
         geometry = {"eta": rows.eta, "psi": list(problem.psi.ravel())}
         rates: dict[str, list[Any]] = {
             "M": list(problem.mass_matrix.ravel()),
