@@ -38,7 +38,8 @@ HANDLE = 0.62
 
 @record
 class Panels:
-    """How a sheet is laid out: ``panels`` of ``height`` inches, ``across`` of them side by side, ``gap`` apart.
+    """How a sheet is laid out: ``panels`` of ``height`` inches, ``across`` of them side by side, ``gap`` apart
+    vertically and ``between`` horizontally.
 
     labels : texts of the legend below. degrees : leaves room for a second scale. bar : adds axes for a colour bar.
     """
@@ -47,6 +48,7 @@ class Panels:
     across: int = 1
     height: float = 3.3
     gap: float = 0.16
+    between: float = BETWEEN
     labels: Sequence[str] = ()
     degrees: bool = False
     bar: bool = False
@@ -68,12 +70,12 @@ class Sheet:
         total = top + rows * height + (rows - 1) * gap + bottom
         self.figure = Figure(figsize=(WIDTH, total), dpi=style.DPI)
         width = WIDTH - LEFT - RIGHT - (DEGREES if shape.degrees else 0.0) - (BAR if shape.bar else 0.0)
-        wide = (width - (across - 1) * BETWEEN) / across
+        wide = (width - (across - 1) * shape.between) / across
         self._across = across
         self.axes: list[Axes] = []
         for panel in range(panels):
             row, column = divmod(panel, across)
-            x = LEFT + column * (wide + BETWEEN)
+            x = LEFT + column * (wide + shape.between)
             y = bottom + (rows - 1 - row) * (height + gap)
             self.axes.append(self.figure.add_axes((x / WIDTH, y / total, wide / WIDTH, height / total)))
         self.bar: Axes | None = None

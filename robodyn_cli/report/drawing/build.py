@@ -45,17 +45,15 @@ def scene_of(text: str) -> Scene:
 
 def can_draw(result: Result) -> bool:
     """Tell whether a result has poses and the scene that they are of."""
-    if "q" not in result or "time" not in result or not len(result["q"]):
-        return False
     try:
-        scene_of(result.scene_text)
+        require_poses(result)
     except CapabilityError:
         return False
     return True
 
 
-def make_drawing(result: Result, samples: Sequence[int] | Array | None = None) -> Drawing:
-    """Return the drawing of a result at some of its samples, by default at all.
+def require_poses(result: Result) -> None:
+    """Refuse a result of which no mechanism can be drawn.
 
     Raises
     ------
@@ -66,6 +64,17 @@ def make_drawing(result: Result, samples: Sequence[int] | Array | None = None) -
             f"a result of '{result.command}' has no poses to draw; allowed: a result of inverse, simulate, deploy, "
             "kinematics, statics or assemble"
         )
+    scene_of(result.scene_text)
+
+
+def make_drawing(result: Result, samples: Sequence[int] | Array | None = None) -> Drawing:
+    """Return the drawing of a result at some of its samples, by default at all.
+
+    Raises
+    ------
+    CapabilityError : the result has no poses, or its scene cannot be read by this version.
+    """
+    require_poses(result)
     chosen = np.arange(len(result.time)) if samples is None else np.asarray(samples)
     rates = result["qd"][chosen] if "qd" in result else None
     return drawing_of(result, result.time[chosen], result["q"][chosen], rates, chosen)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from functools import cached_property
 
 import numpy as np
 
@@ -100,21 +101,21 @@ class Drawing:
         """The moving links, in the order of the scene."""
         return tuple(part for part in self.parts if part.kind == "link")
 
-    @property
+    @cached_property
     def everything(self) -> Array:
         """All places that the drawing takes in (..., 3), those of trails included; not finite ones left out."""
         clouds = [self.vertices.reshape(-1, 3), *(trail.points for trail in self.trails)]
         points = np.concatenate(clouds)
         return points[np.isfinite(points).all(axis=1)]
 
-    @property
+    @cached_property
     def size(self) -> float:
         """Largest extent [m]; 1 where nothing has any."""
         points = self.everything
         extent = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
         return extent if 0.0 < extent < math.inf else 1.0
 
-    @property
+    @cached_property
     def up(self) -> Array:
         """Direction against gravity (3,); z without gravity."""
         g = float(np.linalg.norm(self.gravity))

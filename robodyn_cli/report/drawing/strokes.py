@@ -14,7 +14,6 @@ from robodyn_cli.report.style import ALARM
 from robodyn_cli.spatial.algebra import Array
 
 GRID, SHADOW, GROUND, TRAIL, BODY, ON_TOP, LATCH, LOAD = range(8)
-WIDEST, NARROWEST = 9.0, 2.2  # of a link [pt]
 PUSH, REACTION = ALARM, "#CC79A7"
 
 
@@ -26,7 +25,7 @@ def strokes(view: View, k: int, grid: bool = True) -> list[Stroke]:
     if not view.flat:
         found += _shadows(view, k)
     found += _trails(view, k)
-    width = link_width(view)
+    width = view.link_width
     for place, part in enumerate(view.drawing.parts):
         found += _part(view, k, part, width, place)
     found += _masses(view, k, width)
@@ -34,17 +33,6 @@ def strokes(view: View, k: int, grid: bool = True) -> list[Stroke]:
     found += _latch(view, k, width)
     found += _arrows(view, k)
     return sorted(found, key=lambda stroke: (stroke.layer, stroke.depth))
-
-
-def link_width(view: View) -> float:
-    """Return the width of links [pt]: less where they are short."""
-    lengths = []
-    for part in view.drawing.links:
-        points = view.corners[0, list(part.vertices), :2]
-        points = points[np.isfinite(points).all(axis=1)]
-        lengths += [float(np.ptp(points, axis=0).max())] if len(points) > 1 else []
-    lengths = [length for length in lengths if length > 0.0]
-    return float(np.clip(0.11 * np.median(lengths) / view.pt, NARROWEST, WIDEST)) if lengths else 6.0
 
 
 def silhouette(view: View, k: int) -> list[Array]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from robodyn_cli.report.drawing.camera import Camera
 from robodyn_cli.report.drawing.record import Drawing
 from robodyn_cli.spatial.algebra import Array
 
+WIDEST, NARROWEST = 9.0, 2.2  # of a link [pt]
 MARGIN = 0.07  # around the drawing, of its extent
 ARROW = 0.22  # length of the largest arrow, of the drawing's size
 PITCHES = (1.0, 2.0, 5.0, 10.0)
@@ -39,6 +41,22 @@ class View:
         self.extent = self._extent()
         self.low, self.high = self.extent
         self.pt = float((self.high - self.low).max()) / 300.0
+
+    @property
+    def link_width(self) -> float:
+        """Width of links [pt]: less where they are short."""
+        return float(np.clip(0.11 * self._length / self.pt, NARROWEST, WIDEST)) if self._length else 6.0
+
+    @cached_property
+    def _length(self) -> float:
+        """Median length of links as they are seen first [m], 0 where none has any."""
+        lengths = []
+        for part in self.drawing.links:
+            points = self.corners[0, list(part.vertices), :2]
+            points = points[np.isfinite(points).all(axis=1)]
+            lengths += [float(np.ptp(points, axis=0).max())] if len(points) > 1 else []
+        lengths = [length for length in lengths if length > 0.0]
+        return float(np.median(lengths)) if lengths else 0.0
 
     @property
     def flat(self) -> bool:
