@@ -14,17 +14,18 @@ from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.report.decimate import finite
 from robodyn_cli.report.drawing.bodies import Links, colour_of
 from robodyn_cli.report.drawing.expressions import Expressions
+from robodyn_cli.report.drawing.instants import evenly
 from robodyn_cli.report.drawing.joints import Connections
 from robodyn_cli.report.drawing.loads import arrows, loads
+from robodyn_cli.report.drawing.paths import STILL, moving_paths
 from robodyn_cli.report.drawing.record import Drawing, Trail
-from robodyn_cli.report.marks import lock_time
+from robodyn_cli.results.moments import lock_time
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import load_scene_text
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 
 NEVER = math.inf
-STILL = 1e-6  # of the drawing's size: less is no motion
 THIN = 0.1  # of the drawing's size: a mechanism that extends less along an axis is drawn flat
 TRAIL = 2000  # places of a path
 
@@ -65,6 +66,11 @@ def require_poses(result: Result) -> None:
             "kinematics, statics or assemble"
         )
     scene_of(result.scene_text)
+
+
+def gravity_of(result: Result) -> Array:
+    """Return gravity (3,) in the world [m/s^2] by the scene of a result that can be drawn."""
+    return np.array(scene_of(result.scene_text).gravity, dtype=float)
 
 
 def make_drawing(result: Result, samples: Sequence[int] | Array | None = None) -> Drawing:
@@ -117,23 +123,12 @@ def drawing_of(
 
 
 def _trails(result: Result) -> tuple[Trail, ...]:
-    """Return the paths of the named points that move; of those that go the same way the first."""
-    found: list[Trail] = []
-    for name, item in result.group("points").items():
-        points = finite(item.data)
-        keep = np.unique(np.linspace(0, len(points) - 1, min(len(points), TRAIL)).round().astype(int))
-        path = points[keep]
-        known = (np.allclose(path, other.points, rtol=0.0, atol=1e-9, equal_nan=True) for other in found)
-        if not _extent(path) > 0.0 or any(known):
-            continue
-        found.append(Trail(name, result.time[keep], path, colour_of(len(found))))
-    size = max((_extent(trail.points) for trail in found), default=0.0)
-    return tuple(trail for trail in found if _extent(trail.points) > STILL * size)
-
-
-def _extent(points: Array) -> float:
-    rows = points[np.isfinite(points).all(axis=1)]
-    return float(np.ptp(rows, axis=0).max()) if len(rows) else 0.0
+    """Return the paths of the named points that move."""
+    found = []
+    for place, (name, path) in enumerate(moving_paths(result).items()):
+        keep = evenly(len(path), TRAIL)
+        found.append(Trail(name, result.time[keep], path[keep], colour_of(place)))
+    return tuple(found)
 
 
 def flat_axis(drawing: Drawing) -> int | None:

@@ -6,15 +6,19 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 
+from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.drawing import symbols
 from robodyn_cli.report.drawing.painter import Painted
-from robodyn_cli.report.drawing.stroke import INK, Stroke
+from robodyn_cli.report.drawing.stroke import GRID, INK, Stroke
 from robodyn_cli.report.drawing.strokes import strokes
 from robodyn_cli.report.drawing.view import View
 from robodyn_cli.report.ticks import number
 from robodyn_cli.spatial.algebra import Array
 
+WIDTH = 5.9  # of the axes of a sheet [inch]
+BELOW, APART = 0.45, 0.62  # room above and between the views along the axes [inch]
 CORNER = 24.0  # of the cross of axes, from the edges [pt]
 REACH = 15.0  # of its arms [pt]
 
@@ -46,12 +50,50 @@ def set_up(ax: Axes, view: View, scale: bool = True) -> None:
         spine.set_visible(False)
 
 
+def room_below(views: list[View]) -> float:
+    """Return the height that views side by side take below a drawing [inch]; 0 without any."""
+    return BELOW + _height_below(views) if views else 0.0
+
+
+def _height_below(views: list[View]) -> float:
+    return max(height_of(view, _width_below(views), 0.9, 1.9) for view in views)
+
+
+def _width_below(views: list[View]) -> float:
+    return (WIDTH - (len(views) - 1) * APART) / len(views)
+
+
+def axes_below(sheet: Sheet, views: list[View]) -> list[Axes]:
+    """Return axes for views side by side, set up; the first axes of the sheet, tall enough for both, make room."""
+    if not views:
+        return []
+    width, total = sheet.figure.get_size_inches()
+    high, wide, box = _height_below(views), _width_below(views), sheet.ax.get_position()
+    more = room_below(views) / total
+    sheet.ax.set_position((box.x0, box.y0 + more, box.width, box.height - more))
+    found = []
+    for place, view in enumerate(views):
+        left = box.x0 + place * (wide + APART) / width
+        ax = sheet.figure.add_axes((left, box.y0, wide / width, high / total))
+        set_up(ax, view)
+        for axis in (ax.xaxis, ax.yaxis):
+            axis.set_major_locator(MaxNLocator(4))
+        found.append(ax)
+    return found
+
+
 def put(ax: Axes, view: View, k: int, before: list[Stroke] | None = None, grid: bool = True) -> Any:
     """Add the drawing at its k-th instant to axes that are set up; ``before`` lies below it."""
     found = ax.add_artist(Painted([*(before or []), *strokes(view, k, grid)]))
     if not view.flat:
         cross_of_axes(ax, view)
     return found
+
+
+def ground(ax: Axes, view: View) -> None:
+    """Draw the ground grid of a view in space, and the directions of the world's axes."""
+    ax.add_artist(Painted([Stroke(symbols.joined(view.grid(0)), GRID, 0.7)])).set_zorder(0)
+    cross_of_axes(ax, view)
 
 
 def cross_of_axes(ax: Axes, view: View) -> None:

@@ -9,6 +9,7 @@ from robodyn_cli.spatial.algebra import Array
 INK = "#2f2f2f"
 PAPER = "#ffffff"
 FAINT = "#dcdcdc"
+GRID = "#e6e6e6"
 
 
 class Stroke(NamedTuple):

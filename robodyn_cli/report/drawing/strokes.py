@@ -9,6 +9,7 @@ from robodyn_cli.report.drawing.bodies import FACES
 from robodyn_cli.report.drawing.pins import pin_strokes
 from robodyn_cli.report.drawing.record import Part
 from robodyn_cli.report.drawing.stroke import FAINT, INK, PAPER, Stroke, body, mixed
+from robodyn_cli.report.drawing.stroke import GRID as LINES
 from robodyn_cli.report.drawing.view import View
 from robodyn_cli.report.style import ALARM
 from robodyn_cli.spatial.algebra import Array
@@ -21,7 +22,7 @@ def strokes(view: View, k: int, grid: bool = True) -> list[Stroke]:
     """Return the strokes of the k-th instant in the order in which they are painted."""
     found: list[Stroke] = []
     if grid and (lines := view.grid(k)):
-        found.append(Stroke(symbols.joined(lines), "#e6e6e6", 0.7, layer=GRID))
+        found.append(Stroke(symbols.joined(lines), LINES, 0.7, layer=GRID))
     if not view.flat:
         found += _shadows(view, k)
     found += _trails(view, k)

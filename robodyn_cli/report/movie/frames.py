@@ -20,9 +20,9 @@ from robodyn_cli.report.drawing.painter import paint
 from robodyn_cli.report.drawing.record import Drawing
 from robodyn_cli.report.drawing.strokes import strokes
 from robodyn_cli.report.drawing.view import View
-from robodyn_cli.report.moments import Moment, moments
 from robodyn_cli.report.movie.plan import Plan
 from robodyn_cli.report.ticks import number
+from robodyn_cli.results.moments import Moment, moments
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 

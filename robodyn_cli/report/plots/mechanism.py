@@ -16,16 +16,13 @@ from robodyn_cli.report.drawing.instants import along_motion, evenly
 from robodyn_cli.report.drawing.stroke import Stroke
 from robodyn_cli.report.drawing.strokes import silhouette
 from robodyn_cli.report.drawing.view import View
-from robodyn_cli.report.marks import lock_time
 from robodyn_cli.report.placing import name_lines
 from robodyn_cli.report.ticks import number
+from robodyn_cli.results.moments import lock_time
 from robodyn_cli.results.result import Result
 
 POSES = 8
 MOST_NAMES = 8
-WIDTH = 5.9  # of the axes [inch]
-BELOW = 0.45  # room between the drawing in space and the views below it [inch]
-APART = 0.62  # room between these [inch]
 
 
 def applies(result: Result) -> bool:
@@ -43,15 +40,12 @@ def draw(result: Result) -> Any:
     times = [f"{number(float(t), 4)} s" for t in poses.times]
     end = "locked" if locked is not None and abs(poses.times[-1] - locked) < 1e-6 else "last"
     labels = [] if len(chosen) == 1 else [*times[:-1], f"{times[-1]} ({end})"]
-    height = paper.height_of(view, WIDTH)
+    height = paper.height_of(view, paper.WIDTH)
     views = [] if view.flat else [View(poses, along_axis(axis)) for axis in (1, 0, 2)]
-    wide = (WIDTH - 2.0 * APART) / 3.0
-    low = max((paper.height_of(one, wide, 0.9, 1.9) for one in views), default=0.0)
-    sheet = Sheet(
-        result, _subtitle(view, len(chosen)), labels=labels, height=height + (BELOW + low if views else 0.0)
-    )
-    if views:
-        _small_views(sheet, views, wide, low)
+    more = paper.room_below(views)
+    sheet = Sheet(result, _subtitle(view, len(chosen)), labels=labels, height=height + more)
+    for one, below in zip(views, paper.axes_below(sheet, views)):
+        paper.put(below, one, len(chosen) - 1, _ghosts(one, 0.7), grid=False)
     ax = sheet.ax
     paper.set_up(ax, view)
     last = len(chosen) - 1
@@ -82,21 +76,3 @@ def _ghosts(view: View, width: float) -> list[Stroke]:
     """Return the outlines of all poses but the last."""
     last = len(view.drawing.times) - 1
     return [Stroke(line, _shade(k, last), width) for k in range(last) for line in silhouette(view, k)]
-
-
-def _small_views(sheet: Sheet, views: list[View], wide: float, high: float) -> None:
-    """Move the main axes up and put views along the world's axes below them, ``wide`` and ``high`` in inches."""
-    from matplotlib.ticker import MaxNLocator
-
-    width, total = sheet.figure.get_size_inches()
-    box = sheet.ax.get_position()
-    sheet.ax.set_position(
-        (box.x0, box.y0 + (BELOW + high) / total, box.width, box.height - (BELOW + high) / total)
-    )
-    for place, view in enumerate(views):
-        left = box.x0 + place * (wide + APART) / width
-        ax = sheet.figure.add_axes((left, box.y0, wide / width, high / total))
-        paper.set_up(ax, view)
-        paper.put(ax, view, len(view.drawing.times) - 1, _ghosts(view, 0.7), grid=False)
-        for axis in (ax.xaxis, ax.yaxis):
-            axis.set_major_locator(MaxNLocator(4))

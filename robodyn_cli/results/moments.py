@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.record import record
-from robodyn_cli.report.marks import lock
 from robodyn_cli.results.result import Result
 
 # what happens, in words, by the kind of the event; the name is that of the joint, part or loop
@@ -22,6 +21,8 @@ WORDS = {
     "limit": "{name}",
 }
 LATCH = "latch closes"
+# those that end or change a run as a whole, and are told with their time
+DECISIVE = ("lock", "overload", "bifurcation", "limit")
 
 
 @record
@@ -33,10 +34,22 @@ class Moment:
     text: str
 
 
+def lock(result: Result) -> dict[str, Any]:
+    """Return what the run reported about its lock; empty if it did not lock."""
+    found = result.summary.get("lock")
+    return found if isinstance(found, dict) else {}
+
+
+def lock_time(result: Result) -> float | None:
+    """Return the time of the lock in seconds, or None."""
+    time = lock(result).get("time")
+    return float(time) if isinstance(time, int | float) and math.isfinite(time) else None
+
+
 def moments(result: Result) -> list[Moment]:
     """Return the moments of a run in the order of time; those at which multipliers pass a multiple of their median are
     left out, for the drawing of the multipliers shows them."""
-    return sorted([*_events(result.events), *_lock(lock(result))], key=lambda moment: moment.time)
+    return sorted([*_events(result.events), *_lock(result)], key=lambda moment: moment.time)
 
 
 def _events(events: Sequence[Mapping[str, Any]]) -> list[Moment]:
@@ -48,11 +61,12 @@ def _events(events: Sequence[Mapping[str, Any]]) -> list[Moment]:
     return found
 
 
-def _lock(facts: Mapping[str, Any]) -> list[Moment]:
-    time = facts.get("time")
-    if not isinstance(time, int | float) or not math.isfinite(time):
+def _lock(result: Result) -> list[Moment]:
+    time = lock_time(result)
+    if time is None:
         return []
-    found = [Moment(float(time), "lock", str(facts.get("kind") or "lock").replace("_", " "))]
+    facts = lock(result)
+    found = [Moment(time, "lock", str(facts.get("kind") or "lock").replace("_", " "))]
     if isinstance(facts.get("latch"), dict):
-        found.append(Moment(float(time), "latch", LATCH))
+        found.append(Moment(time, "latch", LATCH))
     return found
