@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @record
 class Assembly:
-    """What closing the loops at t = 0 has left [m, m/s], and rows that say nothing new, or nothing."""
+    """Residuals of the loops at t = 0 [m, m/s]; rows that follow from others, and rows that vanish identically."""
 
     position_residual: float
     velocity_residual: float
