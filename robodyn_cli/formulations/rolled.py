@@ -16,7 +16,7 @@ from robodyn_cli.formulations.dynamics import LANES, Emission, Groups, Numbers
 from robodyn_cli.formulations.formulated import Formulated
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import RELAXED, Function, Value
-from robodyn_cli.kernels.lower import Table, lower
+from robodyn_cli.kernels.lower import lower
 from robodyn_cli.kernels.program import NUMBERS, Program, make_program
 from robodyn_cli.kernels.rolled_loops import rolled_function, tree_function
 from robodyn_cli.kernels.rolled_tables import RolledPlan
@@ -74,23 +74,23 @@ class Rolled:
         return self.plan.tables, self.plan.scratch(LANES)
 
     def emit(self, w: Emission, t: Value, x: Array, rates: Array) -> None:
-        f, width = w.f, x.width
+        f, width, functions = w.f, x.width, w.programs.functions
         forces = w.workspace(f"forces.{width}", 1, 0, width)
         v, z = x.part(w.nv), x.part(w.nv * 2)
         if self.places or self.z_rate:
             name = f"forces.{width}"
-            if name not in w.functions:
-                w.functions[name] = self._force_function(name, width, w.fused)
+            if name not in functions:
+                functions[name] = self._force_function(name, width, w.programs.fused)
             time = f.slot(width)
             f.store(f.splat(t, width), time, 8 * width)
-            table = w.table(self.program)
-            arguments = (time, x.base, v.base, z.base, "%p", table, forces.base, rates.part(w.nv).base)
+            numbers = w.numbers(self.program).base
+            arguments = (time, x.base, v.base, z.base, "%p", numbers, forces.base, rates.part(w.nv).base)
             f.raw(f"call void @{name}({', '.join(f'ptr {a}' for a in arguments)})")
         name = f"forward.{width}"
-        if name not in w.functions:
+        if name not in functions:
             tree_code = tree_function(name, internal=True, attributes="noinline")
-            w.functions[name] = rolled_function(
-                tree_code, self.plan.recursion, self.plan.serial, width, w.fused
+            functions[name] = rolled_function(
+                tree_code, self.plan.recursion, self.plan.serial, width, w.programs.fused
             )
         tree = ("%tables", x.base, v.base, forces.base, rates.base, "%scratch")
         f.raw(f"call void @{name}({', '.join(f'ptr {a}' for a in tree)})")
@@ -101,12 +101,11 @@ class Rolled:
         f = Function(name, arguments, internal=True, attributes="noinline", flags=RELAXED)
         used = {i.value for i in self.program.instructions if i.op == "sym"}
         zero = f.constant(0.0, width)
-        table = Table(f, self.program, f"%{NUMBERS}", width)
-        inputs: dict[str, list[Value]] = {}
+        inputs: dict[str, list[Value] | Array] = {NUMBERS: Array(f, f"%{NUMBERS}")}
         for group, count in self.program.inputs.items():
             row = Array(f, f"%{group}", 1 if group == "p" else width)
             inputs[group] = [row[k] if (group, k) in used else zero for k in range(count)]
-        found = lower(table, inputs, width, fused)
+        found = lower(f, self.program, inputs, width, fused)
         forces, rates = Array(f, "%f", width), Array(f, "%r", width)
         for k, value in zip(self.places, found["f"]):
             forces[k] = value

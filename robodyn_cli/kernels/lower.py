@@ -1,31 +1,23 @@
-"""Turn a Program into IR inside a function that is being written."""
+"""Turn Programs into IR inside a function that is being written: in place, as functions, or as data."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
-from robodyn_cli.errors import CapabilityError
 from robodyn_cli.kernels.arrays import Array
-from robodyn_cli.kernels.ir import Function, Value
-from robodyn_cli.kernels.mathematics import sincos
+from robodyn_cli.kernels.ir import Function, Int, Value
+from robodyn_cli.kernels.mathematics import operation, sincos
 from robodyn_cli.kernels.program import NUMBERS, TRIGONOMETRIC, Instruction, Program
 
-Inputs = Mapping[str, Sequence[Value] | Array]  # a value for each position, by group
-# one-argument functions that LLVM hands to the C library, lane by lane
-LIBRARY = {
-    "exp": "exp", "log": "log", "tan": "tan", "asin": "asin", "acos": "acos", "atan": "atan",
-    "sinh": "sinh", "cosh": "cosh", "tanh": "tanh",
-}  # fmt: skip
+if TYPE_CHECKING:
+    from robodyn_cli.kernels.bytecode.code import Bytecode
 
+Inputs = Mapping[str, Sequence[Value] | Array]  # a value for each position, by group; the table of numbers
 
-def _where(f: Function, x: Value, a: Value, b: Value) -> Value:
-    return f.select(f.compare("ogt", x, 0.0), a, b)
-
-
-def _sign(f: Function, x: Value) -> Value:
-    one = f.intrinsic("copysign", [f.constant(1.0, x.width), x])
-    # x itself where it is zero or NaN
-    return f.select(f.compare("une", x, 0.0) & f.compare("ord", x, 0.0), one, x)
+INLINE_LIMIT = 400  # operations; longer programs become functions
+LANES = 8
+REGISTERS = "registers"  # argument of functions that evaluate programs: memory for those that are data
 
 
 def _table(f: Function, x: Value, at: str, n: int, order: int) -> Value:
@@ -60,50 +52,71 @@ def _table(f: Function, x: Value, at: str, n: int, order: int) -> Value:
     return f.pack(results, x.width)
 
 
-class Table:
-    """The table of a program at an address, its entries in registers.
+class Loaded(Array):
+    """A program's table of numbers with its entries in registers.
 
     Make it before the program's inputs are loaded: LLVM orders the factors of a product by where they come from, and
     only with numbers first does it order them as it does constants, so that products of variables are shared.
     """
 
-    def __init__(self, f: Function, program: Program, base: str, width: int) -> None:
-        self.f, self.program, self.base = f, program, base
+    def __init__(self, numbers: Sequence[Value] | Array, program: Program, width: int) -> None:
+        assert isinstance(numbers, Array)
+        super().__init__(numbers.f, numbers.base)
         places = [i.value for i in program.instructions if i.op == "number"]
-        self.values = {k: f.splat(f.load(f.offset(base, k)), width) for k in places}
+        self.entries = {k: self.f.splat(numbers[k], width) for k in places}
+
+    def __getitem__(self, k: Int | int) -> Value:
+        assert isinstance(k, int)
+        return self.entries[k]
 
 
 class _Lowering:
     """State of one lowering: values so far, and sines and cosines waiting to share a vector."""
 
-    def __init__(self, table: Table, inputs: Inputs, width: int, fused: bool) -> None:
-        self.f = table.f
-        self.table = table
-        self.code = table.program.instructions
+    def __init__(self, f: Function, program: Program, inputs: Inputs, width: int, fused: bool) -> None:
+        self.f = f
+        self.code = program.instructions
         self.inputs = inputs
         self.width = width
         self.fused = fused
         self.values: list[Value | None] = [None] * len(self.code)
         self.groups = _trigonometric_levels(self.code)
 
+    @property
+    def _numbers(self) -> Array:
+        numbers = self.inputs[NUMBERS]
+        assert isinstance(numbers, Array)
+        return numbers
+
+    def is_known(self, k: int) -> bool:
+        """Tell whether an instruction needs no more code before its use."""
+        return self.values[k] is not None or self.code[k].op == "number"
+
+    def value(self, k: int) -> Value:
+        """Return an instruction's value."""
+        i = self.code[k]
+        found = self.f.splat(self._numbers[i.value], self.width) if i.op == "number" else self.values[k]
+        assert found is not None
+        return found
+
     def need(self, k: int) -> None:
         """Compute instruction k and, before it, its arguments (an explicit stack: graphs may be deep)."""
         stack = [k]
         while stack:
             j = stack[-1]
-            if self.values[j] is not None:
+            if self.is_known(j):
                 stack.pop()
                 continue
             instruction = self.code[j]
             if instruction.op in TRIGONOMETRIC:
                 angles = self.groups[j]
-                waiting = [a for a in angles if self.values[a] is None]
+                waiting = [a for a in angles if not self.is_known(a)]
                 if waiting:
                     stack.extend(waiting)
                     continue
                 self._trigonometry(angles)
             else:
-                waiting = [a for a in instruction.args if self.values[a] is None]
+                waiting = [a for a in instruction.args if not self.is_known(a)]
                 if waiting:
                     stack.extend(waiting)
                     continue
@@ -117,7 +130,7 @@ class _Lowering:
         per_vector = 8 if self.width == 1 else 1
         for first in range(0, len(pending), per_vector):
             chunk = pending[first : first + per_vector]
-            xs = [x for x in (self.values[a] for a in chunk) if x is not None]
+            xs = [self.value(a) for a in chunk]
             if self.width == 1 and len(chunk) > 1 and self.fused:
                 lanes = 2
                 while lanes < len(chunk):
@@ -137,39 +150,11 @@ class _Lowering:
         if i.op == "sym":
             group, position = i.value
             return f.splat(self.inputs[group][position], self.width)
-        if i.op == "number":
-            return self.table.values[i.value]
-        args = [v for v in (self.values[a] for a in i.args) if v is not None]
-        if i.op == "add":
-            return args[0] + args[1]
-        if i.op == "sub":
-            return args[0] - args[1]
-        if i.op == "mul":
-            return args[0] * args[1]
-        if i.op == "div":
-            return args[0] / args[1]
-        if i.op == "neg":
-            return -args[0]
-        if i.op == "sqrt":
-            return f.sqrt(args[0])
-        if i.op == "abs":
-            return f.abs(args[0])
-        if i.op == "sign":
-            return _sign(f, args[0])
-        if i.op == "min":
-            return f.min(args[0], args[1])
-        if i.op == "max":
-            return f.max(args[0], args[1])
-        if i.op == "where":
-            return _where(f, args[0], args[1], args[2])
-        if i.op in ("pow", "atan2"):
-            return f.intrinsic(i.op, args)
-        if i.op in LIBRARY:
-            return f.intrinsic(LIBRARY[i.op], args)
+        args = [self.value(a) for a in i.args]
         if i.op == "table":
             first, count, order = i.value
-            return _table(f, args[0], f.offset(self.table.base, first), count, order)
-        raise CapabilityError(f"the operation {i.op} cannot be compiled")
+            return _table(f, args[0], f.offset(self._numbers.base, first), count, order)
+        return operation(f, i.op, args, self.fused)
 
 
 def _trigonometric_levels(code: Sequence[Instruction]) -> dict[int, dict[int, list[int]]]:
@@ -187,39 +172,35 @@ def _trigonometric_levels(code: Sequence[Instruction]) -> dict[int, dict[int, li
     return members
 
 
-def lower(table: Table, inputs: Inputs, width: int, fused: bool = True) -> dict[str, list[Value]]:
+def lower(
+    f: Function, program: Program, inputs: Inputs, width: int, fused: bool = True
+) -> dict[str, list[Value]]:
     """Emit a program and return the values of its outputs.
 
     Parameters
     ----------
-    table : the program and its table, made before the inputs.
-    inputs : for each symbol group, a value for each position (scalars are spread over the lanes).
+    inputs : for each symbol group, a value for each position (scalars are spread over the lanes); ``NUMBERS``, the
+        program's table of numbers, as an ``Array``.
     width : lanes of the arithmetic.
     fused : whether the machine has fused multiply-add.
     """
-    f, program = table.f, table.program
-    state = _Lowering(table, inputs, width, fused)
+    state = _Lowering(f, program, inputs, width, fused)
     for k in range(len(program.instructions)):
         state.need(k)
-    found: dict[str, list[Value]] = {}
-    for name, entries in program.outputs.items():
-        row = []
-        for e in entries:
-            value = f.constant(e, width) if isinstance(e, float) else state.values[e]
-            assert value is not None
-            row.append(value)
-        found[name] = row
-    return found
+    return {
+        name: [f.constant(e, width) if isinstance(e, float) else state.value(e) for e in entries]
+        for name, entries in program.outputs.items()
+    }
 
 
 def call_program(
-    f: Function, name: str, program: Program, base: str, inputs: Inputs, width: int
+    f: Function, name: str, program: Program, inputs: Inputs, width: int
 ) -> dict[str, list[Value]]:
     """Call a program emitted by ``outline`` (for code too long to be repeated in place).
 
-    Inputs that lie in memory as vectors of this width are read from where they are; ``base`` : address of the numbers.
+    Inputs that lie in memory as vectors of this width are read from where they are.
     """
-    pointers = [base]
+    pointers = []
     for group, count in program.inputs.items():
         source = inputs[group]
         if isinstance(source, Array) and source.width == width and source.stride is None:
@@ -229,6 +210,10 @@ def call_program(
         for k in range(count):
             f.store(f.splat(source[k], width), f.offset(address, k * width), 8 * width)
         pointers.append(address)
+    if program.numbers:
+        numbers = inputs[NUMBERS]
+        assert isinstance(numbers, Array)
+        pointers.append(numbers.base)
     results = {}
     for output, entries in program.outputs.items():
         results[output] = f.slot(width, max(1, len(entries)))
@@ -241,18 +226,95 @@ def call_program(
 
 
 def outline(name: str, program: Program, width: int, fused: bool, flags: str) -> Function:
-    """Return a program as an internal function that works on memory; its numbers come first."""
-    arguments = [f"ptr noalias readonly %{NUMBERS}"]
-    arguments += [f"ptr noalias readonly %in.{g}" for g in program.inputs]
+    """Return a program as an internal function that works on memory."""
+    read = [*program.inputs, *([NUMBERS] if program.numbers else [])]
+    arguments = [f"ptr noalias readonly %in.{g}" for g in read]
     arguments += [f"ptr noalias %out.{o}" for o in program.outputs]
     f = Function(name, arguments, internal=True, attributes="noinline", flags=flags)
-    table = Table(f, program, f"%{NUMBERS}", width)
-    inputs = {
-        g: [f.load(f.offset(f"%in.{g}", k * width), width, 8 * width) for k in range(n)]
-        for g, n in program.inputs.items()
-    }
-    for output, values in lower(table, inputs, width, fused).items():
+    inputs: dict[str, Sequence[Value] | Array] = {NUMBERS: Loaded(Array(f, f"%in.{NUMBERS}"), program, width)}
+    for g, n in program.inputs.items():
+        inputs[g] = [f.load(f.offset(f"%in.{g}", k * width), width, 8 * width) for k in range(n)]
+    for output, values in lower(f, program, inputs, width, fused).items():
         for k, v in enumerate(values):
             f.store(f.splat(v, width), f.offset(f"%out.{output}", k * width), 8 * width)
     f.ret()
     return f
+
+
+class Programs:
+    """Where the programs of one module are: short ones in place, others once in ``functions``.
+
+    interpreted : whether the others are data, which an interpreter works off, instead of machine code.
+    room : doubles that the functions' argument ``%registers`` has to point to.
+    """
+
+    def __init__(self, fused: bool, interpreted: bool = False) -> None:
+        self.fused, self.interpreted = fused, interpreted
+        self.functions: dict[str, Function] = {}
+        self.room = 0
+        self._encoded: dict[str, tuple[Bytecode, str]] = {}
+        self._registers: dict[tuple[str, int], int] = {}
+
+    def evaluate(self, f: Function, program: Program, inputs: Inputs, width: int) -> dict[str, list[Value]]:
+        """Emit the evaluation of a program in a function; return the values of its outputs.
+
+        inputs : as of ``lower``, or arrays in memory.
+        """
+        if program.operations <= INLINE_LIMIT:
+            return lower(f, program, _values(f, program, inputs, width), width, self.fused)
+        if self.interpreted and not program.has_tables:
+            return self._interpret(f, program, inputs, width)
+        name = f"program.{program.digest[:12]}.{width}"
+        if name not in self.functions:
+            self.functions[name] = outline(name, program, width, self.fused, f.flags)
+        return call_program(f, name, program, inputs, width)
+
+    def _interpret(self, f: Function, program: Program, inputs: Inputs, width: int) -> dict[str, list[Value]]:
+        """Emit the evaluation of a program that is data."""
+        from robodyn_cli.kernels.bytecode.code import encode, kinds_of
+        from robodyn_cli.kernels.bytecode.interpreter import interpreter, set_constants
+
+        if program.digest not in self._encoded:
+            code = encode(program, kinds_of(program))
+            self._encoded[program.digest] = code, f.integers(f"code.{program.digest[:12]}", code.code)
+        code, address = self._encoded[program.digest]
+        function = f"interpret.{len(code.kinds)}.{width}"
+        if function not in self.functions:
+            self.functions[function] = interpreter(function, code.kinds, width, self.fused)
+        place = program.digest, width
+        if place not in self._registers:
+            self._registers[place] = self.room
+            # each where a vector of any width may be
+            self.room += -(-code.registers * width // LANES) * LANES
+        registers = Array(f, f.offset(f"%{REGISTERS}", self._registers[place]), width)
+        numbers = inputs[NUMBERS]
+        assert isinstance(numbers, Array)
+        set_constants(f, code, registers, numbers)
+        first = 0
+        for group, count in code.inputs.items():
+            source, target = inputs[group], registers.part(first)
+            first += count
+            if isinstance(source, Array):
+                with f.count(count) as k:
+                    target[k] = source[k]
+            else:
+                for position, value in enumerate(source[:count]):
+                    target[position] = value
+        f.call(function, [f"ptr {address}", f"ptr {registers.base}"])
+        return {
+            output: [f.constant(e, width) if isinstance(e, float) else registers[e] for e in entries]
+            for output, entries in code.outputs.items()
+        }
+
+
+def _values(f: Function, program: Program, inputs: Inputs, width: int) -> Inputs:
+    """Load those inputs that are in memory, as far as they are used."""
+    used = {i.value for i in program.instructions if i.op == "sym"}
+    zero = f.constant(0.0, width)
+    found: dict[str, Sequence[Value] | Array] = {NUMBERS: Loaded(inputs[NUMBERS], program, width)}
+    for group, count in program.inputs.items():
+        source = inputs[group]
+        if isinstance(source, Array):
+            source = [source[k] if (group, k) in used else zero for k in range(count)]
+        found[group] = source
+    return found

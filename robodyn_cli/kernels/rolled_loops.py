@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.kernels.ir import RELAXED, Function, Int, Value, module
-from robodyn_cli.kernels.lower import Table, lower
+from robodyn_cli.kernels.lower import lower
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.kernels.rolled_recursion import Recursion, Step, Sweep
 from robodyn_cli.kernels.rolled_steps import BODY_CONSTANTS, DOWN, UP, Place
@@ -209,7 +209,6 @@ class Loops:
         f = self.f
         columns = {"q": f.load_int(f.offset(row, Row.Q))}
         columns["v"] = columns["x"] = columns["out"] = f.load_int(f.offset(row, Row.V))
-        table = Table(f, step.program, "null", self.width)  # a body's are in its row of the table
         inputs: dict[str, list[Value]] = {}
         nothing = f.constant(0.0, self.width)
         for group, places in _used(step.program).items():
@@ -217,7 +216,7 @@ class Loops:
                 self._input(group, k, row, own, columns) if k in places else nothing
                 for k in range(max(places) + 1)
             ]
-        for group, values in lower(table, inputs, self.width, self.fused).items():
+        for group, values in lower(f, step.program, inputs, self.width, self.fused).items():
             for k, value in zip(step.places[group], values):
                 if group == "out":
                     f.store(f.splat(value, self.width), self.at(group, columns[group] + k))

@@ -11,10 +11,11 @@ import pytest
 
 from robodyn_cli.expr import functions as f
 from robodyn_cli.expr.graph import Graph
+from robodyn_cli.kernels.arrays import Array as Rows
 from robodyn_cli.kernels.compiler import compile_module
 from robodyn_cli.kernels.ir import RELAXED, Function, module
-from robodyn_cli.kernels.lower import Table, call_program, lower, outline
-from robodyn_cli.kernels.program import Program, make_program
+from robodyn_cli.kernels.lower import call_program, lower, outline
+from robodyn_cli.kernels.program import NUMBERS, Program, make_program
 from tests.kernels import WIDTHS
 
 RNG = np.random.default_rng(11)
@@ -35,18 +36,18 @@ def program(graph: Graph) -> Program:
 def kernel(body: Program, width: int, fused: bool, outlined: bool) -> Any:
     """Return ``f(t, q, p, numbers, out)`` for one vector of samples; p is a number a parameter."""
     g = Function("f", [f"ptr %{n}" for n in ("t", "q", "p", "numbers", "out")], flags=RELAXED)
-    table = Table(g, body, "%numbers", width)
     inputs = {
         "t": [g.load("%t", width)],
         "q": [g.load(g.offset("%q", k * width), width) for k in range(3)],
         "p": [g.load(g.offset("%p", k)) for k in range(2)],
+        NUMBERS: Rows(g, "%numbers"),
     }
     functions = [g]
     if outlined:
         functions.append(outline("body", body, width, fused, RELAXED))
-        found = call_program(g, "body", body, "%numbers", inputs, width)
+        found = call_program(g, "body", body, inputs, width)
     else:
-        found = lower(table, inputs, width, fused)
+        found = lower(g, body, inputs, width, fused)
     for k, value in enumerate([*found["a"], *found["z"], *found["none"]]):
         g.store(g.splat(value, width), g.offset("%out", k * width))
     g.ret()
