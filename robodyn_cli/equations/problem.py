@@ -20,6 +20,7 @@ from robodyn_cli.algorithms.energy import gravity_energy, kinetic_energy, spring
 from robodyn_cli.algorithms.kinematics import Pose, moved, poses, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
+from robodyn_cli.equations.braces import Braces, with_force, with_inertia
 from robodyn_cli.equations.constraints import Constraints as Constraints
 from robodyn_cli.equations.constraints import coordinate_row
 from robodyn_cli.equations.contact_joints import ContactJoint, contact_joints
@@ -57,6 +58,7 @@ class Problem:
     symbolic : constants kept as parameters p, in this order (see ``build_model``).
     keep_rows : constraint rows to keep, by index; all by default.
     dependent : rows that depend on each other in every pose (see ``independent_rows``).
+    braces : inertias that prescribed joints need beside their own (see ``equations/braces.py``).
     """
 
     def __init__(
@@ -66,6 +68,7 @@ class Problem:
         keep_rows: Sequence[int] | None = None,
         model: Model | None = None,
         dependent: Sequence[Dependence] = (),
+        braces: Braces | None = None,
     ) -> None:
         self.scene = scene = with_places(scene)
         self.model = model if model is not None else build_model(scene, symbolic)
@@ -74,8 +77,8 @@ class Problem:
         self.q: list[Expr] = graph.symbols(self.model.q_names, "q")
         self.v: list[Expr] = graph.symbols([f"{n}'" for n in self.model.v_names], "v")
         self.a: list[Expr] = graph.symbols([f"{n}''" for n in self.model.v_names], "a")
-        self.keep_rows = keep_rows
-        self.dependent = tuple(dependent)
+        self.keep_rows, self.dependent = keep_rows, tuple(dependent)
+        self.braces: Braces = braces or {}
 
     def numbers(
         self, entries: Any, q: Array, t: float = 0.0, v: Array | None = None, p: Array | None = None
@@ -118,12 +121,13 @@ class Problem:
 
     @cached_property
     def mass_matrix(self) -> Matrix:
-        return crba(self.rigid, self.q, self.X)
+        return with_inertia(crba(self.rigid, self.q, self.X), self.braces)
 
     @cached_property
     def bias(self) -> Vector:
         """h = C v + G."""
-        return rnea(self.rigid, self.q, self.v, zeros(self.model.nv), self.gravity, self.X)
+        h = rnea(self.rigid, self.q, self.v, zeros(self.model.nv), self.gravity, self.X)
+        return with_force(h, self.braces, self.all_constraints)
 
     @cached_property
     def inverse_dynamics(self) -> Vector:
@@ -237,6 +241,11 @@ class Problem:
     # -- constraints ----------------------------------------------------------------------------------
     @cached_property
     def constraints(self) -> Constraints:
+        """The rows that are kept."""
+        return self.all_constraints if self.keep_rows is None else self.all_constraints.only(self.keep_rows)
+
+    @cached_property
+    def all_constraints(self) -> Constraints:
         """Rows of the loop closures, then of couplers, then of prescribed joints."""
         rows: list[Row] = []
         dropped: list[str] = []
@@ -259,8 +268,7 @@ class Problem:
             kind = self.model.q_units[self.model.q_names.index(name)]
             target = formula.evaluate(env)
             rows.append(coordinate_row(f"prescribed.{name}", self.model, self.q, {name: 1.0}, target, kind))
-        found = Constraints(tuple(rows), tuple(dropped), tuple(range(first, len(rows))))
-        return found if self.keep_rows is None else found.only(self.keep_rows)
+        return Constraints(tuple(rows), tuple(dropped), tuple(range(first, len(rows))))
 
     @property
     def constraint_rows(self) -> tuple[Row, ...]:

@@ -77,7 +77,12 @@ def locked(problem: Problem, first: str, second: str, q: Array, t: float) -> Loc
     ends = _ends(problem, first, second, q, t)
     element = FixedLoop(name=name, type="fixed", between=(first, second))
     loops = (*model.loops, Loop(name, element, *ends))
-    whole = Problem(problem.scene, model=dataclasses.replace(model, loops=loops), dependent=problem.dependent)
+    whole = Problem(
+        problem.scene,
+        model=dataclasses.replace(model, loops=loops),
+        dependent=problem.dependent,
+        braces=problem.braces,
+    )
     rows = whole.constraints.rows
     psi = whole.numbers(whole.psi, q, t)
     before = set(problem.constraints.names)
@@ -98,7 +103,9 @@ def locked(problem: Problem, first: str, second: str, q: Array, t: float) -> Loc
             added.append(best)
             left.remove(best)
     keep = [i for i, row in enumerate(rows) if row.name in before or i in added]
-    problem_locked = Problem(problem.scene, keep_rows=keep, model=whole.model, dependent=problem.dependent)
+    problem_locked = Problem(
+        problem.scene, keep_rows=keep, model=whole.model, dependent=problem.dependent, braces=problem.braces
+    )
     new = tuple(rows[i].name for i in sorted(added))
     return Locked(problem_locked, name, new, model.nv - len(basis))
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError
+from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.loops.base import Row
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
@@ -18,7 +21,7 @@ from robodyn_cli.run.mechanism.report import add_rows
 from robodyn_cli.run.observation.evaluation import SampleFunction
 from robodyn_cli.run.observation.singular_values import singular_values
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.load_sharing import accelerations
+from robodyn_cli.solve.load_sharing import LostRank, TooFewActuators, accelerations, share
 from robodyn_cli.spatial.algebra import Array
 
 
@@ -86,6 +89,17 @@ class ClosedLoops(InverseProgram):
         arrays["dissipation"] = arrays["dissipation"] - work
         loops = Loops(psi, shared, planned.residuals, self.actuated, driven)
         return Sampled(times, motion, shared.terms, arrays, planned.counters, loops)
+
+    def _shared_by(self) -> list[Scalar]:
+        return self.others["psi"]
+
+    def _shared(self, loads: Mapping[str, Array], by: Array, sampled: Sampled) -> Array | None:
+        assert sampled.loops is not None
+        psi = by.reshape(len(by), len(self.rows), self.problem.model.nv)
+        try:
+            return share(psi, sampled.loops.driven, loads).tau
+        except (LostRank, TooFewActuators):
+            return None
 
     def forward(self, sampled: Sampled) -> tuple[Array, Array]:
         # solves for the free motion with M and h, which the torques did not use
