@@ -192,10 +192,8 @@ def _binary(op: str, a: Any, b: Any) -> Any:
             return a - b.args[0] if op == "add" else a + b.args[0]
         if is_negated(a):
             return b - a.args[0] if op == "add" else -(a.args[0] + b)
-        total = x + y if op == "add" else x - y
-        if math.isfinite(total) and abs(total) <= CANCELLED * max(abs(x), abs(y)):
-            return 0.0
-        return _made(op, _sorted(op, a, b), total)
+        total = _sum(op, a, b)
+        return total if total else 0.0
     if op == "mul":
         if is_plain(a, 0.0) or is_plain(b, 0.0):
             return 0.0
@@ -217,6 +215,22 @@ def _binary(op: str, a: Any, b: Any) -> Any:
     return (
         _made(op, _sorted(op, a, b), value) if isinstance(value, float) and not math.isnan(value) else value
     )
+
+
+def _sum(op: str, a: float, b: float) -> Fixed:
+    """Return a + b or a - b; where they cancel a number that is zero."""
+    x, y = float(a), float(b)
+    total = x + y if op == "add" else x - y
+    if math.isfinite(total) and abs(total) <= CANCELLED * max(abs(x), abs(y)):
+        total = 0.0
+    return _made(op, _sorted(op, a, b), total)
+
+
+def collected(op: str, a: float, b: float) -> float:
+    """Return the number of a x + b x or a x - b x; two of the scene that happen to cancel are no structural zero."""
+    if isinstance(a, Fixed) or isinstance(b, Fixed):
+        return _sum(op, a, b)
+    return a + b if op == "add" else a - b
 
 
 def _sorted(op: str, a: float, b: float) -> tuple[float, float]:

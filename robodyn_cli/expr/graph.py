@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any, Union
 
-from robodyn_cli.expr.fixed import Fixed, is_negated, is_plain
+from robodyn_cli.expr.fixed import Fixed, collected, is_negated, is_plain
 
 Scalar = Union[float, "Expr"]
 
@@ -157,8 +157,8 @@ class Graph:
             return self.sub(a, b.args[0])
         if a.op == "neg":
             return self.sub(b, a.args[0])
-        factor, x = _like_terms(a, b, 1.0)
-        return self._binary("add", a, b) if x is None else self.mul(factor, x)
+        like = _like_terms("add", a, b)
+        return self._binary("add", a, b) if like is None else self.mul(*like)
 
     def sub(self, a: Scalar, b: Scalar) -> Scalar:
         """Return a - b."""
@@ -181,8 +181,8 @@ class Graph:
             return self.add(a, b.args[0])
         if a.op == "neg":
             return self.neg(self.add(a.args[0], b))
-        factor, x = _like_terms(a, b, -1.0)
-        return self._binary("sub", a, b) if x is None else self.mul(factor, x)
+        like = _like_terms("sub", a, b)
+        return self._binary("sub", a, b) if like is None else self.mul(*like)
 
     def neg(self, a: Scalar) -> Scalar:
         """Return -a."""
@@ -317,17 +317,10 @@ def _split_product(a: Expr) -> tuple[float, Expr]:
     return 1.0, a
 
 
-def _like_terms(a: Expr, b: Expr, sign: float) -> tuple[float, Expr | None]:
-    """Return c and x with a + sign b = c x, None for x where the terms differ by more than a number.
-
-    Two moments of inertia that happen to be equal do not cancel: that they are is no structure.
-    """
+def _like_terms(op: str, a: Expr, b: Expr) -> tuple[float, Expr] | None:
+    """Return c and x with a + b = c x (``add``) or a - b = c x (``sub``), None where they differ by more than a number."""
     (factor, x), (other, y) = _split_product(a), _split_product(b)
-    if x is not y:
-        return 0.0, None
-    total = factor + sign * other
-    known = not isinstance(factor, Fixed) and not isinstance(other, Fixed)
-    return (total, x) if total or known else (0.0, None)
+    return (collected(op, factor, other), x) if x is y else None
 
 
 def reachable(outputs: Iterable[Scalar]) -> list[Expr]:
