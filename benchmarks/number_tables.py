@@ -55,12 +55,9 @@ def samples(name: str, what: str) -> Case:
     outputs = p.inverse_dynamics if what == "inverse" else p.free_accelerations(forces - p.bias)
     kernel = SampleKernel({"r": list(outputs)}, ["q", "v", "a", "p"])
     rng = np.random.default_rng(0)
-    inputs = {
-        group: rng.uniform(-1.0, 1.0, count)
-        if group == "p"
-        else np.asfortranarray(rng.uniform(-1, 1, (SAMPLES, count)))
-        for group, count in kernel.program.inputs.items()
-    }
+    counts = kernel.program.inputs.items()
+    inputs = {group: np.asfortranarray(rng.uniform(-1.0, 1.0, (SAMPLES, count))) for group, count in counts}
+    inputs = {group: x[0] if group == "p" else x for group, x in inputs.items()}
     return lambda: kernel(**inputs), kernel.program.operations
 
 

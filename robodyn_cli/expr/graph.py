@@ -318,7 +318,7 @@ def _split_product(a: Expr) -> tuple[float, Expr]:
 
 
 def _like_terms(op: str, a: Expr, b: Expr) -> tuple[float, Expr] | None:
-    """Return c and x with a + b = c x (``add``) or a - b = c x (``sub``), None where they differ by more than a number."""
+    """Return c and x with a + b = c x (``add``) or a - b = c x (``sub``), None where the terms are not alike."""
     (factor, x), (other, y) = _split_product(a), _split_product(b)
     return (collected(op, factor, other), x) if x is y else None
 
