@@ -20,9 +20,8 @@ from robodyn_cli.algorithms.energy import gravity_energy, kinetic_energy, spring
 from robodyn_cli.algorithms.kinematics import Pose, poses, slice_q, slice_v, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
-from robodyn_cli.equations.braces import Braces, with_force, with_inertia
+from robodyn_cli.equations.constraints import Braces, coordinate_row, with_force, with_inertia
 from robodyn_cli.equations.constraints import Constraints as Constraints
-from robodyn_cli.equations.constraints import coordinate_row
 from robodyn_cli.equations.contact_joints import ContactJoint, contact_joints
 from robodyn_cli.equations.dependence import (
     Combination,
@@ -58,7 +57,7 @@ class Problem:
     symbolic : constants kept as parameters p, in this order (see ``build_model``).
     keep_rows : constraint rows to keep, by index; all by default.
     dependent : rows that depend on each other in every pose (see ``independent_rows``).
-    braces : inertias that prescribed joints need beside their own (see ``equations/braces.py``).
+    braces : inertias that prescribed joints need beside their own (see ``equations/constraints.py``).
     """
 
     def __init__(

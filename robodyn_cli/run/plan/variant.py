@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any
 
 from robodyn_cli.algorithms.rnea import rnea
-from robodyn_cli.equations.braces import Braces, with_force
+from robodyn_cli.equations.constraints import Braces, with_force
 from robodyn_cli.equations.dependence import Dependence
 from robodyn_cli.equations.problem import Constraints, Problem
 from robodyn_cli.expr.graph import Graph
