@@ -17,7 +17,7 @@ from robodyn_cli.algorithms.aba import ArticulatedFactor
 from robodyn_cli.algorithms.constraints import LoopRows, Multipliers, solve_with_multipliers, vanishes
 from robodyn_cli.algorithms.crba import crba
 from robodyn_cli.algorithms.energy import gravity_energy, kinetic_energy, spring_energy
-from robodyn_cli.algorithms.kinematics import Pose, poses, slice_q, slice_v, transforms
+from robodyn_cli.algorithms.kinematics import Pose, moved, poses, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.equations.constraints import Braces, coordinate_row, with_force, with_inertia
@@ -42,7 +42,7 @@ from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.model.places import with_places
 from robodyn_cli.scene import types as sc
-from robodyn_cli.spatial.algebra import Array, Matrix, Transform, Values, Vector, vector, zeros
+from robodyn_cli.spatial.algebra import Array, Matrix, Transform, Values, Vector, dot, zeros
 
 CANCELLATION = 1e3  # so many units of rounding may be lost in a difference of moments of inertia
 DENSE_LIMIT = 12  # velocities up to which the factored mass matrix is tried: it grows with their cube
@@ -255,7 +255,7 @@ class Problem:
                     dropped.append(row.name)
                 else:
                     rows.append(row)
-        env = {"t": self.t, **{f"p.{n}": x for n, x in self.scene.parameters.items()}}
+        env = self._environment()
         for coupler in self.scene.couplers:
             value = 0.0 if coupler.value is None else coupler.value.evaluate(env)
             units = {self.model.q_units[self.model.q_names.index(name)] for name in coupler.terms}
@@ -289,11 +289,7 @@ class Problem:
 
     def moved(self, dq: Values) -> list[Scalar]:
         """Return q - dq (nq,) for a step dq (nv,), along the joints' manifolds."""
-        q: list[Scalar] = list(self.q)
-        for body in self.model.bodies:
-            step = vector([-x for x in slice_v(body, dq)])
-            q[body.q : body.q + body.joint.nq] = body.joint.integrate(slice_q(body, self.q), step)
-        return q
+        return moved(self.model, self.q, [-x for x in dq])
 
     @property
     def loop_rank(self) -> int:
@@ -377,9 +373,7 @@ class Problem:
     @cached_property
     def applied_power(self) -> Scalar:
         """Power of actuators, damping and forces between bodies that have no potential."""
-        total: Scalar = 0.0
-        for tau, v in zip(self.actuator_torques, self.v):
-            total = total + tau * v
+        total: Scalar = dot(self.actuator_torques, self.v)
         for place, torque in self.dissipated:
             total = total + torque * self.v[place]
         return total + self.elements.power

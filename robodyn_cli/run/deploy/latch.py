@@ -16,7 +16,7 @@ from robodyn_cli.record import record
 from robodyn_cli.run.deploy.summary import LatchKeys
 from robodyn_cli.spatial.algebra import Array, identity, snap, vector
 
-NEW = 1e-6  # part of a row that the others must leave before it counts as a further constraint
+NEW = 1e-6  # part of a row that must be independent of the others for it to count as a further constraint
 
 
 @record
@@ -24,7 +24,7 @@ class Locked:
     """A mechanism with its latch closed.
 
     problem : the equations with the latch as one more closure. name : of that closure. rows : names of the latch's
-    rows that say something new. freedom : degrees of freedom that are left.
+    rows that do not follow from the others. freedom : degrees of freedom that are left.
     """
 
     problem: Problem

@@ -23,18 +23,14 @@ from robodyn_cli.run.observation.recorder import Recorder
 from robodyn_cli.spatial.algebra import Array
 
 Tick = Callable[[float], None] | None
-# the second run: so many times the steps, so that both together take less than three times the first, unless a
-# tolerance so much tighter does it with fewer
-MORE_STEPS = 1.9
-MOST_STEPS = 4
-TIGHTER = 50.0
+MORE_STEPS = 1.9  # times the steps of the first run: both together take less than three times its time
+MOST_STEPS = 4  # times the steps of the first run, at which the second is given up
+TIGHTER = 50.0  # times, at most: a tolerance so much tighter is enough even where it takes fewer steps
 TIGHTEST_RTOL = 1e-14  # not below what double precision can resolve
 FINEST_RTOL = 1e-12  # below it, methods of high order are at rounding, where a tighter tolerance says nothing
-SHORTER = 0.6
+SHORTER = 0.6  # times the mean step of the first run, where a tighter tolerance says nothing
 HIGH_ORDER = 7
-NOT_MEANINGFUL = (
-    1e-2  # part of its range beyond which an estimate of a quantity says no more than that it is lost
-)
+NOT_MEANINGFUL = 1e-2  # part of the range of a quantity above which its error means that its digits are lost
 AT_ROUNDING = 100.0  # times the rounding floor
 NEAR_ROUNDING = 1e3  # times the rounding of the state: below it what rounds the accelerations is looked at
 HALF_UNIT = 1.1e-16

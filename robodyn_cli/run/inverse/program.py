@@ -101,20 +101,20 @@ class InverseProgram(ABC):
     problem : equations of the scene; the point that the trajectory leads is among its points.
     duration : of the motion [s].
     terms : of the load on actuators (and loops), by name: their sum is the generalised force (nv,) [N m or N].
-    beside : energies, power, bias, and the rows of the loops, by name. places : points, frames and outlines.
+    others : energies, power, bias, and the rows of the loops, by name. places : points, frames and outlines.
     """
 
     problem: Problem
     duration: float
     terms: Outputs
-    beside: Outputs
+    others: Outputs
     places: Outputs
 
     @property
     def outputs(self) -> Outputs:
         """All expressions that are evaluated at samples, by result path where they are datasets."""
         terms = {f"torque_terms/{name}": term for name, term in self.terms.items()}
-        return {**terms, **self.beside, **self.places}
+        return {**terms, **self.others, **self.places}
 
     def loads(self, arrays: Mapping[str, Array]) -> dict[str, Array]:
         """Return the terms (T, nv) by name from the evaluated arrays."""
@@ -221,7 +221,7 @@ def energies(problem: Problem, terms: Outputs) -> Outputs:
     return {name: without_idle_unknowns(entries, needed) for name, entries in found.items()}
 
 
-def parts(problem: Problem) -> dict[str, Outputs]:
+def expressions_of(problem: Problem) -> dict[str, Outputs]:
     """Return the expressions of every program, as fields of ``InverseProgram``."""
     terms = torque_terms(problem)
-    return {"terms": terms, "beside": energies(problem, terms), "places": place_outputs(problem)}
+    return {"terms": terms, "others": energies(problem, terms), "places": place_outputs(problem)}
