@@ -62,7 +62,7 @@ def _plain(kind: Kind) -> str:
     if isinstance(kind, Either):
         return ", or ".join(_plain(k) for k in kind.kinds)
     if isinstance(kind, OrFile):
-        return f"{_plain(kind.item)}, or the path of a YAML{' or URDF' if kind.urdf else ''} file"
+        return f"{_plain(kind.item)}, or the path of a YAML{' or URDF' if kind.robot else ''} file"
     if isinstance(kind, Section):
         return "a map"
     if isinstance(kind, Inline):
