@@ -39,6 +39,7 @@ COMMANDS: dict[str, Command] = {
         "Balance and its stability, or torques that hold a pose.", "mechanism.statics:statics"
     ),
     "plan": Command("What a scene needs, what is left out, and operations."),
+    "animate": Command("Make a movie of a result, or a strip of stills."),
     "check": Command("Check a result against what its scene expects."),
     "compare": Command("Compare two results dataset by dataset."),
     "import": Command("Write the robot of a URDF file as YAML."),
@@ -49,6 +50,7 @@ COMMANDS: dict[str, Command] = {
     "stability": Command(
         "Stiffness, step limits, and what each method does.", "numerics.stability:stability"
     ),
+    "sweep": Command("Many runs with other values of some keys: sweeps and Monte Carlo."),
     "validate": Command("Check scenes and list all that is wrong."),
     "work-precision": Command("Error against run time, for every method."),
 }

@@ -97,6 +97,24 @@ def write_new(target: Path, text: str) -> None:
 
 
 @contextlib.contextmanager
+def written(target: Path) -> Iterator[Path]:
+    """Give a name to write to; what is there when the block ends becomes ``target``, and nothing if it fails.
+
+    Raises
+    ------
+    OutputError : it cannot be written.
+    """
+    temporary = temporary_path(target)
+    with output_errors(target):
+        try:
+            yield temporary
+            os.replace(temporary, target)
+        except BaseException:
+            discard(temporary)
+            raise
+
+
+@contextlib.contextmanager
 def uninterrupted() -> Iterator[None]:
     """Put an interrupt (Ctrl-C) off until the block has ended.
 

@@ -12,16 +12,17 @@ import numpy as np
 from robodyn_cli.algorithms.coriolis import coriolis
 from robodyn_cli.algorithms.kinematics import point_jacobian
 from robodyn_cli.errors import SceneError
-from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
+from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.joints.registry import joint_types
-from robodyn_cli.model.model import UNKNOWN_GROUP
+from robodyn_cli.model.model import unknown_among
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.driver.prepare import Setup, prepare
 from robodyn_cli.run.mechanism.state_text import state_overrides
 from robodyn_cli.run.observation.places import quaternions, world_pose
+from robodyn_cli.run.observation.units import joint_columns
 from robodyn_cli.scene.load import load_scene
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
@@ -139,7 +140,7 @@ class Numbers:
         """Return the values of expressions; NaN where data are missing."""
         entries = np.asarray(entries, dtype=object)
         flat: list[Scalar] = list(entries.ravel())
-        known = [k for k, e in enumerate(flat) if not _unknown(e)]
+        known = [k for k, e in enumerate(flat) if not unknown_among([e])]
         found = np.full(len(flat), math.nan)
         found[known] = np.array(evaluate([flat[k] for k in known], self.values), dtype=float)
         return found.reshape(entries.shape)
@@ -198,16 +199,12 @@ class Numbers:
         problem = self.problem
         result = Result.of("info", problem.scene)
         result.add("time", np.zeros(1))
-        for name, outline in problem.model.outlines.items():
-            corners = [self.array(problem.world_point(corner)) for corner in outline]
-            result.add(f"skeleton/{name}", np.array(corners)[None])
+        columns = joint_columns(problem.model)
+        for path, values in (("q", self.q), ("qd", self.v)):
+            result.add(path, values[None], long_name=path, **columns[path].described())
         for name, frame in problem.model.points.items():
             result.add(f"points/{name}", self.array(problem.world_point(frame))[None])
         return result
-
-
-def _unknown(entry: Scalar) -> bool:
-    return isinstance(entry, Expr) and any(s.value[1] == UNKNOWN_GROUP for s in free_symbols([entry]))
 
 
 def _joints(scene: Scene) -> list[dict[str, Any]]:
