@@ -42,6 +42,7 @@ COMMANDS: dict[str, Command] = {
     "animate": Command("Make a movie of a result, or a strip of stills."),
     "check": Command("Check a result against what its scene expects."),
     "compare": Command("Compare two results dataset by dataset."),
+    "import": Command("Write the robot of a URDF file as YAML."),
     "info": Command("Tree, frames, M, C, G and Jacobians at a state."),
     "new": Command("Write a commented scene to begin with."),
     "plot": Command("Draw stored results again, several over one another."),
@@ -50,6 +51,7 @@ COMMANDS: dict[str, Command] = {
     "stability": Command(
         "Stiffness, step limits, and what each method does.", "numerics.stability:stability"
     ),
+    "sweep": Command("Many runs with other values of some keys: sweeps and Monte Carlo."),
     "validate": Command("Check scenes and list all that is wrong."),
     "work-precision": Command("Error against run time, for every method."),
 }

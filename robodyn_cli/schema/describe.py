@@ -43,13 +43,15 @@ def _plain(kind: kinds.Kind) -> str:
     if isinstance(kind, kinds.Either):
         return ", or ".join(_plain(k) for k in kind.kinds)
     if isinstance(kind, kinds.OrFile):
-        return f"{_plain(kind.item)}, or the path of a YAML file"
+        return f"{_plain(kind.item)}, or the path of a YAML{' or URDF' if kind.urdf else ''} file"
     if isinstance(kind, kinds.Section):
         return "a map"
     if isinstance(kind, kinds.Inline):
         return f"the keys {', '.join(kind.registry())}"
     if isinstance(kind, kinds.Criteria):
         return "a map from keys of the summary to what is expected there"
+    if isinstance(kind, kinds.Variations):
+        return "a map from keys of the scene to what they vary over"
     if isinstance(kind, kinds.CsvFile):
         return "the path of a CSV file"
     return "a value"

@@ -67,10 +67,10 @@ class _Maker:
                 for key, element in kind.registry().items():
                     properties[key] = {"$ref": self.reference(element), "description": _doc(element)}
             elif kind is not None:
-                properties[field.name] = self.field(field)
+                properties[kinds.key_name(field)] = self.field(field)
                 no_default = field.default is dataclasses.MISSING
                 if no_default and field.default_factory is dataclasses.MISSING:
-                    required.append(field.name)
+                    required.append(kinds.key_name(field))
         if tag:
             properties[tag[0]] = {"const": tag[1]}
         if included:
@@ -119,6 +119,8 @@ class _Maker:
         if isinstance(kind, kinds.Criteria):
             value = {"type": ["number", "string", "boolean", "null", "object"]}
             return {"type": ["object", "null"], "additionalProperties": value}
+        if isinstance(kind, kinds.Variations):
+            return {"type": "object", "additionalProperties": {"type": ["string", "array"]}}
         return self.composite(kind)
 
     def composite(self, kind: kinds.Kind) -> Schema:
@@ -152,7 +154,8 @@ class _Maker:
         if isinstance(kind, kinds.Either):
             return {"anyOf": [self.kind(one) for one in kind.kinds]}
         if isinstance(kind, kinds.OrFile):
-            path = {"type": "string", "description": "Path of a YAML file, relative to this one."}
+            formats = "YAML or URDF" if kind.urdf else "YAML"
+            path = {"type": "string", "description": f"Path of a {formats} file, relative to this one."}
             return {"anyOf": [self.kind(kind.item), path, self.including(kind.item)]}
         raise TypeError(f"no JSON Schema of {type(kind).__name__}")
 

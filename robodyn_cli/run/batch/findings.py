@@ -77,7 +77,7 @@ def _place(error: RobodynError) -> dict[str, Any]:
 
 
 def _physical(scene: Scene, root: Node) -> list[SceneError]:
-    found = []
+    found = [SceneError(text) for text in scene.warnings]
     for k, link in enumerate(scene.robot.links):
         for text in body_problems(link):
             key = "inertia" if "inertia" in text or "moments" in text else "mass"

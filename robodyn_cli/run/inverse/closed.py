@@ -91,7 +91,7 @@ class ClosedLoops(InverseProgram):
         return Sampled(times, motion, shared.terms, arrays, planned.counters, loops)
 
     def _shared_by(self) -> list[Scalar]:
-        return self.beside["psi"]
+        return self.others["psi"]
 
     def _shared(self, loads: Mapping[str, Array], by: Array, sampled: Sampled) -> Array | None:
         assert sampled.loops is not None
