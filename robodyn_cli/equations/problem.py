@@ -20,6 +20,7 @@ from robodyn_cli.algorithms.energy import gravity_energy, kinetic_energy, spring
 from robodyn_cli.algorithms.kinematics import Pose, poses, slice_q, slice_v, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
+from robodyn_cli.decision import Decision
 from robodyn_cli.equations.constraints import Constraints as Constraints
 from robodyn_cli.equations.constraints import coordinate_row
 from robodyn_cli.equations.contact_joints import ContactJoint, contact_joints
@@ -104,26 +105,29 @@ class Problem:
     def mass_matrix(self) -> Matrix:
         return crba(self.rigid, self.q, self.X)
 
+    def newton_euler(self, v: Values, a: Values, gravity: Vector | None) -> Vector:
+        """Return M a + C v + G for rates v and accelerations a (nv,)."""
+        return rnea(self.rigid, self.q, v, a, gravity, self.X)
+
     @cached_property
     def bias(self) -> Vector:
         """h = C v + G."""
-        return rnea(self.rigid, self.q, self.v, zeros(self.model.nv), self.gravity, self.X)
+        return self.newton_euler(self.v, zeros(self.model.nv), self.gravity)
 
     @cached_property
     def inverse_dynamics(self) -> Vector:
         """M a + C v + G."""
-        return rnea(self.rigid, self.q, self.v, self.a, self.gravity, self.X)
+        return self.newton_euler(self.v, self.a, self.gravity)
 
     def rigid_terms(self) -> dict[str, Vector]:
         """Return M a, C v and G separately: ``inertia``, ``coriolis`` and, where there is gravity, ``gravity``."""
-        nv = self.model.nv
-        rest = zeros(nv)
+        rest = zeros(self.model.nv)
         terms = {
-            "inertia": rnea(self.rigid, self.q, rest, self.a, None, self.X),
-            "coriolis": rnea(self.rigid, self.q, self.v, rest, None, self.X),
+            "inertia": self.newton_euler(rest, self.a, None),
+            "coriolis": self.newton_euler(self.v, rest, None),
         }
         if self.gravity is not None:
-            terms["gravity"] = rnea(self.rigid, self.q, rest, rest, self.gravity, self.X)
+            terms["gravity"] = self.newton_euler(rest, rest, self.gravity)
         return terms
 
     # -- torques --------------------------------------------------------------------------------------
@@ -340,6 +344,18 @@ class Problem:
         """Return M^-1 f (nv,) of the open tree by the way that takes fewer operations."""
         return min(self.ways_to_accelerations(f).values(), key=count_operations)
 
+    @property
+    def solver(self) -> Decision:
+        """How the equations are solved for the accelerations."""
+        if self.has_multipliers:
+            return Decision("accelerations", "factored mass matrix", "the multipliers need the factor of M")
+        ways = self.ways_to_accelerations(self.applied - self.bias)
+        counts = {name: count_operations(list(a)) for name, a in ways.items()}
+        reason = "fewer operations"
+        if len(counts) == 1:
+            reason = f"{self.model.nv} joints: the factored mass matrix grows with their cube"
+        return Decision("accelerations", min(counts, key=counts.__getitem__), reason, counts)
+
     # -- energy ---------------------------------------------------------------------------------------
     @cached_property
     def kinetic(self) -> Scalar:
@@ -352,23 +368,21 @@ class Problem:
         return own + self.elements.potential
 
     @cached_property
-    def applied_power(self) -> Scalar:
-        """Power of actuators, damping and forces between bodies that have no potential."""
-        total: Scalar = 0.0
-        for tau, v in zip(self.actuator_torques, self.v):
-            total = total + tau * v
-        for place, torque in self.dissipated:
-            total = total + torque * self.v[place]
-        return total + self.elements.power
+    def applied_powers(self) -> dict[str, Scalar]:
+        """Power of the forces without a potential, but for those of constraints, by what exerts them."""
+        return {
+            "actuators": sum((tau * v for tau, v in zip(self.actuator_torques, self.v)), 0.0),
+            "friction, dampers or stops": sum((torque * self.v[k] for k, torque in self.dissipated), 0.0),
+            "forces on points and between bodies": self.elements.power,
+        }
 
-    @cached_property
-    def power(self) -> Scalar:
-        """Power of all forces without a potential: ``applied_power`` and prescribed motion."""
-        total = self.applied_power
-        for i in self.constraints.rheonomic:
-            # Psi^T lambda does work at the rate -lambda eta_t on a row that depends on time
-            total = total - self.forward.lam[i] * self.constraints.rows[i].eta_t
-        return total
+    @property
+    def powers(self) -> dict[str, Scalar]:
+        """Power of all forces without a potential, by what exerts them."""
+        rows = self.constraints
+        # Psi^T lambda does work at the rate -lambda eta_t on a row that depends on time
+        driven = sum((self.forward.lam[i] * rows.rows[i].eta_t for i in rows.rheonomic), 0.0)
+        return {**self.applied_powers, "prescribed motion": -driven}
 
     # -- places ---------------------------------------------------------------------------------------
     def world_point(self, frame: FixedFrame) -> Vector:

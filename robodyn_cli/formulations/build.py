@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from robodyn_cli.equations.contact_joints import moving_freely
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.expr.graph import Scalar, is_nonzero
+from robodyn_cli.expr.graph import is_nonzero
 from robodyn_cli.formulations.events import EventFunction, EventKind, Passing
 from robodyn_cli.formulations.formulated import Formulation
 from robodyn_cli.formulations.layout import Layout
@@ -47,7 +47,8 @@ def build_system(
     expanded : give expressions in any case, for callers that analyse them.
     """
     name = formulation_of(problem, stabilisation, expanded)
-    z_rate = work_rate(problem) if work else ()
+    doers = work_done_by(problem) if work else ()
+    z_rate = (sum(problem.powers.values(), 0.0),) if doers else ()
     found = FORMULATIONS[name](problem, z_rate, stabilisation)
     partition = found.partition or _row_combinations(problem)
     own = (*discontinuities(problem), *(partition.functions if partition is not None else ()))
@@ -61,6 +62,7 @@ def build_system(
         breakpoints=problem.switching.breakpoints,
         partition=partition,
         parameters=moving_freely(problem.contact_joints),
+        work_done_by=doers,
         forms=found.forms,
     )
     layout = Layout.of(problem.model, len(z_rate))
@@ -78,11 +80,11 @@ def formulation_of(problem: Problem, stabilisation: str | Baumgarte, expanded: b
     return "baumgarte" if isinstance(stabilisation, Baumgarte) else stabilisation
 
 
-def work_rate(problem: Problem) -> tuple[Scalar, ...]:
-    """Return the power of actuators and damping, () where nothing drives or brakes."""
-    power = problem.power
+def work_done_by(problem: Problem) -> tuple[str, ...]:
+    """Return what does work or takes energy, but for gravity and springs."""
+    found = [name for name, power in problem.powers.items() if is_nonzero(power)]
     impacts = any(joint.stops for joint in problem.contact_joints)  # they take energy at once
-    return (power,) if is_nonzero(power) or impacts else ()
+    return (*found, "impacts on rigid stops") if impacts else tuple(found)
 
 
 def is_rolled(problem: Problem) -> bool:

@@ -18,6 +18,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.decision import Decision
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.kernels.arrays import Array
@@ -51,9 +52,16 @@ class Emission(Protocol):
 
 
 class Dynamics(Protocol):
-    """The rates of a system. ``any_size``: the code serves systems of any number of velocities."""
+    """The rates of a system.
+
+    any_size : the code serves systems of any number of velocities.
+    """
 
     any_size: bool
+
+    @property
+    def decision(self) -> Decision | None:
+        """Why the rates have another shape than straight-line code."""
 
     @property
     def program(self) -> Program:
@@ -95,6 +103,7 @@ class Expanded:
     acceleration: tuple[Scalar, ...]
     z_rate: tuple[Scalar, ...] = ()
     any_size = False
+    decision = None
 
     @cached_property
     def program(self) -> Program:

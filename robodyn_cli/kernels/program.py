@@ -52,6 +52,11 @@ class Program:
                 found[group] = max(found.get(group, 0), position + 1)
         return found
 
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Sizes of the outputs."""
+        return {name: len(entries) for name, entries in self.outputs.items()}
+
     @cached_property
     def digest(self) -> str:
         """SHA-256 of the canonical text of the program."""

@@ -61,6 +61,7 @@ class RolledPlan:
     """
 
     def __init__(self, model: Model, recipe: str) -> None:
+        self.recipe = recipe
         order = depth_first(model)
         if not order:
             raise CapabilityError("rolled kernels need at least one moving body")
@@ -103,6 +104,21 @@ class RolledPlan:
             whole[k, Row.Q], whole[k, Row.V] = body.q, body.v
             rows[k, Row.CONSTANTS :] = _numbers(body, constants[k], needed[kind_of[k]])
         self.tables: Array = words
+
+    @property
+    def inputs(self) -> dict[str, int]:
+        """Sizes of what is read: positions, rates, and accelerations (inverse dynamics) or forces on the joints."""
+        return {"q": self.nq, "v": self.nv, "a" if self.recipe == "inverse" else "f": self.nv}
+
+    @property
+    def operations(self) -> int:
+        """Operations of one evaluation."""
+        return self.bodies * self.recursion.operations
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Sizes of the outputs."""
+        return {"out": self.nv}
 
     @property
     def digest(self) -> str:

@@ -15,6 +15,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from robodyn_cli.decision import Decision
 from robodyn_cli.formulations.residual import Residual
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integration_methods import IntegrationMethod
@@ -23,7 +24,7 @@ from robodyn_cli.integrators.methods.gauss_tables import dense_width, padded_wid
 from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot
 from robodyn_cli.integrators.stepping.control import Attempt, Controller
 from robodyn_cli.integrators.stepping.stepper import Method, StepProgram
-from robodyn_cli.integrators.stepping.writer import Writer
+from robodyn_cli.integrators.stepping.writer import Writer, placement
 from robodyn_cli.kernels.arrays import Total
 from robodyn_cli.kernels.ir import Block, Condition, Int, Value
 
@@ -87,6 +88,12 @@ class Gauss(Method):
         if not self.facts.fixed_step and self.is_steep(system):
             found.append(StepProgram("accelerations at the ends of steps", system.dynamics.program))
         return found
+
+    def choices(self, system: System) -> list[Decision]:
+        residual = self.residual_of(system)
+        if residual is None:
+            return super().choices(system)
+        return [residual.decision(system.dynamics.program), placement(residual.correction)]
 
     @staticmethod
     def is_steep(system: System) -> bool:

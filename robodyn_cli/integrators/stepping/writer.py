@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from robodyn_cli.decision import RATES, Decision
+from robodyn_cli.formulations.dynamics import LANES as LANES
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot, Status
 from robodyn_cli.kernels.arrays import Array, Total, each
@@ -13,8 +15,20 @@ from robodyn_cli.kernels.program import Program
 
 INLINE_LIMIT = 400  # operations; longer programs become functions
 LONG = 24  # velocities from which on what is done for each of them is a loop
-LANES = 8
 ARGUMENTS = ("w", "n", "y", "p", "dense", "out", "tables", "scratch", "work")
+
+
+def is_inlined(program: Program) -> bool:
+    """Tell whether a program's code goes where it is evaluated, instead of into a function of its own."""
+    return program.operations <= INLINE_LIMIT
+
+
+def placement(rates: Program) -> Decision:
+    """Return where the code of the rates goes."""
+    count, inlined = rates.operations, is_inlined(rates)
+    compared = "not more" if inlined else "more"
+    taken = "inlined" if inlined else "function"
+    return Decision(RATES, taken, f"{count} operations, {compared} than {INLINE_LIMIT}")
 
 
 class Exit:
@@ -154,7 +168,7 @@ class Writer:
                 inputs[group] = [f.load(f.offset("%p", k)) for k in range(count)]
             elif group in first:
                 inputs[group] = x.part(first[group])
-        if program.operations <= INLINE_LIMIT:
+        if is_inlined(program):
             return lower(f, program, self._values(program, inputs, width), width, self.fused)
         name = f"program.{program.digest[:12]}.{width}"
         if name not in self.functions:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.decision import Decision
 from robodyn_cli.expr.calculus import substitute
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations, free_symbols, reachable
 from robodyn_cli.expr.rebuild import apply
@@ -50,6 +51,7 @@ class SampleFunction:
         if missing:
             raise unknown_data(missing)
         self.operations = count_operations(entries)
+        self.samples = samples
         self.compiled = worth_compiling(self.operations, samples)
         self._known = tuple(known)
         # constants need no kernel; compiled code cannot use paths as names
@@ -61,6 +63,13 @@ class SampleFunction:
             self._kernel = SampleKernel(self._varying, known)
         else:
             self._interpreter = Interpreter(entries)
+
+    @property
+    def decision(self) -> Decision:
+        """Whether the outputs are compiled, or interpreted."""
+        taken, other = ("compiled", "interpreting") if self.compiled else ("interpreted", "compiling")
+        reason = f"that takes less time than {other}"
+        return Decision(f"evaluation at {self.samples} samples", taken, reason)
 
     @property
     def _varying(self) -> dict[str, list[Scalar]]:

@@ -66,7 +66,7 @@ class Equations:
             "gamma": rows.gamma,
             "eta_t": rows.eta_t,
             "qd": _position_rates(problem),
-            "power": [problem.applied_power] if work else [],
+            "power": [sum(problem.applied_powers.values(), 0.0)] if work else [],
         }
         self.work = work
         self.geometry = SampleKernel(geometry, STATE_GROUPS)
