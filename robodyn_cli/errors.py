@@ -24,6 +24,11 @@ class RobodynError(Exception):
         self.message = message
         self.details = details
 
+    @property
+    def termination(self) -> dict[str, Any]:
+        """Why a run ended, as its summary says it."""
+        return {"reason": self.message, **self.details}
+
 
 class SceneError(RobodynError):
     """The scene file says something that is not allowed (exit code 2)."""
@@ -54,6 +59,13 @@ def no_linear_algebra(error: Exception) -> NumericalError:
     return NumericalError(
         f"a matrix of the equations cannot be solved with ({error}): numbers of the scene are too large, too "
         "small or too far apart for double precision"
+    )
+
+
+def out_of_range(error: OverflowError) -> NumericalError:
+    """Return the error of a number that no double holds, from Python's OverflowError."""
+    return NumericalError(
+        f"a number of the scene, or what follows from some, exceeds what a double holds (1.8e308): {error.args[-1]}"
     )
 
 

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, TextIO
 
 from robodyn_cli.cli import interrupts
-from robodyn_cli.errors import OutputError, RobodynError, no_linear_algebra
+from robodyn_cli.errors import OutputError, RobodynError, no_linear_algebra, out_of_range
 from robodyn_cli.exit_codes import INTERNAL, INTERRUPTED
 
 QUIET_SECONDS = 2.0  # without a word, on a terminal
@@ -136,6 +136,8 @@ def guarded(command: Callable[..., int]) -> Callable[..., int]:
             return console.interrupted()
         except MemoryError:
             return console.report("MemoryError", "out of memory: ask for fewer samples", INTERNAL)
+        except OverflowError as error:
+            return console.fail(out_of_range(error))
         except Exception as error:
             if interrupts.seen():
                 return console.interrupted()

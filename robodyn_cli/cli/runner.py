@@ -184,9 +184,8 @@ def _compute(
         console.note(f"robodyn: warning: {text}")
     if job.strict and warnings and failure is None:
         failure = NumericalError(f"{warnings[0]} (an error because of --strict)", warnings=list(warnings))
-        result.status = result.summary["status"] = "failed"
-    head = {"status": result.status, "command": job.command, "title": result.title}
-    result.summary = {**head, **result.summary, **({"error": _error(failure)} if failure else {})}
+        result.status = "failed"
+    result.summary = {**result.summary, **result.head, **({"error": _error(failure)} if failure else {})}
     return result, failure
 
 

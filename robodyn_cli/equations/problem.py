@@ -37,11 +37,13 @@ from robodyn_cli.equations.joint_forces import JointForces
 from robodyn_cli.equations.switching import Switching
 from robodyn_cli.expr.functions import interpolate
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations, is_nonzero
+from robodyn_cli.expr.rebuild import numbers
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import FixedFrame, Model
+from robodyn_cli.model.places import with_places
 from robodyn_cli.scene import types as sc
-from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, vector, zeros
+from robodyn_cli.spatial.algebra import Array, Matrix, Transform, Values, Vector, vector, zeros
 
 CANCELLATION = 1e3  # so many units of rounding may be lost in a difference of moments of inertia
 DENSE_LIMIT = 12  # velocities up to which the factored mass matrix is tried: it grows with their cube
@@ -66,7 +68,7 @@ class Problem:
         model: Model | None = None,
         dependent: Sequence[Dependence] = (),
     ) -> None:
-        self.scene = scene
+        self.scene = scene = with_places(scene)
         self.model = model if model is not None else build_model(scene, symbolic)
         graph = self.graph = self.model.graph
         self.t: Expr = graph.symbol("t", "t")
@@ -75,6 +77,20 @@ class Problem:
         self.a: list[Expr] = graph.symbols([f"{n}''" for n in self.model.v_names], "a")
         self.keep_rows = keep_rows
         self.dependent = tuple(dependent)
+
+    def numbers(
+        self, entries: Any, q: Array, t: float = 0.0, v: Array | None = None, p: Array | None = None
+    ) -> Array:
+        """Return the values of expressions at one state, in the shape of ``entries``; without v and p at rest, p = ().
+
+        Parameters
+        ----------
+        entries : array or list of expressions. q : (nq,). v : (nv,). p : parameters.
+        """
+        still = [0.0] * self.model.nv
+        groups = {"t": [t], "q": q.tolist(), "v": still if v is None else v.tolist(), "a": still,
+                  "p": [] if p is None else p.tolist()}  # fmt: skip
+        return numbers(entries, groups)
 
     # -- rigid bodies ---------------------------------------------------------------------------------
     @property
@@ -366,23 +382,6 @@ class Problem:
         """Gravity (zero at the base's origin), joint springs and forces between bodies."""
         own = gravity_energy(self.model, self.q, self.gravity, self.X) + spring_energy(self.model, self.q)
         return own + self.elements.potential
-
-    @cached_property
-    def applied_powers(self) -> dict[str, Scalar]:
-        """Power of the forces without a potential, but for those of constraints, by what exerts them."""
-        return {
-            "actuators": sum((tau * v for tau, v in zip(self.actuator_torques, self.v)), 0.0),
-            "friction, dampers or stops": sum((torque * self.v[k] for k, torque in self.dissipated), 0.0),
-            "forces on points and between bodies": self.elements.power,
-        }
-
-    @property
-    def powers(self) -> dict[str, Scalar]:
-        """Power of all forces without a potential, by what exerts them."""
-        rows = self.constraints
-        # Psi^T lambda does work at the rate -lambda eta_t on a row that depends on time
-        driven = sum((self.forward.lam[i] * rows.rows[i].eta_t for i in rows.rheonomic), 0.0)
-        return {**self.applied_powers, "prescribed motion": -driven}
 
     # -- places ---------------------------------------------------------------------------------------
     def world_point(self, frame: FixedFrame) -> Vector:

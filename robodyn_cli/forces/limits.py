@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 from robodyn_cli.expr.functions import maximum, power, where
 from robodyn_cli.expr.graph import Expr
+from robodyn_cli.forces.element import InJoint
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Number, Section, key
 
@@ -48,7 +49,7 @@ class Stop:
 
 
 @record
-class Limits:
+class Limits(InJoint):
     """Stops at ``lower`` and ``upper``: torque away from the stop while the joint is beyond it.
 
     delta is the depth beyond the stop. A rigid stop exerts no torque here: a simulation reverses the rate at impact,
@@ -56,7 +57,6 @@ class Limits:
     """
 
     term: ClassVar[str] = "stops"
-    dissipative: ClassVar[bool] = False
 
     lower: float | None = key(
         Number(angle=True), default=None, unit="rad or m", doc="Stop at small q; none by default."

@@ -44,6 +44,9 @@ class Emission(Protocol):
     nv: Int | int
     functions: dict[str, Function]
 
+    def numbers(self, program: Program) -> Array:
+        """Return the table of numbers that a program reads."""
+
     def evaluate(self, program: Program, t: Value, x: Array, **more: list[Value]) -> dict[str, list[Value]]:
         """Emit a program at time t and state x = (q, v, z)."""
 

@@ -22,7 +22,7 @@ from robodyn_cli.equations.dependence import closeness
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Expr, Scalar
-from robodyn_cli.expr.rebuild import Evaluator, evaluate
+from robodyn_cli.expr.rebuild import Evaluator, renamed
 from robodyn_cli.formulations.dynamics import Expanded
 from robodyn_cli.formulations.events import REPARTITION, Event, EventFunction, EventKind, Outcome, Owner
 from robodyn_cli.formulations.formulated import Formulated
@@ -129,10 +129,4 @@ def _masked(psi: Matrix, w: Sequence[Expr]) -> Matrix:
 
 def _at(problem: Problem, entries: Sequence[Scalar], q: Sequence[Scalar], v: Sequence[Scalar]) -> list[Any]:
     """Return expressions of (t, q, v, p) with other expressions in the place of q and v."""
-    p = {e.value[2]: e for e in problem.graph.nodes if e.op == "sym" and e.value[1] == PARAMETER_GROUP}
-    unknown = {
-        group: {e.value[2]: e for e in problem.graph.nodes if e.op == "sym" and e.value[1] == group}
-        for group in {e.value[1] for e in problem.graph.nodes if e.op == "sym"}
-        - {"t", "q", "v", PARAMETER_GROUP}
-    }
-    return evaluate(entries, {"t": [problem.t], "q": q, "v": v, PARAMETER_GROUP: p, **unknown})
+    return renamed(entries, {"q": dict(enumerate(q)), "v": dict(enumerate(v))})

@@ -81,11 +81,6 @@ class Residual:
         outputs: dict[str, Sequence[Scalar]] = {"d": list(self.corrections), "z": self.z_rate}
         return make_program({k: v for k, v in outputs.items() if len(v)}, INPUTS)
 
-    @property
-    def digest(self) -> str:
-        """Key of everything that decides the compiled code."""
-        return f"{self.factors.digest} {self.correction.digest}"
-
     def decision(self, direct: Program) -> Decision:
         """Return why corrections are made instead of evaluating ``direct``."""
         taken = "corrections by inverse dynamics"

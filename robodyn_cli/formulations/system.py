@@ -209,6 +209,13 @@ class System:
 
         return complex_factors(self.rates, self.nq, self.nv)
 
+    @cached_property
+    def first_order_step(self) -> Program:
+        """A step of Newton's iteration for the rates: see ``first_order_step`` of ``index3``."""
+        from robodyn_cli.formulations.index3 import first_order_step
+
+        return first_order_step(self.rates, self.nv)
+
     @property
     def programs(self) -> dict[str, Program]:
         """The programs of the stepping loop beside the rates, by what they are for."""

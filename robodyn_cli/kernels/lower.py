@@ -8,8 +8,9 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Function, Value
 from robodyn_cli.kernels.mathematics import sincos
-from robodyn_cli.kernels.program import TRIGONOMETRIC, Instruction, Program
+from robodyn_cli.kernels.program import NUMBERS, TRIGONOMETRIC, Instruction, Program
 
+Inputs = Mapping[str, Sequence[Value] | Array]  # a value for each position, by group; the table of numbers
 # one-argument functions that LLVM hands to the C library, lane by lane
 LIBRARY = {
     "exp": "exp", "log": "log", "tan": "tan", "asin": "asin", "acos": "acos", "atan": "atan",
@@ -27,14 +28,10 @@ def _sign(f: Function, x: Value) -> Value:
     return f.select(f.compare("une", x, 0.0) & f.compare("ord", x, 0.0), one, x)
 
 
-def _table(f: Function, x: Value, knots: Sequence[float], values: Sequence[float], order: int) -> Value:
-    """Piecewise linear look-up by bisection, lane by lane."""
-    n = len(knots)
-    name = f"{f.title}.{f.fresh('table')}"
-    slopes = [(values[k + 1] - values[k]) / (knots[k + 1] - knots[k]) for k in range(n - 1)]
-
-    at, start = f.table(f"{name}.t", knots), f.table(f"{name}.y", values)
-    slope = f.table(f"{name}.s", [*slopes, 0.0])
+def _table(f: Function, x: Value, at: str, n: int, order: int) -> Value:
+    """Piecewise linear look-up by bisection, lane by lane; n knots, values and slopes lie one after another."""
+    start, slope = f.offset(at, n), f.offset(at, 2 * n)
+    first, last = f.load(at), f.load(f.offset(at, n - 1))
     results = []
     for k in range(x.width):
         u = f.lane(x, k)
@@ -50,13 +47,14 @@ def _table(f: Function, x: Value, knots: Sequence[float], values: Sequence[float
             f.store_int(f.select_int(right & wider, middle, a), low)
             f.store_int(f.select_int((~right) & wider, middle, b), high)
         i = f.load_int(low)
-        inside = f.compare("oge", u, knots[0]) & f.compare("olt", u, knots[-1])
+        inside = f.compare("oge", u, first) & f.compare("olt", u, last)
         gradient = f.load(f.offset(slope, i))
         if order:
             results.append(f.select(inside, gradient, f.constant(0.0)))
             continue
         value = f.load(f.offset(start, i)) + (u - f.load(f.offset(at, i))) * gradient
-        outside = f.select(f.compare("olt", u, knots[0]), f.constant(values[0]), f.constant(values[-1]))
+        ends = f.load(start), f.load(f.offset(start, n - 1))
+        outside = f.select(f.compare("olt", u, first), *ends)
         held = f.select(f.compare("uno", u, 0.0), u, outside)
         results.append(f.select(inside, value, held))
     return f.pack(results, x.width)
@@ -65,9 +63,7 @@ def _table(f: Function, x: Value, knots: Sequence[float], values: Sequence[float
 class _Lowering:
     """State of one lowering: values so far, and sines and cosines waiting to share a vector."""
 
-    def __init__(
-        self, f: Function, program: Program, inputs: Mapping[str, Sequence[Value]], width: int, fused: bool
-    ) -> None:
+    def __init__(self, f: Function, program: Program, inputs: Inputs, width: int, fused: bool) -> None:
         self.f = f
         self.code = program.instructions
         self.inputs = inputs
@@ -76,24 +72,41 @@ class _Lowering:
         self.values: list[Value | None] = [None] * len(self.code)
         self.groups = _trigonometric_levels(self.code)
 
+    @property
+    def _numbers(self) -> Array:
+        numbers = self.inputs[NUMBERS]
+        assert isinstance(numbers, Array)
+        return numbers
+
+    def is_known(self, k: int) -> bool:
+        """Tell whether an instruction needs no more code before its use."""
+        return self.values[k] is not None or self.code[k].op == "number"
+
+    def value(self, k: int) -> Value:
+        """Return an instruction's value. A number is loaded for each use: in registers it would displace others."""
+        i = self.code[k]
+        found = self.f.splat(self._numbers[i.value], self.width) if i.op == "number" else self.values[k]
+        assert found is not None
+        return found
+
     def need(self, k: int) -> None:
         """Compute instruction k and, before it, its arguments (an explicit stack: graphs may be deep)."""
         stack = [k]
         while stack:
             j = stack[-1]
-            if self.values[j] is not None:
+            if self.is_known(j):
                 stack.pop()
                 continue
             instruction = self.code[j]
             if instruction.op in TRIGONOMETRIC:
                 angles = self.groups[j]
-                waiting = [a for a in angles if self.values[a] is None]
+                waiting = [a for a in angles if not self.is_known(a)]
                 if waiting:
                     stack.extend(waiting)
                     continue
                 self._trigonometry(angles)
             else:
-                waiting = [a for a in instruction.args if self.values[a] is None]
+                waiting = [a for a in instruction.args if not self.is_known(a)]
                 if waiting:
                     stack.extend(waiting)
                     continue
@@ -107,15 +120,15 @@ class _Lowering:
         per_vector = 8 if self.width == 1 else 1
         for first in range(0, len(pending), per_vector):
             chunk = pending[first : first + per_vector]
-            xs = [self.values[a] for a in chunk]
+            xs = [self.value(a) for a in chunk]
             if self.width == 1 and len(chunk) > 1 and self.fused:
                 lanes = 2
                 while lanes < len(chunk):
                     lanes *= 2
-                s, c = sincos(f, f.pack([x for x in xs if x is not None], lanes), self.fused)
+                s, c = sincos(f, f.pack(xs, lanes), self.fused)
                 pairs = [(f.lane(s, k), f.lane(c, k)) for k in range(len(chunk))]
             else:
-                pairs = [sincos(f, x, self.fused) for x in xs if x is not None]
+                pairs = [sincos(f, x, self.fused) for x in xs]
             for a, (sine, cosine) in zip(chunk, pairs):
                 for user in angles[a]:
                     self.values[user] = sine if self.code[user].op == "sin" else cosine
@@ -127,7 +140,7 @@ class _Lowering:
         if i.op == "sym":
             group, position = i.value
             return f.splat(self.inputs[group][position], self.width)
-        args = [v for v in (self.values[a] for a in i.args) if v is not None]
+        args = [self.value(a) for a in i.args]
         if i.op == "add":
             return args[0] + args[1]
         if i.op == "sub":
@@ -155,7 +168,8 @@ class _Lowering:
         if i.op in LIBRARY:
             return f.intrinsic(LIBRARY[i.op], args)
         if i.op == "table":
-            return _table(f, args[0], *i.value)
+            first, count, order = i.value
+            return _table(f, args[0], f.offset(self._numbers.base, first), count, order)
         raise CapabilityError(f"the operation {i.op} cannot be compiled")
 
 
@@ -175,32 +189,28 @@ def _trigonometric_levels(code: Sequence[Instruction]) -> dict[int, dict[int, li
 
 
 def lower(
-    f: Function, program: Program, inputs: Mapping[str, Sequence[Value]], width: int, fused: bool = True
+    f: Function, program: Program, inputs: Inputs, width: int, fused: bool = True
 ) -> dict[str, list[Value]]:
     """Emit a program and return the values of its outputs.
 
     Parameters
     ----------
-    inputs : for each symbol group, a value for each position (scalars are spread over the lanes).
+    inputs : for each symbol group, a value for each position (scalars are spread over the lanes); ``NUMBERS``, the
+        program's table of numbers, as an ``Array``.
     width : lanes of the arithmetic.
     fused : whether the machine has fused multiply-add.
     """
     state = _Lowering(f, program, inputs, width, fused)
     for k in range(len(program.instructions)):
         state.need(k)
-    found: dict[str, list[Value]] = {}
-    for name, entries in program.outputs.items():
-        row = []
-        for e in entries:
-            value = f.constant(e, width) if isinstance(e, float) else state.values[e]
-            assert value is not None
-            row.append(value)
-        found[name] = row
-    return found
+    return {
+        name: [f.constant(e, width) if isinstance(e, float) else state.value(e) for e in entries]
+        for name, entries in program.outputs.items()
+    }
 
 
 def call_program(
-    f: Function, name: str, program: Program, inputs: Mapping[str, Sequence[Value] | Array], width: int
+    f: Function, name: str, program: Program, inputs: Inputs, width: int
 ) -> dict[str, list[Value]]:
     """Call a program emitted by ``outline`` (for code too long to be repeated in place).
 
@@ -216,6 +226,10 @@ def call_program(
         for k in range(count):
             f.store(f.splat(source[k], width), f.offset(address, k * width), 8 * width)
         pointers.append(address)
+    if program.numbers:
+        numbers = inputs[NUMBERS]
+        assert isinstance(numbers, Array)
+        pointers.append(numbers.base)
     results = {}
     for output, entries in program.outputs.items():
         results[output] = f.slot(width, max(1, len(entries)))
@@ -229,13 +243,15 @@ def call_program(
 
 def outline(name: str, program: Program, width: int, fused: bool, flags: str) -> Function:
     """Return a program as an internal function that works on memory."""
-    arguments = [f"ptr noalias readonly %in.{g}" for g in program.inputs]
+    read = [*program.inputs, *([NUMBERS] if program.numbers else [])]
+    arguments = [f"ptr noalias readonly %in.{g}" for g in read]
     arguments += [f"ptr noalias %out.{o}" for o in program.outputs]
     f = Function(name, arguments, internal=True, attributes="noinline", flags=flags)
-    inputs = {
+    inputs: dict[str, Sequence[Value] | Array] = {
         g: [f.load(f.offset(f"%in.{g}", k * width), width, 8 * width) for k in range(n)]
         for g, n in program.inputs.items()
     }
+    inputs[NUMBERS] = Array(f, f"%in.{NUMBERS}")
     for output, values in lower(f, program, inputs, width, fused).items():
         for k, v in enumerate(values):
             f.store(f.splat(v, width), f.offset(f"%out.{output}", k * width), 8 * width)

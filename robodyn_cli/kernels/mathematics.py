@@ -125,9 +125,3 @@ def rough_exp2(f: Function, x: Value) -> Value:
         scale = f.name(f"shl i64 {n}, 52")
         total = f.name(f"add i64 {raw}, {scale}")
         return f.emit(f"bitcast i64 {total} to double", 1)
-
-
-def rough_power(f: Function, x: Value, exponent: float) -> Value:
-    """Return x ** exponent to about 1e-4, for positive normal x: enough to choose a step size."""
-    with f.strict():
-        return rough_exp2(f, rough_log2(f, x) * exponent)

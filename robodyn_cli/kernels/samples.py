@@ -10,26 +10,28 @@ import numpy as np
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.kernels.arrays import Array as Rows
 from robodyn_cli.kernels.compiler import compile_module, machine
-from robodyn_cli.kernels.ir import RELAXED, Function, module
+from robodyn_cli.kernels.ir import RELAXED, Function, Value, module
 from robodyn_cli.kernels.lower import lower
-from robodyn_cli.kernels.program import Program, make_program
+from robodyn_cli.kernels.program import NUMBERS, Program, make_program
 from robodyn_cli.spatial.algebra import Array
 
 PARAMETERS = "p"
 
 
 def write_sample_kernel(program: Program, lanes: int, fused: bool) -> str:
-    """Return the IR of ``kernel(in..., p, out..., T)``: inputs and outputs are rows of T samples."""
+    """Return the IR of ``kernel(in..., p, out..., numbers, T)``: inputs and outputs are rows of T samples."""
     # by number: names of outputs are paths and names from the scene, which the IR would not take
     arguments = [f"ptr noalias %in.{k}" for k in range(len(program.inputs))]
-    arguments += [f"ptr noalias %out.{k}" for k in range(len(program.outputs))] + ["i64 %T"]
+    arguments += [f"ptr noalias %out.{k}" for k in range(len(program.outputs))]
+    arguments += [f"ptr noalias readonly %{NUMBERS}", "i64 %T"]
     f = Function("kernel", arguments, flags=RELAXED)
     samples = f.int_argument("T")
     with f.count(samples, step=lanes) as start:
         # the last block is moved back so that it ends at T; it repeats a few samples instead of needing masks
         t = f.select_int(f.compare_int("sgt", start + lanes, samples), samples - lanes, start)
-        inputs = {}
+        inputs: dict[str, list[Value] | Rows] = {NUMBERS: Rows(f, f"%{NUMBERS}")}
         for place, (group, count) in enumerate(program.inputs.items()):
             address = f"%in.{place}"
             if group == PARAMETERS:
@@ -55,6 +57,7 @@ class SampleKernel:
 
     def __init__(self, outputs: Mapping[str, Sequence[Scalar]], known: Sequence[str]) -> None:
         self.program = make_program(dict(outputs), known)
+        self._numbers = self.program.table.ctypes.data
         self.lanes = machine().lanes
 
     @cached_property
@@ -67,7 +70,7 @@ class SampleKernel:
             lambda: write_sample_kernel(self.program, host.lanes, host.fused),
             level,
         )
-        count = len(self.program.inputs) + len(self.program.outputs)
+        count = len(self.program.inputs) + len(self.program.outputs) + 1
         return compiled.function("kernel", *[ctypes.c_void_p] * count, ctypes.c_int64)
 
     def __call__(self, **groups: Array) -> dict[str, Array]:
@@ -104,7 +107,7 @@ class SampleKernel:
             name: np.empty((padded, len(entries)), order="F")
             for name, entries in self.program.outputs.items()
         }
-        arguments += [r.ctypes.data for r in results.values()]
+        arguments += [*(r.ctypes.data for r in results.values()), self._numbers]
         if samples:
             self._call(*arguments, padded)
         return {name: r[:samples] for name, r in results.items()}

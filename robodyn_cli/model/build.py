@@ -21,6 +21,7 @@ from robodyn_cli.model.model import (
     RigidPart,
 )
 from robodyn_cli.model.placement import joint_kind, joint_placement
+from robodyn_cli.model.places import with_places
 from robodyn_cli.record import mutable_record, record
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import (
@@ -87,7 +88,7 @@ class _Values:
             return self.graph.symbol(path, PARAMETER_GROUP, self.symbolic.index(path))
         if value is None:
             return self.graph.symbol(unknown, UNKNOWN_GROUP)
-        return float(value)
+        return value
 
     def check(self) -> None:
         missing = [p for p in self.symbolic if p not in self.used]
@@ -141,6 +142,7 @@ def build_model(
     merge : links on fixed joints become parts of what carries them, instead of bodies of their own.
     """
     graph = graph or Graph()
+    scene = with_places(scene)
     values = _Values(graph, symbolic)
     robot = scene.robot
     placed, moving = _place_links(robot, values, merge)
@@ -241,7 +243,7 @@ def _number(robot: sc.Robot, moving: list[_Moving], values: _Values) -> tuple[Bo
                 parts=body.parts,
                 q=start[joint.name][0],
                 v=start[joint.name][1],
-                armature=joint.gear_ratio**2 * rotor,
+                armature=joint.gear_ratio * joint.gear_ratio * rotor,
                 gear_ratio=joint.gear_ratio,
                 forces=tuple(JointForce(name, element) for name, element in joint.forces),
             )

@@ -154,6 +154,10 @@ class Model:
         """Return the body carried by a joint."""
         return next(b for b in self.bodies if b.joint_name == joint_name)
 
+    def joint_of(self, velocity: int) -> str:
+        """Return the joint that a velocity coordinate belongs to."""
+        return next(b.joint_name for b in self.bodies if b.v <= velocity < b.v + b.joint.nv)
+
     def q_columns(self, joint_name: str) -> tuple[str, ...]:
         """Return the columns of q of a joint."""
         return self.body_of(joint_name).joint.coordinates(joint_name, self.body_of(joint_name).joint.names)

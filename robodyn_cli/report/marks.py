@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 # Characters of a caption that fit on a line.
-NOTE_WIDTH = 96
+NOTE_WIDTH = 90
 
 
 def failure_note(result: Result) -> list[str]:
@@ -30,6 +30,21 @@ def failure_note(result: Result) -> list[str]:
     if not isinstance(time, int | float):
         time = result.time[-1] if result.time.size else math.nan
     return textwrap.wrap(f"Run failed at t = {number(float(time), 6)} s: {reason}", NOTE_WIDTH, max_lines=2)
+
+
+def sharing_note(result: Result) -> str:
+    """Return the part of a subtitle that says that loads in the loops could be shared in another way; else empty."""
+    rows = result.variables.get("constraints/multipliers")
+    if rows is None or "least norm" not in rows.long_name:
+        return ""
+    return ". Not unique, since rows depend on each other: those of least norm"
+
+
+def torque_note(result: Result) -> str:
+    """Return the same for torques that more actuators than needed share."""
+    shared = result.summary.get("mechanism")
+    torques = str(shared.get("torques", "unique")) if isinstance(shared, dict) else "unique"
+    return "" if torques == "unique" else f". Not unique: those of {torques}"
 
 
 def lock(result: Result) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robodyn_cli.commands import COMMANDS, SCENE_COMMANDS
-from robodyn_cli.errors import no_linear_algebra
+from robodyn_cli.errors import no_linear_algebra, out_of_range
 from robodyn_cli.registry import Registry
 
 if TYPE_CHECKING:
@@ -54,3 +54,5 @@ def execute(
             return functions[command](scene, progress=progress, watch=watch, **options)
         except np.linalg.LinAlgError as error:
             raise no_linear_algebra(error) from error
+        except OverflowError as error:
+            raise out_of_range(error) from error

@@ -12,7 +12,7 @@ from robodyn_cli.errors import GeometryError, SingularConfigurationError
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
-from robodyn_cli.solve.closure import Equations, Numbers, newton
+from robodyn_cli.solve.closure import Equations, Numbers, newton, rank
 from robodyn_cli.spatial.algebra import Array
 
 ATTEMPTS = 24  # random starts
@@ -141,8 +141,8 @@ def _close(numbers: Numbers, q: Array, task: _Closing) -> Array:
     if not found:
         raise _open_loop(numbers, task, tried)
     # a regular configuration is preferred to any singular one
-    ranks = [_rank(numbers.psi(closed))[0] for _, closed in found]
-    return min((f for f, rank in zip(found, ranks) if rank == max(ranks)), key=lambda f: f[0])[1]
+    ranks = [rank(numbers.psi(closed), RANK_TOLERANCE) for _, closed in found]
+    return min((f for f, own in zip(found, ranks) if own == max(ranks)), key=lambda f: f[0])[1]
 
 
 def _starts(
@@ -237,7 +237,7 @@ def _smallest_gap(numbers: Numbers, task: _Closing, q: Array, eta: Array) -> Geo
     gaps: dict[str, float] = {}
     for value, row in zip(eta, numbers.rows):
         if row.kind == "force":
-            loop = row.name.rsplit(".", 1)[0]
+            loop = row.closure
             gaps[loop] = float(np.hypot(gaps.get(loop, 0.0), value))
     held = ", ".join(f"{name} = {value:.6g}" for name, value in task.held.items())
     condition = f"with {held} held" if held else "whatever the joints do"
@@ -245,7 +245,7 @@ def _smallest_gap(numbers: Numbers, task: _Closing, q: Array, eta: Array) -> Geo
     row, apart = numbers.rows[worst], float(abs(eta[worst]))
     loop = max(gaps, key=lambda name: gaps[name]) if gaps else ""
     if not gaps or gaps[loop] < apart:
-        loop, gap = row.name.rsplit(".", 1)[0], apart
+        loop, gap = row.closure, apart
         text = (
             f"the loop {loop!r} cannot close: the axes stay apart by {gap:.6g} (row {row.name}) {condition}"
         )
@@ -286,11 +286,6 @@ def _close_rates(
     return new, remaining
 
 
-def _rank(psi: Array) -> tuple[int, Array]:
-    sigma = np.linalg.svd(psi, compute_uv=False)
-    return int((sigma > RANK_TOLERANCE * max(float(sigma[0]), 1e-300)).sum()), sigma
-
-
 def _independent_rows(numbers: Numbers, q: Array, lengths: Array) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Return independent rows and redundant ones, which depend on the others in every configuration.
 
@@ -299,7 +294,7 @@ def _independent_rows(numbers: Numbers, q: Array, lengths: Array) -> tuple[tuple
     SingularConfigurationError : rows depend on each other at this configuration alone.
     """
     psi = numbers.psi(q)
-    here, _ = _rank(psi)
+    here = rank(psi, RANK_TOLERANCE)
     m = len(numbers.rows)
     if here == m:
         return tuple(range(m)), ()
@@ -310,9 +305,9 @@ def _independent_rows(numbers: Numbers, q: Array, lengths: Array) -> tuple[tuple
         start = numbers.manifold.integrate(q, 0.05 * rng.normal(size=numbers.nv) * lengths)
         moved, residual = newton(numbers, start, list(range(numbers.nv)), lengths)
         if residual < 1e-9:
-            rank, _ = _rank(numbers.psi(moved))
-            if rank > generic:
-                generic, example = rank, numbers.psi(moved)
+            there = rank(numbers.psi(moved), RANK_TOLERANCE)
+            if there > generic:
+                generic, example = there, numbers.psi(moved)
     if here < generic:
         raise SingularConfigurationError(
             "the start is a singular configuration: the constraints lose rank there "
@@ -332,8 +327,7 @@ def _along_the_motion(numbers: Numbers, q: Array, lengths: Array) -> list[Array]
         last = way * rng.normal(size=numbers.nv)
         for _ in range(MOTION_SAMPLES):
             psi = numbers.psi(here) * lengths
-            rank, _ = _rank(psi)
-            free = np.linalg.svd(psi)[2][rank:]
+            free = np.linalg.svd(psi)[2][rank(psi, RANK_TOLERANCE) :]
             step = free.T @ (free @ last)
             if not np.any(step):
                 break

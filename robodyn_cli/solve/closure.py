@@ -1,4 +1,4 @@
-"""The closure equations on numbers, and the damped Gauss-Newton steps that solve them."""
+"""The closure equations on numbers: the rank of their Jacobian, and the damped Gauss-Newton steps that solve them."""
 
 from __future__ import annotations
 
@@ -14,6 +14,17 @@ from robodyn_cli.model.model import Model
 from robodyn_cli.spatial.algebra import Array
 
 MOST_STEP = 0.7  # rad, or part of the size of the mechanism
+RANK = 1e-8  # ratio of singular values below which rank is lost, in comparable units
+
+
+def rank(A: Array, tolerance: float = RANK) -> int:
+    """Return the rank of a matrix A (m, n), or the largest of several (T, m, n).
+
+    A singular value counts if it exceeds ``tolerance`` times the largest one of its matrix.
+    """
+    sigma = np.linalg.svd(A, compute_uv=False)
+    counted = sigma > tolerance * np.maximum(sigma[..., :1], 1e-300)
+    return int(counted.sum(axis=-1).max(initial=0))
 
 
 class Equations(Protocol):
@@ -55,7 +66,7 @@ class Numbers:
     def turned(self, q: Array) -> list[str]:
         """Return the loops whose links are half a turn away from the attitude that is asked for."""
         cosines = self._evaluate(self._cosines, q, 0.0)
-        return sorted({row.name.rsplit(".", 1)[0] for row, cosine in zip(self.rows, cosines) if cosine < 0.5})
+        return sorted({row.closure for row, cosine in zip(self.rows, cosines) if cosine < 0.5})
 
     def eta_t(self, q: Array, t: float = 0.0) -> Array:
         return self._evaluate(self._eta_t, q, t)

@@ -166,3 +166,52 @@ def test_a_sample_of_a_simulation_without_a_value_ends_it_by_name(at: float) -> 
     assert found.value.exit_code == 3 and found.value.details["dataset"] == "qdd"
     assert isinstance(found.value.result, Result) and found.value.result.status == "failed"
     assert is_finite(simulate(load_scene_text(text + torque, overrides=["simulate.samples=10"])))
+
+
+@pytest.mark.parametrize("command", [simulate, inverse])
+def test_a_gear_ratio_whose_square_no_double_holds_is_refused(command: Any) -> None:
+    scene = load_scene_text(
+        PLAIN + SWING, overrides=["robot.joints.a.gear_ratio=-1e300", "robot.joints.a.rotor_inertia=1"]
+    )
+    with pytest.raises(NumericalError), np.errstate(all="ignore"):
+        command(scene)
+
+
+def test_an_overflow_of_python_s_own_numbers_is_an_error_of_the_scene(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from robodyn_cli.run import commands
+    from robodyn_cli.run.progress import no_progress
+    from robodyn_cli.run.stopwatch import Stopwatch
+
+    def overflows(*_: Any, **__: Any) -> None:
+        float(10) ** 400
+
+    monkeypatch.setattr(commands, "functions", {"inverse": overflows})
+    with pytest.raises(NumericalError, match="exceeds what a double holds"):
+        commands.execute("inverse", load_scene_text(PLAIN + SWING), no_progress, Stopwatch())
+
+
+class TestFormulasAtTheEdge:
+    """A formula may start at the edge of what it is defined on only if the motion goes inwards."""
+
+    def test_one_that_the_motion_leaves_at_once_is_named(self) -> None:
+        for formula in ("sqrt(a)", "(0 + a)^1.5", "asin(1 - a)", "-log(1e-14 + a)"):
+            with pytest.raises(SceneError, match=r"right after the start"):
+                simulate(load_scene_text(PLAIN, overrides=[f"torques={{b: '{formula}'}}"]))
+
+    def test_validate_finds_it(self, tmp_path: Path) -> None:
+        path = tmp_path / "scene.yaml"
+        path.write_text(PLAIN + "torques: {b: sqrt(a)}\n")
+        assert [f.exit_code for f in findings(path)] == [2]
+
+    def test_one_that_the_motion_enters_runs(self) -> None:
+        # upwards from a = 0, with a torque of 3 sqrt(a) that no analytic slope belongs to
+        result = simulate(
+            load_scene_text(PLAIN, overrides=["gravity=[0, 0, 0]", "torques={a: 1 + 3*sqrt(a)}"])
+        )
+        assert result.status == "ok" and result["q"][-1, 0] > 0.0
+
+    def test_time_before_the_start_does_not_count(self) -> None:
+        result = simulate(load_scene_text(PLAIN, overrides=["torques={a: sqrt(t)}"]))
+        assert result.status == "ok"

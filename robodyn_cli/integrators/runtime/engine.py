@@ -30,8 +30,10 @@ class Engine:
     def __init__(self, system: System, method: str, p: Array) -> None:
         kind = methods[method]
         host = machine()
+        kind.check(system)
+        tables = kind.tables(system)
         compiled = compile_module(
-            f"run {method} {system.digest}{kind.digest(system)}",
+            f"run {method} {system.digest} {tables.digest}",
             lambda: write_run(system, kind, host.fused),
         )
         self._run_to_event = compiled.function("run_to_event", ADDRESS, result=NUMBER)
@@ -39,7 +41,7 @@ class Engine:
             self._switching = compiled.function("switching", ADDRESS)
             self._trial_step = compiled.function("trial_step", ADDRESS, DOUBLE, NUMBER, result=NUMBER)
         room = compiled.function("memory", NUMBER, result=NUMBER)(system.nv)
-        self.fixed = (*system.dynamics.memory(), aligned_zeros(room))
+        self.fixed = (*system.dynamics.memory(), aligned_zeros(room), tables.numbers)
         self.p = p
         self.memory = Memory(len(system.events), system.size, kind.dense_size(system))
         self.bracket = np.zeros((2, 1 + len(system.events)))

@@ -47,18 +47,24 @@ def write_run(system: System, method: Method, fused: bool) -> str:
 
     w, n : see ``DoubleSlot`` and ``IntegerSlot``. y : the state. p : parameters. dense : what dense output keeps.
     out : block of samples, columns of CAPACITY rows. tables, scratch : of the dynamics. work : see ``memory_function``.
+    numbers : see ``Tables``.
 
     Raises
     ------
     CapabilityError : the method cannot do the system.
     """
     method.check(system)
-    w = Writer(system, fused, loops=not method.needs_jacobian)
+    tables = method.tables(system)
+    w = Writer(system, tables, fused, loops=not method.needs_jacobian)
     _write_loop(w, method.stepper(w))
     count = len(system.events)
     functions = [w.f, w.memory_function(), run_to_event_function(count)]
     if count:
-        functions += [switching_function(system, fused), trial_step_function(), locate_event_function(count)]
+        functions += [
+            switching_function(system, tables, fused),
+            trial_step_function(),
+            locate_event_function(count),
+        ]
     return module([*functions, *w.functions.values()])
 
 

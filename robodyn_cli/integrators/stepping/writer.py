@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
 
 from robodyn_cli.decision import RATES, Decision
 from robodyn_cli.formulations.dynamics import LANES as LANES
@@ -11,11 +13,11 @@ from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot, Stat
 from robodyn_cli.kernels.arrays import Array, Total, each
 from robodyn_cli.kernels.ir import RELAXED, Block, Condition, Function, Int, Value
 from robodyn_cli.kernels.lower import call_program, lower, outline
-from robodyn_cli.kernels.program import Program
+from robodyn_cli.kernels.program import NUMBERS, Program
 
 INLINE_LIMIT = 400  # operations; longer programs become functions
 LONG = 24  # velocities from which on what is done for each of them is a loop
-ARGUMENTS = ("w", "n", "y", "p", "dense", "out", "tables", "scratch", "work")
+ARGUMENTS = ("w", "n", "y", "p", "dense", "out", "tables", "scratch", "work", NUMBERS)
 
 
 def is_inlined(program: Program) -> bool:
@@ -51,16 +53,41 @@ class Exit:
         self.block.leave(condition, unless=unless)
 
 
+class Tables:
+    """The tables of numbers of all programs in a run's code, one after another: ``numbers``.
+
+    programs : in an order that no number decides; the same objects that the code is written from.
+    """
+
+    def __init__(self, programs: Sequence[Program | None]) -> None:
+        self.programs = [
+            p for k, p in enumerate(programs) if p is not None and not any(p is q for q in programs[:k])
+        ]
+        tables = [p.table for p in self.programs]
+        self._starts = np.cumsum([0, *(len(table) for table in tables)]).tolist()
+        self.numbers = np.concatenate(tables)
+
+    def start(self, program: Program) -> int:
+        """Return where the table of a program begins."""
+        return int(next(s for p, s in zip(self.programs, self._starts) if p is program))
+
+    @property
+    def digest(self) -> str:
+        """Key of the programs' code."""
+        return " ".join(p.digest for p in self.programs)
+
+
 class Writer:
     """The function under construction, with the state and the programs of the system at hand.
 
     ``nv``, ``rates`` (nv + nz) and ``size`` are Python ints, or Ints for a long system and where the code serves
     systems of any size: then rows of vectors live in memory of the caller, and ``each`` makes a loop (unless
-    ``loops`` is False and the size is known).
+    ``loops`` is False and the size is known). tables : of the numbers that the programs read.
     """
 
-    def __init__(self, system: System, fused: bool, loops: bool = True) -> None:
+    def __init__(self, system: System, tables: Tables, fused: bool, loops: bool = True) -> None:
         self.system = system
+        self.tables = tables
         self.fused = fused
         self.f = f = Function("run", [f"ptr noalias %{a}" for a in ARGUMENTS], result="i64", flags=RELAXED)
         self.functions: dict[str, Function] = {}
@@ -156,13 +183,17 @@ class Writer:
             return self.get(DoubleSlot.SAMPLE_START) + f.to_double(k) * self.get(DoubleSlot.SAMPLE_STEP)
 
     # -- programs -------------------------------------------------------------------------------------
+    def numbers(self, program: Program) -> Array:
+        """Return the table of a program, which is a part of the run's."""
+        return Array(self.f, self.f.offset(f"%{NUMBERS}", self.tables.start(program)))
+
     def evaluate(
         self, program: Program, t: Value, x: Array, **more: list[Value] | Array
     ) -> dict[str, list[Value]]:
         """Emit a program of the system at time t and state x = (q, v, z), with ``more`` input groups."""
         f, width = self.f, x.width
         first: dict[str, Int | int] = {"q": 0, "v": self.nv, "z": self.nv * 2}
-        inputs: dict[str, list[Value] | Array] = {**more, "t": [t]}
+        inputs: dict[str, list[Value] | Array] = {**more, "t": [t], NUMBERS: self.numbers(program)}
         for group, count in program.inputs.items():
             if group == "p":
                 inputs[group] = [f.load(f.offset("%p", k)) for k in range(count)]
@@ -177,11 +208,11 @@ class Writer:
 
     def _values(
         self, program: Program, inputs: Mapping[str, list[Value] | Array], width: int
-    ) -> dict[str, list[Value]]:
+    ) -> dict[str, list[Value] | Array]:
         """Load those inputs that are in memory, as far as they are used."""
         used = {i.value for i in program.instructions if i.op == "sym"}
         zero = self.f.constant(0.0, width)
-        found: dict[str, list[Value]] = {}
+        found: dict[str, list[Value] | Array] = {NUMBERS: inputs[NUMBERS]}
         for group, count in program.inputs.items():
             source = inputs[group]
             if isinstance(source, Array):

@@ -10,7 +10,7 @@ from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.decimate import finite, where_largest
 from robodyn_cli.report.lines import column_names, draw_columns
-from robodyn_cli.report.marks import growth_times, lock_time, loop_columns, mark_lock
+from robodyn_cli.report.marks import growth_times, lock_time, loop_columns, mark_lock, sharing_note
 from robodyn_cli.report.ticks import labelled, log_axis, number, positive_floor, unit
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
@@ -34,7 +34,7 @@ def draw(result: Result) -> Any:
     top = where_largest(norm)
     subtitle = (
         f"Lagrange multipliers; largest norm {number(float(norm[top]), 6)} {unit(variable.units)}"
-        f" at t = {number(float(result.time[top]), 6)} s"
+        f" at t = {number(float(result.time[top]), 6)} s{sharing_note(result)}"
     )
     if growth:
         labels.append("multiple of the running median")

@@ -11,7 +11,7 @@ from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.decimate import finite, where_largest
 from robodyn_cli.report.heatmap import draw_map
 from robodyn_cli.report.lines import draw_columns
-from robodyn_cli.report.marks import mark_lock
+from robodyn_cli.report.marks import mark_lock, sharing_note
 from robodyn_cli.report.ticks import log_axis, number
 from robodyn_cli.results.result import Result, Variable
 from robodyn_cli.spatial.algebra import Array
@@ -33,7 +33,7 @@ def draw(result: Result) -> Any:
     at, worst = np.unravel_index(where_largest(force.ravel()), force.shape)
     subtitle = (
         f"Reactions in joints and closures; largest force {number(float(force[at, worst]), 5)} N in {names[worst]} "
-        f"at t = {number(float(result.time[at]), 5)} s"
+        f"at t = {number(float(result.time[at]), 5)} s{sharing_note(result)}"
     )
     if len(names) > style.MANY:
         return draw_map(result, force, names, "force", "N", subtitle)

@@ -11,6 +11,7 @@ from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.decimate import finite, where_largest
 from robodyn_cli.report.heatmap import draw_map
 from robodyn_cli.report.lines import by_unit, column_names, draw_groups, panel_height
+from robodyn_cli.report.marks import torque_note
 from robodyn_cli.report.ticks import labelled, number, unit
 from robodyn_cli.results.result import Result
 from robodyn_cli.solve.quadrature import root_mean_square_over
@@ -33,11 +34,11 @@ def draw(result: Result) -> Any:
     rms = root_mean_square_over(result.time, data)
     peak = [where_largest(np.abs(data[:, column])) for column in range(data.shape[1])]
     few = len(names) <= style.FEW
+    labels, subtitle = names, _worst(names, data, rms, units) + torque_note(result)
     if len(names) > style.MANY:
-        return draw_map(result, data, names, "torque", variable.units, _worst(names, data, rms, units))
-    labels, subtitle = names, _worst(names, data, rms, units)
+        return draw_map(result, data, names, "torque", variable.units, subtitle)
     if few:
-        subtitle = "Actuator torques; dot: peak, thin line: root mean square"
+        subtitle = f"Actuator torques; dot: peak, thin line: root mean square{torque_note(result)}"
         labels = [
             f"{name}: peak {number(data[at, k], 4)}, RMS {number(float(rms[k]), 4)} {units[k]}"
             for k, (name, at) in enumerate(zip(names, peak))

@@ -21,7 +21,7 @@ from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.method import supervisor_for
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.driver.second_run import FirstRun, estimate_error
-from robodyn_cli.run.driver.summary import Residual
+from robodyn_cli.run.driver.summary import residual_of
 from robodyn_cli.run.observation.observe import Column, Observer
 from robodyn_cli.run.observation.recorder import Recorder
 from robodyn_cli.run.stopwatch import Stopwatch
@@ -55,11 +55,6 @@ class Followed:
 
     keys: AfterLock
     recorder: Recorder | None
-
-    @property
-    def until(self) -> float:
-        """Time that it came to [s]."""
-        return self.keys.until
 
 
 def follow_locked(motion: Motion, lock: Lock, latch: Latch, before: Recorder, watch: Stopwatch) -> Followed:
@@ -105,7 +100,7 @@ def follow_locked(motion: Motion, lock: Lock, latch: Latch, before: Recorder, wa
         until=driver.time,
         error_estimate=estimate,
         energy_drift=recorder.drift,
-        constraint_residual=Residual(recorder.position_residual, recorder.velocity_residual),
+        constraint_residual=residual_of(recorder),
         latch=_latch_load(recorder, latch.locked.name),
         largest=recorder.loads,
         counters=driver.counters,

@@ -26,7 +26,7 @@ from robodyn_cli.run.driver.motion import Motion, Watcher
 from robodyn_cli.run.observation.least_norm import LeastNorm
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.singular.rank_loss import Passage, PosesAhead
-from robodyn_cli.run.singular.singularity import classify, driven_dead_point, loop_rows, passive_determinant
+from robodyn_cli.run.singular.singularity import classify, driven_dead_point, passive_determinant
 from robodyn_cli.spatial.algebra import Array
 
 Pose = tuple[float, Array]  # a time [s] and the state x (nx,) there
@@ -60,7 +60,7 @@ class MultiplierGrowth(Watcher):
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
-        self.rows = loop_rows(problem)
+        self.rows = problem.constraints.of_loops
 
     def follow(self, motion: Motion) -> None:
         self.system, self.deploy = motion.system, motion.scene.deploy

@@ -27,7 +27,7 @@ def check_redundant(problem: Problem, assembled: Assembled, recorder: Recorder) 
     whole = Problem(problem.scene, model=problem.model)
     # combined rows are solved together, so each may be the one that opens
     named = problem.constraints.names if problem.dependent else assembled.redundant
-    rows = [row for row in whole.constraint_rows if row.name in named]
+    rows = [row for row in whole.constraints.rows if row.name in named]
     q, t = recorder.array("q"), recorder.array("time")
     values = evaluate([row.eta for row in rows], {"q": list(q.T), "t": [t], "p": []})
     residual = np.abs(np.column_stack([np.broadcast_to(value, t.shape) for value in values]))

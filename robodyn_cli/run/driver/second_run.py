@@ -74,6 +74,12 @@ class FirstRun:
     end: float
     steps: int
 
+    @staticmethod
+    def of(motion: Motion, end: float, steps: int) -> FirstRun:
+        """Return the run of a motion from t = 0 to ``end`` [s] on the scene's grid."""
+        s = motion.scene.simulate
+        return FirstRun(motion.choice.method, motion.start, Grid.over(s.duration, s.samples), end, steps)
+
 
 @record
 class ErrorEstimate:

@@ -81,7 +81,7 @@ def open_problem(source: sc.Scene | Model | Problem, what: str) -> Problem:
     problem = source if isinstance(source, Problem) else Problem(source)
     if problem.model.closures:
         raise CapabilityError(
-            f"{what} as a function of independent samples exists for open chains only: closed loops (here "
+            f"{what} as a function of independent samples exists for open chains only: closed loops and couplers (here "
             f"{problem.model.closures[0]!r}) tie the joints to each other and share the load; for a mechanism use "
             "`inverse` or `simulate`"
         )

@@ -16,7 +16,6 @@ from robodyn_cli.run.mechanism.loop_conditions import Lead, lead_of, velocity_pl
 from robodyn_cli.run.mechanism.motion import Planned, with_led_point
 from robodyn_cli.run.mechanism.report import add_rows
 from robodyn_cli.run.observation.evaluation import SampleFunction
-from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import accelerations
 from robodyn_cli.spatial.algebra import Array
@@ -38,7 +37,7 @@ def build_closed(scene: Scene) -> ClosedLoops:
     refuse_gears(problem)
     lead = lead_of(problem)
     duration, actuated = motion_duration(scene), actuated_joints(problem, lead)
-    rows = tuple(problem.constraints.rows[i] for i in loop_rows(problem))
+    rows = problem.constraints.loop_rows
     found = parts(problem)
     found["beside"] |= _loop_outputs(problem, rows)
     return ClosedLoops(problem, duration, **found, lead=lead, actuated=actuated, rows=rows)
@@ -100,7 +99,7 @@ class ClosedLoops(InverseProgram):
         # those of prescribed joints are torques of their actuators here
         assert sampled.loops is not None
         out = np.zeros((len(sampled.times), len(self.problem.constraints.rows)))
-        out[:, loop_rows(self.problem)] = sampled.loops.shared.multipliers
+        out[:, self.problem.constraints.of_loops] = sampled.loops.shared.multipliers
         return out
 
     def add_loops(self, result: Result, sampled: Sampled) -> None:

@@ -68,7 +68,6 @@ class Mechanism:
 class InverseSummary:
     """The summary of an inverse run."""
 
-    status: str
     termination: Termination
     samples: int
     warnings: list[str] | Absent
@@ -82,4 +81,3 @@ class InverseSummary:
     definitions: dict[str, str]
     counters: dict[str, int]
     reactions: dict[str, Any] | Absent
-    wall_time_s: dict[str, float]

@@ -1,9 +1,8 @@
-"""A mechanism at rest: its configuration, the torques that hold it, and the values of its symbols."""
+"""A mechanism at rest: its configuration, and the torques that hold it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar, free_symbols
@@ -27,12 +26,6 @@ class AtRest:
     lam: Array
     facts: Balanced | Held
     terms: Mapping[str, Array]
-
-
-def at_rest(problem: Problem, q: Array) -> dict[str, Any]:
-    """Return the values of all symbols at q (nq,), t = 0, at rest."""
-    still = [0.0] * problem.model.nv
-    return {"q": q.tolist(), "v": still, "a": still, "t": [0.0], "p": []}
 
 
 def refuse_unknown(entries: Sequence[Scalar]) -> None:

@@ -18,9 +18,9 @@ from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.model.model import UNKNOWN_GROUP
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Absent, as_keys
+from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.driver.prepare import Setup, prepare
-from robodyn_cli.run.mechanism.state_text import state_overrides as state_overrides
+from robodyn_cli.run.mechanism.state_text import state_overrides
 from robodyn_cli.run.observation.places import quaternions, world_pose
 from robodyn_cli.scene.load import load_scene
 from robodyn_cli.scene.types import Scene
@@ -68,7 +68,6 @@ class ConstraintsAt:
 class Info:
     """The report of ``info``; numbers that depend on data which the scene does not give are NaN."""
 
-    title: str
     joints: list[dict[str, Any]]
     links: dict[str, Any]
     state: State
@@ -82,8 +81,8 @@ class Info:
 
 
 @np.errstate(all="ignore")  # the report shows numbers without a value as NaN
-def info(path: Path, overrides: Sequence[str] = (), at: Sequence[str] = ()) -> tuple[dict[str, Any], Result]:
-    """Return the report of a scene at a state, and a result of that one sample to draw.
+def info(path: Path, overrides: Sequence[str] = (), at: Sequence[str] = ()) -> Result:
+    """Return the report of a scene at a state as the summary of a result, which holds that one sample to draw.
 
     The state is the initial one unless ``at`` gives another; joints of an open chain without a position are at 0,
     loops are closed. Numbers that depend on data which the scene does not give are None.
@@ -92,10 +91,10 @@ def info(path: Path, overrides: Sequence[str] = (), at: Sequence[str] = ()) -> t
     ------
     SceneError : the scene or the state cannot be read. Others as in ``prepare``.
     """
-    scene = scene_at(path, overrides, at)
-    setup = prepare(scene)
-    numbers = Numbers(setup)
-    return as_keys(numbers.report()), numbers.drawing()
+    numbers = Numbers(prepare(scene_at(path, overrides, at)))
+    result = numbers.drawing()
+    result.summarise(numbers.report())
+    return result
 
 
 def scene_at(path: Path, overrides: Sequence[str], at: Sequence[str]) -> Scene:
@@ -153,7 +152,6 @@ class Numbers:
         terms = problem.rigid_terms()
         gravity = self.array(terms["gravity"]) if "gravity" in terms else np.zeros(model.nv)
         return Info(
-            title=scene.title,
             joints=_joints(scene),
             links=_links(scene),
             state=State(_named(model.q_names, self.q), _named(model.v_names, self.v)),
@@ -198,7 +196,7 @@ class Numbers:
     def drawing(self) -> Result:
         """Return the state as a result of one sample, to draw."""
         problem = self.problem
-        result = Result("info", problem.scene.title or "info", "ok", problem.scene.text)
+        result = Result.of("info", problem.scene)
         result.add("time", np.zeros(1))
         for name, outline in problem.model.outlines.items():
             corners = [self.array(problem.world_point(corner)) for corner in outline]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from robodyn_cli.record import record
 from robodyn_cli.solve.assembly import mechanism_size
 from robodyn_cli.solve.point_kinematics import PointKinematics
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.motion import TaskSpace
+from robodyn_cli.trajectories.motion import JointSpace, TaskSpace
 
 # seconds: to interpret an operation; to compile at all, and per operation
 INTERPRETED, COMPILING, COMPILED = 2e-7, 35e-3, 80e-6
@@ -43,7 +42,7 @@ def nothing_led() -> Lead:
 def lead_of(problem: Problem) -> Lead:
     """Return the joints or the point that the scene's trajectory leads; none without a trajectory."""
     scene = problem.scene
-    trajectory: Any = scene.trajectory
+    trajectory: JointSpace | TaskSpace | None = scene.trajectory
     parameters = scene.parameters
     if trajectory is None:
         return nothing_led()
@@ -200,8 +199,3 @@ def velocity_places(model: Model, names: Sequence[str]) -> list[int]:
         columns = (name,) if name in model.v_names else model.v_columns(name)
         found += [model.v_names.index(column) for column in columns]
     return list(dict.fromkeys(found))
-
-
-def coordinate_name(model: Model, index: int) -> str:
-    """Return the joint that a velocity coordinate belongs to."""
-    return next(b.joint_name for b in model.bodies if b.v <= index < b.v + b.joint.nv)

@@ -13,7 +13,7 @@ from robodyn_cli.errors import GeometryError, SceneError, SingularConfigurationE
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Point, Scene
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.motion import JointMotion, TaskSpace
+from robodyn_cli.trajectories.motion import JointMotion, JointSpace, TaskSpace
 
 if TYPE_CHECKING:
     from robodyn_cli.solve.inverse_kinematics import PointTask
@@ -67,8 +67,7 @@ def plan_motion(problem: Problem, times: Array) -> Planned:
     SingularConfigurationError : from the inverse kinematics.
     """
     scene, model = problem.scene, problem.model
-    trajectory: Any = scene.trajectory
-    parameters = scene.parameters
+    trajectory: JointSpace | TaskSpace | None = scene.trajectory
     if trajectory is None:
         raise SceneError(
             f"{scene.path}: key 'trajectory' is missing: inverse dynamics needs a motion; "
@@ -76,7 +75,7 @@ def plan_motion(problem: Problem, times: Array) -> Planned:
             key="trajectory",
         )
     if not isinstance(trajectory, TaskSpace):
-        return Planned(times, trajectory.motion(times, model.q_names, parameters))
+        return Planned(times, trajectory.motion(times, model.q_names, scene.parameters))
     from robodyn_cli.solve.inverse_kinematics import follow_point
 
     task = point_task(problem)

@@ -37,7 +37,6 @@ class BranchSearch:
 class AssembleSummary:
     """The summary of an assembly."""
 
-    status: str
     termination: Termination
     samples: int
     configuration: dict[str, float]
@@ -51,7 +50,6 @@ class AssembleSummary:
     mobility: Mobility
     branches: list[Branch] | Absent
     branch_search: BranchSearch | Absent
-    wall_time_s: dict[str, float]
 
 
 @record
@@ -102,7 +100,6 @@ class Closure:
 class KinematicsSummary:
     """The summary of a kinematic analysis; ``termination`` of one that stopped has the error's details."""
 
-    status: str
     termination: Termination | dict[str, Any]
     mobility: Mobility | Absent
     samples: int
@@ -112,7 +109,6 @@ class KinematicsSummary:
     transmission_angle: TransmissionAngle | Absent
     error_estimate: Closure | Absent
     counters: dict[str, int]
-    wall_time_s: dict[str, float]
 
 
 @record
@@ -146,7 +142,6 @@ class ForceResidual:
 class StaticsSummary:
     """The summary of a static analysis."""
 
-    status: str
     termination: Termination
     mobility: Mobility | Absent
     multipliers: dict[str, float] | Absent
@@ -158,4 +153,3 @@ class StaticsSummary:
     equilibrium: Balanced | Held
     error_estimate: ForceResidual
     reactions: dict[str, Any] | Absent
-    wall_time_s: dict[str, float]

@@ -24,10 +24,11 @@ AGREED = (
 
 @record
 class LockReference:
-    """The time of a lock [s] that two families of methods agree on, and to how many digits."""
+    """The time of a lock [s] that two families of methods agree on, to how many digits and within how much [s]."""
 
     time: float
     digits: float
+    apart: float
     methods: tuple[str, str]
 
 
@@ -77,7 +78,7 @@ def lock_reference(motion: Motion) -> LockReference | None:
             f"{first} and {second} at tight tolerance put the lock at {one:.9g} s and {other:.9g} s, so there is no "
             "reference"
         )
-    return LockReference(one, -float(np.log10(max(apart, 1e-16))), (first, second))
+    return LockReference(one, -float(np.log10(max(apart, 1e-16))), abs(one - other), (first, second))
 
 
 def judge_lock(driver: Driver, entry: Entry, motion: Motion, ref: LockReference) -> None:

@@ -15,12 +15,13 @@ from robodyn_cli.integrators.methods.stability_region import limits
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, as_keys
+from robodyn_cli.results.summary import ABSENT
 from robodyn_cli.run.driver.baumgarte import GainStudy
 from robodyn_cli.run.driver.build import projected_motion
 from robodyn_cli.run.driver.prepare import Setup, prepare
 from robodyn_cli.run.numerics import stability_store as store
 from robodyn_cli.run.numerics.energy_growth import PERIODS, growths, period
+from robodyn_cli.run.numerics.instants import instants
 from robodyn_cli.run.numerics.spectrum import Spectrum, spectrum
 from robodyn_cli.run.numerics.stability_summary import (
     EnergyGrowth,
@@ -38,8 +39,6 @@ from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 
-INSTANTS = 65  # at which eigenvalues are taken
-FEW_INSTANTS = 3  # in long chains
 STIFF = (
     1e4  # decays of the fastest mode within the run from which on implicit methods make the better reference
 )
@@ -100,7 +99,7 @@ def stability(
         with watch.stage("baumgarte"):
             planes = gain_planes(scene, effort)
     progress(stages, stages)
-    result = Result("stability", scene.title or "stability", "ok", scene.text)
+    result = Result.of("stability", scene)
     summary = StabilitySummary(
         termination={"reason": "report made", "time": ref.until if ref else 0.0},
         reference=ReferenceKeys.of(ref),
@@ -109,9 +108,8 @@ def stability(
         methods=trials,
         energy_growth=EnergyKeys(energy.period, energy.periods, [g.keys for g in energy.growths]),
         baumgarte={name: plane.keys for name, plane in planes.items()} if has_gains else ABSENT,
-        wall_time_s=watch.report(),
     )
-    result.summary = as_keys(summary)
+    result.summarise(summary, seconds=watch.report())
     store.add_gains(result, planes)
     store.add_spectrum(result, found)
     store.add_trials(result, trials)
@@ -162,17 +160,15 @@ def along(setup: Setup, ref: Reference | None) -> Spectrum | None:
     """Return the spectrum along the reference solution."""
     if ref is None:
         return None
-    count = INSTANTS if setup.problem.model.nv <= 30 else FEW_INSTANTS
-    places = np.unique(np.linspace(0, len(ref.times) - 1, count).round().astype(int))
-    q, v = np.split(ref.states[places], [setup.problem.model.nq], axis=1)
-    return eigenvalues(setup, ref.times[places], q, v)
+    model = setup.problem.model
+    return eigenvalues(setup, *instants(setup.problem.scene, ref, model.nq, model.nv))
 
 
 def step_limits(found: Spectrum | None) -> list[StepLimit]:
     """Return, for each method whose step stability limits, the extents of its region and its largest step [s]."""
     table = []
     for limit in limits():
-        steps = [limit.largest_step(row) for row in found.eigenvalues] if found is not None else []
+        steps = found.largest_steps(limit) if found is not None else ()
         finite = [h for h in steps if np.isfinite(h)]
         table.append(
             StepLimit(limit.method, limit.kind, limit.real, limit.imaginary, min(finite, default=None))

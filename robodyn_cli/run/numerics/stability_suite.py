@@ -93,16 +93,14 @@ def suite(
             v = verdicts[-1]
             tell(f"{case.name}: {'; '.join(v.complaints) or 'as expected'} ({v.seconds:.1f} s)")
     summary = SuiteSummary(
-        title="Stability suite" + (", quick" if quick else ""),
         termination={"reason": "all cases run"},
         quick=quick,
         missed=sum(bool(v.complaints) for v in verdicts),
         methods=methods_of(quick),
         cases=[v.as_dict() for v in verdicts],
-        wall_time_s=watch.report(),
     )
-    result = Result("stability", "Stability suite", "ok", "")
-    result.summary = as_keys(summary)
+    result = Result("stability", "Stability suite" + (", quick" if quick else ""), "ok", "")
+    result.summarise(summary, seconds=watch.report())
     add_errors(result, verdicts, summary.methods)
     return result
 
@@ -111,13 +109,11 @@ def suite(
 class SuiteSummary:
     """Keys of the summary of the suite."""
 
-    title: str
     termination: dict[str, str]
     quick: bool
     missed: int
     methods: list[str]
     cases: list[dict[str, Any]]
-    wall_time_s: dict[str, float]
 
 
 def add_errors(result: Result, verdicts: Sequence[Verdict], methods: Sequence[str]) -> None:

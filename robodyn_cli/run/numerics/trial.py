@@ -100,8 +100,9 @@ class Reference:
     """A solution that two methods at tight tolerance agree on.
 
     times (T,), states (T, n) as far as they agree; scale (n,) : range of each quantity. until [s] : how far that
-    is. digits : to which they agree, relative to the range. methods : which they are. ends_early : why the motion
-    itself ends before its duration (a singular configuration), else empty.
+    is. digits : to which they agree, relative to the range; apart : the same as the largest difference of any quantity.
+    methods : which they are. ends_early : why the motion itself ends before its duration (a singular configuration),
+    else empty.
     """
 
     times: Array
@@ -109,6 +110,7 @@ class Reference:
     scale: Array
     until: float
     digits: float
+    apart: float
     methods: tuple[str, str]
     ends_early: str = ""
 
@@ -122,13 +124,15 @@ def agreed(
     methods: tuple[str, str],
 ) -> Reference | None:
     """Return states x (T, n) as far as another run's y agree within ``bound`` of the scale, None where they do not."""
-    apart = np.maximum.accumulate(np.max(np.abs(x - y) / scale, axis=1))
-    good = np.flatnonzero(apart <= bound)
+    apart = np.abs(x - y)
+    relative = np.maximum.accumulate(np.max(apart / scale, axis=1))
+    good = np.flatnonzero(relative <= bound)
     if len(good) < 2:
         return None
-    last = int(good[-1])
-    digits = -np.log10(max(float(apart[last]), 1e-16))
-    return Reference(times[: last + 1], x[: last + 1], scale, float(times[last]), float(digits), methods)
+    count = int(good[-1]) + 1
+    digits = -float(np.log10(max(relative[count - 1], 1e-16)))
+    largest = float(apart[:count].max())
+    return Reference(times[:count], x[:count], scale, float(times[count - 1]), digits, largest, methods)
 
 
 def _proper_end(solution: Solution) -> bool:

@@ -54,7 +54,7 @@ class SampleFunction:
         self.samples = samples
         self.compiled = worth_compiling(self.operations, samples)
         self._known = tuple(known)
-        # constants need no kernel; compiled code cannot use paths as names
+        # constants need no kernel; without names from the scene, scenes with equal equations share their code
         varying = [n for n, a in self.outputs.items() if any(isinstance(e, Expr) for e in a)]
         self._names = {f"o{k}": name for k, name in enumerate(varying)}
         if self.compiled:

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from robodyn_cli.run.observation.observe_rolled import RolledKernel
     from robodyn_cli.run.observation.reactions import ReactionSamples
 
-XYZ = ("x", "y", "z")
 MEANINGS = {
     "q": "joint position", "qd": "joint velocity", "qdd": "joint acceleration", "tau": "actuator torque"
 }  # fmt: skip
@@ -280,7 +279,7 @@ class Observer:
     def _singular(self, flat: Array) -> dict[str, Array]:
         """Return the singular values of Psi and of its passive block along the samples."""
         constraints = self.problem.constraints
-        loops = [i for i in range(len(constraints.rows)) if i not in constraints.prescribed]
+        loops = constraints.of_loops
         if not loops:
             return {}
         psi = flat.reshape(len(flat), len(constraints.rows), self.problem.model.nv)[:, loops, :]

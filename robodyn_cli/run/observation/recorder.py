@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.errors import NumericalError
-from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.observation.observe import Column, Observer
@@ -113,21 +112,13 @@ class Recorder:
     def make_last_least_norm(self, time: float) -> None:
         """Replace accelerations and multipliers of the last sample, where Psi has lost rank, by least-norm ones."""
         problem = self.observer.problem
-        nv = problem.model.nv
         q, qd = self.blocks["q"][-1][-1], self.blocks["qd"][-1][-1]
-        values = {"q": q.tolist(), "v": qd.tolist(), "t": [time], "p": self.observer.parameters.tolist()}
-        entries = [
-            *problem.mass_matrix.ravel(),
-            *(problem.applied - problem.bias),
-            *problem.constraints.gamma,
-        ]
-        numbers = np.array(evaluate(entries, values), dtype=float)
-        M, f, gamma = (
-            numbers[: nv * nv].reshape(nv, nv),
-            numbers[nv * nv : nv * nv + nv],
-            numbers[nv * nv + nv :],
-        )
-        psi = np.array(evaluate(list(problem.psi.ravel()), values), dtype=float).reshape(len(gamma), nv)
+        M, f, gamma, psi = (
+            problem.numbers(entries, q, time, qd, self.observer.parameters)
+            for entries in (
+                problem.mass_matrix, problem.applied - problem.bias, problem.constraints.gamma, problem.psi
+            )
+        )  # fmt: skip
         spread = np.linalg.solve(M, psi.T)
         lam, *_ = np.linalg.lstsq(psi @ spread, -(gamma + spread.T @ f), rcond=1e-9)
         self.blocks["constraints/multipliers"][-1][-1] = lam

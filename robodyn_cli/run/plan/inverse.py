@@ -22,7 +22,6 @@ from robodyn_cli.run.plan.programs import at_samples
 from robodyn_cli.run.plan.report import Kernel, LoopCosts
 from robodyn_cli.run.plan.terms import Equations, Ledger, Term
 from robodyn_cli.run.plan.words import listed, plural
-from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.scene import types as sc
 from robodyn_cli.trajectories.motion import TaskSpace
 
@@ -56,7 +55,7 @@ class Inverse:
         tau: Any = problem.inverse_dynamics
         for term in problem.passive_forces(smooth=False).values():
             tau = tau - term
-        rows = [problem.constraints.rows[i] for i in loop_rows(problem)]
+        rows = problem.constraints.loop_rows
         return [*tau, *(x for row in rows for x in row.psi)]
 
     def kernels(self) -> list[Kernel]:

@@ -20,12 +20,12 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from robodyn_cli.algorithms.kinematics import slice_q, slice_v
+from robodyn_cli.equations.power import applied_powers, total
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.integrators.methods.gauss_tables import gauss_table
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.record import record
-from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.spatial.algebra import Array
 
 EPS = float(np.finfo(float).eps)
@@ -33,7 +33,6 @@ LOST = 1e-6  # ratio of singular values at a located pose below which a directio
 HISTORY = 9  # points through which a guess is extrapolated
 ROUNDS = 60
 CLOSING = 9  # Newton steps that may close the loops at a node
-TAIL = 1e-9  # the last coefficients of positions, over their size, at most
 
 
 class NotSmooth(Exception):
@@ -58,7 +57,7 @@ class Equations:
         self.nv, self.m = nv, len(rows.rows)
         # those of loops and of prescribed joints together: both bind the motion
         self.rank = len(problem.independent_rows.rows)
-        self.loops, self.loop_rank = loop_rows(problem), problem.loop_rank
+        self.loops, self.loop_rank = rows.of_loops, problem.loop_rank
         geometry = {"eta": rows.eta, "psi": list(problem.psi.ravel())}
         rates: dict[str, list[Any]] = {
             "M": list(problem.mass_matrix.ravel()),
@@ -66,7 +65,7 @@ class Equations:
             "gamma": rows.gamma,
             "eta_t": rows.eta_t,
             "qd": _position_rates(problem),
-            "power": [sum(problem.applied_powers.values(), 0.0)] if work else [],
+            "power": [total(applied_powers(problem).values())] if work else [],
         }
         self.work = work
         self.geometry = SampleKernel(geometry, STATE_GROUPS)

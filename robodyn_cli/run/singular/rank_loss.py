@@ -23,7 +23,7 @@ from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.motion import Motion, Watcher
 from robodyn_cli.run.singular.leap import Equations, State
-from robodyn_cli.run.singular.pose_ahead import Approach, Pose, Unresolved
+from robodyn_cli.run.singular.pose_ahead import NODES, REACH, Approach, Pose, Unresolved
 from robodyn_cli.run.singular.singularity import classify, culprit, refuse_dependent_rows
 from robodyn_cli.spatial.algebra import Array
 
@@ -32,9 +32,7 @@ RUNGS = 8
 LOWER = (
     1 / 16
 )  # of the closeness, which falls with the square of the distance, from one threshold to the next
-# of a leap in the run, and in the second integration of the error estimate, which must not repeat its error
-NODES, REACH = 16, 0.4
-OTHER_NODES, OTHER_REACH = 20, 0.3
+OTHER_NODES, OTHER_REACH = 20, 0.3  # of a leap in a second integration, which must not repeat its error
 
 
 class PosesAhead(Watcher):
@@ -116,10 +114,6 @@ class PosesAhead(Watcher):
 
 class RankLoss(PosesAhead):
     """Stops a run that comes to a loss of rank; coming near and leaving again passes."""
-
-    def begin(self, t: float, x: Array, options: Options) -> Array:
-        self.options = options
-        return x
 
     def handle(self, event: Event) -> Outcome:
         """Go on where the motion only comes near.

@@ -182,7 +182,7 @@ def _check_drive(joint: Joint, check: Check, path: Path) -> None:
     if joint.gear_ratio == 0.0:
         check.fail((*path, "gear_ratio"), "must not be zero")
     for name, force in joint.forces:
-        for where, message in getattr(force, "problems", tuple)():
+        for where, message in force.problems():
             with check:
                 check.fail((*path, name, *where), message)
     for name in _not_taken(joint, joint_types[joint.type]):
