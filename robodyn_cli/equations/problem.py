@@ -9,41 +9,35 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from robodyn_cli.algorithms.aba import ArticulatedFactor
-from robodyn_cli.algorithms.constraints import LoopRows, Multipliers, solve_with_multipliers, vanishes
 from robodyn_cli.algorithms.crba import crba
 from robodyn_cli.algorithms.energy import gravity_energy, kinetic_energy, spring_energy
 from robodyn_cli.algorithms.kinematics import Pose, poses, slice_q, slice_v, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
-from robodyn_cli.decision import Decision
-from robodyn_cli.equations.constraints import Constraints as Constraints
-from robodyn_cli.equations.constraints import coordinate_row
 from robodyn_cli.equations.contact_joints import ContactJoint, contact_joints
-from robodyn_cli.equations.dependence import (
-    Combination,
-    Dependence,
-    combinations,
-    independent_rows,
-    multipliers_of_rows,
-)
 from robodyn_cli.equations.elements import Elements
 from robodyn_cli.equations.gears import geared, losses_of_drive, losses_of_load
 from robodyn_cli.equations.joint_forces import JointForces
-from robodyn_cli.equations.switching import Switching
 from robodyn_cli.expr.functions import interpolate
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations, is_nonzero
 from robodyn_cli.expr.rebuild import numbers
-from robodyn_cli.loops.base import Row
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.model.places import with_places
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Array, Matrix, Transform, Values, Vector, vector, zeros
+
+if TYPE_CHECKING:
+    from robodyn_cli.algorithms.constraints import Multipliers
+    from robodyn_cli.equations.constraints import Constraints
+    from robodyn_cli.equations.dependence import Combination, Dependence
+    from robodyn_cli.equations.switching import Switching
+    from robodyn_cli.loops.base import Row
 
 CANCELLATION = 1e3  # so many units of rounding may be lost in a difference of moments of inertia
 DENSE_LIMIT = 12  # velocities up to which the factored mass matrix is tried: it grows with their cube
@@ -172,6 +166,8 @@ class Problem:
     @cached_property
     def switching(self) -> Switching:
         """Where the equations switch, along the motion and in time."""
+        from robodyn_cli.equations.switching import Switching
+
         return Switching(self)
 
     @cached_property
@@ -242,6 +238,9 @@ class Problem:
     @cached_property
     def constraints(self) -> Constraints:
         """Rows of the loop closures, then of couplers, then of prescribed joints."""
+        from robodyn_cli.algorithms.constraints import LoopRows, vanishes
+        from robodyn_cli.equations.constraints import Constraints, coordinate_row
+
         rows: list[Row] = []
         dropped: list[str] = []
         closures = LoopRows(self.model, self.X, self.q, self.v, self.gravity)
@@ -277,11 +276,19 @@ class Problem:
     @cached_property
     def combinations(self) -> list[Combination]:
         """Combinations of the rows that depend on each other; their numbers are parameters p."""
+        if not self.dependent:
+            return []
+        from robodyn_cli.equations.dependence import combinations
+
         return combinations(self.graph, self.dependent, self.constraints.names, len(self.model.parameters))
 
     @cached_property
     def independent_rows(self) -> Constraints:
         """The rows that the equations are solved with: combinations of dependent rows, then the other rows."""
+        if not self.combinations:
+            return self.constraints
+        from robodyn_cli.equations.dependence import independent_rows
+
         return independent_rows(self.constraints, self.combinations)
 
     def moved(self, dq: Values) -> list[Scalar]:
@@ -329,6 +336,8 @@ class Problem:
 
     def solution(self, gamma: Sequence[Scalar]) -> tuple[Multipliers, list[Scalar]]:
         """Return accelerations and multipliers for ``gamma`` of the independent rows, and those of held joints."""
+        from robodyn_cli.algorithms.constraints import Multipliers, solve_with_multipliers
+
         f = self.applied - self.bias
         held = self.contact_joints
         if not self.has_multipliers:
@@ -344,9 +353,12 @@ class Problem:
         for joint in held:
             # rounding must not set a held joint in motion
             found.qdd[joint.v] = found.qdd[joint.v] * (1.0 - joint.hold)
-        rows = len(gamma)
-        lam = multipliers_of_rows(self.constraints, self.combinations, found.lam[:rows])
-        return Multipliers(found.qdd, lam), list(found.lam[rows:])
+        lam, holding = found.lam[: len(gamma)], list(found.lam[len(gamma) :])
+        if self.combinations:
+            from robodyn_cli.equations.dependence import multipliers_of_rows
+
+            lam = multipliers_of_rows(self.constraints, self.combinations, lam)
+        return Multipliers(found.qdd, lam), holding
 
     def ways_to_accelerations(self, f: Values) -> dict[str, Vector]:
         """Return M^-1 f (nv,) of the open tree by the ways that may suit its size."""
@@ -359,18 +371,6 @@ class Problem:
     def free_accelerations(self, f: Values) -> Vector:
         """Return M^-1 f (nv,) of the open tree by the way that takes fewer operations."""
         return min(self.ways_to_accelerations(f).values(), key=count_operations)
-
-    @property
-    def solver(self) -> Decision:
-        """How the equations are solved for the accelerations."""
-        if self.has_multipliers:
-            return Decision("accelerations", "factored mass matrix", "the multipliers need the factor of M")
-        ways = self.ways_to_accelerations(self.applied - self.bias)
-        counts = {name: count_operations(list(a)) for name, a in ways.items()}
-        reason = "fewer operations"
-        if len(counts) == 1:
-            reason = f"{self.model.nv} joints: the factored mass matrix grows with their cube"
-        return Decision("accelerations", min(counts, key=counts.__getitem__), reason, counts)
 
     # -- energy ---------------------------------------------------------------------------------------
     @cached_property

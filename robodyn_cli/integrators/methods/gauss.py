@@ -12,11 +12,11 @@ fixed step, each solved to rounding.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from robodyn_cli.decision import Decision
-from robodyn_cli.formulations.residual import Residual
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integration_methods import IntegrationMethod
 from robodyn_cli.integrators.methods.gauss_output import GaussOutput, StageRates
@@ -27,6 +27,9 @@ from robodyn_cli.integrators.stepping.stepper import Method, StepProgram
 from robodyn_cli.integrators.stepping.writer import Writer, placement
 from robodyn_cli.kernels.arrays import Total
 from robodyn_cli.kernels.ir import Block, Condition, Int, Value
+
+if TYPE_CHECKING:
+    from robodyn_cli.formulations.residual import Residual
 
 ITERATIONS = 14
 HALFWAY = 4  # rounds after which the iteration is given up if eight more would not suffice
@@ -66,9 +69,10 @@ class Gauss(Method):
     def residual_of(self, system: System) -> Residual | None:
         """Return the system's rates as corrections of a guess, where that takes less than the rates themselves."""
         direct = system.dynamics.program
-        if system.residual is None or system.dynamics.any_size or direct.operations < SHORT:
+        if system.dynamics.any_size or direct.operations < SHORT:
             return None
-        return system.residual if system.residual.pays(direct, ROUNDS) else None
+        residual = system.residual
+        return residual if residual is not None and residual.pays(direct, ROUNDS) else None
 
     def dense_size(self, system: System) -> int:
         rates = system.nv + system.nz

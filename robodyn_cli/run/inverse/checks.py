@@ -6,7 +6,6 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.forces.element import half_turn_warning
-from robodyn_cli.forces.limits import Limits
 from robodyn_cli.model.model import Model
 from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.inverse.program import InverseProgram, Sampled
@@ -54,7 +53,7 @@ def beyond_limits(problem: Problem, times: Array, motion: JointMotion) -> list[s
     """
     model, found = problem.model, []
     for joint in problem.scene.robot.joints:
-        limits = next((force for _, force in joint.forces if isinstance(force, Limits)), None)
+        limits = dict(joint.forces).get("limits")
         if limits is None or joint.name not in model.q_names:
             continue
         column = model.q_names.index(joint.name)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,9 +13,10 @@ from robodyn_cli.expr.graph import Expr, Scalar, count_operations, free_symbols,
 from robodyn_cli.expr.rebuild import apply
 from robodyn_cli.kernels.program import Program, make_program, unknown_data
 from robodyn_cli.model.model import UNKNOWN_GROUP
-from robodyn_cli.run.observation.finite import refuse_sampled
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.motion import JointMotion
+
+if TYPE_CHECKING:
+    from robodyn_cli.trajectories.motion import JointMotion
 
 Outputs = Mapping[str, Sequence[Scalar]]
 
@@ -105,6 +106,8 @@ class SampleFunction:
         ------
         NumericalError : a number is not finite; says which, when and why.
         """
+        from robodyn_cli.run.observation.finite import refuse_sampled
+
         inputs = {"t": times[:, None], "q": motion.q, "v": motion.qd, "a": motion.qdd}
         arrays = self(**inputs)
         refuse_sampled(inputs, self.outputs, arrays)

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 
 from robodyn_cli.decision import Decision
 from robodyn_cli.equations.problem import Problem
+from robodyn_cli.equations.solver import solver
 from robodyn_cli.expr.graph import Scalar, count_operations, free_symbols
 from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.events import EventFunction
@@ -80,7 +81,7 @@ class Forward:
         """Return the decisions of the builders."""
         taken = self.motion.choice
         integrator = Decision("integrator", taken.method, taken.reason)
-        return [self.problem.solver, integrator, *methods[taken.method].choices(self.system)]
+        return [solver(self.problem), integrator, *methods[taken.method].choices(self.system)]
 
     # -- terms ----------------------------------------------------------------------------------------
     def terms(self, e: Equations) -> Iterator[Term]:

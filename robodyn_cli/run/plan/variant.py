@@ -7,8 +7,9 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
+from robodyn_cli.equations.constraints import Constraints
 from robodyn_cli.equations.dependence import Dependence
-from robodyn_cli.equations.problem import Constraints, Problem
+from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.model.model import PARAMETER_GROUP, Body, Model
 from robodyn_cli.record import record
