@@ -32,6 +32,7 @@ from robodyn_cli.schema.fields import (
     Tagged,
     Text,
     Vector,
+    key_name,
 )
 
 PAGE = Path(__file__).parent / "scene.md"
@@ -68,7 +69,7 @@ def keys(cls: type) -> Iterator[str]:
         if isinstance(kind, Inline):
             yield from kind.registry()
         elif kind is not None:
-            yield field.name
+            yield key_name(field)
 
 
 def table(cls: type, anchors: dict[str, str]) -> str:
@@ -82,7 +83,9 @@ def table(cls: type, anchors: dict[str, str]) -> str:
                 rows.append(_row(name, _link(element, anchors), "", "none", " ".join(first.split())))
         elif kind is not None:
             unit = field.metadata["unit"]
-            rows.append(_row(field.name, _value(kind, anchors), unit, _default(field), field.metadata["doc"]))
+            rows.append(
+                _row(key_name(field), _value(kind, anchors), unit, _default(field), field.metadata["doc"])
+            )
     return "\n".join(rows) + "\n"
 
 

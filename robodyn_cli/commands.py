@@ -48,6 +48,7 @@ COMMANDS: dict[str, Command] = {
     "stability": Command(
         "Stiffness, step limits, and what each method does.", "numerics.stability:stability"
     ),
+    "sweep": Command("Many runs with other values of some keys: sweeps and Monte Carlo."),
     "validate": Command("Check scenes and list all that is wrong."),
     "work-precision": Command("Error against run time, for every method."),
 }

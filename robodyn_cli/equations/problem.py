@@ -16,9 +16,10 @@ import numpy as np
 from robodyn_cli.algorithms.aba import ArticulatedFactor
 from robodyn_cli.algorithms.crba import crba
 from robodyn_cli.algorithms.energy import gravity_energy, kinetic_energy, spring_energy
-from robodyn_cli.algorithms.kinematics import Pose, poses, slice_q, slice_v, transforms
+from robodyn_cli.algorithms.kinematics import Pose, moved, poses, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
+from robodyn_cli.equations.braces import Braces, with_force, with_inertia
 from robodyn_cli.equations.contact_joints import ContactJoint, contact_joints
 from robodyn_cli.equations.elements import Elements
 from robodyn_cli.equations.gears import geared, losses_of_drive, losses_of_load
@@ -30,7 +31,7 @@ from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.model.places import with_places
 from robodyn_cli.scene import types as sc
-from robodyn_cli.spatial.algebra import Array, Matrix, Transform, Values, Vector, vector, zeros
+from robodyn_cli.spatial.algebra import Array, Matrix, Transform, Values, Vector, zeros
 
 if TYPE_CHECKING:
     from robodyn_cli.algorithms.constraints import Multipliers
@@ -52,6 +53,7 @@ class Problem:
     symbolic : constants kept as parameters p, in this order (see ``build_model``).
     keep_rows : constraint rows to keep, by index; all by default.
     dependent : rows that depend on each other in every pose (see ``independent_rows``).
+    braces : inertias that prescribed joints need beside their own (see ``equations/braces.py``).
     """
 
     def __init__(
@@ -61,6 +63,7 @@ class Problem:
         keep_rows: Sequence[int] | None = None,
         model: Model | None = None,
         dependent: Sequence[Dependence] = (),
+        braces: Braces | None = None,
     ) -> None:
         self.scene = scene = with_places(scene)
         self.model = model if model is not None else build_model(scene, symbolic)
@@ -69,8 +72,8 @@ class Problem:
         self.q: list[Expr] = graph.symbols(self.model.q_names, "q")
         self.v: list[Expr] = graph.symbols([f"{n}'" for n in self.model.v_names], "v")
         self.a: list[Expr] = graph.symbols([f"{n}''" for n in self.model.v_names], "a")
-        self.keep_rows = keep_rows
-        self.dependent = tuple(dependent)
+        self.keep_rows, self.dependent = keep_rows, tuple(dependent)
+        self.braces: Braces = braces or {}
 
     def numbers(
         self, entries: Any, q: Array, t: float = 0.0, v: Array | None = None, p: Array | None = None
@@ -113,7 +116,7 @@ class Problem:
 
     @cached_property
     def mass_matrix(self) -> Matrix:
-        return crba(self.rigid, self.q, self.X)
+        return with_inertia(crba(self.rigid, self.q, self.X), self.braces)
 
     def newton_euler(self, v: Values, a: Values, gravity: Vector | None) -> Vector:
         """Return M a + C v + G for rates v and accelerations a (nv,)."""
@@ -122,7 +125,8 @@ class Problem:
     @cached_property
     def bias(self) -> Vector:
         """h = C v + G."""
-        return self.newton_euler(self.v, zeros(self.model.nv), self.gravity)
+        h = self.newton_euler(self.v, zeros(self.model.nv), self.gravity)
+        return with_force(h, self.braces, self.all_constraints) if self.braces else h
 
     @cached_property
     def inverse_dynamics(self) -> Vector:
@@ -237,6 +241,11 @@ class Problem:
     # -- constraints ----------------------------------------------------------------------------------
     @cached_property
     def constraints(self) -> Constraints:
+        """The rows that are kept."""
+        return self.all_constraints if self.keep_rows is None else self.all_constraints.only(self.keep_rows)
+
+    @cached_property
+    def all_constraints(self) -> Constraints:
         """Rows of the loop closures, then of couplers, then of prescribed joints."""
         from robodyn_cli.algorithms.constraints import LoopRows, vanishes
         from robodyn_cli.equations.constraints import Constraints, coordinate_row
@@ -250,7 +259,7 @@ class Problem:
                     dropped.append(row.name)
                 else:
                     rows.append(row)
-        env = {"t": self.t, **{f"p.{n}": x for n, x in self.scene.parameters.items()}}
+        env = self._environment()
         for coupler in self.scene.couplers:
             value = 0.0 if coupler.value is None else coupler.value.evaluate(env)
             units = {self.model.q_units[self.model.q_names.index(name)] for name in coupler.terms}
@@ -262,12 +271,7 @@ class Problem:
             kind = self.model.q_units[self.model.q_names.index(name)]
             target = formula.evaluate(env)
             rows.append(coordinate_row(f"prescribed.{name}", self.model, self.q, {name: 1.0}, target, kind))
-        found = Constraints(tuple(rows), tuple(dropped), tuple(range(first, len(rows))))
-        return found if self.keep_rows is None else found.only(self.keep_rows)
-
-    @property
-    def constraint_rows(self) -> tuple[Row, ...]:
-        return self.constraints.rows
+        return Constraints(tuple(rows), tuple(dropped), tuple(range(first, len(rows))))
 
     @cached_property
     def psi(self) -> Matrix:
@@ -293,11 +297,11 @@ class Problem:
 
     def moved(self, dq: Values) -> list[Scalar]:
         """Return q - dq (nq,) for a step dq (nv,), along the joints' manifolds."""
-        q: list[Scalar] = list(self.q)
-        for body in self.model.bodies:
-            step = vector([-x for x in slice_v(body, dq)])
-            q[body.q : body.q + body.joint.nq] = body.joint.integrate(slice_q(body, self.q), step)
-        return q
+        return moved(self.model, self.q, [-x for x in dq])
+
+    @property
+    def constraint_rows(self) -> tuple[Row, ...]:
+        return self.constraints.rows
 
     @property
     def loop_rank(self) -> int:

@@ -99,30 +99,25 @@ class Limits(InJoint):
 
     def torque(self, q: Any, qd: Any, gear_ratio: float, smooth: bool) -> Any:
         """Return the torque on the joint [N m or N]."""
-        total: Any = 0.0
-        for push, depth, rate in self._sides(q, qd):
-            total = total + push * where(depth, maximum(self._law(depth, rate), 0.0), 0.0)
-        return total
+        pushes = (
+            push * where(depth, maximum(self._law(depth, rate), 0.0), 0.0)
+            for push, depth, rate in self._sides(q, qd)
+        )
+        return sum(pushes, 0.0)
 
     def loss(self, q: Any, qd: Any, gear_ratio: float, smooth: bool) -> Any:
         """Return the part of the torque that is not the gradient of the potential energy."""
         total: Any = 0.0
         for push, depth, rate in self._sides(q, qd):
-            elastic = self._elastic(depth)
+            elastic = self.stop.stiffness * power(maximum(depth, 0.0), self.stop.exponent)
             total = total + push * where(depth, maximum(self._law(depth, rate), 0.0) - elastic, 0.0)
         return total
 
-    def _elastic(self, depth: Any) -> Any:
-        n = self.stop.exponent
-        return self.stop.stiffness * power(maximum(depth, 0.0), n)
-
     def potential(self, q: Any) -> Any:
         """Return the energy stored in the stops [J]: k delta^(n + 1) / (n + 1)."""
-        total: Any = 0.0
-        n = self.stop.exponent
-        for _, depth, _ in self._sides(q, 0.0):
-            total = total + self.stop.stiffness * power(maximum(depth, 0.0), n + 1.0) / (n + 1.0)
-        return total
+        n = self.stop.exponent + 1.0
+        stored = (self.stop.stiffness * power(maximum(x, 0.0), n) / n for _, x, _ in self._sides(q, 0.0))
+        return sum(stored, 0.0)
 
     def switches(self, q: Any, qd: Any) -> list[Expr]:
         """Return what changes its sign where a stop engages or lets go."""

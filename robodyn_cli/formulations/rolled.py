@@ -92,23 +92,23 @@ class Rolled:
         return self.plan.tables, self.plan.scratch(LANES)
 
     def emit(self, w: Emission, t: Value, x: Array, rates: Array) -> None:
-        f, width = w.f, x.width
+        f, width, functions = w.f, x.width, w.programs.functions
         forces = w.workspace(f"forces.{width}", 1, 0, width)
         v, z = x.part(w.nv), x.part(w.nv * 2)
         if self.places or self.z_rate:
             name = f"forces.{width}"
-            if name not in w.functions:
-                w.functions[name] = self._force_function(name, width, w.fused)
+            if name not in functions:
+                functions[name] = self._force_function(name, width, w.programs.fused)
             time = f.slot(width)
             f.store(f.splat(t, width), time, 8 * width)
             numbers = w.numbers(self.program).base
             arguments = (time, x.base, v.base, z.base, "%p", numbers, forces.base, rates.part(w.nv).base)
             f.raw(f"call void @{name}({', '.join(f'ptr {a}' for a in arguments)})")
         name = f"forward.{width}"
-        if name not in w.functions:
+        if name not in functions:
             tree_code = tree_function(name, internal=True, attributes="noinline")
-            w.functions[name] = rolled_function(
-                tree_code, self.plan.recursion, self.plan.serial, width, w.fused
+            functions[name] = rolled_function(
+                tree_code, self.plan.recursion, self.plan.serial, width, w.programs.fused
             )
         tree = ("%tables", x.base, v.base, forces.base, rates.base, "%scratch")
         f.raw(f"call void @{name}({', '.join(f'ptr {a}' for a in tree)})")

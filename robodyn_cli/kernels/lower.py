@@ -1,31 +1,28 @@
-"""Turn a Program into IR inside a function that is being written."""
+"""Turn Programs into IR inside a function that is being written: in place, as functions, or as data."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
-from robodyn_cli.errors import CapabilityError
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Function, Value
-from robodyn_cli.kernels.mathematics import sincos
+from robodyn_cli.kernels.mathematics import operation, sincos
 from robodyn_cli.kernels.program import NUMBERS, TRIGONOMETRIC, Instruction, Program
 
+if TYPE_CHECKING:
+    from robodyn_cli.kernels.bytecode.code import Bytecode
+
 Inputs = Mapping[str, Sequence[Value] | Array]  # a value for each position, by group; the table of numbers
-# one-argument functions that LLVM hands to the C library, lane by lane
-LIBRARY = {
-    "exp": "exp", "log": "log", "tan": "tan", "asin": "asin", "acos": "acos", "atan": "atan",
-    "sinh": "sinh", "cosh": "cosh", "tanh": "tanh",
-}  # fmt: skip
+
+INLINE_LIMIT = 400  # operations; longer programs become functions
+LANES = 8  # the most that an integrator evaluates at once
+REGISTERS = "registers"  # argument of functions that evaluate programs: memory for those that are data
 
 
-def _where(f: Function, x: Value, a: Value, b: Value) -> Value:
-    return f.select(f.compare("ogt", x, 0.0), a, b)
-
-
-def _sign(f: Function, x: Value) -> Value:
-    one = f.intrinsic("copysign", [f.constant(1.0, x.width), x])
-    # x itself where it is zero or NaN
-    return f.select(f.compare("une", x, 0.0) & f.compare("ord", x, 0.0), one, x)
+def is_inlined(program: Program) -> bool:
+    """Tell whether a program's code goes where it is evaluated, instead of into a function of its own."""
+    return program.operations <= INLINE_LIMIT
 
 
 def _table(f: Function, x: Value, at: str, n: int, order: int) -> Value:
@@ -141,36 +138,10 @@ class _Lowering:
             group, position = i.value
             return f.splat(self.inputs[group][position], self.width)
         args = [self.value(a) for a in i.args]
-        if i.op == "add":
-            return args[0] + args[1]
-        if i.op == "sub":
-            return args[0] - args[1]
-        if i.op == "mul":
-            return args[0] * args[1]
-        if i.op == "div":
-            return args[0] / args[1]
-        if i.op == "neg":
-            return -args[0]
-        if i.op == "sqrt":
-            return f.sqrt(args[0])
-        if i.op == "abs":
-            return f.abs(args[0])
-        if i.op == "sign":
-            return _sign(f, args[0])
-        if i.op == "min":
-            return f.min(args[0], args[1])
-        if i.op == "max":
-            return f.max(args[0], args[1])
-        if i.op == "where":
-            return _where(f, args[0], args[1], args[2])
-        if i.op in ("pow", "atan2"):
-            return f.intrinsic(i.op, args)
-        if i.op in LIBRARY:
-            return f.intrinsic(LIBRARY[i.op], args)
         if i.op == "table":
             first, count, order = i.value
             return _table(f, args[0], f.offset(self._numbers.base, first), count, order)
-        raise CapabilityError(f"the operation {i.op} cannot be compiled")
+        return operation(f, i.op, args, self.fused)
 
 
 def _trigonometric_levels(code: Sequence[Instruction]) -> dict[int, dict[int, list[int]]]:
@@ -257,3 +228,82 @@ def outline(name: str, program: Program, width: int, fused: bool, flags: str) ->
             f.store(f.splat(v, width), f.offset(f"%out.{output}", k * width), 8 * width)
     f.ret()
     return f
+
+
+class Programs:
+    """Where the programs of one module are: short ones in place, others once in ``functions``.
+
+    interpreted : whether the others are data, which an interpreter works off, instead of machine code.
+    room : doubles that the functions' argument ``%registers`` has to point to.
+    """
+
+    def __init__(self, fused: bool, interpreted: bool = False) -> None:
+        self.fused, self.interpreted = fused, interpreted
+        self.functions: dict[str, Function] = {}
+        self.room = 0
+        self._encoded: dict[str, tuple[Bytecode, str]] = {}
+        self._registers: dict[tuple[str, int], int] = {}
+
+    def evaluate(self, f: Function, program: Program, inputs: Inputs, width: int) -> dict[str, list[Value]]:
+        """Emit the evaluation of a program in a function; return the values of its outputs.
+
+        inputs : as of ``lower``, or arrays in memory.
+        """
+        if is_inlined(program):
+            return lower(f, program, _values(f, program, inputs, width), width, self.fused)
+        if self.interpreted and not program.has_tables:
+            return self._interpret(f, program, inputs, width)
+        name = f"program.{program.digest[:12]}.{width}"
+        if name not in self.functions:
+            self.functions[name] = outline(name, program, width, self.fused, f.flags)
+        return call_program(f, name, program, inputs, width)
+
+    def _interpret(self, f: Function, program: Program, inputs: Inputs, width: int) -> dict[str, list[Value]]:
+        """Emit the evaluation of a program that is data."""
+        from robodyn_cli.kernels.bytecode.code import encode, kinds_of
+        from robodyn_cli.kernels.bytecode.interpreter import interpreter, set_constants
+
+        if program.digest not in self._encoded:
+            code = encode(program, kinds_of(program))
+            self._encoded[program.digest] = code, f.integers(f"code.{program.digest[:12]}", code.code)
+        code, address = self._encoded[program.digest]
+        function = f"interpret.{len(code.kinds)}.{width}"
+        if function not in self.functions:
+            self.functions[function] = interpreter(function, code.kinds, width, self.fused)
+        place = program.digest, width
+        if place not in self._registers:
+            self._registers[place] = self.room
+            # each where a vector of any width may be
+            self.room += -(-code.registers * width // LANES) * LANES
+        registers = Array(f, f.offset(f"%{REGISTERS}", self._registers[place]), width)
+        numbers = inputs[NUMBERS]
+        assert isinstance(numbers, Array)
+        set_constants(f, code, registers, numbers)
+        first = 0
+        for group, count in code.inputs.items():
+            source, target = inputs[group], registers.part(first)
+            first += count
+            if isinstance(source, Array):
+                with f.count(count) as k:
+                    target[k] = source[k]
+            else:
+                for position, value in enumerate(source[:count]):
+                    target[position] = value
+        f.call(function, [f"ptr {address}", f"ptr {registers.base}"])
+        return {
+            output: [f.constant(e, width) if isinstance(e, float) else registers[e] for e in entries]
+            for output, entries in code.outputs.items()
+        }
+
+
+def _values(f: Function, program: Program, inputs: Inputs, width: int) -> Inputs:
+    """Load those inputs that are in memory, as far as they are used."""
+    used = {i.value for i in program.instructions if i.op == "sym"}
+    zero = f.constant(0.0, width)
+    found: dict[str, Sequence[Value] | Array] = {NUMBERS: inputs[NUMBERS]}
+    for group, count in program.inputs.items():
+        source = inputs[group]
+        if isinstance(source, Array):
+            source = [source[k] if (group, k) in used else zero for k in range(count)]
+        found[group] = source
+    return found

@@ -20,6 +20,7 @@ from robodyn_cli.expr.fixed import Fixed
 from robodyn_cli.expr.graph import Expr, Scalar, reachable
 from robodyn_cli.record import record
 
+PARAMETERS = "p"  # group of inputs that are the same for all samples
 TRIGONOMETRIC = frozenset({"sin", "cos"})
 NUMBERS = "numbers"  # of the inputs of a program: its table
 LEAVES = frozenset({"sym", "const", "number"})
@@ -73,6 +74,11 @@ class Program:
     def sizes(self) -> dict[str, int]:
         """Sizes of the outputs."""
         return {name: len(entries) for name, entries in self.outputs.items()}
+
+    @property
+    def has_tables(self) -> bool:
+        """Whether values are looked up in tables, which machine code does and bytecode does not."""
+        return any(i.op == "table" for i in self.instructions)
 
     @cached_property
     def digest(self) -> str:

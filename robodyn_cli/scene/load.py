@@ -81,6 +81,31 @@ def examine(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Exam
     return _examine(lambda includer: includer.open_root(name), name, overrides)
 
 
+class Family:
+    """Scenes that differ in the values of some keys; their file is read once.
+
+    Raises
+    ------
+    SceneError : the scene as it stands is wrong.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> None:
+        self.path = os.fspath(path)
+        found = examine(path, overrides)
+        self.own = found.checked()
+        assert found.root is not None
+        self.root: Node = found.root
+
+    def scene(self, overrides: Sequence[str]) -> Scene:
+        """Return the scene with values of its own.
+
+        Raises
+        ------
+        SceneError : a value is not allowed, or a key does not exist.
+        """
+        return _examine(lambda includer: self.root, self.path, overrides).checked()
+
+
 def _examine(open_root: Callable[[Includer], Node], path: str, overrides: Sequence[str]) -> Examined:
     faults = Faults()
     includer = Includer(faults)

@@ -8,7 +8,7 @@ fills in the ``parent`` and ``link`` of every joint.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.expr.expectation import Expectation
@@ -47,10 +47,14 @@ from robodyn_cli.schema.fields import (
     Section,
     Tagged,
     Text,
+    Variations,
     Vector,
     key,
 )
 from robodyn_cli.trajectories.registry import trajectory_types
+
+if TYPE_CHECKING:
+    from robodyn_cli.expr.variation import Variation
 
 
 @record
@@ -207,6 +211,49 @@ class Outputs:
     )
 
 
+SAMPLERS = ("random", "sobol", "latin")
+
+
+@record
+class Correlation:
+    """Two keys of a study that do not vary independently of one another."""
+
+    between: tuple[str, ...] = key(ListOf(Text(), minimum=2, maximum=2), doc="Two keys under `vary`.")
+    value: float = key(
+        Number(minimum=-1.0, maximum=1.0, exclusive=True),
+        unit="1",
+        doc="Correlation of their normal scores (a Gaussian copula).",
+    )
+
+
+@record
+class StudyOptions:
+    """What ``sweep`` varies, and how."""
+
+    vary: dict[str, Variation] = key(
+        Variations(),
+        default=None,
+        doc="Keys of the scene, as `--set` writes them, and what each varies over: `[a, b]`, `linspace(a, b, n)`, "
+        "`logspace(a, b, n)`, `uniform(low, high)`, `triangular(low, mode, high)`, `normal(mean, sd)`.",
+    )
+    n: int | None = key(Integer(minimum=1), default=None, doc="Samples of the distributions.")
+    sampler: str = key(Choice(SAMPLERS), default="random", doc="How samples are drawn.")
+    seed: int = key(Integer(minimum=0), default=0, doc="Seed of the samples.")
+    of: tuple[str, ...] = key(
+        ListOf(Text()), default=(), doc="Outputs: keys of the summary, as `expect` writes them."
+    )
+    least_yield: float | None = key(
+        Number(minimum=0.0, maximum=1.0),
+        default=None,
+        unit="1",
+        name="yield",
+        doc="Share of runs that must hold what `expect` says.",
+    )
+    correlation: tuple[Correlation, ...] = key(
+        ListOf(Section(Correlation)), default=(), doc="Pairs of keys that vary together."
+    )
+
+
 @record
 class Scene:
     """A whole scene. ``path``, ``text`` (resolved YAML) and ``sources`` (files read) come from the loader."""
@@ -270,6 +317,9 @@ class Scene:
     outputs: Outputs = key(Section(Outputs), default=Outputs(), doc="What is recorded beyond the usual.")
     expect: dict[str, Expectation] = key(
         Criteria(), default=None, doc="What `robodyn run` and `check` expect of the summary."
+    )
+    study: StudyOptions = key(
+        Section(StudyOptions), default=StudyOptions(), doc="What `sweep` varies, and how."
     )
     path: str = dataclasses.field(default="", compare=False)
     text: str = dataclasses.field(default="", compare=False, repr=False)

@@ -235,7 +235,7 @@ def test_every_drawing_is_named() -> None:
 
 # maps whose keys are names of joints, rows, factors or stages
 BY_NAME = {"angles", "angles_deg", "rates", "rates_before", "rates_after", "impulse", "times", "growth_times"}
-BY_NAME |= {"wall_time_s"}
+BY_NAME |= {"wall_time_s", "q", "qd"}
 
 
 def summary_keys(summary: dict[str, Any]) -> Iterator[str]:

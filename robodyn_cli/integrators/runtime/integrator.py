@@ -139,8 +139,8 @@ class Integrator:
             w[DoubleSlot.H_OLD] = w[DoubleSlot.H]
         while True:
             # return to Python every few milliseconds, to handle interrupts and report progress
-            most = n[IntegerSlot.ACCEPTED] + n[IntegerSlot.REJECTED] + self._slice
-            n[IntegerSlot.MAX_STEPS] = min(limit, most)
+            taken = n[IntegerSlot.ACCEPTED] + n[IntegerSlot.REJECTED]
+            n[IntegerSlot.MAX_STEPS] = most = self.engine.patience(taken, min(limit, taken + self._slice))
             start = perf_counter()
             status = self.engine.run_to_event()
             if status is not Status.MAX_STEPS or most >= limit:

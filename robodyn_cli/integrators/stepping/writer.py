@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -12,17 +12,12 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot, Status
 from robodyn_cli.kernels.arrays import Array, Total, each
 from robodyn_cli.kernels.ir import RELAXED, Block, Condition, Function, Int, Value
-from robodyn_cli.kernels.lower import call_program, lower, outline
+from robodyn_cli.kernels.lower import INLINE_LIMIT, REGISTERS, Programs, is_inlined
 from robodyn_cli.kernels.program import NUMBERS, Program
 
-INLINE_LIMIT = 400  # operations; longer programs become functions
 LONG = 24  # velocities from which on what is done for each of them is a loop
-ARGUMENTS = ("w", "n", "y", "p", "dense", "out", "tables", "scratch", "work", NUMBERS)
-
-
-def is_inlined(program: Program) -> bool:
-    """Tell whether a program's code goes where it is evaluated, instead of into a function of its own."""
-    return program.operations <= INLINE_LIMIT
+LONG_INTERPRETED = 4  # the same where programs are interpreted, to write little
+ARGUMENTS = ("w", "n", "y", "p", "dense", "out", "tables", "scratch", "work", NUMBERS, REGISTERS)
 
 
 def placement(rates: Program) -> Decision:
@@ -85,17 +80,17 @@ class Writer:
     ``loops`` is False and the size is known). tables : of the numbers that the programs read.
     """
 
-    def __init__(self, system: System, tables: Tables, fused: bool, loops: bool = True) -> None:
+    def __init__(self, system: System, tables: Tables, programs: Programs, loops: bool = True) -> None:
         self.system = system
         self.tables = tables
-        self.fused = fused
+        self.programs = programs
         self.f = f = Function("run", [f"ptr noalias %{a}" for a in ARGUMENTS], result="i64", flags=RELAXED)
-        self.functions: dict[str, Function] = {}
         self._named: dict[str, Array] = {}
         # doubles taken so far in the caller's memory: so many per (padded) velocity, and so many beside
         self._taken = [0, 0]
         self.nv: Int | int = system.nv
-        if system.dynamics.any_size or (loops and system.nv == system.nq > LONG):
+        long = LONG_INTERPRETED if programs.interpreted else LONG
+        if system.dynamics.any_size or (loops and system.nv == system.nq > long):
             with f.entry():
                 self.nv = f.load_int(self.integer_at(IntegerSlot.VELOCITIES))
                 # a multiple of the lanes, so that every row starts aligned
@@ -199,26 +194,7 @@ class Writer:
                 inputs[group] = [f.load(f.offset("%p", k)) for k in range(count)]
             elif group in first:
                 inputs[group] = x.part(first[group])
-        if is_inlined(program):
-            return lower(f, program, self._values(program, inputs, width), width, self.fused)
-        name = f"program.{program.digest[:12]}.{width}"
-        if name not in self.functions:
-            self.functions[name] = outline(name, program, width, self.fused, f.flags)
-        return call_program(f, name, program, inputs, width)
-
-    def _values(
-        self, program: Program, inputs: Mapping[str, list[Value] | Array], width: int
-    ) -> dict[str, list[Value] | Array]:
-        """Load those inputs that are in memory, as far as they are used."""
-        used = {i.value for i in program.instructions if i.op == "sym"}
-        zero = self.f.constant(0.0, width)
-        found: dict[str, list[Value] | Array] = {NUMBERS: inputs[NUMBERS]}
-        for group, count in program.inputs.items():
-            source = inputs[group]
-            if isinstance(source, Array):
-                source = [source[k] if (group, k) in used else zero for k in range(count)]
-            found[group] = source
-        return found
+        return self.programs.evaluate(f, program, inputs, width)
 
     def dynamics(self, t: Value, x: Array, rates: Array) -> None:
         """Store v-dot and z-dot at time t and state x."""

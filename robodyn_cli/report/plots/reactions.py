@@ -13,6 +13,7 @@ from robodyn_cli.report.heatmap import draw_map
 from robodyn_cli.report.lines import draw_columns
 from robodyn_cli.report.marks import mark_lock, sharing_note
 from robodyn_cli.report.ticks import log_axis, number
+from robodyn_cli.results import wrenches
 from robodyn_cli.results.result import Result, Variable
 from robodyn_cli.spatial.algebra import Array
 
@@ -64,6 +65,4 @@ def _draw(ax: Any, time: Array, data: Array) -> list[Any]:
 
 def magnitude(item: Variable, letter: str) -> Array:
     """Return the length (T,) of the force (``f``) or the moment (``m``) of a wrench."""
-    columns = [k for k, name in enumerate(item.names) if name.startswith(letter)]
-    data = finite(item.data[:, columns])
-    return np.asarray(np.sqrt((data**2).sum(axis=1)))
+    return wrenches.magnitude(finite(item.data), item.names, letter)

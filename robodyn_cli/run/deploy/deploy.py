@@ -174,7 +174,7 @@ def report(done: Deployment, judgement: Judgement, watch: Stopwatch) -> Result:
     result = Result.of("deploy", done.motion.scene, "failed")
     result.events = [
         *events(done.found),
-        *(event for watcher in done.driver.watchers for event in watcher.log),
+        *done.driver.log,
     ]
     done.recorder.fill(result)
     overload: Overload | None = None

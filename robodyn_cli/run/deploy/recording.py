@@ -65,9 +65,8 @@ def record_motion(motion: Motion, found: Scan, end: End, recorder: Recorder, pro
             # close to the dead point the rates of the passive joints grow without bound: nothing to report there
             angle = motion.observer.singular_ratio(t, x)
             t, x = t[angle > NEAR_SINGULAR], x[angle > NEAR_SINGULAR]
-        recorder.observer.parameters = driver.parameters
         if len(t):
-            recorder.emit(t, x)
+            recorder.emit(t, x, driver.parameters)
         progress(float(t[-1]) if len(t) else target, target)
 
     driver.start(0.0, motion.start)
@@ -76,12 +75,13 @@ def record_motion(motion: Motion, found: Scan, end: End, recorder: Recorder, pro
     except NumericalError:
         if found.stopped is None:
             raise
-    recorder.observer.parameters = driver.parameters
     if lost is not None:
-        recorder.emit(np.array([lost[0]]), lost[1][None, :].copy(), project=False, extra=True)
+        recorder.emit(
+            np.array([lost[0]]), lost[1][None, :].copy(), driver.parameters, project=False, extra=True
+        )
         recorder.make_last_least_norm(lost[0])
     elif not found.driven:
-        recorder.keep_last_state(driver.time, driver.state)
+        recorder.keep_last_state(driver.time, driver.state, driver.parameters)
     return driver
 
 

@@ -10,11 +10,10 @@ import math
 from collections.abc import Callable, Sequence
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.expr.graph import free_symbols
 from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.options import Options
-from robodyn_cli.model.model import UNKNOWN_GROUP
+from robodyn_cli.model.model import unknown_among
 from robodyn_cli.run.driver.method import choose
 from robodyn_cli.run.driver.motion import Choice, Gains, Motion, Watcher
 from robodyn_cli.run.driver.prepare import Setup, passive_coordinates, prepare
@@ -120,7 +119,7 @@ def options_for(scene: Scene) -> Options:
 
 def _choice(scene: Scene, setup: Setup, system: System, plan: bool) -> Choice:
     lacks = plan and not system.dynamics.any_size
-    if lacks and any(e.value[1] == UNKNOWN_GROUP for e in free_symbols(system.rates)):
+    if lacks and unknown_among(system.rates):
         return Choice(scene.simulate.integrator, "data are missing that the choice needs")
     start = system.join(setup.assembled.q, setup.assembled.v)
     return choose(scene, setup.problem, system, start, options_for(scene))

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from robodyn_cli.run.driver.redundancy import Redundant
 
 EPS = float(np.finfo(float).eps)
-BEYOND = 1e3  # times what tolerance and rounding explain
-STEADY = 1e-6  # stands in the place of rtol where a step is fixed
-MANY = 1e3  # steps
+BEYOND = 1e3  # times what tolerance and rounding explain: a larger error of the energy ends the run
+STEADY = 1e-6  # in place of rtol where the step is fixed
+MANY = 1e3  # steps from which on errors add up
 
 
 @record

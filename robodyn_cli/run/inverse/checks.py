@@ -11,6 +11,7 @@ from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.inverse.program import InverseProgram, Sampled
 from robodyn_cli.run.inverse.summary import ErrorEstimate, JointFigures
 from robodyn_cli.run.mechanism.motion import Planned
+from robodyn_cli.run.observation.rounding import largest_difference
 from robodyn_cli.run.observation.units import TORQUE
 from robodyn_cli.solve.quadrature import integrate, integrate_positive, root_mean_square
 from robodyn_cli.spatial.algebra import Array
@@ -94,7 +95,7 @@ def path_error(planned: Planned, sampled: Sampled) -> float | Absent:
 def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) -> ErrorEstimate:
     """Return the errors of an inverse run.
 
-    ik_residual : see ``path_error``. round_trip : see there.
+    ik_residual : see ``path_error``. round_trip, torque_rounding : see there.
     energy_balance : work of actuators and losses, less the change of kinetic and potential energy [J]; it is as
         large as the errors of rates, torques and quadrature together. energy_balance_relative : over the largest
         energy turned over.
@@ -109,6 +110,7 @@ def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) 
     loops = sampled.loops
     return ErrorEstimate(
         ik_residual=path_error(planned, sampled) if loops is None else ABSENT,
+        torque_rounding=torque_rounding(program, sampled),
         round_trip=round_trip(program, sampled),
         energy_balance=balance,
         energy_balance_relative=balance / turned if balance else 0.0,
@@ -116,6 +118,15 @@ def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) 
         closure=ABSENT if loops is None else planned.residuals,
         virtual_work_residual=ABSENT if loops is None else loops.shared.residual,
     )
+
+
+def torque_rounding(program: InverseProgram, sampled: Sampled) -> float | None:
+    """Return how far rounding may have put the torque of any actuator off [N m or N], at a few samples.
+
+    None where that cannot be told.
+    """
+    found = program.torques_by_draw(sampled)
+    return None if found is None else largest_difference(found)
 
 
 def _halved(power: Array, work: Array, h: float) -> float | Absent:

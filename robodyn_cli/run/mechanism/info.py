@@ -12,10 +12,10 @@ import numpy as np
 from robodyn_cli.algorithms.coriolis import coriolis
 from robodyn_cli.algorithms.kinematics import point_jacobian
 from robodyn_cli.errors import SceneError
-from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
+from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.joints.registry import joint_types
-from robodyn_cli.model.model import UNKNOWN_GROUP
+from robodyn_cli.model.model import unknown_among
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, Absent
@@ -139,7 +139,7 @@ class Numbers:
         """Return the values of expressions; NaN where data are missing."""
         entries = np.asarray(entries, dtype=object)
         flat: list[Scalar] = list(entries.ravel())
-        known = [k for k, e in enumerate(flat) if not _unknown(e)]
+        known = [k for k, e in enumerate(flat) if not unknown_among([e])]
         found = np.full(len(flat), math.nan)
         found[known] = np.array(evaluate([flat[k] for k in known], self.values), dtype=float)
         return found.reshape(entries.shape)
@@ -204,10 +204,6 @@ class Numbers:
         for name, frame in problem.model.points.items():
             result.add(f"points/{name}", self.array(problem.world_point(frame))[None])
         return result
-
-
-def _unknown(entry: Scalar) -> bool:
-    return isinstance(entry, Expr) and any(s.value[1] == UNKNOWN_GROUP for s in free_symbols([entry]))
 
 
 def _joints(scene: Scene) -> list[dict[str, Any]]:

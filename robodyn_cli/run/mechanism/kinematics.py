@@ -29,6 +29,7 @@ from robodyn_cli.run.mechanism.summary import (
 from robodyn_cli.run.observation.evaluation import SampleFunction
 from robodyn_cli.run.observation.finite import refuse_result
 from robodyn_cli.run.observation.places import add_places, place_outputs, point_motion
+from robodyn_cli.run.observation.singular_values import singular_values
 from robodyn_cli.run.observation.units import add_motion
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
@@ -140,9 +141,10 @@ def report(problem: Problem, planned: Planned, led: tuple[str, ...], arrays: Map
     rows = problem.constraints.loop_rows
     if rows:
         add_rows(result, rows, {"constraints/position_residual": arrays["eta"]})
-        psi = psi_of(problem, arrays)
-        result.add("singularity/psi", np.linalg.svd(psi, compute_uv=False))
-        _add_passive(result, psi, [k for k, name in enumerate(problem.model.v_names) if name not in led])
+        passive = [k for k, name in enumerate(problem.model.v_names) if name not in led]
+        leads = len(passive) < problem.model.nv
+        for path, data in singular_values(psi_of(problem, arrays), passive if leads else ()).items():
+            result.add(path, data)
     if scene.kinematics.transmission is not None:
         result.add("transmission_angle", transmission_angle(result, scene.kinematics.transmission))
     return result
@@ -152,16 +154,6 @@ def psi_of(problem: Problem, arrays: Mapping[str, Array]) -> Array:
     """Return Psi of the loops (T, m, nv)."""
     psi = arrays["psi"]
     return psi.reshape(len(psi), len(problem.constraints.of_loops), problem.model.nv)
-
-
-def _add_passive(result: Result, psi: Array, passive: list[int]) -> None:
-    """Add singular values and determinant of the block of Psi (T, m, nv) of the joints that are not led."""
-    if not passive or len(passive) == psi.shape[2]:
-        return
-    block = psi[:, :, passive]
-    result.add("singularity/passive", np.linalg.svd(block, compute_uv=False))
-    if block.shape[1] == block.shape[2]:
-        result.add("singularity/determinant", np.linalg.det(block))
 
 
 def transmission_angle(result: Result, points: tuple[str, ...]) -> Array:

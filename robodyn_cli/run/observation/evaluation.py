@@ -22,14 +22,19 @@ Outputs = Mapping[str, Sequence[Scalar]]
 
 # measured: a numpy operation costs about 1.3 us and 2 ns a sample, compiling 35 ms (half of it the import)
 # and 80 us an operation; a compiled operation is too cheap to count
-_CALL, _ENTRY = 1.3e-6, 2e-9
-_COMPILER, _OPERATION = 35e-3, 80e-6
+CALL, ENTRY = 1.3e-6, 2e-9
+COMPILER, OPERATION = 35e-3, 80e-6
 BLOCK = 2048  # samples interpreted at a time, so that the intermediate results stay in the cache
+
+
+def compiling(operations: int) -> float:
+    """Return the time that compiling so many operations takes [s]."""
+    return COMPILER + OPERATION * operations
 
 
 def worth_compiling(operations: int, samples: int) -> bool:
     """Tell whether compiling so many operations takes less time than interpreting them at so many samples."""
-    return operations * (_CALL + _ENTRY * samples) > _COMPILER + _OPERATION * operations
+    return operations * (CALL + ENTRY * samples) > compiling(operations)
 
 
 class SampleFunction:

@@ -19,6 +19,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.expr.graph import Scalar, count_operations
 from robodyn_cli.model.build import build_model
+from robodyn_cli.model.model import Model
 from robodyn_cli.results.summary import ABSENT, as_keys
 from robodyn_cli.run.plan.data import idle_constants, unknown_data
 from robodyn_cli.run.plan.forward import Forward
@@ -142,7 +143,13 @@ def _ledger(subject: Subject, total: int) -> tuple[Ledger, int]:
     """Return the ledger of the subject's equations, and the operations of code for any scene."""
     problem = subject.problem
     rows = problem.constraints.names if subject.redundant and not problem.dependent else None
-    here = Variant(problem.scene, build_model(problem.scene), rows=rows, dependent=problem.dependent)
+    here = Variant(
+        problem.scene,
+        build_model(problem.scene),
+        rows=rows,
+        dependent=problem.dependent,
+        braces=problem.braces,
+    )
 
     def count(variant: Variant) -> int:
         return count_operations(subject.outputs(variant.problem()))
@@ -153,10 +160,12 @@ def _ledger(subject: Subject, total: int) -> tuple[Ledger, int]:
 
 def _idle(subject: Subject) -> list[str]:
     """Return given data of the links that have no effect."""
-    scene, dependent = subject.problem.scene, subject.problem.dependent
-    return idle_constants(
-        scene, lambda model: subject.outputs(Problem(scene, model=model, dependent=dependent))
-    )
+    own = subject.problem
+
+    def outputs(model: Model) -> list[Scalar]:
+        return subject.outputs(Problem(own.scene, model=model, dependent=own.dependent, braces=own.braces))
+
+    return idle_constants(own.scene, outputs)
 
 
 def describe(problem: Problem, redundant: Sequence[str]) -> str:

@@ -7,8 +7,8 @@ import hashlib
 from collections.abc import Mapping
 from typing import Protocol
 
-from robodyn_cli.integrators.stepping.writer import is_inlined
 from robodyn_cli.kernels.compiler import machine
+from robodyn_cli.kernels.lower import is_inlined
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.run.plan.report import Kernel
 

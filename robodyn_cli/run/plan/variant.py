@@ -7,6 +7,7 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
+from robodyn_cli.equations.braces import Braces
 from robodyn_cli.equations.constraints import Constraints
 from robodyn_cli.equations.dependence import Dependence
 from robodyn_cli.equations.problem import Problem
@@ -44,6 +45,7 @@ class Variant:
 
     velocity_terms, accelerations : whether the rigid bodies' equations contain qd and qdd. rows : names of the
     constraint rows to keep (all by default). dependent : rows that are combined.
+    braces : inertias that prescribed joints need beside their own.
     """
 
     scene: sc.Scene
@@ -52,6 +54,7 @@ class Variant:
     accelerations: bool = True
     rows: tuple[str, ...] | None = None
     dependent: tuple[Dependence, ...] = ()
+    braces: Braces | None = None
 
     def with_scene(self, **changes: Any) -> Variant:
         return dataclasses.replace(self, scene=dataclasses.replace(self.scene, **changes))
@@ -80,7 +83,9 @@ class VariantProblem(Problem):
     """The equations with a variant's changes; for the scene as it is, exactly those of ``Problem``."""
 
     def __init__(self, variant: Variant) -> None:
-        super().__init__(variant.scene, model=variant.model, dependent=variant.dependent)
+        super().__init__(
+            variant.scene, model=variant.model, dependent=variant.dependent, braces=variant.braces
+        )
         self.variant = variant
 
     def newton_euler(self, v: Values, a: Values, gravity: Vector | None) -> Vector:

@@ -36,6 +36,7 @@ from robodyn_cli.schema.fields import (
     Section,
     Tagged,
     Vector,
+    key_name,
 )
 
 INCLUDE = "include"
@@ -73,7 +74,7 @@ def child_kind(kind: Kind | None, step: str) -> Kind | None:
     """Return what a section, list or map expects under one step of a path, or None if it does not know it."""
     if isinstance(kind, Section):
         for field in dataclasses.fields(kind.cls):
-            if field.name == step and not isinstance(field.metadata.get("kind"), Inline):
+            if key_name(field) == step and not isinstance(field.metadata.get("kind"), Inline):
                 return field.metadata.get("kind")
             if isinstance(field.metadata.get("kind"), Inline) and step in field.metadata["kind"].registry():
                 return Section(field.metadata["kind"].registry()[step])
