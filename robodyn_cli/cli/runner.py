@@ -206,6 +206,8 @@ def warn(scene: Scene, strict: bool, console: Console) -> None:
     """Report what is physically wrong with the scene; an error with ``--strict``."""
     from robodyn_cli.model.consistency import physical_warnings
 
+    for text in scene.notes:
+        console.note(f"robodyn: {text}")
     warnings = physical_warnings(scene)
     for text in warnings:
         console.note(f"robodyn: warning: {text}")

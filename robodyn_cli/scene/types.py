@@ -23,10 +23,12 @@ from robodyn_cli.scene.mechanism_options import (
     LoadLimit,
     StaticsOptions,
 )
+from robodyn_cli.scene.robot_types import Coupler as Coupler
 from robodyn_cli.scene.robot_types import Frame as Frame
 from robodyn_cli.scene.robot_types import Inertia as Inertia
 from robodyn_cli.scene.robot_types import Joint as Joint
 from robodyn_cli.scene.robot_types import Link as Link
+from robodyn_cli.scene.robot_types import Orientation as Orientation
 from robodyn_cli.scene.robot_types import Place as Place
 from robodyn_cli.scene.robot_types import Placement as Placement
 from robodyn_cli.scene.robot_types import Point as Point
@@ -55,22 +57,6 @@ from robodyn_cli.trajectories.registry import trajectory_types
 
 if TYPE_CHECKING:
     from robodyn_cli.expr.variation import Variation
-
-
-@record
-class Coupler:
-    """A linear relation between joint coordinates: gears, racks, belts. The sum of coefficient times q is a value."""
-
-    name: str = key(Name(of="coupler"), doc="Name.")
-    terms: dict[str, float] = key(
-        MapOf(Number(), of="joint"), unit="1, m/rad or rad/m", doc="Coefficient of each joint's coordinate."
-    )
-    value: FormulaTree | None = key(
-        Formula(("t",)),
-        default=None,
-        unit="rad or m",
-        doc="What they sum to: a number or a formula in t; default 0.",
-    )
 
 
 @record
@@ -256,10 +242,17 @@ class StudyOptions:
 
 @record
 class Scene:
-    """A whole scene. ``path``, ``text`` (resolved YAML) and ``sources`` (files read) come from the loader."""
+    """A whole scene.
+
+    From the loader come ``path``, ``text`` (resolved YAML), ``sources`` (files read), and what it has to say of robots
+    in other formats: ``notes``, and ``warnings``, which ``--strict`` takes as errors.
+    """
 
     schema: int = key(Integer(minimum=1, maximum=1), doc="Version of the scene format: 1.")
-    robot: Robot = key(OrFile(Section(Robot)), doc="The mechanism, in place or as a path.")
+    robot: Robot = key(
+        OrFile(Section(Robot), urdf=True),
+        doc="The mechanism, in place or as the path of a YAML or URDF file.",
+    )
     gravity: tuple[float, ...] = key(Vector(3), unit="m/s^2", doc="Gravity in the world frame.")
     title: str = key(Text(), default="", doc="Title of plots and reports.")
     command: str | None = key(
@@ -321,6 +314,8 @@ class Scene:
     study: StudyOptions = key(
         Section(StudyOptions), default=StudyOptions(), doc="What `sweep` varies, and how."
     )
+    notes: tuple[str, ...] = dataclasses.field(default=(), compare=False)
+    warnings: tuple[str, ...] = dataclasses.field(default=(), compare=False)
     path: str = dataclasses.field(default="", compare=False)
     text: str = dataclasses.field(default="", compare=False, repr=False)
     sources: tuple[str, ...] = dataclasses.field(default=(), compare=False)

@@ -146,10 +146,12 @@ class Either(Kind):
 class OrFile(Kind):
     """A value given in place or as the path of a YAML file, relative to the file that names it.
 
-    A map with the key ``include`` takes over the keys of that file, but for those that it gives itself.
+    A map with the key ``include`` takes over the keys of that file, but for those that it gives itself. ``urdf`` : the
+    file may be a URDF too.
     """
 
     item: Kind
+    urdf: bool = False
 
 
 @record

@@ -344,7 +344,7 @@ def test_images_are_used_and_small() -> None:
     used = {name for page in PAGES for name in re.findall(r"images/([\w.]+)", page.read_text("utf-8"))}
     files = list((DOCS / "images").iterdir())
     assert used == {f.name for f in files}
-    assert all(f.stat().st_size < 80_000 for f in files)
+    assert all(f.stat().st_size < (300_000 if f.suffix == ".gif" else 80_000) for f in files)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -25,7 +25,7 @@ AUTOMATIC = "baumgarte"
 
 
 def follow_motion(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
-    """Return the watchers of a simulation: loss of rank (a stop, or a pose to pass), and contact states."""
+    """Return the watchers of a simulation: loss of rank (a stop, or a pose to pass), contact states, limits."""
     found: list[Watcher] = []
     contact = bool(problem.contact_joints)
     stops = problem.scene.simulate.singular == "stop"
@@ -34,7 +34,7 @@ def follow_motion(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
 
         found.append(RankLoss(problem) if stops else Passage(problem))
     found += contact_watchers(problem)
-    return [watcher for watcher in found if watcher.functions]
+    return [*(watcher for watcher in found if watcher.functions), *limit_watchers(problem)]
 
 
 def follow_changes(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
@@ -49,6 +49,16 @@ def contact_watchers(problem: Problem) -> list[Watcher]:
     from robodyn_cli.run.contact.states import ContactStates
 
     return [ContactStates(problem)]
+
+
+def limit_watchers(problem: Problem) -> list[Watcher]:
+    """Return the watcher of limits that no stop keeps, where joints have any."""
+    if not problem.scene.robot.limited:
+        return []
+    from robodyn_cli.run.driver.joint_limits import JointLimits
+
+    watcher = JointLimits(problem)
+    return [watcher] if watcher.limits else []
 
 
 def build_motion(

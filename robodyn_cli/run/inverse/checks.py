@@ -15,7 +15,6 @@ from robodyn_cli.run.observation.rounding import largest_difference
 from robodyn_cli.run.observation.units import TORQUE
 from robodyn_cli.solve.quadrature import integrate, integrate_positive, root_mean_square
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.motion import JointMotion
 
 
 def joint_figures(model: Model, sampled: Sampled) -> dict[str, JointFigures]:
@@ -45,32 +44,6 @@ def joint_figures(model: Model, sampled: Sampled) -> dict[str, JointFigures]:
             units={"torque": TORQUE[unit], "speed": f"{unit}/s", "power": "W", "energy": "J"},
         )
     return figures
-
-
-def beyond_limits(problem: Problem, times: Array, motion: JointMotion) -> list[str]:
-    """Return a warning for each joint that the motion takes beyond its limits.
-
-    The torque of a compliant stop acts there; a rigid stop is ignored.
-    """
-    model, found = problem.model, []
-    for joint in problem.scene.robot.joints:
-        limits = dict(joint.forces).get("limits")
-        if limits is None or joint.name not in model.q_names:
-            continue
-        column = model.q_names.index(joint.name)
-        q, unit = motion.q[:, column], model.q_units[column]
-        what = "its rigid stop is ignored" if limits.rigid else "the torques press on its stop"
-        for side, limit, over in (
-            ("lower", limits.lower, None if limits.lower is None else limits.lower - q),
-            ("upper", limits.upper, None if limits.upper is None else q - limits.upper),
-        ):
-            if over is not None and over.max() > 1e-12 * max(1.0, abs(limit or 0.0)):
-                at = int(np.argmax(over))
-                found.append(
-                    f"the motion leaves the limits of joint {joint.name!r}: {q[at]:.6g} {unit} "
-                    f"at t = {times[at]:.6g} s, {side} {limit:.6g} {unit}; {what}"
-                )
-    return found
 
 
 def half_turns(problem: Problem, sampled: Sampled) -> list[str]:

@@ -65,7 +65,7 @@ def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwat
     progress(float(times[-1]), float(times[-1]))
     mobile = mobility(problem, psi_of(problem, arrays)) if problem.constraints.of_loops else None
     result = report(problem, planned, led, arrays)
-    result.summarise(summarise(planned, result, mobile), seconds=watch.report())
+    result.summarise(summarise(problem, planned, result, mobile), seconds=watch.report())
     refuse_result(result)
     return result.unless(planned.stopped)
 
@@ -166,7 +166,19 @@ def transmission_angle(result: Result, points: tuple[str, ...]) -> Array:
     return angle
 
 
-def summarise(planned: Planned, result: Result, mobile: Mobility | None) -> KinematicsSummary:
+def _beyond_limits(problem: Problem, planned: Planned) -> list[str]:
+    """Return a warning for each limit of a joint that the motion is beyond."""
+    if not problem.scene.robot.limited:
+        return []
+    from robodyn_cli.run.observation.joint_limits import limit_warnings, limited_joints
+
+    motion, joints = planned.motion, limited_joints(problem.scene, problem.model)
+    return limit_warnings(joints, planned.times, {"qd": motion.qd, "qdd": motion.qdd}, motion.q)
+
+
+def summarise(
+    problem: Problem, planned: Planned, result: Result, mobile: Mobility | None
+) -> KinematicsSummary:
     """Return the summary of a run."""
     times, stopped = planned.times, planned.stopped
     whole = Termination("end of the motion", float(times[-1]))
@@ -174,6 +186,7 @@ def summarise(planned: Planned, result: Result, mobile: Mobility | None) -> Kine
         termination=whole if stopped is None else stopped.termination,
         mobility=ABSENT if mobile is None else mobile,
         samples=len(times),
+        warnings=_beyond_limits(problem, planned) or ABSENT,
         joints=_joint_ranges(result),
         points=_point_paths(result),
         singular_ratio=_singular_ratio(result),

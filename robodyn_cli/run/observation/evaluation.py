@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from robodyn_cli.decision import Decision
 from robodyn_cli.expr.calculus import substitute
-from robodyn_cli.expr.graph import Expr, Scalar, count_operations, free_symbols, reachable
-from robodyn_cli.expr.rebuild import apply
+from robodyn_cli.expr.graph import Expr, Scalar, count_operations, free_symbols
+from robodyn_cli.expr.rebuild import Interpreter
 from robodyn_cli.kernels.program import Program, make_program, unknown_data
 from robodyn_cli.model.model import UNKNOWN_GROUP
 from robodyn_cli.spatial.algebra import Array
@@ -129,36 +129,3 @@ def without_idle_unknowns(outputs: Sequence[Scalar], needed: Sequence[Scalar]) -
         s.index: 0.0 for s in free_symbols(outputs) if s.value[1] == UNKNOWN_GROUP and s.index not in used
     }
     return substitute(list(outputs), dict(idle)) if idle else list(outputs)
-
-
-class Interpreter:
-    """Expressions as a sequence of numpy operations that drops each result after its last use.
-
-    So the live arrays stay in the cache, which is three times as fast as keeping all.
-    """
-
-    def __init__(self, outputs: Sequence[Scalar]) -> None:
-        self.outputs = list(outputs)
-        kept = {e.index for e in self.outputs if isinstance(e, Expr)}
-        seen: set[int] = set()
-        self.steps: list[tuple[Expr, list[int]]] = []
-        for node in reversed(reachable(self.outputs)):
-            last = {a.index for a in node.args} - seen - kept
-            seen |= last
-            self.steps.append((node, list(last)))
-        self.steps.reverse()
-
-    def __call__(self, inputs: Mapping[str, Array]) -> list[Any]:
-        """Return the outputs from inputs by group; entry ``position`` of a group is a row of samples."""
-        value: dict[int, Any] = {}
-        for node, done in self.steps:
-            if node.op == "sym":
-                _, group, position = node.value
-                value[node.index] = inputs[group][position]
-            elif node.op == "const":
-                value[node.index] = node.value
-            else:
-                value[node.index] = apply(node, [value[a.index] for a in node.args])
-            for index in done:
-                del value[index]
-        return [value[e.index] if isinstance(e, Expr) else e for e in self.outputs]
