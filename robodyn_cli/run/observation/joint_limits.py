@@ -13,11 +13,11 @@ from robodyn_cli.run.observation.units import TORQUE
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 
-# a motion that stays on a limit passes it by rounding
-ROUNDING = 1e-12
-
 if TYPE_CHECKING:
     from robodyn_cli.forces.limits import Limits
+
+# a motion that stays on a limit passes it by rounding
+ROUNDING = 1e-12
 
 
 @record
