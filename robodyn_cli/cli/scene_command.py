@@ -11,9 +11,12 @@ from robodyn_cli.cli.options import (
     NoPlots,
     OutDir,
     Overrides,
+    PlotFormat,
+    PlotNames,
     Quiet,
     SceneFile,
     Strict,
+    drawings,
 )
 from robodyn_cli.cli.runner import Describe, SceneRun, run_scene
 
@@ -26,11 +29,13 @@ def scene_command(name: str, describe: Describe) -> Callable[..., int]:
         out: OutDir = None,
         overrides: Overrides = None,
         no_plots: NoPlots = False,
+        plots: PlotNames = None,
+        format_: PlotFormat = "png",
         as_json: AsJson = False,
         quiet: Quiet = False,
         strict: Strict = False,
     ) -> int:
-        job = SceneRun(name, scene, out, overrides or (), no_plots, strict)
+        job = SceneRun(name, scene, out, overrides or (), drawings(no_plots, plots, format_), strict)
         return run_scene(job, Console(as_json, quiet), describe)
 
     return command
@@ -44,13 +49,15 @@ def integrating_command(name: str, describe: Describe) -> Callable[..., int]:
         out: OutDir = None,
         overrides: Overrides = None,
         no_plots: NoPlots = False,
+        plots: PlotNames = None,
+        format_: PlotFormat = "png",
         as_json: AsJson = False,
         quiet: Quiet = False,
         strict: Strict = False,
         no_error_estimate: NoErrorEstimate = False,
     ) -> int:
         settings = [*(overrides or ()), *(["simulate.error_estimate=false"] if no_error_estimate else [])]
-        job = SceneRun(name, scene, out, settings, no_plots, strict)
+        job = SceneRun(name, scene, out, settings, drawings(no_plots, plots, format_), strict)
         return run_scene(job, Console(as_json, quiet), describe)
 
     return command
