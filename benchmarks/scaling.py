@@ -31,6 +31,7 @@ SIZES = (10, 30, 100, 300, 1000)
 WINDOWS = (5, 10, 20, 40, 80)
 OF_TREES = ("validate", "plan", "info", "inverse", "simulate", "kinematics", "statics")
 OF_WINDOWS = ("validate", "plan", "info", "assemble", "kinematics", "statics", "simulate", "deploy")
+MOMENTS = (("xx", 0, 0), ("yy", 1, 1), ("zz", 2, 2), ("xy", 0, 1), ("xz", 0, 2), ("yz", 1, 2))
 SHORT = {
     "inverse": "inverse: {samples: 101}",
     "simulate": "simulate: {duration: 0.05, samples: 6}",
@@ -52,8 +53,7 @@ def tree(n: int, command: str, chain: bool) -> str:
         )
         turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
         moments = turn @ np.diag(rng.uniform(0.010, 0.019, 3)) @ turn.T
-        inertia = ", ".join(f"{a}: {moments[i, j]:.9f}" for a, i, j in
-                            (("xx", 0, 0), ("yy", 1, 1), ("zz", 2, 2), ("xy", 0, 1), ("xz", 0, 2), ("yz", 1, 2)))  # fmt: skip
+        inertia = ", ".join(f"{name}: {moments[i, j]:.9f}" for name, i, j in MOMENTS)
         links.append(
             f"    - {{name: l{k}, mass: {rng.uniform(0.5, 2):.6f}, com: {_row(rng.uniform(-0.1, 0.1, 3))}, "
             f"inertia: {{{inertia}}}}}"

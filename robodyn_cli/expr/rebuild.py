@@ -125,8 +125,9 @@ class Values:
             return float(self._inputs[group][position]) if group in self._inputs else None
         if node.op == "const":
             return float(node.value)
-        args = [self._value[a.index] for a in node.args]
-        if None in args:
+        known = [self._value[a.index] for a in node.args]
+        args = [x for x in known if x is not None]
+        if len(args) < len(known):
             return None
         try:
             return float(apply(node, args))
