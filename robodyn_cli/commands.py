@@ -39,6 +39,7 @@ COMMANDS: dict[str, Command] = {
         "Balance and its stability, or torques that hold a pose.", "mechanism.statics:statics"
     ),
     "plan": Command("What a scene needs, what is left out, and operations."),
+    "cache": Command("Show how much compiled code is kept, or clear it."),
     "check": Command("Check a result against what its scene expects."),
     "compare": Command("Compare two results dataset by dataset."),
     "info": Command("Tree, frames, M, C, G and Jacobians at a state."),
