@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from typing import Any
 
+from robodyn_cli.expr.fixed import places
 from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.kernels.compiler import machine
 from robodyn_cli.kernels.lower import INLINE_LIMIT
@@ -19,6 +20,7 @@ def _unrolled(name: str, program: Program, lanes: int, lanes_hold: str) -> Entry
         "name": name,
         "operations": program.operations,
         "inputs": dict(program.inputs),
+        "numbers": places(program.numbers),
         "outputs": {k: len(v) for k, v in program.outputs.items()},
         "engine": "compiled",
         "shape": "unrolled",
@@ -47,6 +49,7 @@ def rolled(name: str, table: RolledPlan, operations: int) -> Entry:
         "name": name,
         "operations": operations,
         "inputs": {"q": table.nq, "v": table.nv, "a": table.nv},
+        "numbers": places(table.numbers),
         "outputs": {"out": table.nv},
         "engine": "compiled",
         "shape": "rolled",
@@ -63,6 +66,7 @@ def rolled_step(name: str, dynamics: Rolled, lanes: int) -> Entry:
     return {
         **entry,
         "inputs": {"q": dynamics.plan.nq, "v": dynamics.plan.nv, **forces},
+        "numbers": places([*dynamics.plan.numbers, *dynamics.program.numbers]),
         "outputs": {"a": dynamics.plan.nv, **({"z": len(dynamics.z_rate)} if dynamics.z_rate else {})},
         "lanes": lanes,
         "lanes_hold": "state" if lanes == 1 else "stages",

@@ -8,7 +8,7 @@ from itertools import zip_longest
 from typing import Any
 
 from robodyn_cli.run.plan.programs import how
-from robodyn_cli.run.plan.words import listed_data
+from robodyn_cli.run.plan.words import listed_data, plural
 
 WIDTH = 100
 TERM = 36
@@ -28,6 +28,7 @@ def render(plan: dict[str, Any]) -> str:
     else:
         lines += _wrapped("Terms are not counted one by one for a model of this size.")
     lines += [*_totals(plan), *_equation_36(plan.get("equation_36") or {}), *_kernels(plan["kernels"])]
+    lines += _numbers(plan["kernels"])
     lines += _choices(plan["choices"])
     return "\n".join(line.rstrip() for line in lines)
 
@@ -101,9 +102,22 @@ def _kernels(kernels: list[dict[str, Any]]) -> list[str]:
     lines = ["", f"{'Programs':<{len(INDENT) + TERM}}{'operations':>{NUMBER}}{INDENT}how"]
     for k in kernels:
         reads = ", ".join(f"{group}[{n}]" for group, n in k["inputs"].items())
-        text = f"{how(k)}; reads {reads or 'nothing'}; digest {k['digest']}"
+        text = f"{how(k)}; reads {reads or 'nothing'}, {plural(len(k['numbers']), 'number')}; digest {k['digest']}"
         lines += _row(k["name"], _number(k["operations"]), text)
     return lines
+
+
+def _numbers(kernels: list[dict[str, Any]]) -> list[str]:
+    """Say what of the scene is a number and what is structure."""
+    if not kernels:
+        return []
+    count = len({place for k in kernels for place in k["numbers"]})
+    text = (
+        f"{plural(count, 'value')} of the scene {'is a number' if count == 1 else 'are numbers'} that the programs "
+        "read from a table: another value compiles nothing. Structure: zeros, directions, angles that place frames, "
+        "exponents, and values that are the default of their key."
+    )
+    return ["", "Numbers", *_wrapped(text, INDENT)]
 
 
 def _choices(choices: list[dict[str, Any]]) -> list[str]:
