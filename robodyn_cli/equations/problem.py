@@ -82,12 +82,7 @@ class Problem:
     def numbers(
         self, entries: Any, q: Array, t: float = 0.0, v: Array | None = None, p: Array | None = None
     ) -> Array:
-        """Return the values of expressions at one state, in the shape of ``entries``; without v and p at rest, p = ().
-
-        Parameters
-        ----------
-        entries : array or list of expressions. q : (nq,). v : (nv,). p : parameters.
-        """
+        """Return the values of expressions at q (nq,) and v (nv,), by default 0, in the shape of ``entries``."""
         still = [0.0] * self.model.nv
         groups = {"t": [t], "q": q.tolist(), "v": still if v is None else v.tolist(), "a": still,
                   "p": [] if p is None else p.tolist()}  # fmt: skip
