@@ -47,6 +47,7 @@ COMMANDS: dict[str, Command] = {
     "import": Command("Write the robot of a URDF file as YAML."),
     "info": Command("Tree, frames, M, C, G and Jacobians at a state."),
     "new": Command("Write a commented scene to begin with."),
+    "plot": Command("Draw stored results again, several over one another."),
     "run": Command("Run many scenes, each by its own command; check them."),
     "schema": Command("Print the JSON Schema of scenes, for editors."),
     "stability": Command(

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 from robodyn_cli.expr.calculus import directional
-from robodyn_cli.expr.graph import Scalar, free_symbols, is_nonzero
+from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
-from robodyn_cli.spatial.algebra import Matrix, Values, Vector, zeros
+from robodyn_cli.spatial.algebra import Matrix, Values, zeros
 
 
 @record
@@ -102,26 +102,3 @@ def coordinate_row(
     rate = directional([value], [t], [1.0])[0]
     second = directional([rate], [t], [1.0])[0]
     return Row(name, eta - value, psi, -second, -rate, kind)
-
-
-# -- prescribed joints that feel no inertia ----------------------------------------------------------------
-# The acceleration a_j of such a joint is given, so an inertia b_j of any size changes nothing but the force that drives
-# it, and -b_j a_j takes that off again: with b_j in M and -b_j a_j in h, motion and multipliers are the mechanism's.
-Braces = Mapping[int, float]  # b_j by velocity coordinate
-
-
-def with_inertia(M: Matrix, braces: Braces) -> Matrix:
-    """Return M + b."""
-    for k, inertia in braces.items():
-        M[k, k] = M[k, k] + inertia
-    return M
-
-
-def with_force(h: Vector, braces: Braces, constraints: Constraints) -> Vector:
-    """Return h - b a with the accelerations a that ``constraints`` prescribe."""
-    for i in constraints.prescribed if braces else ():
-        row = constraints.rows[i]
-        for k, x in enumerate(row.psi):
-            if k in braces and is_nonzero(x):
-                h[k] = h[k] + braces[k] * row.gamma  # which is -a
-    return h
