@@ -102,6 +102,8 @@ def begun(directory: OutputDirectory, console: Console) -> Iterator[None]:
     """Hold an output directory; say whose results are there where it is another scene's."""
     tidy_up_first()
     with directory:
+        if directory.warning is not None:
+            console.note(f"robodyn: warning: {directory.warning}")
         if (other := directory.other_scene()) is not None:
             console.note(
                 f"robodyn: warning: {directory.path} holds results of another scene, {other}, which this run replaces"

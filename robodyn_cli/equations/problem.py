@@ -7,7 +7,7 @@ tau_a are actuator torques, tau_f those of springs, dampers and friction in the 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -20,7 +20,6 @@ from robodyn_cli.algorithms.energy import gravity_energy, kinetic_energy, spring
 from robodyn_cli.algorithms.kinematics import Pose, moved, poses, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
-from robodyn_cli.equations.braces import Braces, with_force, with_inertia
 from robodyn_cli.equations.constraints import Constraints as Constraints
 from robodyn_cli.equations.constraints import coordinate_row
 from robodyn_cli.equations.contact_joints import ContactJoint, contact_joints
@@ -68,7 +67,7 @@ class Problem:
         keep_rows: Sequence[int] | None = None,
         model: Model | None = None,
         dependent: Sequence[Dependence] = (),
-        braces: Braces | None = None,
+        braces: Mapping[int, float] | None = None,
     ) -> None:
         self.scene = scene = with_places(scene)
         self.model = model if model is not None else build_model(scene, symbolic)
@@ -78,17 +77,12 @@ class Problem:
         self.v: list[Expr] = graph.symbols([f"{n}'" for n in self.model.v_names], "v")
         self.a: list[Expr] = graph.symbols([f"{n}''" for n in self.model.v_names], "a")
         self.keep_rows, self.dependent = keep_rows, tuple(dependent)
-        self.braces: Braces = braces or {}
+        self.braces = braces or {}
 
     def numbers(
         self, entries: Any, q: Array, t: float = 0.0, v: Array | None = None, p: Array | None = None
     ) -> Array:
-        """Return the values of expressions at one state, in the shape of ``entries``; without v and p at rest, p = ().
-
-        Parameters
-        ----------
-        entries : array or list of expressions. q : (nq,). v : (nv,). p : parameters.
-        """
+        """Return the values of expressions at q (nq,) and v (nv,), by default 0, in the shape of ``entries``."""
         still = [0.0] * self.model.nv
         groups = {"t": [t], "q": q.tolist(), "v": still if v is None else v.tolist(), "a": still,
                   "p": [] if p is None else p.tolist()}  # fmt: skip
@@ -121,12 +115,21 @@ class Problem:
 
     @cached_property
     def mass_matrix(self) -> Matrix:
-        return with_inertia(crba(self.rigid, self.q, self.X), self.braces)
+        M = crba(self.rigid, self.q, self.X)
+        if not self.braces:
+            return M
+        from robodyn_cli.equations.braces import with_inertia
+
+        return with_inertia(M, self.braces)
 
     @cached_property
     def bias(self) -> Vector:
         """h = C v + G."""
         h = rnea(self.rigid, self.q, self.v, zeros(self.model.nv), self.gravity, self.X)
+        if not self.braces:
+            return h
+        from robodyn_cli.equations.braces import with_force
+
         return with_force(h, self.braces, self.all_constraints)
 
     @cached_property

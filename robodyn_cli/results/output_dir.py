@@ -103,6 +103,11 @@ class OutputDirectory:
             found += [status.st_ino, status.st_mtime_ns]
         return tuple(found) or None
 
+    @property
+    def warning(self) -> str | None:
+        """What users are to be told of the directory's lock."""
+        return None if self._lock is None else self._lock.warning
+
     def other_scene(self) -> Path | None:
         """Return the scene file whose results are here, if it is another one than this run's and still there."""
         owner = read_summary(self.path / SUMMARY_NAME).get(SCENE_FILE)

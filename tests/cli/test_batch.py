@@ -335,3 +335,26 @@ interrupts.end(run(sys.argv[1:]))
     assert json.loads(done.stdout)["error"]["exit_code"] == 130
     suite = ElementTree.parse(xml).getroot()[0]
     assert (suite.get("tests"), suite.get("skipped"), suite.get("errors")) == ("2", "2", "0")
+
+
+@posix
+@pytest.mark.parametrize("form", ["--junit {}", "--junit={}"])
+def test_interrupted_while_it_is_being_loaded(form: str, tmp_path: Path) -> None:
+    """The report replaces that of an earlier batch, which would say that all was well."""
+    xml, note = tmp_path / "junit.xml", tmp_path / "notes.md"
+    xml.write_text("<testsuites/>")
+    code = """
+import os, signal, sys
+from robodyn_cli.cli import interrupts
+interrupts.leave_at_once()
+os.kill(os.getpid(), signal.SIGINT)
+"""
+    words = ["run", str(tmp_path), *form.format(xml).split(), "--markdown", str(note), "--json"]
+    done = subprocess.run(
+        [sys.executable, "-c", code, *words], capture_output=True, text=True, env=environment()
+    )
+    assert done.returncode == 130 and done.stderr == "robodyn: error: interrupted\n"
+    assert json.loads(done.stdout)["error"]["exit_code"] == 130
+    suite = ElementTree.parse(xml).getroot()[0]
+    assert (suite.get("tests"), suite.get("skipped")) == ("1", "1")
+    assert "interrupted" in note.read_text() and not list(tmp_path.glob("*.tmp"))

@@ -77,10 +77,12 @@ def command(
     entries: list[Entry] = []
     tidy_up_first()
     try:
+        from robodyn_cli.kernels.cache import cache_directory
         from robodyn_cli.run.batch.batch import Batch
         from robodyn_cli.run.batch.entries import listed, load
         from robodyn_cli.run.batch.gather import gather
 
+        cache_directory()  # says what is wrong with it once, for all scenes
         settings, drawn = overrides or (), drawings(no_plots, plots, format_)
         entries += listed(gather(scenes))
         load(entries, out, settings)
