@@ -54,7 +54,7 @@ class RolledPlan:
 
     recursion : the steps, shared with every model of the same kinds and structure.
     serial : every body hangs on the one before.
-    tables : 64-bit words, see ``Header`` and ``Row``.
+    tables : 64-bit words, see ``Header`` and ``Row``. numbers : those in it that are needed.
 
     Raises
     ------
@@ -106,6 +106,9 @@ class RolledPlan:
             whole[k, Row.Q], whole[k, Row.V] = body.q, body.v
             rows[k, Row.CONSTANTS :] = _numbers(body, constants[k], needed[kind_of[k]])
         self.tables: Array = words
+        self.numbers: tuple[Scalar, ...] = tuple(
+            x for row, kind in zip(constants, kind_of) for k, x in enumerate(row) if k in needed[kind]
+        )
 
     @property
     def inputs(self) -> dict[str, int]:

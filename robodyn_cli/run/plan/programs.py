@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
+from robodyn_cli.expr.fixed import places
 from robodyn_cli.kernels.compiler import machine
 from robodyn_cli.kernels.lower import is_inlined
 from robodyn_cli.kernels.program import Program
@@ -14,12 +15,15 @@ from robodyn_cli.run.plan.report import Kernel
 
 
 class Code(Protocol):
-    """Straight-line code, or loops over the bodies. inputs, sizes : of the arrays that it reads and gives."""
+    """Straight-line code, or loops over the bodies. inputs, sizes : of the arrays that it reads and gives; numbers : of
+    the scene, which it reads from a table."""
 
     @property
     def operations(self) -> int: ...
     @property
     def inputs(self) -> Mapping[str, int]: ...
+    @property
+    def numbers(self) -> Sequence[object]: ...
     @property
     def sizes(self) -> Mapping[str, int]: ...
     @property
@@ -45,5 +49,5 @@ def _kernel(name: str, code: Code, lanes: int, hold: str) -> Kernel:
     shape, digest = "unrolled", code.digest
     if not isinstance(code, Program):
         shape, digest = "rolled", hashlib.sha256(digest.encode()).hexdigest()
-    sizes = dict(code.inputs), dict(code.sizes)
-    return Kernel(name, code.operations, *sizes, "compiled", shape, lanes, hold, digest[:12])
+    data = dict(code.inputs), places(code.numbers), dict(code.sizes)
+    return Kernel(name, code.operations, *data, "compiled", shape, lanes, hold, digest[:12])

@@ -29,11 +29,13 @@ class LeftOut:
 
 @record
 class Kernel:
-    """A program of a run. lanes : evaluations at once; lanes_hold : of what. placed : where in the stepping loop."""
+    """A program of a run. numbers : places of the scene's values that it reads from a table. lanes : evaluations at
+    once; lanes_hold : of what. placed : where in the stepping loop."""
 
     name: str
     operations: int
     inputs: dict[str, int]
+    numbers: list[str]
     outputs: dict[str, int]
     engine: str
     shape: str

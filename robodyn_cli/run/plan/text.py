@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from itertools import zip_longest
 from typing import Any
 
-from robodyn_cli.run.plan.words import listed_data
+from robodyn_cli.run.plan.words import listed_data, plural
 
 WIDTH = 100
 TERM = 36
@@ -60,13 +60,30 @@ def _lines(plan: dict[str, Any]) -> Iterator[str]:
         yield from _heading("Programs", "operations", "how")
     for k in plan["kernels"]:
         reads = ", ".join(f"{group}[{n}]" for group, n in k["inputs"].items()) or "nothing"
-        yield from _row(k["name"], k["operations"], f"{_how(k)}; reads {reads}; digest {k['digest']}")
+        numbers = plural(len(k["numbers"]), "number")
+        yield from _row(
+            k["name"], k["operations"], f"{_how(k)}; reads {reads}, {numbers}; digest {k['digest']}"
+        )
+    yield from _numbers(plan["kernels"])
     if plan["choices"]:
         yield from ("", "Choices")
     for c in plan["choices"]:
         counts = ", ".join(f"{name} {n}" for name, n in c.get("operations", {}).items())
         text = f"{c['choice']}: {c['taken']} ({c['reason']}){'; ' if counts else ''}{counts}"
         yield from textwrap.wrap(text, WIDTH, initial_indent=INDENT, subsequent_indent=INDENT * 2)
+
+
+def _numbers(kernels: list[dict[str, Any]]) -> list[str]:
+    """Say what of the scene is a number and what is structure."""
+    if not kernels:
+        return []
+    count = len({place for k in kernels for place in k["numbers"]})
+    text = (
+        f"{plural(count, 'value')} of the scene {'is a number' if count == 1 else 'are numbers'} that the programs "
+        "read from a table: another value compiles nothing. Structure: zeros, directions, angles that place frames, "
+        "exponents, and values that are the default of their key."
+    )
+    return ["", "Numbers", *_wrapped(text, INDENT)]
 
 
 def _wrapped(text: str, indent: str = "") -> list[str]:
