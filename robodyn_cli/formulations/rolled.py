@@ -66,14 +66,14 @@ class Rolled:
         return {"q": self.plan.nq, "v": self.plan.nv, **self.program.inputs}
 
     @property
-    def numbers(self) -> list[Scalar]:
-        """The numbers of the scene that the code reads from tables."""
-        return [*self.plan.numbers, *self.program.numbers]
-
-    @property
     def sizes(self) -> dict[str, int]:
         """Sizes of the outputs."""
         return {"a": self.plan.nv, **({"z": len(self.z_rate)} if self.z_rate else {})}
+
+    @property
+    def numbers(self) -> tuple[Scalar, ...]:
+        """Numbers of the scene that are read."""
+        return (*self.plan.numbers, *self.program.numbers)
 
     @property
     def operations(self) -> int:

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from robodyn_cli.expr.fixed import places
+from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.kernels.compiler import machine
 from robodyn_cli.kernels.lower import is_inlined
 from robodyn_cli.kernels.program import Program
@@ -15,17 +16,19 @@ from robodyn_cli.run.plan.report import Kernel
 
 
 class Code(Protocol):
-    """Straight-line code, or loops over the bodies. inputs, sizes : of the arrays that it reads and gives; numbers : of
-    the scene, which it reads from a table."""
+    """Straight-line code, or loops over the bodies.
+
+    inputs, sizes : of the arrays that it reads and gives. numbers : of the scene, in its table.
+    """
 
     @property
     def operations(self) -> int: ...
     @property
     def inputs(self) -> Mapping[str, int]: ...
     @property
-    def numbers(self) -> Sequence[object]: ...
-    @property
     def sizes(self) -> Mapping[str, int]: ...
+    @property
+    def numbers(self) -> Sequence[Scalar]: ...
     @property
     def digest(self) -> str: ...
 
@@ -49,5 +52,7 @@ def _kernel(name: str, code: Code, lanes: int, hold: str) -> Kernel:
     shape, digest = "unrolled", code.digest
     if not isinstance(code, Program):
         shape, digest = "rolled", hashlib.sha256(digest.encode()).hexdigest()
-    data = dict(code.inputs), places(code.numbers), dict(code.sizes)
-    return Kernel(name, code.operations, *data, "compiled", shape, lanes, hold, digest[:12])
+    reads = dict(code.inputs), places(code.numbers)
+    return Kernel(
+        name, code.operations, *reads, dict(code.sizes), "compiled", shape, lanes, hold, digest[:12]
+    )

@@ -29,8 +29,11 @@ class LeftOut:
 
 @record
 class Kernel:
-    """A program of a run. numbers : places of the scene's values that it reads from a table. lanes : evaluations at
-    once; lanes_hold : of what. placed : where in the stepping loop."""
+    """A program of a run.
+
+    numbers : places in the scene of the numbers that it reads. lanes : evaluations at once; lanes_hold : of what.
+    placed : where in the stepping loop.
+    """
 
     name: str
     operations: int

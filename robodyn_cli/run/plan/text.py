@@ -60,10 +60,8 @@ def _lines(plan: dict[str, Any]) -> Iterator[str]:
         yield from _heading("Programs", "operations", "how")
     for k in plan["kernels"]:
         reads = ", ".join(f"{group}[{n}]" for group, n in k["inputs"].items()) or "nothing"
-        numbers = plural(len(k["numbers"]), "number")
-        yield from _row(
-            k["name"], k["operations"], f"{_how(k)}; reads {reads}, {numbers}; digest {k['digest']}"
-        )
+        text = f"{_how(k)}; reads {reads}, {plural(len(k['numbers']), 'number')}; digest {k['digest']}"
+        yield from _row(k["name"], k["operations"], text)
     yield from _numbers(plan["kernels"])
     if plan["choices"]:
         yield from ("", "Choices")
@@ -71,19 +69,6 @@ def _lines(plan: dict[str, Any]) -> Iterator[str]:
         counts = ", ".join(f"{name} {n}" for name, n in c.get("operations", {}).items())
         text = f"{c['choice']}: {c['taken']} ({c['reason']}){'; ' if counts else ''}{counts}"
         yield from textwrap.wrap(text, WIDTH, initial_indent=INDENT, subsequent_indent=INDENT * 2)
-
-
-def _numbers(kernels: list[dict[str, Any]]) -> list[str]:
-    """Say what of the scene is a number and what is structure."""
-    if not kernels:
-        return []
-    count = len({place for k in kernels for place in k["numbers"]})
-    text = (
-        f"{plural(count, 'value')} of the scene {'is a number' if count == 1 else 'are numbers'} that the programs "
-        "read from a table: another value compiles nothing. Structure: zeros, directions, angles that place frames, "
-        "exponents, and values that are the default of their key."
-    )
-    return ["", "Numbers", *_wrapped(text, INDENT)]
 
 
 def _wrapped(text: str, indent: str = "") -> list[str]:
@@ -99,6 +84,20 @@ def _row(name: str, number: int | None, text: str = "") -> list[str]:
     figure = "-" if number is None else str(number)
     columns = zip_longest(textwrap.wrap(name, TERM - 1), [figure], textwrap.wrap(text, REASON), fillvalue="")
     return [f"{INDENT}{left:<{TERM}}{middle:>{NUMBER}}{INDENT}{right}" for left, middle, right in columns]
+
+
+def _numbers(kernels: list[dict[str, Any]]) -> Iterator[str]:
+    """Say what of the scene is a number and what is structure."""
+    if not kernels:
+        return
+    count = len({place for k in kernels for place in k["numbers"]})
+    yield from ("", "Numbers")
+    yield from _wrapped(
+        f"{plural(count, 'value')} of the scene {'is a number' if count == 1 else 'are numbers'} that the programs "
+        "read from a table: another value compiles nothing. Structure: zeros, directions, angles that place frames, "
+        "exponents, and values that are the default of their key.",
+        INDENT,
+    )
 
 
 def _how(kernel: dict[str, Any]) -> str:
