@@ -62,7 +62,7 @@ class Jump(Outcome):
 
     state: Array
     parameters: Array | None = None
-    sides: Mapping[int, float] | None = None
+    sides: Mapping[int, float] = dataclasses.field(default_factory=dict)
     step: float = math.inf
 
 

@@ -290,7 +290,7 @@ class Integrator:
             if outcome.parameters is not None:
                 self.p[:] = outcome.parameters
             places = [k for k, e in enumerate(self.system.events) if e.owner is owner]
-            sides = {places[k]: side for k, side in (outcome.sides or {}).items()}
+            sides = {places[k]: side for k, side in outcome.sides.items()}
             self.set_state(outcome.state, sides, outcome.step)
 
     def _at_end(self) -> tuple[Event, ...]:

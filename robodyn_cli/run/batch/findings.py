@@ -165,7 +165,7 @@ def _forward(scene: Scene, command: str) -> tuple[Model, list[Scalar]]:
         refuse_open_chain(scene)
     problem = prepare(scene).problem
     if command == "deploy" and scene.deploy.criterion != "multipliers":
-        passive_determinant(problem, passive_coordinates(problem) or [])
+        passive_determinant(problem, passive_coordinates(problem))
     dynamics = build_system(problem, "none", work=False).dynamics
     # loops over bodies have asked for what they need when they were made
     outputs = dynamics.forces if isinstance(dynamics, Rolled) else dynamics.expressions()[0]

@@ -111,18 +111,18 @@ def initial_positions(scene: Scene, problem: Problem) -> dict[str, float]:
     return given
 
 
-def passive_coordinates(problem: Problem) -> list[int] | None:
-    """Return the velocity coordinates that nothing drives, None without loops.
+def passive_coordinates(problem: Problem) -> tuple[int, ...]:
+    """Return the velocity coordinates that nothing drives; none without loops.
 
     Actuated are the joints of ``actuated`` (by default those in ``torques``) and prescribed ones.
     """
     scene, model = problem.scene, problem.model
     if not model.closures:
-        return None
+        return ()
     driven = {*scene.torques, *scene.prescribed}
     if scene.actuated is not None:
         driven = {*scene.prescribed, *(x for name in scene.actuated for x in model.v_columns(name))}
-    return [k for k, name in enumerate(model.v_names) if name not in driven]
+    return tuple(k for k, name in enumerate(model.v_names) if name not in driven)
 
 
 def dependent_rows(problem: Problem, assembled: Assembled) -> tuple[Dependence, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -119,13 +119,19 @@ class SampleFunction:
         return arrays
 
 
-def without_idle_unknowns(outputs: Sequence[Scalar], needed: Sequence[Scalar]) -> list[Scalar]:
+def unknowns(outputs: Sequence[Scalar]) -> list[Expr]:
+    """Return the symbols of unknown data that the outputs depend on."""
+    return [s for s in free_symbols(outputs) if s.value[1] == UNKNOWN_GROUP]
+
+
+def without_idle_unknowns(outputs: Sequence[Scalar], needed: Iterable[Scalar]) -> list[Scalar]:
     """Return outputs with those unknown data set to zero that ``needed`` does not depend on. For quantities that
     depend on such data by an additive constant only, or by terms that cancel: a potential energy, where ``needed`` are
-    the torques that are its gradient.
+    the torques that are its gradient. ``needed`` is gone through only where there are unknown data.
     """
+    found = unknowns(outputs)
+    if not found:
+        return list(outputs)
     used = {s.index for s in free_symbols(needed)}
-    idle = {
-        s.index: 0.0 for s in free_symbols(outputs) if s.value[1] == UNKNOWN_GROUP and s.index not in used
-    }
+    idle = {s.index: 0.0 for s in found if s.index not in used}
     return substitute(list(outputs), dict(idle)) if idle else list(outputs)

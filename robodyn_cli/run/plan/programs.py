@@ -53,4 +53,6 @@ def _kernel(name: str, code: Code, lanes: int, hold: str) -> Kernel:
     if not isinstance(code, Program):
         shape, digest = "rolled", hashlib.sha256(digest.encode()).hexdigest()
     reads = dict(code.inputs), places(code.numbers)
-    return Kernel(name, code.operations, *reads, dict(code.sizes), "compiled", shape, lanes, hold, digest[:12])
+    return Kernel(
+        name, code.operations, *reads, dict(code.sizes), "compiled", shape, lanes, hold, digest[:12]
+    )
