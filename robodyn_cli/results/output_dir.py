@@ -18,7 +18,6 @@ from robodyn_cli.results.atomic import (
     uninterrupted,
 )
 from robodyn_cli.results.lock import DirectoryLock
-from robodyn_cli.results.marked import SUFFIXES, is_ours
 from robodyn_cli.results.summary import read_summary, write_summary
 
 RESULT_NAME = "result.h5"
@@ -152,9 +151,18 @@ class OutputDirectory:
 
     def _old_drawings(self) -> list[str]:
         listed = read_summary(self.path / SUMMARY_NAME).get("outputs", ())
-        names = [name for name in listed if _is_drawing(name)] if isinstance(listed, list) else []
+        listed = listed if isinstance(listed, list) else []
+        names = dict.fromkeys(name for name in (*listed, *self._drawings) if self._holds(name))
+        if not names:
+            return []
+        from robodyn_cli.results.marked import is_ours
+
         # a list can name a file that somebody else has put there since
-        return [name for name in dict.fromkeys((*names, *self._drawings)) if is_ours(self.path / name)]
+        return [name for name in names if is_ours(self.path / name)]
+
+    def _holds(self, name: Any) -> bool:
+        """Tell whether an entry of a list of outputs is the plain name of a file that is there."""
+        return isinstance(name, str) and Path(name).name == name and (self.path / name).exists()
 
     def _move(self, name: str) -> None:
         target = self.path / name
@@ -180,8 +188,3 @@ def same_run(summary: Mapping[str, Any], attributes: Mapping[str, Any]) -> bool:
 def _entries(directory: Path) -> list[Path]:
     with output_errors(directory):
         return [Path(entry.path) for entry in os.scandir(directory)]
-
-
-def _is_drawing(name: Any) -> bool:
-    """Tell whether an entry of an old list of outputs is the plain name of a drawing."""
-    return isinstance(name, str) and Path(name).name == name and name.endswith(SUFFIXES)
