@@ -128,12 +128,12 @@ def publish(
 def show(result: Result, directory: OutputDirectory, console: Console, describe: Describe) -> None:
     """Print the summary of a result: as JSON where that is asked for, else in words, with what lies where."""
     _show_data(directory, console)
-    lines = [describe(result.summary)]
+    console.say(describe(result.summary))
     if result.events:
         from robodyn_cli.results.moments import moment_lines
 
-        lines += moment_lines(result)
-    console.say("\n".join(lines))
+        for line in moment_lines(result):
+            console.say(line)
     console.say(f"results: {directory.path}  ({', '.join(directory.outputs)})")
 
 

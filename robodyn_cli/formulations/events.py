@@ -113,6 +113,12 @@ class EventFunction:
     kind: EventKind = EventKind.MARK
     owner: Owner | None = None
 
+    def crosses(self, before: float, after: float) -> bool:
+        """Tell whether a change from ``before`` to ``after`` counts; zero belongs to neither side."""
+        rising = before < 0.0 < after
+        falling = before > 0.0 > after
+        return (rising and self.direction >= 0) or (falling and self.direction <= 0)
+
     @property
     def is_discontinuity(self) -> bool:
         """Whether the right-hand side or its slope jumps where the function is zero."""

@@ -16,8 +16,13 @@ if TYPE_CHECKING:
 Inputs = Mapping[str, Sequence[Value] | Array]  # a value for each position, by group; the table of numbers
 
 INLINE_LIMIT = 400  # operations; longer programs become functions
-LANES = 8
+LANES = 8  # the most that an integrator evaluates at once
 REGISTERS = "registers"  # argument of functions that evaluate programs: memory for those that are data
+
+
+def is_inlined(program: Program) -> bool:
+    """Tell whether a program's code goes where it is evaluated, instead of into a function of its own."""
+    return program.operations <= INLINE_LIMIT
 
 
 def _table(f: Function, x: Value, at: str, n: int, order: int) -> Value:
@@ -260,7 +265,7 @@ class Programs:
 
         inputs : as of ``lower``, or arrays in memory.
         """
-        if program.operations <= INLINE_LIMIT:
+        if is_inlined(program):
             return lower(f, program, _values(f, program, inputs, width), width, self.fused)
         if self.interpreted and not program.has_tables:
             return self._interpret(f, program, inputs, width)

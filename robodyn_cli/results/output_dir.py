@@ -9,6 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from robodyn_cli.commands import PLOT_FORMATS
 from robodyn_cli.errors import OutputError
 from robodyn_cli.results.atomic import (
     is_temporary,
@@ -24,6 +25,12 @@ RESULT_NAME = "result.h5"
 SUMMARY_NAME = "summary.json"
 RUN_ID = "run_id"  # key of the summary and attribute of the result file: the same of one run
 SCENE_FILE = "scene_file"  # key of the summary: where the scene lies
+# by which drawings of ours are known, so that a run removes no file of anybody else
+MARK = "robodyn"  # keyword "Software" of a PNG
+CREATOR = "robodyn drawing"  # creator of an SVG or a PDF
+DRAWING_SUFFIXES = tuple(f".{kind}" for kind in PLOT_FORMATS)
+SIGNATURE = b"Software\x00" + MARK.encode()
+_START, _END = 4096, 4096
 
 
 class OutputDirectory:
@@ -151,18 +158,9 @@ class OutputDirectory:
 
     def _old_drawings(self) -> list[str]:
         listed = read_summary(self.path / SUMMARY_NAME).get("outputs", ())
-        listed = listed if isinstance(listed, list) else []
-        names = dict.fromkeys(name for name in (*listed, *self._drawings) if self._holds(name))
-        if not names:
-            return []
-        from robodyn_cli.results.marked import is_ours
-
+        names = [name for name in listed if _is_drawing(name)] if isinstance(listed, list) else []
         # a list can name a file that somebody else has put there since
-        return [name for name in names if is_ours(self.path / name)]
-
-    def _holds(self, name: Any) -> bool:
-        """Tell whether an entry of a list of outputs is the plain name of a file that is there."""
-        return isinstance(name, str) and Path(name).name == name and (self.path / name).exists()
+        return [name for name in dict.fromkeys((*names, *self._drawings)) if is_ours(self.path / name)]
 
     def _move(self, name: str) -> None:
         target = self.path / name
@@ -180,6 +178,22 @@ class OutputDirectory:
             raise output_error(path, error) from error
 
 
+def is_ours(path: Path) -> bool:
+    """Tell whether a file is a drawing that carries our mark."""
+    try:
+        if not path.is_file():
+            return False
+        with open(path, "rb") as stream:
+            start = stream.read(_START)
+            stream.seek(max(0, os.fstat(stream.fileno()).st_size - _END))
+            end = stream.read(_END)
+    except OSError:
+        return False
+    if path.suffix == ".png":
+        return SIGNATURE in start[:512]
+    return path.suffix in DRAWING_SUFFIXES and any(CREATOR.encode() in part for part in (start, end))
+
+
 def same_run(summary: Mapping[str, Any], attributes: Mapping[str, Any]) -> bool:
     """Tell whether a summary and the attributes of a result file are of one run."""
     return summary.get(RUN_ID) == attributes.get(RUN_ID)
@@ -188,3 +202,8 @@ def same_run(summary: Mapping[str, Any], attributes: Mapping[str, Any]) -> bool:
 def _entries(directory: Path) -> list[Path]:
     with output_errors(directory):
         return [Path(entry.path) for entry in os.scandir(directory)]
+
+
+def _is_drawing(name: Any) -> bool:
+    """Tell whether an entry of an old list of outputs is the plain name of a drawing."""
+    return isinstance(name, str) and Path(name).name == name and name.endswith(DRAWING_SUFFIXES)
