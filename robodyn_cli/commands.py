@@ -42,6 +42,7 @@ COMMANDS: dict[str, Command] = {
     ),
     "plan": Command("What a scene needs, what is left out, and operations."),
     "animate": Command("Make a movie of a result, or a strip of stills."),
+    "cache": Command("Show how much compiled code is kept, or clear it."),
     "check": Command("Check a result against what its scene expects."),
     "compare": Command("Compare two results dataset by dataset."),
     "import": Command("Write the robot of a URDF file as YAML."),

@@ -57,6 +57,9 @@ def command(
     return 0
 
 
+WIDEST = 24  # columns of a matrix on the terminal
+
+
 def describe(found: Mapping[str, Any]) -> str:
     """Return the report for the terminal."""
     from robodyn_cli.run.mechanism.info import tree
@@ -121,6 +124,9 @@ def values(x: list[float] | None) -> str:
 
 def matrix(name: str, m: Any) -> list[str]:
     """Return a matrix as aligned lines below its name."""
+    rows, columns = m.shape
+    if columns > WIDEST:
+        return [f"  {name}  ({rows} x {columns}; in the report of --json and in summary.json)"]
     cells = [[cell(float(x)) for x in row] for row in m]
     width = max((len(x) for row in cells for x in row), default=1)
     return [f"  {name}", *("    " + "  ".join(x.rjust(width) for x in row) for row in cells)]
