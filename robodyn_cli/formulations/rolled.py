@@ -82,7 +82,7 @@ class Rolled:
             if name not in w.functions:
                 w.functions[name] = self._force_function(name, width, w.fused)
             time = f.slot(width)
-            f.store(f.splat(t, width), time, 8 * width)
+            f.store(f.splat(w.inside(t), width), time, 8 * width)
             arguments = (time, x.base, v.base, z.base, "%p", forces.base, rates.part(w.nv).base)
             f.raw(f"call void @{name}({', '.join(f'ptr {a}' for a in arguments)})")
         name = f"forward.{width}"

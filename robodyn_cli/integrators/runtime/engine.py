@@ -31,7 +31,7 @@ class Engine:
         kind = methods[method]
         host = machine()
         compiled = compile_module(
-            f"run {method} {system.digest}{kind.digest(system)}",
+            f"run {method} {system.digest}{kind.digest(system)}{' in stretches' if system.breakpoints else ''}",
             lambda: write_run(system, kind, host.fused),
         )
         self._run_to_event = compiled.function("run_to_event", ADDRESS, result=NUMBER)

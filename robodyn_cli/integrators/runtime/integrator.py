@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from time import perf_counter
 from typing import Any
 
@@ -29,6 +29,7 @@ from robodyn_cli.integrators.runtime.layout import UNARMED, DoubleSlot, IntegerS
 from robodyn_cli.integrators.runtime.options import Counters as Counters
 from robodyn_cli.integrators.runtime.options import Options as Options
 from robodyn_cli.integrators.runtime.parameters import Parameters
+from robodyn_cli.integrators.runtime.stretches import stretches
 from robodyn_cli.spatial.algebra import Array
 
 DEFAULTS = Options()
@@ -40,6 +41,7 @@ RESTART = 1 / 16  # first step after a jump, as a part of the time since the las
 # chattering: so many steps with events within this part of the time so far (or of a second)
 CROWD = 200
 CROWDED = 1e-9
+TRIAL_STEPS = 200  # that a trial may take; more are needed only towards a pose that no trial should cross
 BEYOND = 7  # doublings of the resolution within which a function that is zero is expected to cross
 
 
@@ -83,6 +85,7 @@ class Integrator:
         w[DoubleSlot.H_MAX] = options.max_step
         w[DoubleSlot.CONTRACTION] = w[DoubleSlot.LAST_ERROR] = 1.0
         n[IntegerSlot.LAST_SAMPLE] = -1
+        w[DoubleSlot.T_AFTER], w[DoubleSlot.T_BEFORE] = -math.inf, math.inf
         self.events_seen = 0
         self._since, self._restart = time, math.inf
         self.pause: int | None = None
@@ -150,8 +153,7 @@ class Integrator:
             status = self.engine.run_to_event()
             if status is not Status.MAX_STEPS or most >= limit:
                 return status
-            spent = perf_counter() - start
-            if spent < SLICE_TIME:
+            if (spent := perf_counter() - start) < SLICE_TIME:
                 self._slice *= 2
             elif spent > 4 * SLICE_TIME:
                 self._slice = max(1, self._slice // 2)
@@ -188,10 +190,11 @@ class Integrator:
         for stop in self._stops(end):
             self._check(self._call(stop))
 
-    def _stops(self, end: float) -> list[float]:
-        """Return the times ahead at which a step has to end."""
-        between = self.system.breakpoints
-        return [*(b for b in between if self.time < b < end), end] if between else [end]
+    def _stops(self, end: float) -> Iterator[float]:
+        """Yield when a step has to end; formulas of time are kept to the stretch before each."""
+        for stop, after, before in stretches(self.system.breakpoints, self.time, end):
+            self.w[DoubleSlot.T_AFTER], self.w[DoubleSlot.T_BEFORE] = after, before
+            yield stop
 
     def run(
         self,
@@ -342,12 +345,11 @@ class Integrator:
 
         def trial_step(time: float) -> Sequence[float]:
             status = engine.trial_step(time, -1)
-            if status is Status.DONE:
-                return engine.seen()
+            if status is not Status.MAX_STEPS:
+                return engine.seen() if status is Status.DONE else lost
             try:
-                if status is not Status.MAX_STEPS:
-                    return lost
-                self._check(self._call(time))
+                tried = self.counters.steps + self.counters.rejected
+                self._check(self._call(time, tried + TRIAL_STEPS))
             except NumericalError:
                 return lost
             return self.event_values()
@@ -385,12 +387,7 @@ class Integrator:
             self.engine.look()
 
     def _check(self, status: Status) -> None:
-        """Raise where a run cannot go on.
-
-        Raises
-        ------
-        NumericalError : see ``stopped``.
-        """
+        """Raise a NumericalError (see ``stopped``) where a run cannot go on."""
         if status in (Status.DONE, Status.FULL):
             return
         from robodyn_cli.integrators.runtime.stopped import Stopped

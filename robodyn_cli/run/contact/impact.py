@@ -10,6 +10,7 @@ from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
 ROUNDS = 64
+LOWEST = 1e-14  # a bounce this low, relative to the joint's position or to 1, is rounding
 
 
 @record
@@ -68,3 +69,14 @@ def impact(
     for k in active:
         out[k] = 0.0
     return out
+
+
+def is_lost(speed: float, toward: float, at: float, height: float, slow: float) -> bool:
+    """Tell whether a bounce from a stop ``at`` [rad, m] need not be followed.
+
+    It is lower than ``height`` and slower than ``slow``, or so low that its impact cannot be told from its start.
+
+    toward : acceleration towards the stop.
+    """
+    rise = speed * speed / (2.0 * toward) if toward > 0.0 else float("inf")
+    return (rise < height and speed < slow) or rise < LOWEST * max(1.0, abs(at))

@@ -30,7 +30,7 @@ from robodyn_cli.run.contact.events import (
     contact_functions,
     known_sides,
 )
-from robodyn_cli.run.contact.impact import Hit, impact
+from robodyn_cli.run.contact.impact import Hit, impact, is_lost
 from robodyn_cli.run.driver.motion import Motion, Watcher
 from robodyn_cli.spatial.algebra import Array
 
@@ -50,8 +50,8 @@ class ContactStates(Watcher):
     state : of each joint, HELD or its direction of motion. rest : joints at rest. contact : direction in which the stop
     pushes, of joints on one. counts : transitions that have happened, by kind.
 
-    A joint rests on a stop when its next bounce would be lower than the tolerance, or shorter than a fixed step
-    resolves.
+    A joint rests on a stop when its next bounce would be lower and slower than the tolerances, or shorter than a fixed
+    step resolves.
     """
 
     functions: tuple[ContactFunction, ...]
@@ -311,6 +311,7 @@ class ContactStates(Watcher):
         joint, s = self.joints[k], self.system
         x = x.copy()
         x[self._q(joint)] = at
+        self._fastest = max(self._fastest, float(np.abs(x[list(s.v_places)]).max()))
         if x[self._v(joint)] == 0.0:
             self.contact[k] = push
             self.rest.add(k)
@@ -345,14 +346,15 @@ class ContactStates(Watcher):
         height = self.options.atol + self.options.rtol * abs(at)
         # a method of fixed step cannot follow flights that are short beside it
         briefest = FLIGHT * (self.options.step or 0.0)
-        low = speed * speed < 2.0 * toward * height or speed < briefest * toward
+        slow = self.options.atol + self.options.rtol * self._fastest
+        low = is_lost(speed, toward, at, height, slow) or speed < briefest * toward
         if speed <= 0.0 or (toward > 0.0 and low):
             self.rest, self.contact, self.state = saved
             # joints that would leave their stops by less than this height rest on, or they would hit each other off
             most = float(np.abs(a).max())
-            slow = max(np.sqrt(2.0 * height * most), briefest * most)
+            low_rate = max(np.sqrt(2.0 * height * most), briefest * most)
             bounced = after(0.0)
-            bounced = after(0.0, [j for j in resting if abs(bounced[places[j]]) <= slow])
+            bounced = after(0.0, [j for j in resting if abs(bounced[places[j]]) <= low_rate])
             bounced[self._v(joint)] = 0.0
             self.contact[k] = push
             self._settle_speeds(bounced)

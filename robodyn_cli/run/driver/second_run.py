@@ -174,7 +174,8 @@ def estimate_error(motion: Motion, first: FirstRun, recorder: Recorder, tick: Ti
 
     The difference of the two, D = e_1 - e_2, is the error of the first up to that of the second, which is smaller by
     (n_1 / n_2)^p for n steps each and order p: e_1 = D / (1 - (n_1 / n_2)^p). Reported are the largest over all
-    samples, for q and qd apart. Nothing else about the two runs is shared but the method.
+    samples, for q and qd apart. Nothing else about the two runs is shared but the method, and what watchers say of
+    their own errors.
     """
     grid = first.grid.every(recorder.every)
     try:
@@ -187,6 +188,9 @@ def estimate_error(motion: Motion, first: FirstRun, recorder: Recorder, tick: Ti
     other_q, other_qd, _ = motion.system.split(states[: len(q)])
     scale = remainder(first.method, first.steps, second.steps)
     dq, dv = scale * np.abs(other_q - q), scale * np.abs(other_qd - qd)
+    # what both runs may share, as the rounding of a leap, shows in no difference of theirs
+    shared = sum(watcher.error for watcher in motion.watchers)
+    dq, dv = np.maximum(dq, shared), np.maximum(dv, shared)
     largest = float(max(dq.max(initial=0.0), dv.max(initial=0.0)))
     floor = rounding_floor(q, qd, first.steps)
     at_rounding = bool(largest < AT_ROUNDING * floor)

@@ -9,6 +9,7 @@ motion is followed ahead (``pose_ahead.py``); where the pose is still far, the n
 from __future__ import annotations
 
 import copy
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,7 @@ RUNGS = 8
 LOWER = (
     1 / 16
 )  # of the closeness, which falls with the square of the distance, from one threshold to the next
+SCOUTED = 20_000  # steps towards a pose, far more than it takes; steps that shrink to nothing get no further
 # of a leap in the run, and in the second integration of the error estimate, which must not repeat its error
 NODES, REACH = 16, 0.4
 OTHER_NODES, OTHER_REACH = 20, 0.3
@@ -104,8 +106,11 @@ class PosesAhead(Watcher):
 
     def _scout(self, event: Event) -> Driver:
         """Return a driver of its own that stands at an event."""
+        options = self.options
+        if options.step is None:
+            options = dataclasses.replace(options, max_steps=min(options.max_steps, SCOUTED))
         scout = Driver(
-            self.motion.system, self.motion.choice.method, self.options, parameters=self._contact(event)
+            self.motion.system, self.motion.choice.method, options, parameters=self._contact(event)
         )
         scout.start(event.time, event.state)
         return scout
@@ -153,10 +158,15 @@ class Passage(PosesAhead):
     def __init__(self, problem: Problem) -> None:
         super().__init__(problem)
         self.crossed: list[float] = []
+        self._noise = 0.0
 
     def begin(self, t: float, x: Array, options: Options) -> Array:
-        self.crossed = []
+        self.crossed, self._noise = [], 0.0
         return super().begin(t, x, options)
+
+    @property
+    def error(self) -> float:
+        return self._noise
 
     def facts(self, end: float) -> dict[str, Any]:
         return {"passed": [time for time in self.crossed if time <= end]}
@@ -186,6 +196,7 @@ class Passage(PosesAhead):
             )  # fmt: skip
         self.crossed.append(found.time)
         leap = found.leap
+        self._noise += leap.noise
 
         def states(t: Array) -> Array:
             """Return states (T, nx): of the way to the leap, then of the leap itself."""
