@@ -90,6 +90,7 @@ class ContactStates(Watcher):
         self.counts: Counter[str] = Counter()
         self._flight = np.inf
         self._fastest = 0.0
+        self._load = 1e-300  # the largest multiplier so far
         self._known_held: set[int] = set()
         self._recent: deque[tuple[float, str]] = deque(maxlen=CROWD)
         self._inertia = np.ones(self.problem.model.nv)
@@ -290,7 +291,9 @@ class ContactStates(Watcher):
                 time=t,
                 status="modes",
             )
-        largest = max(float(np.abs(lam).max()), *(max(g.breakaway) for g in self.joints), 1e-300)
+        # where a joint leaves its stop the multiplier is zero, and says nothing about the size of forces
+        self._load = max(self._load, float(np.abs(lam).max()), *(max(g.breakaway) for g in self.joints))
+        largest = self._load
         found = []
         for k in still:
             low, high = self._bounds(k)
