@@ -374,10 +374,10 @@ def friction_torque(k: int, friction: dict[str, Any], N: float) -> JointForce:
 
 
 def stop_switches(side: int, at: float, stop: dict[str, Any], x: float, xd: float) -> tuple[float, float]:
-    """Return depth in a compliant stop, and the sign of its law."""
+    """Return the depth in a compliant stop, and its law (without the depth of Hunt and Crossley's) over the stiffness."""
     depth, rate = (at - x, -xd) if side == 0 else (x - at, xd)
-    k, c = stop["stiffness"], stop.get("damping", 0.0)
-    return depth, (k * depth + c * rate if stop.get("law") != "hunt_crossley" else k + c * rate)
+    damping = stop.get("damping", 0.0) / stop["stiffness"]
+    return depth, (1.0 if stop.get("law") == "hunt_crossley" else depth) + damping * rate
 
 
 def stop_torque(k: int, side: int, at: float, stop: dict[str, Any]) -> JointForce:
@@ -390,6 +390,7 @@ def stop_torque(k: int, side: int, at: float, stop: dict[str, Any]) -> JointForc
         depth, law = stop_switches(side, at, stop, x, xd)
         if stop.get("law") == "hunt_crossley":
             law *= max(depth, 0.0) ** n
+        law *= stop["stiffness"]
         return law if side == 0 else -law
 
     return torque

@@ -128,9 +128,15 @@ def passages(rng: Rng) -> Mechanism:
             if jumps
             else scenes.smooth_formula(rng, 0, m.bodies[0].name, 3.0)
         )
+    contact = rng.uniform()
+    dry = contact < 0.15 and len(m.loops) == 1
+    if dry:
+        scenes.add_dry_friction(rng, m, 1)
+    elif contact < 0.3:
+        scenes.add_stops(rng, m, rigid=False, most=1)
     m.simulate |= {
         "singular": "pass",
-        "stabilisation": str(rng.choice(("projection", "projection", "independent"))),
+        "stabilisation": "independent" if rng.uniform() < 0.33 and not dry else "projection",
     }
     return m
 

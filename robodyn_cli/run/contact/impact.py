@@ -80,3 +80,15 @@ def is_lost(speed: float, toward: float, at: float, height: float, slow: float) 
     """
     rise = speed * speed / (2.0 * toward) if toward > 0.0 else float("inf")
     return (rise < height and speed < slow) or rise < LOWEST * max(1.0, abs(at))
+
+
+def halted(psi: Array, v: Array, resting: Collection[int]) -> Array:
+    """Return the velocities nearest to v (nv,) in which the joints ``resting`` stand still and Psi v is what it was.
+
+    A joint comes to rest within rounding; the others of its loops have to stand still with it, or they drive it on.
+    """
+    rows = np.concatenate([psi, np.eye(len(v))[list(resting)]])
+    target = np.concatenate([np.zeros(len(psi)), -v[list(resting)]])
+    out: Array = v + np.linalg.lstsq(rows, target, rcond=1e-13)[0]
+    out[list(resting)] = 0.0
+    return out

@@ -30,7 +30,7 @@ from robodyn_cli.run.contact.events import (
     contact_functions,
     known_sides,
 )
-from robodyn_cli.run.contact.impact import Hit, impact, is_lost
+from robodyn_cli.run.contact.impact import Hit, halted, impact, is_lost
 from robodyn_cli.run.driver.motion import Motion, Watcher
 from robodyn_cli.spatial.algebra import Array
 
@@ -176,8 +176,9 @@ class ContactStates(Watcher):
                 x[self._q(joint)] = at  # it leaves, and lies behind its stop by rounding alone
         elif function.transition is Transition.REST:
             if k not in self.rest:
-                x[self._v(joint)] = 0.0
                 self.rest.add(k)
+                v = list(self.system.v_places)
+                x[v] = halted(self._numbers(t, x)[1], x[v], [self.joints[j].v for j in sorted(self.rest)])
         elif k in self.rest:
             forced[k] = -1 if function.transition is Transition.BREAK_HIGH else 1
         self._settle(t, x, forced)
@@ -207,8 +208,7 @@ class ContactStates(Watcher):
     # -- contact states -------------------------------------------------------------------------------
     def _settle_speeds(self, x: Array) -> None:
         """Sort the joints by their rates: those at rest, and the directions of the others."""
-        v = x[list(self.system.v_places)]
-        still = AT_REST * float(np.abs(v).max(initial=0.0))
+        still = AT_REST * float(np.abs(x[list(self.system.v_places)]).max(initial=0.0))
         for k, joint in enumerate(self.joints):
             place = self._v(joint)
             if abs(x[place]) <= still and (joint.friction is not None or k in self.contact):
@@ -271,9 +271,8 @@ class ContactStates(Watcher):
         names = ", ".join(self.joints[k].name for k in still)
         raise NumericalError(
             f"no contact states of the joints at rest ({names}) are consistent at t = {t:.6g} s",
-            time=t,
-            status="modes",
-        )
+            time=t, status="modes",
+        )  # fmt: skip
 
     def _directions(self, k: int) -> list[int]:
         """Return the directions in which a joint at rest may move off."""
@@ -288,24 +287,25 @@ class ContactStates(Watcher):
             names = ", ".join(self.joints[k].name for k in still)
             raise NumericalError(
                 f"the forces in the joints at rest ({names}) are not unique at t = {t:.6g} s",
-                time=t,
-                status="modes",
-            )
+                time=t, status="modes",
+            )  # fmt: skip
+        strongest = max(float(np.abs(lam).max()), *(max(g.breakaway) for g in self.joints))
         # where a joint leaves its stop the multiplier is zero, and says nothing about the size of forces
-        self._load = max(self._load, float(np.abs(lam).max()), *(max(g.breakaway) for g in self.joints))
-        largest = self._load
+        largest = max(strongest, self._load)
         found = []
         for k in still:
             low, high = self._bounds(k)
             if self.state[k] == HELD:
-                over, under = (lam[k] - high) / largest, (low - lam[k]) / largest
+                over, under = float(lam[k] - high) / largest, float(low - lam[k]) / largest
                 if max(over, under) > FORCE:
-                    found.append((float(max(over, under)), k, -1 if over > under else 1))
+                    found.append((max(over, under), k, -1 if over > under else 1))
                 continue
             # the force that would have to be added for the joint not to move against its direction
             short = -self.state[k] * a[self.joints[k].v] * self._inertia[self.joints[k].v] / largest
             if short > FORCE:
                 found.append((float(short), k, HELD))
+        if not found:
+            self._load = largest
         return found
 
     # -- impacts --------------------------------------------------------------------------------------

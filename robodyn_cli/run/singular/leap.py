@@ -79,15 +79,16 @@ class Equations:
         if len(parameters):
             self.p = parameters
 
-    def _values(
+    def values(
         self, kernel: SampleKernel, t: Array, q: Array, v: Array, z: Array | None = None
     ) -> dict[str, Array]:
+        """Return what a kernel gives at times (T,) and states (T, ...), in the present contact states."""
         groups = {"t": t, "q": q, "v": v, "z": np.zeros((len(t), 1)) if z is None else z, "p": self.p}
         return kernel.evaluate(len(t), groups)
 
     def constraints(self, t: Array, q: Array) -> tuple[Array, Array]:
         """Return eta (T, m) and Psi (T, m, nv)."""
-        found = self._values(self.geometry, t, q, np.zeros((len(t), self.nv)))
+        found = self.values(self.geometry, t, q, np.zeros((len(t), self.nv)))
         return found["eta"], found["psi"].reshape(len(t), self.m, self.nv)
 
     def singular_values(self, t: Array, q: Array) -> Array:
@@ -98,7 +99,7 @@ class Equations:
 
     def moved(self, q: Array, dq: Array) -> Array:
         """Return positions (T, nq) after steps dq (T, nv) along the joints' manifolds."""
-        return self._values(self.shift, np.zeros(len(q)), q, dq)["q"]
+        return self.values(self.shift, np.zeros(len(q)), q, dq)["q"]
 
 
 def _position_rates(problem: Problem) -> list[Any]:
@@ -203,11 +204,11 @@ class Collocation:
         """Return v put on the constraints, q-dot, v-dot and z-dot at the nodes."""
         e, n = self.equations, self.n
         _, psi = e.constraints(self.times, q)
-        found = e._values(e.rates, self.times, q, v, z)
+        found = e.values(e.rates, self.times, q, v, z)
         inverse = frames.inverse(psi)
         drift = np.einsum("nij,nj->ni", psi, v) + found["eta_t"]
         v = v - frames.step(inverse, drift)
-        found = e._values(e.rates, self.times, q, v, z)
+        found = e.values(e.rates, self.times, q, v, z)
         M = found["M"].reshape(n, e.nv, e.nv)
         bound = -frames.step(inverse, found["gamma"])
         N = inverse[:, :, e.rank :]

@@ -23,7 +23,9 @@ from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.motion import Motion, Watcher
+from robodyn_cli.run.singular.beside import BesidePose
 from robodyn_cli.run.singular.leap import Equations, State
+from robodyn_cli.run.singular.leap import Leap as FoundLeap
 from robodyn_cli.run.singular.pose_ahead import Approach, Pose, Unresolved
 from robodyn_cli.run.singular.singularity import classify, culprit, refuse_dependent_rows
 from robodyn_cli.spatial.algebra import Array
@@ -91,7 +93,7 @@ class PosesAhead(Watcher):
 
         turning = np.array([unit == "rad" for unit in self.problem.model.v_units])
         self.equations.in_contact(self._contact(event))
-        approach = Approach(self.equations, advance, turning, self.nodes, self.reach)
+        approach = Approach(self.equations, advance, turning, self.nodes, self.reach, self.check)
         try:
             found = approach.pose_ahead(self._moment(event.time, event.state), self.end)
         except NumericalError:
@@ -99,6 +101,9 @@ class PosesAhead(Watcher):
         if found is not None:
             refuse_dependent_rows(self.problem, found.state.q, found.time)
         return found
+
+    def check(self, leap: FoundLeap, pose: float) -> None:
+        """Refuse a leap over a pose at a time [s] that the run is not to make (NotSmooth)."""
 
     def _contact(self, event: Event) -> Array:
         """Return the values of p that say in which contact states joints are; none where there are none."""
@@ -177,6 +182,13 @@ class Passage(PosesAhead):
         other.nodes, other.reach = OTHER_NODES, OTHER_REACH
         return other
 
+    def follow(self, motion: Motion) -> None:
+        super().follow(motion)
+        self._beside = BesidePose(self.problem, [f for w in motion.watchers for f in w.functions])
+
+    def check(self, leap: FoundLeap, pose: float) -> None:
+        self._beside.check(self.equations, leap, pose)
+
     def handle(self, event: Event) -> Outcome:
         """Leap over the pose ahead, where there is one.
 
@@ -187,6 +199,9 @@ class Passage(PosesAhead):
         found = self.ahead(event)
         if found is None:
             return GO_ON
+        held = self._beside.refuse_held(event.parameters)
+        if held and isinstance(found, Pose):
+            found = Unresolved(found.state, found.regular_until, held)
         if isinstance(found, Unresolved):
             loops = ", ".join(self.problem.model.closures)
             raise SingularConfigurationError(
