@@ -37,6 +37,7 @@ SMALLEST_ATOL = 1e-300  # keeps weights finite where the tolerance is zero
 # the compiled loop runs for about this long [s] at a time; the number of steps adapts itself
 SLICE_TIME = 0.02
 FIRST_SLICE = 256
+FIRST = 1e-3  # first step of a run, as a part of the time to its end
 RESTART = 1 / 16  # first step after a jump, as a part of the time since the last one
 # chattering: so many steps with events within this part of the time so far (or of a second)
 CROWD = 200
@@ -121,7 +122,7 @@ class Integrator:
             if self.time > self._since:
                 self._restart = RESTART * (self.time - self._since)
                 self._since = self.time
-            self.w[DoubleSlot.H] = min(self.w[DoubleSlot.H], self._restart, step)
+            self.w[DoubleSlot.H] = min(self.w[DoubleSlot.H], self.options.first * min(self._restart, step))
             self.memory.armed.fill(0.0)
             self.n[IntegerSlot.WATCH] = UNARMED
         if signs:
@@ -137,7 +138,8 @@ class Integrator:
         elif not w[DoubleSlot.H] > 0.0:
             # start well below any sensible step: growth is quick, and a first step that is far too long can
             # look good where derivatives happen to vanish
-            w[DoubleSlot.H] = min(1e-3 * (end - w[DoubleSlot.T]), self.options.max_step)
+            first = FIRST * self.options.first * (end - w[DoubleSlot.T])
+            w[DoubleSlot.H] = min(first, self.options.max_step)
             if not self.method.adaptive:
                 # no control lets a fixed step grow again, so an event must not shorten it for good
                 self._step = w[DoubleSlot.H]

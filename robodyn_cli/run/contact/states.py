@@ -41,6 +41,7 @@ COMBINATIONS = 6561  # of contact states that are tried where pivoting does not 
 CASCADE = 1000  # impacts at one instant, each caused by the one before
 CROWD = 1000  # so many events within this part of the time so far (or of a second) get nowhere
 CROWDED = 1e-5
+LATER = 0.1  # a second integration follows bounces longer, or both would come to rest after the same one
 FLIGHT = 1 / 8  # the first step after an impact, as a part of the time to the next one
 
 
@@ -56,6 +57,7 @@ class ContactStates(Watcher):
 
     functions: tuple[ContactFunction, ...]
     changes_motion = True
+    slowest = 1.0  # times the rate below which a joint does not bounce any more
 
     def __init__(self, problem: Problem) -> None:
         if problem.dependent:
@@ -104,6 +106,7 @@ class ContactStates(Watcher):
 
     def again(self) -> ContactStates:
         other = copy.copy(self)
+        other.slowest = LATER
         other._clear()
         return other
 
@@ -195,12 +198,7 @@ class ContactStates(Watcher):
             )  # fmt: skip
 
     def see(self, t: Array, x: Array) -> None:
-        """Refuse states (T, nx) that contradict the contact states: an event was missed.
-
-        Raises
-        ------
-        NumericalError : with the joint and the time.
-        """
+        """Refuse states (T, nx) that contradict the contact states, as an event was missed, by a NumericalError."""
         q, v, _ = self.system.split(x)
         self._fastest = max(self._fastest, float(np.abs(v).max(initial=0.0)))
         refuse_missed(self.joints, self.state, t, q, v, self._fastest)
@@ -346,10 +344,10 @@ class ContactStates(Watcher):
         self._write()
         a = self.rates(t, bounced)[0]
         toward = -push * float(a[joint.v])
-        height = self.options.atol + self.options.rtol * abs(at)
+        height = self.slowest**2 * (self.options.atol + self.options.rtol * abs(at))
         # a method of fixed step cannot follow flights that are short beside it
-        briefest = FLIGHT * (self.options.step or 0.0)
-        slow = self.options.atol + self.options.rtol * self._fastest
+        briefest = self.slowest * FLIGHT * (self.options.step or 0.0)
+        slow = self.slowest * (self.options.atol + self.options.rtol * self._fastest)
         low = is_lost(speed, toward, at, height, slow) or speed < briefest * toward
         if speed <= 0.0 or (toward > 0.0 and low):
             self.rest, self.contact, self.state = saved

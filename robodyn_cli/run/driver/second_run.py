@@ -31,6 +31,8 @@ TIGHTER = 50.0
 TIGHTEST_RTOL = 1e-14  # not below what double precision can resolve
 FINEST_RTOL = 1e-12  # below it, methods of high order are at rounding, where a tighter tolerance says nothing
 SHORTER = 0.6
+# first steps, at the start and behind events: both runs would pass the same ones, and share their errors
+FIRST_STEPS = 0.4
 HIGH_ORDER = 7
 NOT_MEANINGFUL = (
     1e-2  # part of its range beyond which an estimate of a quantity says no more than that it is lost
@@ -53,7 +55,8 @@ def tighter(options: Options, mean_step: float, method: str) -> tuple[Options, s
     rtol = options.rtol / factor
     fine = options.rtol >= FINEST_RTOL if kind.order >= HIGH_ORDER else rtol >= TIGHTEST_RTOL
     if kind.adaptive and fine:
-        return dataclasses.replace(options, rtol=rtol, atol=options.atol / factor), f"rtol {rtol:.1g}"
+        tight = dataclasses.replace(options, rtol=rtol, atol=options.atol / factor, first=FIRST_STEPS)
+        return tight, f"rtol {rtol:.1g}"
     # at the limit of double precision a tighter tolerance says nothing; other steps show the rounding errors
     return other_steps(options, mean_step)
 
@@ -61,7 +64,9 @@ def tighter(options: Options, mean_step: float, method: str) -> tuple[Options, s
 def other_steps(options: Options, mean_step: float) -> tuple[Options, str]:
     """Return the options of a second run with shorter steps, and how it differs in words."""
     longest = min(options.max_step, SHORTER * mean_step)
-    return dataclasses.replace(options, max_step=longest), f"steps {SHORTER:g} times as long"
+    return dataclasses.replace(
+        options, max_step=longest, first=FIRST_STEPS
+    ), f"steps {SHORTER:g} times as long"
 
 
 @record
