@@ -24,6 +24,11 @@ class RobodynError(Exception):
         self.message = message
         self.details = details
 
+    @property
+    def termination(self) -> dict[str, Any]:
+        """Why a run ended, as its summary says it."""
+        return {"reason": self.message, **self.details}
+
 
 class SceneError(RobodynError):
     """The scene file says something that is not allowed (exit code 2)."""

@@ -33,7 +33,7 @@ def at_width(
     """Compile a program of the inputs ``x`` for a lane width and evaluate it at the samples x (T, n)."""
     text = write_sample_kernel(program, width, fused)
     key = f"test {width} {fused} {hashlib.sha256(text.encode()).hexdigest()}"
-    count = len(program.inputs) + len(program.outputs)
+    count = len(program.inputs) + len(program.outputs) + 1
     call = compile_module(key, lambda: text, level).function(
         "kernel", *[ctypes.c_void_p] * count, ctypes.c_int64
     )
@@ -41,7 +41,10 @@ def at_width(
     padded = np.asfortranarray(np.concatenate([x, np.repeat(x[-1:], max(0, width - samples), axis=0)]))
     results = {k: np.empty((len(padded), len(v)), order="F") for k, v in program.outputs.items()}
     call(
-        *[padded.ctypes.data for _ in program.inputs], *[r.ctypes.data for r in results.values()], len(padded)
+        *[padded.ctypes.data for _ in program.inputs],
+        *[r.ctypes.data for r in results.values()],
+        program.table.ctypes.data,
+        len(padded),
     )
     return {k: r[:samples] for k, r in results.items()}
 

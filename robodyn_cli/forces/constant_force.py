@@ -2,32 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import ClassVar
-
-from robodyn_cli.forces.element import Effect, End, Line, Setting, between_key
+from robodyn_cli.forces.element import Between, Effect, End, Line, Setting, between_key
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Name, Number, key
 
 
 @record
-class ConstantForce:
+class ConstantForce(Between):
     """Constant tension ``F`` along the line between two points; potential energy ``F l``."""
-
-    term: ClassVar[str] = "passive"
 
     name: str = key(Name(of="force"), doc="Name.")
     type: str = key(Choice(("constant_force",)), doc="Kind of force.")
     between: tuple[str, ...] = between_key()
     force: float = key(Number(), unit="N", doc="Tension; positive pulls the points together.")
-
-    @property
-    def references(self) -> tuple[str, ...]:
-        return self.between
-
-    def problems(self) -> Iterable[tuple[tuple[str, ...], str]]:
-        """Yield what does not fit together: nothing."""
-        return ()
 
     def effect(self, ends: tuple[End, ...], setting: Setting) -> Effect:
         """Return forces and energy; the direction is lost where the points meet."""

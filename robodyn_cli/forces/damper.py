@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
+from robodyn_cli.forces.element import InJoint
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Number, key
 
 
 @record
-class Damper:
+class Damper(InJoint):
     """Torque ``tau = -c qd``."""
 
     term: ClassVar[str] = "passive"
@@ -20,7 +21,3 @@ class Damper:
     def torque(self, q: Any, qd: Any, gear_ratio: float, smooth: bool) -> Any:
         """Return the torque on the joint [N m or N]."""
         return -self.damping * qd
-
-    def potential(self, q: Any) -> Any:
-        """Return the potential energy [J]: none."""
-        return 0.0

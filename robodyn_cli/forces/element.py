@@ -124,6 +124,39 @@ class ForceElement(Protocol):
     def effect(self, ends: tuple[End, ...], setting: Setting) -> Effect: ...
 
 
+class InJoint:
+    """What most forces in a joint have in common: no potential energy, and keys that always fit together.
+
+    dissipative : whether all of the torque is lost, so that none of it is the gradient of a potential.
+    """
+
+    dissipative: ClassVar[bool] = False
+
+    def problems(self) -> Iterable[tuple[tuple[Any, ...], str]]:
+        """Yield what does not fit together: the path of a key, and what is wrong."""
+        return ()
+
+    def potential(self, q: Any) -> Any:
+        """Return the potential energy [J] at position ``q``."""
+        return 0.0
+
+
+class Between:
+    """What most forces between two places have in common: they are ``passive``, and their keys always fit together."""
+
+    term: ClassVar[str] = "passive"
+    between: tuple[str, ...]
+
+    @property
+    def references(self) -> tuple[str, ...]:
+        """The places that it acts at."""
+        return self.between
+
+    def problems(self) -> Iterable[tuple[tuple[Any, ...], str]]:
+        """Yield what does not fit together: the path of a key, and what is wrong."""
+        return ()
+
+
 def between_key() -> Any:
     """Declare the key of the two places that an element acts between."""
     return key(

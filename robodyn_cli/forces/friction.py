@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.functions import exp, sign, tanh, where
+from robodyn_cli.forces.element import InJoint
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Either, Number, Section, key
 
@@ -30,7 +31,7 @@ def _signed(level: Any) -> tuple[float, float]:
 
 
 @record
-class Friction:
+class Friction(InJoint):
     """Torque ``tau = -(b qd + tau_c(sign qd))``.
 
     tau_c falls from ``static`` to ``coulomb`` as exp(-(qd / stribeck_speed)^2). On the motor side the torque is
@@ -91,7 +92,6 @@ class Friction:
         return self.law == "set_valued" and self.dry
 
     def problems(self) -> Iterable[tuple[tuple[str, ...], str]]:
-        """Yield what does not fit together."""
         if self.law == "set_valued" and self.transition_speed is not None:
             yield ("transition_speed",), "does not go with 'law: set_valued', which smooths nothing"
         if self.stribeck_speed is not None and self.static is None:
@@ -166,7 +166,3 @@ class Friction:
             return drag - plus * direction
         forwards, backwards = 0.5 * direction * (direction + 1.0), 0.5 * direction * (direction - 1.0)
         return drag - plus * forwards - minus * backwards
-
-    def potential(self, q: Any) -> Any:
-        """Return the potential energy [J]: none."""
-        return 0.0

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any, ClassVar
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.functions import absolute, sign, tanh, where
+from robodyn_cli.forces.element import InJoint
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Number, key
 
 
 @record
-class Gear:
+class Gear(InJoint):
     """Losses of a gear: of the power that goes in, the part ``efficiency`` comes out.
 
     With T the torque on the motor's side, seen at the joint, and L the one that the joint gets: L = eta T while the
@@ -40,10 +40,6 @@ class Gear:
         doc="Joint speed over which a simulation smooths the sign of qd; required there.",
     )
 
-    def problems(self) -> Iterable[tuple[tuple[str, ...], str]]:
-        """Yield what does not fit together: nothing."""
-        return ()
-
     @property
     def _back(self) -> float:
         return self.efficiency if self.back_driving is None else self.back_driving
@@ -69,7 +65,3 @@ class Gear:
             raise CapabilityError("a gear that locks itself (gear.back_driving: 0) cannot be simulated")
         part = where(drive * qd, 1.0 - self.efficiency, 1.0 / self._back - 1.0)
         return -tanh(qd / self.transition_speed) * absolute(drive) * part
-
-    def potential(self, q: Any) -> Any:
-        """Return the potential energy [J]: none."""
-        return 0.0

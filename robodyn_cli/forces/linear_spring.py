@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import ClassVar
 
-from robodyn_cli.forces.element import Effect, End, Line, Setting, along, between_key, idle_problems
+from robodyn_cli.forces.element import Between, Effect, End, Line, Setting, along, between_key, idle_problems
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Name, Number, key
 from robodyn_cli.spatial.algebra import dot
 
 
 @record
-class LinearSpring:
+class LinearSpring(Between):
     """Tension ``k (l - l0) + c dl/dt`` along the line between two points; potential energy ``k (l - l0)^2 / 2``."""
-
-    term: ClassVar[str] = "passive"
 
     name: str = key(Name(of="force"), doc="Name.")
     type: str = key(Choice(("spring",)), doc="Kind of force.")
@@ -26,12 +23,7 @@ class LinearSpring:
     )
     damping: float = key(Number(minimum=0.0), default=0.0, unit="N s/m", doc="Damping c.")
 
-    @property
-    def references(self) -> tuple[str, ...]:
-        return self.between
-
     def problems(self) -> Iterable[tuple[tuple[str, ...], str]]:
-        """Return what does not fit together."""
         return idle_problems(self.stiffness, self.damping)
 
     def effect(self, ends: tuple[End, ...], setting: Setting) -> Effect:

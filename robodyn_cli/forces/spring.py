@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
+from robodyn_cli.forces.element import InJoint
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Number, key
 
 
 @record
-class Spring:
+class Spring(InJoint):
     """Torque ``tau = -k (q - q0)``; potential energy ``k (q - q0)^2 / 2``."""
 
     term: ClassVar[str] = "passive"
-    dissipative: ClassVar[bool] = False
 
     stiffness: float = key(Number(minimum=0.0), unit="N m/rad or N/m", doc="Stiffness k.")
     rest: float = key(
@@ -25,5 +25,4 @@ class Spring:
         return -self.stiffness * (q - self.rest)
 
     def potential(self, q: Any) -> Any:
-        """Return the potential energy [J] at position ``q``."""
         return 0.5 * self.stiffness * (q - self.rest) * (q - self.rest)

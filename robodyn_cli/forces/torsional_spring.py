@@ -4,17 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import ClassVar
 
 from robodyn_cli.expr.functions import atan2, sqrt
-from robodyn_cli.forces.element import Effect, End, HalfTurn, Setting, between_key, idle_problems, opposite
+from robodyn_cli.forces.element import (
+    Between,
+    Effect,
+    End,
+    HalfTurn,
+    Setting,
+    between_key,
+    idle_problems,
+    opposite,
+)
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Direction, Name, Number, key
 from robodyn_cli.spatial.algebra import Wrench, dot, rotation_to_z, vector, zeros
 
 
 @record
-class TorsionalSpring:
+class TorsionalSpring(Between):
     """Torque ``-(k (theta - theta0) + c dtheta/dt)`` about an axis; potential energy ``k (theta - theta0)^2 / 2``.
 
     theta is the angle by which the second frame is turned against the first about ``axis``, zero where their axes
@@ -23,8 +31,6 @@ class TorsionalSpring:
     plane across the axis of the first, at most half a turn from ``rest``, and the moment is its gradient, which jumps
     at half a turn.
     """
-
-    term: ClassVar[str] = "passive"
 
     name: str = key(Name(of="force"), doc="Name.")
     type: str = key(Choice(("torsional_spring",)), doc="Kind of force.")
@@ -38,13 +44,8 @@ class TorsionalSpring:
     )
     damping: float = key(Number(minimum=0.0), default=0.0, unit="N m s/rad", doc="Damping c.")
 
-    @property
-    def references(self) -> tuple[str, ...]:
-        return self.between
-
     def problems(self) -> Iterable[tuple[tuple[str, ...], str]]:
-        """Yield what does not fit together."""
-        yield from idle_problems(self.stiffness, self.damping)
+        return idle_problems(self.stiffness, self.damping)
 
     def effect(self, ends: tuple[End, ...], setting: Setting) -> Effect:
         """Return moments, energy and power.

@@ -30,17 +30,6 @@ AT = "Where it acts: a named point or frame, LINK.origin, LINK.end or LINK.com."
 FRAME = "Axes of the components: the world's, or those of the link (of the frame, where `at` names one)."
 
 
-def _problems(name: str, value: Any) -> Iterable[tuple[tuple[Any, ...], str]]:
-    if isinstance(value, VectorTable):
-        times = [row[0] for row in value.table]
-        for k in range(1, len(times)):
-            if not times[k] > times[k - 1]:
-                yield (
-                    (name, "table", k, 0),
-                    f"times must increase (value {times[k]!r} after {times[k - 1]!r})",
-                )
-
-
 def _components(value: Any, setting: Setting) -> Components:
     if value is None:
         return zeros(3)
@@ -50,23 +39,54 @@ def _components(value: Any, setting: Setting) -> Components:
     return vector([x.evaluate(setting.values) for x in value])
 
 
-def _times(value: Any) -> tuple[float, ...]:
-    return tuple(row[0] for row in value.table) if isinstance(value, VectorTable) else ()
+class _FromOutside:
+    """A force and a moment on a link, whose power comes from outside."""
 
+    term: ClassVar[str] = "external"
+    at: str
+    frame: str
+    force: Any
+    moment: Any = None
 
-def _effect(wrench: Wrench, end: End, frame: str, setting: Setting) -> Effect:
-    if frame == "body":
-        power = wrench.dot(end.velocity.rotated(end.R.T))
-        return Effect((Action(0, wrench, local=True),), 0.0, power)
-    wrench = wrench.rotated(setting.world)
-    return Effect((Action(0, wrench),), 0.0, wrench.dot(end.velocity))
+    @property
+    def references(self) -> tuple[str, ...]:
+        """The place that it acts at."""
+        return (self.at,)
+
+    @property
+    def _tables(self) -> dict[str, VectorTable]:
+        parts = {"force": self.force, "moment": self.moment}
+        return {name: x for name, x in parts.items() if isinstance(x, VectorTable)}
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times at which the slopes of the tables jump."""
+        return tuple(row[0] for table in self._tables.values() for row in table.table)
+
+    def problems(self) -> Iterable[tuple[tuple[Any, ...], str]]:
+        """Yield what does not fit together."""
+        if self.force is None and self.moment is None:
+            yield (), "needs a 'force' or a 'moment'"
+        for name, table in self._tables.items():
+            times = [row[0] for row in table.table]
+            for k, (before, time) in enumerate(zip(times, times[1:]), start=1):
+                if not time > before:
+                    yield (name, "table", k, 0), f"times must increase (value {time!r} after {before!r})"
+
+    def effect(self, ends: tuple[End, ...], setting: Setting) -> Effect:
+        """Return force and moment; all of their power comes from outside."""
+        (end,) = ends
+        wrench = Wrench(_components(self.moment, setting), _components(self.force, setting))
+        if self.frame == "body":
+            power = wrench.dot(end.velocity.rotated(end.R.T))
+            return Effect((Action(0, wrench, local=True),), 0.0, power)
+        wrench = wrench.rotated(setting.world)
+        return Effect((Action(0, wrench),), 0.0, wrench.dot(end.velocity))
 
 
 @record
-class PointForce:
+class PointForce(_FromOutside):
     """A force through a point of a link."""
-
-    term: ClassVar[str] = "external"
 
     name: str = key(Name(of="force"), doc="Name.")
     type: str = key(Choice(("force",)), doc="Kind of force.")
@@ -76,30 +96,10 @@ class PointForce:
     )
     frame: str = key(AXES, default="world", doc=FRAME)
 
-    @property
-    def references(self) -> tuple[str, ...]:
-        return (self.at,)
-
-    def problems(self) -> Iterable[tuple[tuple[Any, ...], str]]:
-        """Yield what does not fit together."""
-        yield from _problems("force", self.force)
-
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """Times at which the slope of the table jumps."""
-        return _times(self.force)
-
-    def effect(self, ends: tuple[End, ...], setting: Setting) -> Effect:
-        """Return the force; all of its power comes from outside."""
-        wrench = Wrench(zeros(3), _components(self.force, setting))
-        return _effect(wrench, ends[0], self.frame, setting)
-
 
 @record
-class PointWrench:
+class PointWrench(_FromOutside):
     """A force through a point of a link and a moment on the link."""
-
-    term: ClassVar[str] = "external"
 
     name: str = key(Name(of="force"), doc="Name.")
     type: str = key(Choice(("wrench",)), doc="Kind of force.")
@@ -107,24 +107,3 @@ class PointWrench:
     force: Any = key(COMPONENTS, default=None, unit="N", doc="Components of the force.")
     moment: Any = key(COMPONENTS, default=None, unit="N m", doc="Components of the moment.")
     frame: str = key(AXES, default="world", doc=FRAME)
-
-    @property
-    def references(self) -> tuple[str, ...]:
-        return (self.at,)
-
-    def problems(self) -> Iterable[tuple[tuple[Any, ...], str]]:
-        """Yield what does not fit together."""
-        if self.force is None and self.moment is None:
-            yield (), "needs a 'force' or a 'moment'"
-        yield from _problems("force", self.force)
-        yield from _problems("moment", self.moment)
-
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """Times at which the slopes of the tables jump."""
-        return (*_times(self.force), *_times(self.moment))
-
-    def effect(self, ends: tuple[End, ...], setting: Setting) -> Effect:
-        """Return force and moment; all of their power comes from outside."""
-        wrench = Wrench(_components(self.moment, setting), _components(self.force, setting))
-        return _effect(wrench, ends[0], self.frame, setting)

@@ -22,6 +22,7 @@ from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Function, Int, Value
+from robodyn_cli.kernels.lower import Programs
 from robodyn_cli.kernels.program import Program, make_program
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.record import record
@@ -34,14 +35,16 @@ Numbers = NDArray[np.float64]
 class Emission(Protocol):
     """The function that the code of the rates is written into, and memory of the run.
 
-    ``nv`` is a Python int, or an ``Int`` where the code is to serve systems of any size. ``functions`` go into
-    the module too. The function has arguments ``%p`` (parameters), ``%tables`` and ``%scratch``.
+    ``nv`` is a Python int, or an ``Int`` where the code is to serve systems of any size. The functions of
+    ``programs`` go into the module too. The function has arguments ``%p`` (parameters), ``%tables`` and ``%scratch``.
     """
 
     f: Function
-    fused: bool
     nv: Int | int
-    functions: dict[str, Function]
+    programs: Programs
+
+    def numbers(self, program: Program) -> Array:
+        """Return the table of numbers that a program reads."""
 
     def evaluate(self, program: Program, t: Value, x: Array, **more: list[Value]) -> dict[str, list[Value]]:
         """Emit a program at time t and state x = (q, v, z)."""

@@ -15,10 +15,9 @@ the joints' manifolds after each step (``System.normalisation``).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from robodyn_cli.expr.graph import Expr, Graph, Scalar, free_symbols
-from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.expr.rebuild import renamed
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 
@@ -76,5 +75,4 @@ class Layout:
             name, group, position = e.value
             to = self.symbol(groups[group][position]) if group in groups else (group, position)
             inputs.setdefault(group, {})[position] = graph.symbol(name, *to)
-        found: list[Any] = evaluate(entries, inputs)
-        return found
+        return renamed(entries, inputs)

@@ -80,11 +80,6 @@ class Residual:
         outputs: dict[str, Sequence[Scalar]] = {"d": list(self.corrections), "z": self.z_rate}
         return make_program({k: v for k, v in outputs.items() if len(v)}, INPUTS)
 
-    @property
-    def digest(self) -> str:
-        """Key of everything that decides the compiled code."""
-        return f"{self.factors.digest} {self.correction.digest}"
-
     def pays(self, direct: Program, rounds: int) -> bool:
         """Tell whether ``rounds`` corrections with factors made once take fewer operations than ``direct`` as often."""
         return self.factors.operations + rounds * self.correction.operations < rounds * direct.operations

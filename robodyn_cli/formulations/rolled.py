@@ -17,7 +17,7 @@ from robodyn_cli.formulations.formulated import Formulated
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import RELAXED, Function, Value
 from robodyn_cli.kernels.lower import lower
-from robodyn_cli.kernels.program import Program, make_program
+from robodyn_cli.kernels.program import NUMBERS, Program, make_program
 from robodyn_cli.kernels.rolled_loops import rolled_function, tree_function
 from robodyn_cli.kernels.rolled_tables import RolledPlan
 from robodyn_cli.model.model import STATE_GROUPS, Model
@@ -74,33 +74,34 @@ class Rolled:
         return self.plan.tables, self.plan.scratch(LANES)
 
     def emit(self, w: Emission, t: Value, x: Array, rates: Array) -> None:
-        f, width = w.f, x.width
+        f, width, functions = w.f, x.width, w.programs.functions
         forces = w.workspace(f"forces.{width}", 1, 0, width)
         v, z = x.part(w.nv), x.part(w.nv * 2)
         if self.places or self.z_rate:
             name = f"forces.{width}"
-            if name not in w.functions:
-                w.functions[name] = self._force_function(name, width, w.fused)
+            if name not in functions:
+                functions[name] = self._force_function(name, width, w.programs.fused)
             time = f.slot(width)
             f.store(f.splat(w.inside(t), width), time, 8 * width)
-            arguments = (time, x.base, v.base, z.base, "%p", forces.base, rates.part(w.nv).base)
+            numbers = w.numbers(self.program).base
+            arguments = (time, x.base, v.base, z.base, "%p", numbers, forces.base, rates.part(w.nv).base)
             f.raw(f"call void @{name}({', '.join(f'ptr {a}' for a in arguments)})")
         name = f"forward.{width}"
-        if name not in w.functions:
+        if name not in functions:
             tree_code = tree_function(name, internal=True, attributes="noinline")
-            w.functions[name] = rolled_function(
-                tree_code, self.plan.recursion, self.plan.serial, width, w.fused
+            functions[name] = rolled_function(
+                tree_code, self.plan.recursion, self.plan.serial, width, w.programs.fused
             )
         tree = ("%tables", x.base, v.base, forces.base, rates.base, "%scratch")
         f.raw(f"call void @{name}({', '.join(f'ptr {a}' for a in tree)})")
 
     def _force_function(self, name: str, width: int, fused: bool) -> Function:
-        """Return ``name(t, q, v, z, p, f, r)``: forces at their joints, and the rates of z."""
-        arguments = [f"ptr noalias %{a}" for a in (*STATE_GROUPS, "f", "r")]
+        """Return ``name(t, q, v, z, p, numbers, f, r)``: forces at their joints, and the rates of z."""
+        arguments = [f"ptr noalias %{a}" for a in (*STATE_GROUPS, NUMBERS, "f", "r")]
         f = Function(name, arguments, internal=True, attributes="noinline", flags=RELAXED)
         used = {i.value for i in self.program.instructions if i.op == "sym"}
         zero = f.constant(0.0, width)
-        inputs: dict[str, list[Value]] = {}
+        inputs: dict[str, list[Value] | Array] = {NUMBERS: Array(f, f"%{NUMBERS}")}
         for group, count in self.program.inputs.items():
             row = Array(f, f"%{group}", 1 if group == "p" else width)
             inputs[group] = [row[k] if (group, k) in used else zero for k in range(count)]

@@ -13,12 +13,16 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterable, Iterator, Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from robodyn_cli.kernels.flow import Block, Flow, Loop
 from robodyn_cli.kernels.values import Condition, Int, Operand, Value, double_type, int_type, literal, ref_of
 
 RELAXED = "reassoc nsz arcp contract"
 CONTRACT = "contract"
 STRICT = ""
+BYTES = [f"\\{byte:02X}" for byte in range(256)]  # as a string's constant has them
 
 __all__ = [
     "CONTRACT",
@@ -262,6 +266,16 @@ class Function(Flow):
     def store_int(self, n: Int | int, address: str) -> None:
         self.raw(f"store i64 {ref_of(n)}, ptr {address}, align 8")
 
+    def load_index(self, address: str, index: Int | int) -> Int:
+        """Load entry ``index`` of an array of 32-bit integers."""
+        place = self.name(f"getelementptr i32, ptr {address}, i64 {ref_of(index)}")
+        entry = self.name(f"load i32, ptr {place}, align 4")
+        return self.emit_int(f"sext i32 {entry} to i64")
+
+    def load_address(self, address: str) -> str:
+        """Load an address from memory."""
+        return self.name(f"load ptr, ptr {address}, align 8")
+
     def offset(self, address: str, index: Int | int) -> str:
         """Return the address ``index`` doubles (or 64-bit integers) further on."""
         if isinstance(index, int) and index == 0:
@@ -275,6 +289,13 @@ class Function(Flow):
         self.globals.append(
             f"@{name} = private unnamed_addr constant {kind} [{', '.join(entries)}], align 64"
         )
+        return f"@{name}"
+
+    def integers(self, name: str, numbers: NDArray[np.int32]) -> str:
+        """Keep 32-bit integers in the module's memory, under a name of their own, and return their address."""
+        text = "".join(np.array(BYTES)[numbers.astype("<i4").view(np.uint8)].tolist())
+        kind = f"[{4 * len(numbers)} x i8]"
+        self.globals.append(f'@{name} = private unnamed_addr constant {kind} c"{text}", align 64')
         return f"@{name}"
 
     def load_argument(self, name: str, kind: str, address: str) -> None:

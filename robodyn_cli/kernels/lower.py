@@ -1,40 +1,29 @@
-"""Turn a Program into IR inside a function that is being written."""
+"""Turn Programs into IR inside a function that is being written: in place, as functions, or as data."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
-from robodyn_cli.errors import CapabilityError
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Function, Value
-from robodyn_cli.kernels.mathematics import sincos
-from robodyn_cli.kernels.program import TRIGONOMETRIC, Instruction, Program
+from robodyn_cli.kernels.mathematics import operation, sincos
+from robodyn_cli.kernels.program import NUMBERS, TRIGONOMETRIC, Instruction, Program
 
-# one-argument functions that LLVM hands to the C library, lane by lane
-LIBRARY = {
-    "exp": "exp", "log": "log", "tan": "tan", "asin": "asin", "acos": "acos", "atan": "atan",
-    "sinh": "sinh", "cosh": "cosh", "tanh": "tanh",
-}  # fmt: skip
+if TYPE_CHECKING:
+    from robodyn_cli.kernels.bytecode.code import Bytecode
 
+Inputs = Mapping[str, Sequence[Value] | Array]  # a value for each position, by group; the table of numbers
 
-def _where(f: Function, x: Value, a: Value, b: Value) -> Value:
-    return f.select(f.compare("ogt", x, 0.0), a, b)
-
-
-def _sign(f: Function, x: Value) -> Value:
-    one = f.intrinsic("copysign", [f.constant(1.0, x.width), x])
-    # x itself where it is zero or NaN
-    return f.select(f.compare("une", x, 0.0) & f.compare("ord", x, 0.0), one, x)
+INLINE_LIMIT = 400  # operations; longer programs become functions
+LANES = 8
+REGISTERS = "registers"  # argument of functions that evaluate programs: memory for those that are data
 
 
-def _table(f: Function, x: Value, knots: Sequence[float], values: Sequence[float], order: int) -> Value:
-    """Piecewise linear look-up by bisection, lane by lane."""
-    n = len(knots)
-    name = f"{f.title}.{f.fresh('table')}"
-    slopes = [(values[k + 1] - values[k]) / (knots[k + 1] - knots[k]) for k in range(n - 1)]
-
-    at, start = f.table(f"{name}.t", knots), f.table(f"{name}.y", values)
-    slope = f.table(f"{name}.s", [*slopes, 0.0])
+def _table(f: Function, x: Value, at: str, n: int, order: int) -> Value:
+    """Piecewise linear look-up by bisection, lane by lane; n knots, values and slopes lie one after another."""
+    start, slope = f.offset(at, n), f.offset(at, 2 * n)
+    first, last = f.load(at), f.load(f.offset(at, n - 1))
     results = []
     for k in range(x.width):
         u = f.lane(x, k)
@@ -50,13 +39,14 @@ def _table(f: Function, x: Value, knots: Sequence[float], values: Sequence[float
             f.store_int(f.select_int(right & wider, middle, a), low)
             f.store_int(f.select_int((~right) & wider, middle, b), high)
         i = f.load_int(low)
-        inside = f.compare("oge", u, knots[0]) & f.compare("olt", u, knots[-1])
+        inside = f.compare("oge", u, first) & f.compare("olt", u, last)
         gradient = f.load(f.offset(slope, i))
         if order:
             results.append(f.select(inside, gradient, f.constant(0.0)))
             continue
         value = f.load(f.offset(start, i)) + (u - f.load(f.offset(at, i))) * gradient
-        outside = f.select(f.compare("olt", u, knots[0]), f.constant(values[0]), f.constant(values[-1]))
+        ends = f.load(start), f.load(f.offset(start, n - 1))
+        outside = f.select(f.compare("olt", u, first), *ends)
         held = f.select(f.compare("uno", u, 0.0), u, outside)
         results.append(f.select(inside, value, held))
     return f.pack(results, x.width)
@@ -65,9 +55,7 @@ def _table(f: Function, x: Value, knots: Sequence[float], values: Sequence[float
 class _Lowering:
     """State of one lowering: values so far, and sines and cosines waiting to share a vector."""
 
-    def __init__(
-        self, f: Function, program: Program, inputs: Mapping[str, Sequence[Value]], width: int, fused: bool
-    ) -> None:
+    def __init__(self, f: Function, program: Program, inputs: Inputs, width: int, fused: bool) -> None:
         self.f = f
         self.code = program.instructions
         self.inputs = inputs
@@ -76,24 +64,41 @@ class _Lowering:
         self.values: list[Value | None] = [None] * len(self.code)
         self.groups = _trigonometric_levels(self.code)
 
+    @property
+    def _numbers(self) -> Array:
+        numbers = self.inputs[NUMBERS]
+        assert isinstance(numbers, Array)
+        return numbers
+
+    def is_known(self, k: int) -> bool:
+        """Tell whether an instruction needs no more code before its use."""
+        return self.values[k] is not None or self.code[k].op == "number"
+
+    def value(self, k: int) -> Value:
+        """Return an instruction's value. A number is loaded for each use: in registers it would displace others."""
+        i = self.code[k]
+        found = self.f.splat(self._numbers[i.value], self.width) if i.op == "number" else self.values[k]
+        assert found is not None
+        return found
+
     def need(self, k: int) -> None:
         """Compute instruction k and, before it, its arguments (an explicit stack: graphs may be deep)."""
         stack = [k]
         while stack:
             j = stack[-1]
-            if self.values[j] is not None:
+            if self.is_known(j):
                 stack.pop()
                 continue
             instruction = self.code[j]
             if instruction.op in TRIGONOMETRIC:
                 angles = self.groups[j]
-                waiting = [a for a in angles if self.values[a] is None]
+                waiting = [a for a in angles if not self.is_known(a)]
                 if waiting:
                     stack.extend(waiting)
                     continue
                 self._trigonometry(angles)
             else:
-                waiting = [a for a in instruction.args if self.values[a] is None]
+                waiting = [a for a in instruction.args if not self.is_known(a)]
                 if waiting:
                     stack.extend(waiting)
                     continue
@@ -107,15 +112,15 @@ class _Lowering:
         per_vector = 8 if self.width == 1 else 1
         for first in range(0, len(pending), per_vector):
             chunk = pending[first : first + per_vector]
-            xs = [self.values[a] for a in chunk]
+            xs = [self.value(a) for a in chunk]
             if self.width == 1 and len(chunk) > 1 and self.fused:
                 lanes = 2
                 while lanes < len(chunk):
                     lanes *= 2
-                s, c = sincos(f, f.pack([x for x in xs if x is not None], lanes), self.fused)
+                s, c = sincos(f, f.pack(xs, lanes), self.fused)
                 pairs = [(f.lane(s, k), f.lane(c, k)) for k in range(len(chunk))]
             else:
-                pairs = [sincos(f, x, self.fused) for x in xs if x is not None]
+                pairs = [sincos(f, x, self.fused) for x in xs]
             for a, (sine, cosine) in zip(chunk, pairs):
                 for user in angles[a]:
                     self.values[user] = sine if self.code[user].op == "sin" else cosine
@@ -127,36 +132,11 @@ class _Lowering:
         if i.op == "sym":
             group, position = i.value
             return f.splat(self.inputs[group][position], self.width)
-        args = [v for v in (self.values[a] for a in i.args) if v is not None]
-        if i.op == "add":
-            return args[0] + args[1]
-        if i.op == "sub":
-            return args[0] - args[1]
-        if i.op == "mul":
-            return args[0] * args[1]
-        if i.op == "div":
-            return args[0] / args[1]
-        if i.op == "neg":
-            return -args[0]
-        if i.op == "sqrt":
-            return f.sqrt(args[0])
-        if i.op == "abs":
-            return f.abs(args[0])
-        if i.op == "sign":
-            return _sign(f, args[0])
-        if i.op == "min":
-            return f.min(args[0], args[1])
-        if i.op == "max":
-            return f.max(args[0], args[1])
-        if i.op == "where":
-            return _where(f, args[0], args[1], args[2])
-        if i.op in ("pow", "atan2"):
-            return f.intrinsic(i.op, args)
-        if i.op in LIBRARY:
-            return f.intrinsic(LIBRARY[i.op], args)
+        args = [self.value(a) for a in i.args]
         if i.op == "table":
-            return _table(f, args[0], *i.value)
-        raise CapabilityError(f"the operation {i.op} cannot be compiled")
+            first, count, order = i.value
+            return _table(f, args[0], f.offset(self._numbers.base, first), count, order)
+        return operation(f, i.op, args, self.fused)
 
 
 def _trigonometric_levels(code: Sequence[Instruction]) -> dict[int, dict[int, list[int]]]:
@@ -175,32 +155,28 @@ def _trigonometric_levels(code: Sequence[Instruction]) -> dict[int, dict[int, li
 
 
 def lower(
-    f: Function, program: Program, inputs: Mapping[str, Sequence[Value]], width: int, fused: bool = True
+    f: Function, program: Program, inputs: Inputs, width: int, fused: bool = True
 ) -> dict[str, list[Value]]:
     """Emit a program and return the values of its outputs.
 
     Parameters
     ----------
-    inputs : for each symbol group, a value for each position (scalars are spread over the lanes).
+    inputs : for each symbol group, a value for each position (scalars are spread over the lanes); ``NUMBERS``, the
+        program's table of numbers, as an ``Array``.
     width : lanes of the arithmetic.
     fused : whether the machine has fused multiply-add.
     """
     state = _Lowering(f, program, inputs, width, fused)
     for k in range(len(program.instructions)):
         state.need(k)
-    found: dict[str, list[Value]] = {}
-    for name, entries in program.outputs.items():
-        row = []
-        for e in entries:
-            value = f.constant(e, width) if isinstance(e, float) else state.values[e]
-            assert value is not None
-            row.append(value)
-        found[name] = row
-    return found
+    return {
+        name: [f.constant(e, width) if isinstance(e, float) else state.value(e) for e in entries]
+        for name, entries in program.outputs.items()
+    }
 
 
 def call_program(
-    f: Function, name: str, program: Program, inputs: Mapping[str, Sequence[Value] | Array], width: int
+    f: Function, name: str, program: Program, inputs: Inputs, width: int
 ) -> dict[str, list[Value]]:
     """Call a program emitted by ``outline`` (for code too long to be repeated in place).
 
@@ -216,6 +192,10 @@ def call_program(
         for k in range(count):
             f.store(f.splat(source[k], width), f.offset(address, k * width), 8 * width)
         pointers.append(address)
+    if program.numbers:
+        numbers = inputs[NUMBERS]
+        assert isinstance(numbers, Array)
+        pointers.append(numbers.base)
     results = {}
     for output, entries in program.outputs.items():
         results[output] = f.slot(width, max(1, len(entries)))
@@ -229,15 +209,96 @@ def call_program(
 
 def outline(name: str, program: Program, width: int, fused: bool, flags: str) -> Function:
     """Return a program as an internal function that works on memory."""
-    arguments = [f"ptr noalias readonly %in.{g}" for g in program.inputs]
+    read = [*program.inputs, *([NUMBERS] if program.numbers else [])]
+    arguments = [f"ptr noalias readonly %in.{g}" for g in read]
     arguments += [f"ptr noalias %out.{o}" for o in program.outputs]
     f = Function(name, arguments, internal=True, attributes="noinline", flags=flags)
-    inputs = {
+    inputs: dict[str, Sequence[Value] | Array] = {
         g: [f.load(f.offset(f"%in.{g}", k * width), width, 8 * width) for k in range(n)]
         for g, n in program.inputs.items()
     }
+    inputs[NUMBERS] = Array(f, f"%in.{NUMBERS}")
     for output, values in lower(f, program, inputs, width, fused).items():
         for k, v in enumerate(values):
             f.store(f.splat(v, width), f.offset(f"%out.{output}", k * width), 8 * width)
     f.ret()
     return f
+
+
+class Programs:
+    """Where the programs of one module are: short ones in place, others once in ``functions``.
+
+    interpreted : whether the others are data, which an interpreter works off, instead of machine code.
+    room : doubles that the functions' argument ``%registers`` has to point to.
+    """
+
+    def __init__(self, fused: bool, interpreted: bool = False) -> None:
+        self.fused, self.interpreted = fused, interpreted
+        self.functions: dict[str, Function] = {}
+        self.room = 0
+        self._encoded: dict[str, tuple[Bytecode, str]] = {}
+        self._registers: dict[tuple[str, int], int] = {}
+
+    def evaluate(self, f: Function, program: Program, inputs: Inputs, width: int) -> dict[str, list[Value]]:
+        """Emit the evaluation of a program in a function; return the values of its outputs.
+
+        inputs : as of ``lower``, or arrays in memory.
+        """
+        if program.operations <= INLINE_LIMIT:
+            return lower(f, program, _values(f, program, inputs, width), width, self.fused)
+        if self.interpreted and not program.has_tables:
+            return self._interpret(f, program, inputs, width)
+        name = f"program.{program.digest[:12]}.{width}"
+        if name not in self.functions:
+            self.functions[name] = outline(name, program, width, self.fused, f.flags)
+        return call_program(f, name, program, inputs, width)
+
+    def _interpret(self, f: Function, program: Program, inputs: Inputs, width: int) -> dict[str, list[Value]]:
+        """Emit the evaluation of a program that is data."""
+        from robodyn_cli.kernels.bytecode.code import encode, kinds_of
+        from robodyn_cli.kernels.bytecode.interpreter import interpreter, set_constants
+
+        if program.digest not in self._encoded:
+            code = encode(program, kinds_of(program))
+            self._encoded[program.digest] = code, f.integers(f"code.{program.digest[:12]}", code.code)
+        code, address = self._encoded[program.digest]
+        function = f"interpret.{len(code.kinds)}.{width}"
+        if function not in self.functions:
+            self.functions[function] = interpreter(function, code.kinds, width, self.fused)
+        place = program.digest, width
+        if place not in self._registers:
+            self._registers[place] = self.room
+            # each where a vector of any width may be
+            self.room += -(-code.registers * width // LANES) * LANES
+        registers = Array(f, f.offset(f"%{REGISTERS}", self._registers[place]), width)
+        numbers = inputs[NUMBERS]
+        assert isinstance(numbers, Array)
+        set_constants(f, code, registers, numbers)
+        first = 0
+        for group, count in code.inputs.items():
+            source, target = inputs[group], registers.part(first)
+            first += count
+            if isinstance(source, Array):
+                with f.count(count) as k:
+                    target[k] = source[k]
+            else:
+                for position, value in enumerate(source[:count]):
+                    target[position] = value
+        f.call(function, [f"ptr {address}", f"ptr {registers.base}"])
+        return {
+            output: [f.constant(e, width) if isinstance(e, float) else registers[e] for e in entries]
+            for output, entries in code.outputs.items()
+        }
+
+
+def _values(f: Function, program: Program, inputs: Inputs, width: int) -> Inputs:
+    """Load those inputs that are in memory, as far as they are used."""
+    used = {i.value for i in program.instructions if i.op == "sym"}
+    zero = f.constant(0.0, width)
+    found: dict[str, Sequence[Value] | Array] = {NUMBERS: inputs[NUMBERS]}
+    for group, count in program.inputs.items():
+        source = inputs[group]
+        if isinstance(source, Array):
+            source = [source[k] if (group, k) in used else zero for k in range(count)]
+        found[group] = source
+    return found

@@ -1,4 +1,4 @@
-"""Elementary functions as IR: sine and cosine of all lanes at once, and rough powers for step control."""
+"""Operations of programs as IR, sine and cosine of all lanes at once among them; rough powers for step control."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.errors import CapabilityError
 from robodyn_cli.kernels.ir import Function, Value, double_type, int_type
+from robodyn_cli.kernels.program import TRIGONOMETRIC
 
 # pi/2 in three parts of full precision: with fused multiply-add each product is exact, so the reduction holds
 # for |x| up to about 2^49 (Cody and Waite 1980)
@@ -30,6 +32,9 @@ COS = (
     2.08757008419747316778e-9,
     -1.13585365213876817300e-11,
 )
+
+# functions that LLVM hands to the C library, lane by lane; its intrinsics have the same names
+LIBRARY = frozenset(["exp", "log", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "pow", "atan2"])
 
 
 def polynomial(f: Function, coefficients: Sequence[float], z: Value) -> Value:
@@ -127,7 +132,42 @@ def rough_exp2(f: Function, x: Value) -> Value:
         return f.emit(f"bitcast i64 {total} to double", 1)
 
 
-def rough_power(f: Function, x: Value, exponent: float) -> Value:
-    """Return x ** exponent to about 1e-4, for positive normal x: enough to choose a step size."""
-    with f.strict():
-        return rough_exp2(f, rough_log2(f, x) * exponent)
+def _where(f: Function, x: Value, a: Value, b: Value) -> Value:
+    return f.select(f.compare("ogt", x, 0.0), a, b)
+
+
+def _sign(f: Function, x: Value) -> Value:
+    one = f.intrinsic("copysign", [f.constant(1.0, x.width), x])
+    # x itself where it is zero or NaN
+    return f.select(f.compare("une", x, 0.0) & f.compare("ord", x, 0.0), one, x)
+
+
+def operation(f: Function, op: str, args: Sequence[Value], fused: bool) -> Value:
+    """Emit one operation of a program on values, look-ups in tables excepted."""
+    if op == "add":
+        return args[0] + args[1]
+    if op == "sub":
+        return args[0] - args[1]
+    if op == "mul":
+        return args[0] * args[1]
+    if op == "div":
+        return args[0] / args[1]
+    if op == "neg":
+        return -args[0]
+    if op == "sqrt":
+        return f.sqrt(args[0])
+    if op == "abs":
+        return f.abs(args[0])
+    if op == "sign":
+        return _sign(f, args[0])
+    if op == "min":
+        return f.min(args[0], args[1])
+    if op == "max":
+        return f.max(args[0], args[1])
+    if op == "where":
+        return _where(f, args[0], args[1], args[2])
+    if op in TRIGONOMETRIC:
+        return sincos(f, args[0], fused)[op == "cos"]
+    if op in LIBRARY:
+        return f.intrinsic(op, args)
+    raise CapabilityError(f"the operation {op} cannot be compiled")

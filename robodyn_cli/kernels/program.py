@@ -1,7 +1,8 @@
 """The instruction list of a kernel, independent of how it is compiled.
 
 A Program is the part of a graph that some outputs need, renumbered from zero, so that equal scenes give equal
-programs whatever else was built in the graph. Its digest is the key of the cache of compiled code.
+programs whatever else was built in the graph. Its digest is the key of the cache of compiled code. Numbers of the scene
+are not in it: the code reads them from a table, so scenes that differ in such numbers alone share their code.
 """
 
 from __future__ import annotations
@@ -11,16 +12,26 @@ from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from robodyn_cli.errors import SceneError
+from robodyn_cli.expr.fixed import Fixed
 from robodyn_cli.expr.graph import Expr, Scalar, reachable
 from robodyn_cli.record import record
 
+PARAMETERS = "p"  # group of inputs that are the same for all samples
 TRIGONOMETRIC = frozenset({"sin", "cos"})
+NUMBERS = "numbers"  # of the inputs of a program: its table
+LEAVES = frozenset({"sym", "const", "number"})
 
 
 @record
 class Instruction:
-    """One operation on earlier instructions; ``value`` is a constant's value or a symbol's (group, position)."""
+    """One operation on earlier instructions.
+
+    value : a constant's value, a symbol's (group, position), or the first of its entries in the table of numbers.
+    """
 
     op: str
     args: tuple[int, ...]
@@ -32,15 +43,22 @@ class Program:
     """Straight-line code with named outputs.
 
     outputs : per output array, the instruction of each entry, or a float where it is constant.
+    numbers : the table that the code reads, beside the digest.
     """
 
     instructions: tuple[Instruction, ...]
     outputs: dict[str, tuple[int | float, ...]]
+    numbers: tuple[float, ...] = ()
 
     @cached_property
     def operations(self) -> int:
         """Number of arithmetic operations and function calls."""
-        return sum(i.op not in ("sym", "const") for i in self.instructions)
+        return sum(i.op not in LEAVES for i in self.instructions)
+
+    @cached_property
+    def table(self) -> NDArray[np.float64]:
+        """The numbers as an array; one entry where there are none, for an address."""
+        return np.array(self.numbers or (0.0,), dtype=np.float64)
 
     @cached_property
     def inputs(self) -> dict[str, int]:
@@ -51,6 +69,11 @@ class Program:
                 group, position = i.value
                 found[group] = max(found.get(group, 0), position + 1)
         return found
+
+    @property
+    def has_tables(self) -> bool:
+        """Whether values are looked up in tables, which machine code does and bytecode does not."""
+        return any(i.op == "table" for i in self.instructions)
 
     @cached_property
     def digest(self) -> str:
@@ -79,27 +102,54 @@ def make_program(outputs: dict[str, Sequence[Scalar]], known: Sequence[str]) -> 
     SceneError : the outputs depend on something that the scene does not say (an unknown mass or inertia).
     """
     nodes = reachable([e for array in outputs.values() for e in array])
-    number: dict[int, int] = {}
-    instructions: list[Instruction] = []
+    collected = _Collected()
     missing: list[str] = []
     for node in nodes:
-        number[node.index] = len(instructions)
         value = node.value
         if node.op == "sym":
             name, group, position = node.value
             if group not in known:
                 missing.append(name)
             value = (group, position)
-        instructions.append(Instruction(node.op, tuple(number[a.index] for a in node.args), value))
+        collected.add(node, value)
     if missing:
         raise unknown_data(missing)
-    return Program(
-        tuple(instructions),
-        {
-            name: tuple(number[e.index] if isinstance(e, Expr) else float(e) for e in array)
-            for name, array in outputs.items()
-        },
-    )
+    entries = {name: tuple(collected.entry(e) for e in array) for name, array in outputs.items()}
+    return Program(tuple(collected.instructions), entries, tuple(collected.numbers))
+
+
+class _Collected:
+    """The instructions of a program and its table of numbers, in the order of the nodes."""
+
+    def __init__(self) -> None:
+        self.instructions: list[Instruction] = []
+        self.numbers: list[float] = []
+        self._place: dict[int, int] = {}  # instructions by index of the node
+        self._read: dict[int, int] = {}  # instructions by identity of the number
+
+    def add(self, node: Expr, value: Any) -> None:
+        if node.op == "const" and isinstance(value, Fixed):
+            self._place[node.index] = self._number(value)
+            return
+        self._place[node.index] = len(self.instructions)
+        if node.op == "table":
+            knots, values, order = value
+            value = (len(self.numbers), len(knots), order)
+            slopes = [(values[k + 1] - values[k]) / (knots[k + 1] - knots[k]) for k in range(len(knots) - 1)]
+            self.numbers += [*knots, *values, *slopes, 0.0]
+        self.instructions.append(Instruction(node.op, tuple(self._place[a.index] for a in node.args), value))
+
+    def entry(self, e: Scalar) -> int | float:
+        if isinstance(e, Expr):
+            return self._place[e.index]
+        return self._number(e) if isinstance(e, Fixed) else float(e)
+
+    def _number(self, x: Fixed) -> int:
+        if id(x) not in self._read:
+            self._read[id(x)] = len(self.instructions)
+            self.instructions.append(Instruction("number", (), len(self.numbers)))
+            self.numbers.append(x)
+        return self._read[id(x)]
 
 
 def unknown_data(names: Sequence[str]) -> SceneError:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any, cast
 
 import numpy as np
 
@@ -71,8 +72,9 @@ class RolledPlan:
                 raise CapabilityError(f"{what}; rolled kernels take joints that move")
         if any(isinstance(x, Expr) for x in gravity):
             raise CapabilityError("rolled kernels take gravity as numbers, not as symbols")
-        kinds: list[Joint] = list(dict.fromkeys(b.joint for b in bodies))
-        kind_of = [kinds.index(b.joint) for b in bodies]
+        joints = [_as_structure(b.joint) for b in bodies]
+        kinds: list[Joint] = list(dict.fromkeys(joints))
+        kind_of = [kinds.index(joint) for joint in joints]
         constants = [constants_of(b) for b in bodies]
         structures = tuple(
             structure_of([c for c, kind in zip(constants, kind_of) if kind == j]) for j in range(len(kinds))
@@ -112,6 +114,15 @@ class RolledPlan:
     def scratch(self, width: int) -> Array:
         """Return aligned scratch memory for ``width`` lanes."""
         return aligned_zeros(Layout(self.recursion).vectors(self.bodies, self.slots) * width)
+
+
+def _as_structure(joint: Any) -> Joint:
+    """Return a kind of joint with its parameters (a thread's pitch) as part of the code."""
+    if not dataclasses.is_dataclass(joint):
+        return cast("Joint", joint)
+    own = {f.name: getattr(joint, f.name) for f in dataclasses.fields(joint)}
+    plain = {name: float(x) for name, x in own.items() if isinstance(x, float)}
+    return cast("Joint", dataclasses.replace(cast("Any", joint), **plain))
 
 
 def _numbers(body: Body, row: Sequence[Scalar], needed: set[int]) -> list[float]:

@@ -55,3 +55,13 @@ class Row:
     eta_t: Any = 0.0
     kind: str = "force"
     cosine: Any = 1.0
+
+    @property
+    def closure(self) -> str:
+        """The closure or coupler that the row belongs to."""
+        return closure_of(self.name)
+
+
+def closure_of(row: str) -> str:
+    """Return the closure or coupler of a row by its name: ``pin`` of ``pin.x``."""
+    return row.rsplit(".", 1)[0]

@@ -43,6 +43,7 @@ AT_REST = ("assemble", "statics")
 ANALYSES: dict[str, tuple[str, ...]] = {
     "info": ("state",),
     "stability": ("stability_spectrum", "stability_methods", "energy_growth", "baumgarte", "stability_suite"),
+    "sweep": ("study_response", "study_map", "study_histograms", "study_influence"),
     "work-precision": ("work_precision",),
 }
 

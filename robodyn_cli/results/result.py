@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 
+from robodyn_cli.errors import RobodynError
 from robodyn_cli.record import mutable_record
 from robodyn_cli.results import catalogue
+from robodyn_cli.results.summary import as_keys
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
+
+    from robodyn_cli.scene.types import Scene
 
 
 @mutable_record
@@ -83,6 +88,34 @@ class Result:
     summary: dict[str, Any] = dataclasses.field(default_factory=dict)
     attributes: dict[str, Any] = dataclasses.field(default_factory=dict)
     others: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
+
+    @staticmethod
+    def of(command: str, scene: Scene, status: str = "ok") -> Result:
+        """Return the empty result of a command on a scene."""
+        return Result(command, scene.title or command, status, scene.text)
+
+    @property
+    def head(self) -> dict[str, str]:
+        """The first keys of every summary."""
+        return {"status": self.status, "command": self.command, "title": self.title}
+
+    def summarise(self, *records: Any, seconds: Mapping[str, float] | None = None) -> None:
+        """Make the summary of records, whose fields are its keys, and of the wall times by stage."""
+        keys = {name: value for record in records for name, value in as_keys(record).items()}
+        times = {} if seconds is None else {"wall_time_s": dict(seconds)}
+        self.summary = {**self.head, **keys, **times}
+
+    def unless(self, failure: RobodynError | None) -> Result:
+        """Return the result of a run.
+
+        Raises
+        ------
+        RobodynError : the ``failure`` that ended the run, with the result until then.
+        """
+        if failure is None:
+            return self
+        failure.result = self
+        raise failure
 
     def __getitem__(self, path: str) -> Array:
         """Return the array stored under ``path`` (``result["q"]``)."""

@@ -48,11 +48,12 @@ class Termination:
 
 @record
 class Residual:
-    """Largest residuals of the loops, at position level and below where they are known."""
+    """Largest residuals of the loops by level, where they are known; ``redundant`` : of rows that were left out."""
 
     position: float
     velocity: float | Absent = ABSENT
     acceleration: float | Absent = ABSENT
+    redundant: float | Absent = ABSENT
 
 
 def as_keys(summary: Any) -> dict[str, Any]:

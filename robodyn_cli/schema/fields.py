@@ -116,6 +116,11 @@ class Criteria(Kind):
 
 
 @record
+class Variations(Kind):
+    """A map from key paths of the scene to what they vary over in a study (``normal(13, 5 %)``)."""
+
+
+@record
 class Section(Kind):
     """A nested section described by another dataclass."""
 
@@ -141,10 +146,12 @@ class Either(Kind):
 class OrFile(Kind):
     """A value given in place or as the path of a YAML file, relative to the file that names it.
 
-    A map with the key ``include`` takes over the keys of that file, but for those that it gives itself.
+    A map with the key ``include`` takes over the keys of that file, but for those that it gives itself. ``urdf`` : the
+    file may be a URDF too.
     """
 
     item: Kind
+    urdf: bool = False
 
 
 @record
@@ -162,7 +169,13 @@ class CsvFile(Kind):
     rows: str = "rows"
 
 
-def key(kind: Kind, *, default: Any = REQUIRED, unit: str = "", doc: str = "") -> Any:
+def key_name(field: dataclasses.Field[Any]) -> str:
+    """Return the YAML key of a field."""
+    name: str = field.metadata.get("name") or field.name
+    return name
+
+
+def key(kind: Kind, *, default: Any = REQUIRED, unit: str = "", doc: str = "", name: str = "") -> Any:
     """Declare one YAML key as a dataclass field.
 
     Parameters
@@ -171,10 +184,11 @@ def key(kind: Kind, *, default: Any = REQUIRED, unit: str = "", doc: str = "") -
     default : value when the key is absent; without one the key is required. For a map ``None`` means empty.
     unit : SI unit, shown in errors and in the reference.
     doc : one sentence for the reference.
+    name : of the key, where Python keeps the word for itself; by default the field's.
     """
-    metadata = {"kind": kind, "unit": unit, "doc": doc}
+    metadata = {"kind": kind, "unit": unit, "doc": doc, "name": name}
     if default is REQUIRED:
         return dataclasses.field(metadata=metadata)
-    if default is None and isinstance(kind, (MapOf, Criteria)):
+    if default is None and isinstance(kind, (MapOf, Criteria, Variations)):
         return dataclasses.field(default_factory=dict, metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)

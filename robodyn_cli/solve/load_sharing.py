@@ -12,9 +12,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from robodyn_cli.record import record
+from robodyn_cli.solve.closure import RANK
 from robodyn_cli.spatial.algebra import Array
-
-RANK = 1e-8  # ratio of singular values below which rank is lost
 
 
 class LostRank(Exception):

@@ -9,12 +9,14 @@ origin of the frame in whose coordinates they are given.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.expr.fixed import Fixed
 from robodyn_cli.expr.functions import cos, sin
 from robodyn_cli.record import record
 
@@ -29,7 +31,7 @@ def vector(xs: Iterable[Any]) -> Vector:
     xs = list(xs)
     out = np.empty(len(xs), dtype=object)
     for k, x in enumerate(xs):
-        out[k] = float(x) if isinstance(x, (int, float)) else x
+        out[k] = float(x) if isinstance(x, (int, float)) and not isinstance(x, Fixed) else x
     return out
 
 
@@ -91,10 +93,14 @@ def snap(x: float) -> float:
 
 
 def rotation_about(axis: int, angle: Any) -> Matrix:
-    """Return the rotation by ``angle`` [rad] about coordinate axis 0, 1 or 2: new axes as columns."""
-    c, s = cos(angle), sin(angle)
+    """Return the rotation by ``angle`` [rad] about coordinate axis 0, 1 or 2: new axes as columns.
+
+    A known angle is structure: its sine and cosine are plain numbers, zeros and ones among them.
+    """
     if isinstance(angle, (float, int)):
-        c, s = snap(c), snap(s)
+        c, s = snap(math.cos(angle)), snap(math.sin(angle))
+    else:
+        c, s = cos(angle), sin(angle)
     i, j = (axis + 1) % 3, (axis + 2) % 3
     R = identity()
     R[i, i] = R[j, j] = c
@@ -120,8 +126,8 @@ def rotation_to_z(axis: Sequence[float]) -> Matrix:
         raise ValueError("the axis is zero")
     z = [snap(float(x)) for x in a / length]
     k = int(np.argmax(np.abs(z)))
-    if abs(z[k]) == 1.0:
-        i = (k + 1) % 3
+    i, j = (k + 1) % 3, (k + 2) % 3
+    if z[i] == z[j] == 0.0:  # z[k] alone is 1 by rounding for axes up to 1e-8 rad away too
         x = [0.0, 0.0, 0.0]
         x[i] = 1.0
     else:
@@ -214,10 +220,6 @@ class Twist:
     def cross(self, m: Twist) -> Twist:
         """Return self x m, the rate of a motion m that is fixed in a body with this velocity (equation 2.31)."""
         return Twist(cross(self.w, m.w), cross(self.w, m.v) + cross(self.v, m.w))
-
-    def cross_wrench(self, f: Wrench) -> Wrench:
-        """Return self x* f, the rate of a force f that is fixed in a body with this velocity (equation 2.32)."""
-        return Wrench(cross(self.w, f.n) + cross(self.v, f.f), cross(self.w, f.f))
 
 
 @record

@@ -16,7 +16,7 @@ from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.model.model import BASE, Model
-from robodyn_cli.spatial.algebra import Twist, Wrench, matrix, vector, zeros
+from robodyn_cli.spatial.algebra import Twist, Wrench, cross, matrix, vector, zeros
 from robodyn_cli.spatial.inertia import RigidInertia
 from tests.identities.trees import State, condition, flat, symbols, torque_scale, trees
 from tests.numeric import EPS, assert_close, examples, real
@@ -39,6 +39,11 @@ def test_forward_dynamics_inverts_inverse_dynamics(model: Model) -> None:
     assert_close(rnea(model, s.q, s.qd, qdd, model.gravity), s.tau, tolerance, scale + np.abs(s.tau).max())
 
 
+def cross_force(v: Twist, f: Wrench) -> Wrench:
+    """v x* f, the rate of a force f that is fixed in a body with the velocity v (equation 2.32)."""
+    return Wrench(cross(v.w, f.n) + cross(v.v, f.f), cross(v.w, f.f))
+
+
 def by_the_book(model: Model, s: State) -> list[float]:
     """Inverse dynamics with spatial accelerations, line by line as in table 5.1 of Featherstone (2008)."""
     X = transforms(model, s.q)
@@ -50,7 +55,7 @@ def by_the_book(model: Model, s: State) -> list[float]:
         v_J, c_J = Twist.along(S[i], qd), Twist.along(b.joint.S_rate(slice_q(b, s.q), qd), qd)
         v[i] = v[b.parent].to_child(X[i]) + v_J
         a[i] = a[b.parent].to_child(X[i]) + Twist.along(S[i], qdd) + c_J + v[i].cross(v_J)
-        f[i] = b.inertia @ a[i] + v[i].cross_wrench(b.inertia @ v[i])
+        f[i] = b.inertia @ a[i] + cross_force(v[i], b.inertia @ v[i])
     tau = [0.0] * model.nv
     for i in reversed(range(len(model.bodies))):
         b = model.bodies[i]

@@ -11,10 +11,11 @@ import pytest
 
 from robodyn_cli.expr import functions as f
 from robodyn_cli.expr.graph import Graph
+from robodyn_cli.kernels.arrays import Array as Rows
 from robodyn_cli.kernels.compiler import compile_module
 from robodyn_cli.kernels.ir import RELAXED, Function, module
 from robodyn_cli.kernels.lower import call_program, lower, outline
-from robodyn_cli.kernels.program import Program, make_program
+from robodyn_cli.kernels.program import NUMBERS, Program, make_program
 from tests.kernels import WIDTHS
 
 RNG = np.random.default_rng(11)
@@ -33,12 +34,13 @@ def program(graph: Graph) -> Program:
 
 
 def kernel(body: Program, width: int, fused: bool, outlined: bool) -> Any:
-    """Return ``f(t, q, p, out)`` for one vector of samples; p is a number a parameter."""
-    g = Function("f", [f"ptr %{n}" for n in ("t", "q", "p", "out")], flags=RELAXED)
+    """Return ``f(t, q, p, numbers, out)`` for one vector of samples; p is a number a parameter."""
+    g = Function("f", [f"ptr %{n}" for n in ("t", "q", "p", "numbers", "out")], flags=RELAXED)
     inputs = {
         "t": [g.load("%t", width)],
         "q": [g.load(g.offset("%q", k * width), width) for k in range(3)],
         "p": [g.load(g.offset("%p", k)) for k in range(2)],
+        NUMBERS: Rows(g, "%numbers"),
     }
     functions = [g]
     if outlined:
@@ -51,7 +53,7 @@ def kernel(body: Program, width: int, fused: bool, outlined: bool) -> Any:
     g.ret()
     text = module(functions)
     key = f"test outline {hashlib.sha256(text.encode()).hexdigest()}"
-    return compile_module(key, lambda: text).function("f", *[ctypes.c_void_p] * 4)
+    return compile_module(key, lambda: text).function("f", *[ctypes.c_void_p] * 5)
 
 
 @pytest.mark.parametrize("width", WIDTHS)
@@ -62,7 +64,7 @@ def test_called_and_written_in_place_agree(width: int, fused: bool) -> None:
     results = []
     for outlined in (False, True):
         out = np.full((5, width), -99.0)
-        kernel(body, width, fused, outlined)(*[x.ctypes.data for x in data], out.ctypes.data)
+        kernel(body, width, fused, outlined)(*[x.ctypes.data for x in (*data, body.table)], out.ctypes.data)
         results.append(out)
     np.testing.assert_allclose(results[1], results[0], rtol=4e-16, atol=1e-16)
     t, q, (_, p) = data

@@ -9,11 +9,12 @@ import pytest
 
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.expr import functions as f
+from robodyn_cli.expr.fixed import literal
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.kernels import samples
 from robodyn_cli.kernels.compiler import Machine, machine
-from robodyn_cli.kernels.program import make_program
+from robodyn_cli.kernels.program import Program, make_program
 from robodyn_cli.kernels.samples import SampleKernel
 
 RNG = np.random.default_rng(3)
@@ -173,10 +174,24 @@ def test_digests_tell_apart_what_is_different() -> None:
         {"r": [x + y]}, {"r": [x - y]}, {"r": [y - x]}, {"r": [x + z]}, {"s": [x + y]}, {"r": [x, y]}, {"r": [y, x]},
         {"r": [x], "s": [y]}, {"r": [x + 1.0]}, {"r": [x + (1.0 + 2.0**-52)]}, {"r": [1.0]}, {"r": [1.0 + 2.0**-52]},
         {"r": [f.interpolate(x, *table)]}, {"r": [graph.interpolate(x, *table, 1)]},
-        {"r": [f.interpolate(x, (0.0, 1.0), (1.0, 2.5))]}, {"r": [f.interpolate(x, (0.0, 1.5), (1.0, 2.0))]}, {"r": [0.0]},
+        {"r": [f.interpolate(x, (0.0, 1.0, 2.0), (1.0, 2.0, 5.0))]}, {"r": [0.0]},
     ]  # fmt: skip
     digests = [make_program(v, KNOWN).digest for v in variants]
     assert len(set(digests)) == len(variants)
+
+
+def test_digests_leave_out_numbers_of_the_scene() -> None:
+    def program(mass: float, second: float, knot: float) -> Program:
+        graph = Graph()
+        x, y = graph.symbols(["x", "y"], "q")
+        m, n = literal(mass, "m"), literal(second, "n")
+        outputs = [m * x + n * y, (m * n) * x, m / n, f.interpolate(x, (0.0, knot), (1.0, mass))]
+        return make_program({"r": outputs}, KNOWN)
+
+    one, other = program(1.0, -1.0, 1.0), program(3.0, 3.0, 0.5)
+    assert one.digest == other.digest
+    assert one.instructions == other.instructions
+    assert one.numbers != other.numbers
 
 
 def test_programs_count_what_they_read_and_do() -> None:

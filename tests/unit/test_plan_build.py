@@ -17,6 +17,7 @@ from robodyn_cli.integrators.runtime.integrator import Integrator
 from robodyn_cli.integrators.stepping.loop import write_run
 from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.joints.registry import joint_types
+from robodyn_cli.kernels.lower import Programs
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.run.deploy.deploy import deploy
@@ -77,7 +78,7 @@ class Built:
 
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(Writer, "evaluate", note)
-            write_run(system, methods[method], True)
+            write_run(system, methods[method], Programs(True))
         return found
 
 

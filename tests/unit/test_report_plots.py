@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from robodyn_cli import inverse, load_scene
+from robodyn_cli import inverse, load_scene, simulate
 from robodyn_cli.errors import OutputError
 from robodyn_cli.report import draw, draw_all, plot_files
 from robodyn_cli.report.decimate import crest, envelope, finite, thin_path
@@ -343,3 +343,21 @@ def test_names_in_the_mechanism_do_not_overlap() -> None:
     assert len(boxes) == 3
     assert not any(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[:k])
     assert all(figure.axes[0].get_window_extent(renderer).overlaps(box) for box in boxes)
+
+
+def test_loads_that_are_not_unique_are_said_to_be_so() -> None:
+    """Rows of Bennett's linkage depend on each other; three motors share what two freedoms need."""
+    changes = ["simulate.duration=0.2", "simulate.samples=21", "outputs.reactions=true"]
+    bennett = simulate(load_scene("configs/benchmarks/bennett.yaml", changes))
+    for name in ("multipliers", "reactions"):
+        assert "rows depend on each other: those of least norm" in texts(bennett, name).replace("\n", " ")
+    four_bar = simulate(load_scene("configs/benchmarks/rbd_four_bar.yaml", ["simulate.duration=0.2"]))
+    assert "unique" not in texts(four_bar, "multipliers")
+    few = inverse(load_scene("configs/mechanisms/five_bar_circle.yaml"), samples=11)
+    assert "unique" not in texts(few, "torques") + texts(few, "multipliers")
+    more = inverse(
+        load_scene("configs/mechanisms/five_bar_circle.yaml", ["actuated=[left, right, bend_left]"]),
+        samples=11,
+    )
+    drawn = texts(more, "torques").replace("\n", " ")
+    assert "Not unique: those of least norm: more actuators than degrees of freedom" in drawn

@@ -122,6 +122,17 @@ def test_rotation_to_z_of_any_axis(rng: np.random.Generator) -> None:
         al.rotation_to_z((0.0, 0.0, 0.0))
 
 
+@pytest.mark.parametrize("tilt", [10.0**-k for k in range(1, 17)])
+def test_rotation_to_z_near_a_coordinate_axis(tilt: float) -> None:
+    """cos(1e-8) is 1 in doubles, sin(1e-8) is not 0."""
+    for k, sign in itertools.product(range(3), (1.0, -1.0)):
+        axis = np.array([tilt, -0.5 * tilt, 0.0])
+        axis[k] = sign
+        R = real(al.rotation_to_z(axis.tolist()))
+        assert_close(R.T @ R, np.eye(3), 1e-15)
+        assert_close(R[:, 2], axis / np.linalg.norm(axis), 1e-15)
+
+
 def test_transform_composition_and_inverse(rng: np.random.Generator) -> None:
     first, second = random_transform(rng), random_transform(rng)
     both = second @ first
@@ -210,16 +221,13 @@ def test_projection_and_span_of_a_subspace(rng: np.random.Generator) -> None:
 
 
 def test_cross_products_are_the_dense_ones(rng: np.random.Generator) -> None:
-    v, m, f = rng.normal(size=(3, 6))
+    v, m = rng.normal(size=(2, 6))
     same(twist(v).cross(twist(m)), velocity_product(v) @ m)
-    same(twist(v).cross_wrench(wrench(f)), star(v) @ f)
 
 
-def test_cross_products_keep_power_and_jacobi(rng: np.random.Generator) -> None:
-    """(v x m).f + m.(v x* f) = 0: power does not depend on the frame's own motion. And v x v = 0, Jacobi."""
+def test_cross_products_keep_jacobi(rng: np.random.Generator) -> None:
+    """v x v = 0, and Jacobi's identity."""
     v, m, u = (twist(rng.normal(size=6)) for _ in range(3))
-    f = wrench(rng.normal(size=6))
-    assert_close(f.dot(v.cross(m)), -v.cross_wrench(f).dot(m), 1e-14, 10.0)
     same(v.cross(v), np.zeros(6))
     jacobi = v.cross(m.cross(u)) + m.cross(u.cross(v)) + u.cross(v.cross(m))
     assert_close(jacobi.components, np.zeros(6), 1e-14, 20.0)

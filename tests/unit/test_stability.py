@@ -22,7 +22,7 @@ from robodyn_cli.run.driver.build import projected_motion
 from robodyn_cli.run.driver.prepare import prepare
 from robodyn_cli.run.numerics import energy_growth
 from robodyn_cli.run.numerics.energy_growth import growth, growths, period
-from robodyn_cli.run.numerics.stability import at_start, stability
+from robodyn_cli.run.numerics.stability import along, at_start, stability, step_limits
 from robodyn_cli.run.numerics.stability_scenes import arm, slider
 from robodyn_cli.run.numerics.trial import Budget, attempt, reference
 from robodyn_cli.run.numerics.work_precision import formulations
@@ -64,7 +64,7 @@ def test_spectrum_of_a_damped_oscillator() -> None:
         < 1e-12
     )
     assert found.fastest_decay == pytest.approx(1.0) and found.stiffness_ratio == pytest.approx(1.0 / 5.0)
-    steps = {x.method: x.largest_step(found.eigenvalues[0]) for x in limits()}
+    steps = {x.method: found.largest_steps(x)[0] for x in limits()}
     direction = expected / abs(expected)
     assert steps["rk4"] == pytest.approx(radius(RK4, direction)[0] / 5.0, rel=1e-9)
 
@@ -78,6 +78,60 @@ def test_the_step_limit_is_where_a_fixed_step_breaks_down() -> None:
     limit = next(x for x in limits() if x.method == "rk4").largest_step(found.eigenvalues[0])
     below, above = (attempt_fixed(stiff, factor * limit) for factor in (0.98, 1.05))
     assert below < 1e-1 < 1e3 < above
+
+
+def cart_pole(mass: float) -> str:
+    """A light cart is thrown to and fro within sqrt(mass) of each passage of its pole below."""
+    return f"""
+schema: 1
+gravity: [0, 0, -9.81]
+robot:
+  joints:
+    - {{name: x, type: prismatic, axis: [1, 0, 0]}}
+    - {{name: q, type: revolute, axis: [0, 1, 0]}}
+  links:
+    - {{name: cart, mass: {mass}}}
+    - {{name: pole, mass: 1, com: [0, 0, -1], inertia: {{yy: 0}}}}
+initial: {{q: {{x: 0, q: 1.2}}, qd: {{x: 0, q: 0}}}}
+simulate: {{duration: 1.5}}
+"""
+
+
+def fixed_steps(scene: Any, method: str, step: float) -> tuple[int, int]:
+    """Return how many steps were cut, and how many were taken."""
+    options = dataclasses.replace(scene.simulate, integrator=method, step=step, error_estimate=False)
+    counters = simulate(dataclasses.replace(scene, simulate=options)).summary["counters"]
+    return counters["rejected"], counters["steps"]
+
+
+@pytest.mark.parametrize("name", ["1.0", "1e-3", "tumbling_body", "four_bar_deploy", "spinning_top"])
+def test_a_given_step_below_the_limit_of_its_iteration_is_never_cut(name: str) -> None:
+    """At three times the limit steps are cut, and at half of it none is, however short the spike that decides."""
+    light = name.startswith("1")
+    scene = load_scene_text(cart_pole(float(name))) if light else load_scene(CONFIGS / f"{name}.yaml")
+    scene = dataclasses.replace(scene, simulate=dataclasses.replace(scene.simulate, duration=1.0))
+    setup = prepare(scene)
+    ref = reference(scene, FEW)
+    assert ref is not None
+    found = along(setup, ref)
+    for limit in step_limits(found):
+        if limit.method in ("gauss4", "implicit_midpoint"):
+            assert limit.largest_step is not None
+            assert fixed_steps(scene, limit.method, 0.5 * limit.largest_step)[0] == 0
+            assert fixed_steps(scene, limit.method, 3.0 * limit.largest_step)[0] > 0
+
+
+def test_spikes_between_samples_are_seen() -> None:
+    """The fastest rate of the motion goes as one over the mass of the cart, and lasts as short."""
+    rates = []
+    for mass in (1e-3, 1e-6):
+        scene = load_scene_text(cart_pole(mass))
+        ref = reference(scene, FEW)
+        assert ref is not None
+        found = along(prepare(scene), ref)
+        assert found is not None
+        rates.append(np.abs(found.eigenvalues).max() * mass)
+    assert rates[1] == pytest.approx(rates[0], rel=0.1)
 
 
 def attempt_fixed(scene, step: float) -> float:  # type: ignore[no-untyped-def]

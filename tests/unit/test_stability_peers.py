@@ -126,7 +126,7 @@ def test_loops(peers: Any, engine: str) -> None:
 def test_what_a_run_is_called(peers: Any) -> None:
     times = np.linspace(0.0, 1.0, 3)
     right = np.ones((3, 2))
-    ref = Reference(times, right, np.ones(2), 1.0, 12.0, ("gauss", "dop853"))
+    ref = Reference(times, right, np.ones(2), 1.0, 12.0, 1e-12, ("gauss", "dop853"))
 
     def told(run: Any) -> str:
         return str(peers.shown(peers.judged(*peers.outcome(run, times), ref)))

@@ -37,7 +37,7 @@ def command(
     """Run the command; return its exit code."""
     settings = list(overrides or ())
     if at:
-        from robodyn_cli.run.mechanism.info import state_overrides
+        from robodyn_cli.run.mechanism.state_text import state_overrides
         from robodyn_cli.scene.load import load_scene
 
         settings += state_overrides(load_scene(scene, settings), at)

@@ -35,13 +35,12 @@ def command(
 
     console = Console(as_json, quiet)
     with output(out or default_directory(scene, "info"), scene, console) as directory:
-        found, result = info(scene, overrides or (), at or ())
-        result.summary = {"status": "ok", "command": "info", **found}
+        result = info(scene, overrides or (), at or ())
         if not no_plots:
             with begun(directory, console):
                 publish(result, directory, no_plots)
     console.data(jsonable(result.summary))
-    console.say(describe(found))
+    console.say(describe(result.summary))
     if not no_plots:
         console.say(f"results: {directory.path}  ({', '.join(directory.outputs)})")
     return 0

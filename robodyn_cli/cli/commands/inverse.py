@@ -63,6 +63,9 @@ def describe(summary: Mapping[str, Any]) -> str:
         value = summary.get(key)
         if isinstance(value, float) and math.isfinite(value):
             lines.append(f"  {label:<18} {value:.1e} {unit}")
+    off = (summary.get("error_estimate") or {}).get("torque_rounding")
+    if off is not None:
+        lines.append(f"  rounding           torques off by some {off:.1e} N m or N")
     lines += multiplier_lines(summary)
     times = summary.get("wall_time_s", {})
     parts = ", ".join(f"{k} {1e3 * v:.3g}" for k, v in times.items() if k != "total" and v >= 5e-5)

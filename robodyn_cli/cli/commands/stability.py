@@ -73,7 +73,6 @@ def run_suite(
             result = suite(quick, cases, console.progress, console.note)
         finally:
             console.clear()
-        result.summary = {"status": result.status, "command": "stability", **result.summary}
         store(result, directory)
         for case in result.summary["cases"]:
             write_bytes(directory.new / f"{case['name']}.yaml", case.pop("scene").encode())

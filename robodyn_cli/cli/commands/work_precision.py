@@ -70,8 +70,6 @@ def command(
                 result = work_precision(loaded, names, tolerances, repeats, console.progress)
             finally:
                 console.clear()
-            head = {"status": "ok", "command": "work-precision", "title": result.title}
-            result.summary = {**head, **result.summary}
             store(result, directory)
             write_bytes(directory.new / "runs.csv", as_csv(result.summary["runs"]).encode())
             publish(result, directory, no_plots)
@@ -101,11 +99,7 @@ def describe(summary: Mapping[str, Any]) -> str:
     ]
     if lock is not None:
         lines.append(f"  lock               t = {lock:.9g} s; its error is what is compared [s]")
-    if not summary["compared_whole_duration"]:
-        lines.append(
-            f"  chaotic            a small change of the start has grown {summary['perturbation_growth']:.1e} times "
-            f"by then; nothing is compared after t = {until:.4g} s"
-        )
+    lines += _limits_of_comparison(summary)
     rows = [
         [
             "error below",
@@ -131,3 +125,19 @@ def describe(summary: Mapping[str, Any]) -> str:
         )
         lines.append(f"  not usable         {kinds} of {len(summary['runs'])} runs (see runs.csv)")
     return "\n".join(lines)
+
+
+def _limits_of_comparison(summary: Mapping[str, Any]) -> list[str]:
+    """Return lines about motions that cannot be compared, or not to the end."""
+    until, grown = summary["compared_until"], summary["perturbation_growth"]
+    lines = []
+    if summary["perturbation_grows"] == "exponential":
+        lines.append(
+            f"  exponential        a small change of the start grows e times in {summary['e_folding_time']:.2g} s, "
+            f"{grown:.1e} times in all, as in chaotic motion"
+        )
+    if not summary["compared_whole_duration"]:
+        lines.append(
+            f"  compared           up to t = {until:.4g} s; the references no longer agree after that"
+        )
+    return lines

@@ -12,9 +12,11 @@ from __future__ import annotations
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.layout import FINE, UNARMED, DoubleSlot, IntegerSlot, Status
-from robodyn_cli.integrators.stepping.writer import ARGUMENTS
+from robodyn_cli.integrators.stepping.writer import ARGUMENTS, LANES, Tables
+from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Block, Condition, Function, Int, Value
-from robodyn_cli.kernels.lower import lower
+from robodyn_cli.kernels.lower import INLINE_LIMIT, REGISTERS, Programs
+from robodyn_cli.kernels.program import NUMBERS
 
 # the run's own arguments, room for a copy of its memory block and its bytes, for values of the event functions, and
 # for what ``locate_event`` finds
@@ -43,12 +45,12 @@ def call_run(f: Function) -> Int:
     return f.call_int("run", [f"ptr %{a}" for a in ARGUMENTS])
 
 
-def switching_function(system: System, fused: bool) -> Function:
+def switching_function(system: System, tables: Tables, programs: Programs) -> Function:
     """Return ``switching(places)``: the event functions at the current time and state."""
     program = system.switching
     assert program is not None
     f = Function("switching", ["ptr %places"])
-    load_places(f, "w", "n", "y", "p", "values")
+    load_places(f, "w", "n", "y", "p", NUMBERS, REGISTERS, "values")
     nq: Int | int = system.nq
     nv: Int | int = system.nv
     if system.dynamics.any_size:
@@ -56,12 +58,12 @@ def switching_function(system: System, fused: bool) -> Function:
     first: dict[str, tuple[str, Int | int]] = {
         "t": ("%w", DoubleSlot.T), "q": ("%y", 0), "v": ("%y", nq), "z": ("%y", nq + nv), "p": ("%p", 0)
     }  # fmt: skip
-    inputs: dict[str, list[Value]] = {}
-    for group, count in program.inputs.items():
-        base, start = first[group]
-        row = f.offset(base, start)
-        inputs[group] = [f.load(f.offset(row, k)) for k in range(count)]
-    for k, value in enumerate(lower(f, program, inputs, 1, fused)["g"]):
+    inputs: dict[str, Array] = {group: Array(f, f.offset(*first[group])) for group in program.inputs}
+    inputs[NUMBERS] = Array(f, f.offset(f"%{NUMBERS}", tables.start(program)))
+    # eight at once like in the search, so that a long program is in the module but once
+    width = 1 if program.operations <= INLINE_LIMIT else LANES
+    for k, value in enumerate(programs.evaluate(f, program, inputs, width)["g"]):
+        value = f.lane(value, 0)
         f.store(value, f.offset("%values", k))
     f.ret()
     return f

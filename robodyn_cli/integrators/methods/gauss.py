@@ -56,16 +56,18 @@ class Gauss(Method):
         super().__init__(facts)
         self.stages = self.dense_order = facts.order // 2
 
+    @property
+    def contraction(self) -> float:
+        """How fast the iteration of a step has to contract: to rounding in ITERATIONS rounds where the step is given,
+        else as fast as the step is chosen for."""
+        return (0.1 * SOLVED) ** (1 / ITERATIONS) if self.facts.fixed_step else BEST_RATIO
+
     def residual_of(self, system: System) -> Residual | None:
         """Return the system's rates as corrections of a guess, where that takes less than the rates themselves."""
         direct = system.dynamics.program
         if system.residual is None or system.dynamics.any_size or direct.operations < SHORT:
             return None
         return system.residual if system.residual.pays(direct, ROUNDS) else None
-
-    def digest(self, system: System) -> str:
-        residual = self.residual_of(system)
-        return "" if residual is None else f" {residual.digest}"
 
     def dense_size(self, system: System) -> int:
         rates = system.nv + system.nz

@@ -15,7 +15,6 @@ projected.
 from __future__ import annotations
 
 from robodyn_cli.formulations.events import EventKind
-from robodyn_cli.formulations.index3 import first_order_step
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot
 from robodyn_cli.integrators.stepping.control import Attempt
@@ -45,12 +44,9 @@ class GeneralizedAlpha(Method):
 
     dense_order = 2
 
-    def digest(self, system: System) -> str:
-        return "" if system.index3 is None or self.obstacle(system) else f" {system.index3.program.digest}"
-
     def linearisation(self, system: System) -> Program:
         """Return a step of Newton's iteration: at index 3, or for the system as it is."""
-        return first_order_step(system.rates, system.nv) if system.index3 is None else system.index3.program
+        return system.first_order_step if system.index3 is None else system.index3.program
 
     def obstacle(self, system: System) -> str:
         if system.layout is not None:

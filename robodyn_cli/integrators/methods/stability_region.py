@@ -59,17 +59,18 @@ class Limit:
 
     kind : ``region`` (|R| <= 1) or ``iteration`` (an implicit method that is solved by fixed-point iteration, which
         contracts only while h |lambda| times the spectral radius of A stays below 1).
-    real, imaginary : extents in |h lambda|.
+    real, imaginary : extents in |h lambda|. contraction : that the iteration needs, to be done within its rounds.
     """
 
     method: str
     kind: str
     real: float
     imaginary: float
+    contraction: float | None = None
 
     def largest_step(self, eigenvalues: Array) -> float:
-        """Return the largest step at which no decaying or oscillating mode grows (modes that grow by themselves
-        set no limit); infinite where there is none."""
+        """Return the largest step of an explicit method at which no decaying or oscillating mode grows (modes that grow
+        by themselves set no limit); infinite where there is none."""
         found = np.asarray(eigenvalues, dtype=complex)
         size = np.abs(found)
         biggest = float(size.max(initial=0.0))
@@ -78,8 +79,6 @@ class Limit:
             return float("inf")
         # a real part that is only rounding does not decide which side of the axis a mode is on
         found = np.where(found.real > 0.0, 1j * np.abs(found), found)
-        if self.kind == "iteration":
-            return self.real / float(np.abs(found).max())
         method = methods[self.method]
         assert isinstance(method, ExplicitRungeKutta)
         table = method.table
@@ -96,5 +95,5 @@ def limits() -> tuple[Limit, ...]:
             found.append(Limit(name, "region", float(along[0]), float(along[1])))
         elif isinstance(method, Gauss):
             reach = 1.0 / float(np.abs(np.linalg.eigvals(gauss_table(method.stages).A)).max())
-            found.append(Limit(name, "iteration", reach, reach))
+            found.append(Limit(name, "iteration", reach, reach, method.contraction))
     return tuple(found)

@@ -14,8 +14,11 @@ from robodyn_cli.integrators.runtime.memory import Memory
 from robodyn_cli.integrators.stepping.loop import write_run
 from robodyn_cli.kernels.arrays import aligned_zeros
 from robodyn_cli.kernels.compiler import compile_module, machine
+from robodyn_cli.kernels.lower import Programs
 from robodyn_cli.spatial.algebra import Array
 
+MANY = 4000  # operations beyond which programs are interpreted at first: compiling them takes 80 us each
+PATIENCE = 1000  # steps that are interpreted, which takes about as long as compiling
 STATUSES = tuple(Status)  # by number
 ADDRESS, NUMBER, DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 
@@ -23,34 +26,59 @@ ADDRESS, NUMBER, DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 class Engine:
     """Runs the compiled functions on memory that stays where it is; see ``locate_event.PLACES`` for what lies where.
 
-    memory : of the run, its copy from before the step with an event. p : parameters. out : block of samples.
-    bracket : see ``locate_event_function``.
+    interpreted : whether long programs are interpreted. memory : of the run, its copy from before the step with an
+    event. p : parameters. out : block of samples. bracket : see ``locate_event_function``.
     """
 
     def __init__(self, system: System, method: str, p: Array) -> None:
-        kind = methods[method]
+        self._system, self._method = system, methods[method]
+        self.p = p
+        self.memory = Memory(len(system.events), system.size, self._method.dense_size(system))
+        self.bracket = np.zeros((2, 1 + len(system.events)))
+        self.places = np.zeros(len(PLACES), dtype=np.int64)
+        self._at = self.places.ctypes.data
+        self._values = np.zeros(len(system.events))
+        self.out = np.zeros(0)
+        self._method.check(system)
+        self._tables = self._method.tables(system)
+        operations = sum(program.operations for program in self._tables.programs)
+        self._load(interpreted=operations > MANY and not system.dynamics.any_size)
+
+    def patience(self, taken: int, most: int) -> int:
+        """Return up to how many steps to run, ``most`` or fewer, when so many are taken; a long run is compiled.
+
+        The number of steps decides and not their time, so that the same run gives the same bits again.
+        """
+        if self.interpreted and taken >= PATIENCE:
+            self._load(interpreted=False)
+        return min(most, PATIENCE) if self.interpreted else most
+
+    def _load(self, interpreted: bool) -> None:
+        """Take the functions from the cache or write them, and provide the memory that they work on."""
+        system, kind, self.interpreted = self._system, self._method, interpreted
         host = machine()
         compiled = compile_module(
-            f"run {method} {system.digest}{kind.digest(system)}{' in stretches' if system.breakpoints else ''}",
-            lambda: write_run(system, kind, host.fused),
+            f"run{' interpreted' * interpreted} {kind.name} {system.digest} {self._tables.digest}"
+            f"{' in stretches' if system.breakpoints else ''}",
+            lambda: write_run(system, kind, Programs(host.fused, interpreted)),
         )
         self._run_to_event = compiled.function("run_to_event", ADDRESS, result=NUMBER)
         if system.events:
             self._switching = compiled.function("switching", ADDRESS)
             self._trial_step = compiled.function("trial_step", ADDRESS, DOUBLE, NUMBER, result=NUMBER)
         room = compiled.function("memory", NUMBER, result=NUMBER)(system.nv)
-        self.fixed = (*system.dynamics.memory(), aligned_zeros(room))
-        self.p = p
-        self.memory = Memory(len(system.events), system.size, kind.dense_size(system))
-        self.bracket = np.zeros((2, 1 + len(system.events)))
-        self.places = np.zeros(len(PLACES), dtype=np.int64)
-        self._at = self.places.ctypes.data
-        self._values = np.zeros(len(system.events))
-        self.make_room(0)
+        registers = compiled.function("registers", result=NUMBER)()
+        memory = (aligned_zeros(room), self._tables.numbers, aligned_zeros(registers))
+        self.fixed = (*system.dynamics.memory(), *memory)
+        self._note_places()
 
     def make_room(self, count: int) -> None:
-        """Provide a block for so many doubles of samples, and note where all arrays lie: they never move."""
+        """Provide a block for so many doubles of samples."""
         self.out = np.zeros(count)
+        self._note_places()
+
+    def _note_places(self) -> None:
+        """Note where all arrays lie: they never move."""
         memory = self.memory
         w, n, y, dense = memory.addresses
         p, *others = (a.ctypes.data for a in (self.p, self.out, *self.fixed))

@@ -25,11 +25,11 @@ from robodyn_cli.integrators.event_location.events import (
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.engine import Engine
 from robodyn_cli.integrators.runtime.grid import Grid as Grid
+from robodyn_cli.integrators.runtime.grid import stretches
 from robodyn_cli.integrators.runtime.layout import UNARMED, DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.runtime.options import Counters as Counters
 from robodyn_cli.integrators.runtime.options import Options as Options
 from robodyn_cli.integrators.runtime.parameters import Parameters
-from robodyn_cli.integrators.runtime.stretches import stretches
 from robodyn_cli.spatial.algebra import Array
 
 DEFAULTS = Options()
@@ -149,8 +149,8 @@ class Integrator:
             w[DoubleSlot.H_OLD] = w[DoubleSlot.H]
         while True:
             # return to Python every few milliseconds, to handle interrupts and report progress
-            most = n[IntegerSlot.ACCEPTED] + n[IntegerSlot.REJECTED] + self._slice
-            n[IntegerSlot.MAX_STEPS] = min(limit, most)
+            taken = n[IntegerSlot.ACCEPTED] + n[IntegerSlot.REJECTED]
+            n[IntegerSlot.MAX_STEPS] = most = self.engine.patience(taken, min(limit, taken + self._slice))
             start = perf_counter()
             status = self.engine.run_to_event()
             if status is not Status.MAX_STEPS or most >= limit:

@@ -22,7 +22,8 @@ from robodyn_cli.integrators.stepping.control import Verdict, judge, remember, s
 from robodyn_cli.integrators.stepping.stepper import SLACK, Method, Stepper
 from robodyn_cli.integrators.stepping.writer import Exit, Writer
 from robodyn_cli.kernels.arrays import Array
-from robodyn_cli.kernels.ir import Block, Condition, Value, module
+from robodyn_cli.kernels.ir import Block, Condition, Function, Value, module
+from robodyn_cli.kernels.lower import Programs
 from robodyn_cli.record import mutable_record
 
 RESOLUTION = 4e-16  # of a time: shorter steps are lost in rounding
@@ -42,24 +43,32 @@ class Step:
     last: Condition
 
 
-def write_run(system: System, method: Method, fused: bool) -> str:
+def write_run(system: System, method: Method, programs: Programs) -> str:
     """Return the IR of ``i64 run(...)`` with ``ARGUMENTS``, whose result is a ``Status``, and of its helpers.
 
     w, n : see ``DoubleSlot`` and ``IntegerSlot``. y : the state. p : parameters. dense : what dense output keeps.
     out : block of samples, columns of CAPACITY rows. tables, scratch : of the dynamics. work : see ``memory_function``.
+    numbers : see ``Tables``. registers : so many doubles as ``i64 registers()`` says.
 
     Raises
     ------
     CapabilityError : the method cannot do the system.
     """
     method.check(system)
-    w = Writer(system, fused, loops=not method.needs_jacobian)
+    tables = method.tables(system)
+    w = Writer(system, tables, programs, loops=not method.needs_jacobian)
     _write_loop(w, method.stepper(w))
     count = len(system.events)
     functions = [w.f, w.memory_function(), run_to_event_function(count)]
     if count:
-        functions += [switching_function(system, fused), trial_step_function(), locate_event_function(count)]
-    return module([*functions, *w.functions.values()])
+        functions += [
+            switching_function(system, tables, programs),
+            trial_step_function(),
+            locate_event_function(count),
+        ]
+    registers = Function("registers", [], result="i64")
+    registers.ret(programs.room)
+    return module([*functions, registers, *programs.functions.values()])
 
 
 def _write_loop(w: Writer, stepper: Stepper[Any]) -> None:

@@ -25,7 +25,7 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integration_methods import IntegrationMethod
 from robodyn_cli.integrators.runtime.layout import IntegerSlot
 from robodyn_cli.integrators.stepping.control import FIXED, Attempt, Controller, Kept
-from robodyn_cli.integrators.stepping.writer import Writer
+from robodyn_cli.integrators.stepping.writer import Tables, Writer
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Block, Value
 from robodyn_cli.kernels.program import Program
@@ -74,9 +74,16 @@ class Method:
         if why:
             raise CapabilityError(f"{self.name!r} does not do this scene: {why}; allowed: {self.instead}")
 
-    def digest(self, system: System) -> str:
-        """Return a key of the code that the method takes from a system beyond ``System.digest``."""
-        return ""
+    def tables(self, system: System) -> Tables:
+        """Return the tables of all programs that a run's code reads."""
+        others = [
+            system.dynamics.program,
+            system.positions,
+            system.velocities,
+            system.normal_form,
+            system.switching,
+        ]
+        return Tables([*others, *(step.program for step in self.programs(system))])
 
     def linearisation(self, system: System) -> Program | None:
         """Return the program with the Jacobian that the method evaluates in each step, if any."""

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
+
+import numpy as np
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot, Status
 from robodyn_cli.kernels.arrays import Array, Total, each
 from robodyn_cli.kernels.ir import RELAXED, Block, Condition, Function, Int, Value
-from robodyn_cli.kernels.lower import call_program, lower, outline
-from robodyn_cli.kernels.program import Program
+from robodyn_cli.kernels.lower import REGISTERS, Programs
+from robodyn_cli.kernels.program import NUMBERS, Program
 
-INLINE_LIMIT = 400  # operations; longer programs become functions
 LONG = 24  # velocities from which on what is done for each of them is a loop
+LONG_INTERPRETED = 4  # the same where programs are interpreted, to write little
 LANES = 8
-ARGUMENTS = ("w", "n", "y", "p", "dense", "out", "tables", "scratch", "work")
+ARGUMENTS = ("w", "n", "y", "p", "dense", "out", "tables", "scratch", "work", NUMBERS, REGISTERS)
 
 
 class Exit:
@@ -37,24 +39,49 @@ class Exit:
         self.block.leave(condition, unless=unless)
 
 
+class Tables:
+    """The tables of numbers of all programs in a run's code, one after another: ``numbers``.
+
+    programs : in an order that no number decides; the same objects that the code is written from.
+    """
+
+    def __init__(self, programs: Sequence[Program | None]) -> None:
+        self.programs = [
+            p for k, p in enumerate(programs) if p is not None and not any(p is q for q in programs[:k])
+        ]
+        tables = [p.table for p in self.programs]
+        self._starts = np.cumsum([0, *(len(table) for table in tables)]).tolist()
+        self.numbers = np.concatenate(tables)
+
+    def start(self, program: Program) -> int:
+        """Return where the table of a program begins."""
+        return int(next(s for p, s in zip(self.programs, self._starts) if p is program))
+
+    @property
+    def digest(self) -> str:
+        """Key of the programs' code."""
+        return " ".join(p.digest for p in self.programs)
+
+
 class Writer:
     """The function under construction, with the state and the programs of the system at hand.
 
     ``nv``, ``rates`` (nv + nz) and ``size`` are Python ints, or Ints for a long system and where the code serves
     systems of any size: then rows of vectors live in memory of the caller, and ``each`` makes a loop (unless
-    ``loops`` is False and the size is known).
+    ``loops`` is False and the size is known). tables : of the numbers that the programs read.
     """
 
-    def __init__(self, system: System, fused: bool, loops: bool = True) -> None:
+    def __init__(self, system: System, tables: Tables, programs: Programs, loops: bool = True) -> None:
         self.system = system
-        self.fused = fused
+        self.tables = tables
+        self.programs = programs
         self.f = f = Function("run", [f"ptr noalias %{a}" for a in ARGUMENTS], result="i64", flags=RELAXED)
-        self.functions: dict[str, Function] = {}
         self._named: dict[str, Array] = {}
         # doubles taken so far in the caller's memory: so many per (padded) velocity, and so many beside
         self._taken = [0, 0]
         self.nv: Int | int = system.nv
-        if system.dynamics.any_size or (loops and system.nv == system.nq > LONG):
+        long = LONG_INTERPRETED if programs.interpreted else LONG
+        if system.dynamics.any_size or (loops and system.nv == system.nq > long):
             with f.entry():
                 self.nv = f.load_int(self.integer_at(IntegerSlot.VELOCITIES))
                 # a multiple of the lanes, so that every row starts aligned
@@ -142,38 +169,24 @@ class Writer:
             return self.get(DoubleSlot.SAMPLE_START) + f.to_double(k) * self.get(DoubleSlot.SAMPLE_STEP)
 
     # -- programs -------------------------------------------------------------------------------------
+    def numbers(self, program: Program) -> Array:
+        """Return the table of a program, which is a part of the run's."""
+        return Array(self.f, self.f.offset(f"%{NUMBERS}", self.tables.start(program)))
+
     def evaluate(
         self, program: Program, t: Value, x: Array, **more: list[Value] | Array
     ) -> dict[str, list[Value]]:
         """Emit a program of the system at time t and state x = (q, v, z), with ``more`` input groups."""
         f, width = self.f, x.width
         first: dict[str, Int | int] = {"q": 0, "v": self.nv, "z": self.nv * 2}
-        inputs: dict[str, list[Value] | Array] = {**more, "t": [self.inside(t)]}
+        inside, numbers = self.inside(t), self.numbers(program)
+        inputs: dict[str, list[Value] | Array] = {**more, "t": [inside], NUMBERS: numbers}
         for group, count in program.inputs.items():
             if group == "p":
                 inputs[group] = [f.load(f.offset("%p", k)) for k in range(count)]
             elif group in first:
                 inputs[group] = x.part(first[group])
-        if program.operations <= INLINE_LIMIT:
-            return lower(f, program, self._values(program, inputs, width), width, self.fused)
-        name = f"program.{program.digest[:12]}.{width}"
-        if name not in self.functions:
-            self.functions[name] = outline(name, program, width, self.fused, f.flags)
-        return call_program(f, name, program, inputs, width)
-
-    def _values(
-        self, program: Program, inputs: Mapping[str, list[Value] | Array], width: int
-    ) -> dict[str, list[Value]]:
-        """Load those inputs that are in memory, as far as they are used."""
-        used = {i.value for i in program.instructions if i.op == "sym"}
-        zero = self.f.constant(0.0, width)
-        found: dict[str, list[Value]] = {}
-        for group, count in program.inputs.items():
-            source = inputs[group]
-            if isinstance(source, Array):
-                source = [source[k] if (group, k) in used else zero for k in range(count)]
-            found[group] = source
-        return found
+        return self.programs.evaluate(f, program, inputs, width)
 
     def inside(self, t: Value) -> Value:
         """Return times (lanes) put inside the stretch between two breakpoints.

@@ -35,7 +35,7 @@ def draw(result: Result) -> Figure:
     _eigenvalues(figure, result)
     _steps(figure, result)
     figure.text(
-        0.1, 0.022, "explicit: all modes inside |R| <= 1; gauss: the iteration that solves a step contracts",
+        0.1, 0.022, "explicit: all modes inside |R| <= 1; gauss: the iteration of a step is done within its rounds",
         color=GREY, fontsize=8,
     )  # fmt: skip
     return figure
@@ -70,7 +70,7 @@ def _steps(figure: Figure, result: Result) -> None:
     time, steps = result["stability/time"], result["stability/step_limit"]
     names = result.variables["stability/step_limit"].names
     shown = [k for k, name in enumerate(names) if name in SHOWN]
-    ax = figure.add_axes((0.1, 0.17, 0.84, 0.265))
+    ax = figure.add_axes((0.1, 0.2, 0.84, 0.24))
     for k in shown:
         name = names[k]
         place = SHOWN.index(name)  # a method looks the same in every scene

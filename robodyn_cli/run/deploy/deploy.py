@@ -6,11 +6,10 @@ import dataclasses
 from typing import Any
 
 from robodyn_cli.errors import CapabilityError, RobodynError
-from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.record import record
 from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import as_keys
+from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.deploy.lock import (
     Latch,
     Lock,
@@ -26,12 +25,12 @@ from robodyn_cli.run.deploy.lock import (
 from robodyn_cli.run.deploy.locked_motion import Followed, first_overload, follow_locked, join
 from robodyn_cli.run.deploy.recording import record_motion
 from robodyn_cli.run.deploy.scan import End, Scan, decide, follow_deployment, scan
-from robodyn_cli.run.deploy.summary import DeploySummary, Overload
+from robodyn_cli.run.deploy.summary import AfterLock, DeploySummary, LockKeys, Overload
 from robodyn_cli.run.driver.build import build_motion
-from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.driver.second_run import ErrorEstimate, FirstRun, estimate_error
-from robodyn_cli.run.driver.summary import motion_facts, redundant_rows
+from robodyn_cli.run.driver.self_check import Judgement, Run, motion_warnings, redundant_rows
+from robodyn_cli.run.driver.summary import motion_summary
 from robodyn_cli.run.observation.recorder import Recorder
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.singular.singularity import refuse_singular_start
@@ -40,18 +39,16 @@ from robodyn_cli.scene.types import Scene
 
 
 @record
-class Deployment:
+class Deployment(Run):
     """What a deployment came to.
 
-    events : what the motion met. lock : None where no criterion fired, or the run failed before. time_error : of the
-    lock [s]. followed : the locked structure after the lock, where that was asked for.
+    estimate : of the error of the recorded run. lock : None where no criterion fired, or the run failed before.
+    time_error : of the lock [s]. followed : the locked structure after the lock, where that was asked for.
     """
 
-    motion: Motion
     found: Scan
     end: End
-    recorder: Recorder
-    events: list[dict[str, Any]]
+    estimate: ErrorEstimate | None = None
     lock: Lock | None = None
     latch: Latch | None = None
     time_error: float | None = None
@@ -82,32 +79,19 @@ def deploy(
     motion = build_deployment(scene, watch)
     with watch.stage("scan"):
         found = scan(motion, motion.options, progress=progress)
-    end = decide(motion, found)
-    with watch.stage("equations"):
-        recorder = Recorder.of(motion.observer, writer)
-    with watch.stage("integrate"):
-        driver = record_motion(motion, found, end, recorder, progress)
-    redundant = redundant_rows(motion, recorder)
-    facts = motion_facts(motion, driver, recorder, redundant)
-    met = [*events(found), *(event for watcher in driver.watchers for event in watcher.log)]
-    done = Deployment(motion, found, end, recorder, met)
-    if redundant is not None and redundant.violated is not None:
-        return report(done, facts, redundant.violated, watch)
-    facts["criteria"] = criteria(motion, found)
-    failure = failure_of_motion(motion, found, end)
-    if failure is not None:
-        return report(done, facts, failure, watch)
-    if motion.scene.simulate.error_estimate:
-        with watch.stage("error_estimate"):
-            facts["error_estimate"] = _estimate(motion, recorder, driver)
-    done = _lock(done, watch)
-    failure = doubt(done.lock, done.time_error) if done.lock is not None else None
-    try:
-        done = _follow(done, watch)
-    except CapabilityError as refusal:
-        failure = CapabilityError(f"deploy.after: continue: the locked structure: {refusal.message}")
-    facts |= _lock_facts(done)
-    return report(done, facts, failure, watch)
+    done = _record(motion, found, writer, progress, watch)
+    redundant = redundant_rows(done)
+    failure = (redundant and redundant.violated) or failure_of_motion(done)
+    if failure is None:
+        done = _estimate(done, watch)
+        done = _lock(done, watch)
+        failure = doubt(done.lock, done.time_error)
+    if failure is None:
+        try:
+            done = _follow(done, watch)
+        except CapabilityError as refusal:
+            failure = CapabilityError(f"deploy.after: continue: the locked structure: {refusal.message}")
+    return report(done, Judgement(failure, tuple(motion_warnings(done)), redundant), watch)
 
 
 def build_deployment(scene: Scene, watch: Stopwatch, plan: bool = False) -> Motion:
@@ -117,31 +101,53 @@ def build_deployment(scene: Scene, watch: Stopwatch, plan: bool = False) -> Moti
     ------
     CapabilityError : it has no loops. SingularConfigurationError : it starts where it is to end.
     """
-    if not scene.loops and not scene.couplers:
-        raise CapabilityError(
-            f"{scene.path}: deploy needs a mechanism with closed loops; this scene has none"
-        )
+    refuse_open_chain(scene)
     reactions = bool(scene.deploy.loads) or scene.deploy.after == "continue"
     motion = build_motion(scene, watch, follow_deployment, reactions=reactions, plan=plan)
     refuse_singular_start(motion.problem, motion.assembled.q, motion.passive)
     return motion
 
 
-def failure_of_motion(motion: Motion, found: Scan, end: End) -> RobodynError | None:
+def refuse_open_chain(scene: Scene) -> None:
+    """Refuse a scene without closed loops, in which nothing locks.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    if not scene.loops and not scene.couplers:
+        raise CapabilityError(
+            f"{scene.path}: deploy needs a mechanism with closed loops; this scene has none", key="loops"
+        )
+
+
+def _record(
+    motion: Motion, found: Scan, writer: ResultWriter | None, progress: Progress, watch: Stopwatch
+) -> Deployment:
+    """Integrate the motion once more and record it, up to what ends the deployment."""
+    end = decide(motion, found)
+    with watch.stage("equations"):
+        recorder = Recorder.of(motion.observer, writer)
+    with watch.stage("integrate"):
+        driver = record_motion(motion, found, end, recorder, progress)
+    return Deployment(motion, driver, recorder, found, end)
+
+
+def failure_of_motion(done: Deployment) -> RobodynError | None:
     """Return why there is no lock to speak of: the loops lose rank first, or the integration could not go on."""
-    if end.bifurcated:
-        return bifurcation_error(motion, found)
-    return found.stopped if end.time is None else None
+    if done.end.bifurcated:
+        return bifurcation_error(done.motion, done.found)
+    return done.found.stopped if done.end.time is None else None
 
 
-def _estimate(motion: Motion, recorder: Recorder, driver: Driver) -> ErrorEstimate:
-    """Return the error of the recorded run."""
-    s = motion.scene.simulate
-    reached = float(recorder.array("time")[-1])
-    grid = Grid.over(s.duration, s.samples)
-    return estimate_error(
-        motion, FirstRun(motion.choice.method, motion.start, grid, reached, driver.counters.steps), recorder
-    )
+def _estimate(done: Deployment, watch: Stopwatch) -> Deployment:
+    """Estimate the error of the recorded run, where that is asked for."""
+    if not done.motion.scene.simulate.error_estimate:
+        return done
+    reached = float(done.recorder.array("time")[-1])
+    first = FirstRun.of(done.motion, reached, done.driver.counters.steps)
+    with watch.stage("error_estimate"):
+        return dataclasses.replace(done, estimate=estimate_error(done.motion, first, done.recorder))
 
 
 def _lock(done: Deployment, watch: Stopwatch) -> Deployment:
@@ -159,60 +165,60 @@ def _lock(done: Deployment, watch: Stopwatch) -> Deployment:
 
 def _follow(done: Deployment, watch: Stopwatch) -> Deployment:
     """Go on as the locked structure, where that is asked for and a latch has closed."""
-    asked = done.motion.scene.deploy.after == "continue"
-    if not asked or done.lock is None or done.latch is None or doubt(done.lock, done.time_error) is not None:
+    if done.motion.scene.deploy.after != "continue" or done.lock is None or done.latch is None:
         return done
     followed = follow_locked(done.motion, done.lock, done.latch, done.recorder, watch)
     return dataclasses.replace(done, followed=followed)
 
 
 # -- the report ---------------------------------------------------------------------------------------------
-def _lock_facts(done: Deployment) -> dict[str, Any]:
-    """Return the keys of the summary that speak of the lock and of what followed."""
-    if done.lock is None:
-        return {"lock": None}
-    facts: dict[str, Any] = {
-        "lock": describe_lock(done.motion, done.found, done.lock, done.latch, done.time_error, done.recorder)
-    }
-    if done.followed is not None:
-        facts["after_lock"] = done.followed.keys
-    elif done.motion.scene.deploy.after == "continue" and done.lock.kind != "overload":
-        facts["after_lock"] = None
-    return facts
-
-
-def report(done: Deployment, facts: dict[str, Any], failure: RobodynError | None, watch: Stopwatch) -> Result:
+def report(done: Deployment, judgement: Judgement, watch: Stopwatch) -> Result:
     """Return the result with its summary.
 
     Raises
     ------
-    RobodynError : the ``failure``, with the result.
+    RobodynError : why the deployment failed, with the result.
     """
-    scene = done.motion.scene
-    result = Result("deploy", scene.title or "deploy", "failed", scene.text, events=done.events)
+    failure, limits = judgement.failure, done.motion.scene.deploy.loads
+    summary = motion_summary(done, judgement, done.estimate)
+    result = Result.of("deploy", done.motion.scene, "failed")
+    result.events = [
+        *events(done.found),
+        *done.driver.log,
+    ]
     done.recorder.fill(result)
-    if failure is not None:
-        termination = {"reason": failure.message, **failure.details}
-        facts.pop("after_lock", None)
-        summary = DeploySummary(status="failed", termination=termination, **facts, wall_time_s=watch.report())
-        result.summary = as_keys(summary)
-        failure.result = result
-        raise failure
-    if done.followed is not None:
-        add_followed(result, done)
-        facts["samples"] = len(result.time)
-    overload = first_overload(result, scene.deploy.loads) if scene.deploy.loads else None
+    overload: Overload | None = None
+    if failure is None:
+        if done.followed is not None:
+            add_followed(result, done)
+        overload = first_overload(result, limits)
+        result.status, termination = verdict(done, overload)
+        summary = dataclasses.replace(summary, termination=termination, samples=len(result.time))
     if overload is not None:
         result.events.append({"time": overload.time, "name": overload.name, "kind": "overload"})
-    if scene.deploy.loads:
-        facts["overload"] = overload
     result.events.sort(key=lambda event: float(event["time"]))
-    result.status, termination = verdict(done, overload)
-    summary = DeploySummary(
-        status=result.status, termination=termination, **facts, wall_time_s=watch.report()
+    keys = DeploySummary(
+        criteria=criteria(done.motion, done.found),
+        lock=_lock_keys(done),
+        after_lock=ABSENT if failure is not None else _after_lock(done),
+        overload=overload if limits and failure is None else ABSENT,
     )
-    result.summary = as_keys(summary)
-    return result
+    result.summarise(summary, keys, seconds=watch.report())
+    return result.unless(failure)
+
+
+def _lock_keys(done: Deployment) -> LockKeys | None:
+    if done.lock is None:
+        return None
+    return describe_lock(done.motion, done.found, done.lock, done.latch, done.time_error, done.recorder)
+
+
+def _after_lock(done: Deployment) -> AfterLock | Absent | None:
+    """Return what followed the lock; None where it was asked for and no latch could close."""
+    if done.followed is not None:
+        return done.followed.keys
+    locked = done.lock is not None and done.lock.kind != "overload"
+    return None if locked and done.motion.scene.deploy.after == "continue" else ABSENT
 
 
 def add_followed(result: Result, done: Deployment) -> None:

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 
 from robodyn_cli.algorithms.kinematics import transforms
 from robodyn_cli.algorithms.reactions import loop_wrench
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.expr.graph import Expr
-from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.expr.fixed import literal
 from robodyn_cli.loops.fixed import FixedLoop
-from robodyn_cli.model.model import BASE, FixedFrame, Loop, Model
+from robodyn_cli.model.model import BASE, FixedFrame, Loop
 from robodyn_cli.record import record
 from robodyn_cli.run.deploy.summary import LatchKeys
-from robodyn_cli.spatial.algebra import Array, matrix, vector
+from robodyn_cli.spatial.algebra import Array, identity, snap, vector
 
-NEW = 1e-6  # part of a row that the others must leave before it counts as a further constraint
+NEW = 1e-6  # part of a row that must be independent of the others for it to count as a further constraint
 
 
 @record
@@ -26,7 +24,7 @@ class Locked:
     """A mechanism with its latch closed.
 
     problem : the equations with the latch as one more closure. name : of that closure. rows : names of the latch's
-    rows that say something new. freedom : degrees of freedom that are left.
+    rows that do not follow from the others. freedom : degrees of freedom that are left.
     """
 
     problem: Problem
@@ -79,15 +77,18 @@ def locked(problem: Problem, first: str, second: str, q: Array, t: float) -> Loc
     ends = _ends(problem, first, second, q, t)
     element = FixedLoop(name=name, type="fixed", between=(first, second))
     loops = (*model.loops, Loop(name, element, *ends))
-    whole = Problem(problem.scene, model=dataclasses.replace(model, loops=loops), dependent=problem.dependent)
-    values = {"q": q.tolist(), "t": [t], "p": []}
-    nv = model.nv
+    whole = Problem(
+        problem.scene,
+        model=dataclasses.replace(model, loops=loops),
+        dependent=problem.dependent,
+        braces=problem.braces,
+    )
     rows = whole.constraints.rows
-    psi = np.array(evaluate([x for row in rows for x in row.psi], values), dtype=float).reshape(-1, nv)
+    psi = whole.numbers(whole.psi, q, t)
     before = set(problem.constraints.names)
     basis = _basis(psi[[i for i, row in enumerate(rows) if row.name in before]])
     added: list[int] = []
-    candidates = [i for i, row in enumerate(rows) if row.name.rsplit(".", 1)[0] == name]
+    candidates = [i for i, row in enumerate(rows) if row.closure == name]
     # moments before forces: a joint between the links bears forces already
     candidates.sort(key=lambda i: rows[i].kind != "moment")
     for kind in ("moment", "force"):
@@ -102,9 +103,11 @@ def locked(problem: Problem, first: str, second: str, q: Array, t: float) -> Loc
             added.append(best)
             left.remove(best)
     keep = [i for i, row in enumerate(rows) if row.name in before or i in added]
-    problem_locked = Problem(problem.scene, keep_rows=keep, model=whole.model, dependent=problem.dependent)
+    problem_locked = Problem(
+        problem.scene, keep_rows=keep, model=whole.model, dependent=problem.dependent, braces=problem.braces
+    )
     new = tuple(rows[i].name for i in sorted(added))
-    return Locked(problem_locked, name, new, nv - len(basis))
+    return Locked(problem_locked, name, new, model.nv - len(basis))
 
 
 def _basis(psi: Array) -> Array:
@@ -120,16 +123,13 @@ def _ends(problem: Problem, first: str, second: str, q: Array, t: float) -> tupl
     model = problem.model
     one, two = model.links[first].body, model.links[second].body
     pose = {}
-    values = {"q": q.tolist(), "t": [t], "p": []}
     for body in (one, two):
         here = problem.pose[body]
-        R = np.array(evaluate(list(here.R.ravel()), values), dtype=float).reshape(3, 3)
-        pose[body] = (R, np.array(evaluate(list(here.p), values), dtype=float))
+        pose[body] = (problem.numbers(here.R, q, t), problem.numbers(here.p, q, t))
 
     def placed(frame: FixedFrame) -> Array:
         R, p = pose[frame.body]
-        own = np.array(evaluate(list(frame.p), values), dtype=float)
-        return np.asarray(p + R @ own)
+        return np.asarray(p + R @ problem.numbers(frame.p, q, t))
 
     where = placed(model.links[second])
     if two != BASE:
@@ -142,9 +142,19 @@ def _ends(problem: Problem, first: str, second: str, q: Array, t: float) -> tupl
     R1, p1 = pose[one]
     R2, p2 = pose[two]
     ends = []
-    for body, R, p in ((one, R1, p1), (two, R2, p2)):
-        ends.append(FixedFrame(body, vector((R.T @ (where - p)).tolist()), matrix((R.T @ R1).tolist())))
+    for link, body, R, p in ((first, one, R1, p1), (second, two, R2, p2)):
+        axes = identity() if body == one else _numbers(R.T @ R1, f"latch.{link}.R")
+        ends.append(FixedFrame(body, _numbers(R.T @ (where - p), f"latch.{link}.p"), axes))
     return ends[0], ends[1]
+
+
+def _numbers(found: Array, place: str) -> Array:
+    """Return what the pose of the lock decides as numbers of the scene; zeros, and ones of attitudes, are structure."""
+    snapped = [snap(float(x)) for x in found.flat]
+    entries = [
+        x if found.ndim == 2 and abs(x) == 1.0 else literal(x, f"{place}.{k}") for k, x in enumerate(snapped)
+    ]
+    return vector(entries).reshape(found.shape)
 
 
 def close_latch(problem: Problem, latch: Locked, q: Array, qd: Array, t: float) -> LatchImpact:
@@ -153,11 +163,9 @@ def close_latch(problem: Problem, latch: Locked, q: Array, qd: Array, t: float) 
     M (v+ - v-) = Psi^T I with Psi v+ = Psi v- in the rows of joints and loops, and Psi v+ = 0 in those of the latch.
     Least norm where rows depend on each other.
     """
-    model, rows = problem.model, latch.problem.constraints.rows
-    values = {"q": q.tolist(), "t": [t], "p": []}
-    nv = model.nv
-    M = np.array(evaluate(list(problem.mass_matrix.ravel()), values), dtype=float).reshape(nv, nv)
-    psi = np.array(evaluate([x for row in rows for x in row.psi], values), dtype=float).reshape(-1, nv)
+    rows = latch.problem.constraints.rows
+    M = problem.numbers(problem.mass_matrix, q, t)
+    psi = latch.problem.numbers(latch.problem.psi, q, t)
     closes = np.array([row.name in latch.rows for row in rows])
     target = np.where(closes, -psi @ qd, 0.0)
     # in the metric of M: Psi M^-1 Psi^T, solved with least norm
@@ -166,27 +174,20 @@ def close_latch(problem: Problem, latch: Locked, q: Array, qd: Array, t: float) 
     after = qd + spread @ impulse
     lost = 0.5 * qd @ M @ qd - 0.5 * after @ M @ after
     by_name = {row.name: float(x) for row, x in zip(rows, impulse) if row.name in latch.rows}
-    angular, linear = _latch_wrench(latch.problem.model, latch.name, q, t, by_name)
+    angular, linear = _latch_wrench(latch, q, t, by_name)
     names = [row.name for row in rows if row.name not in latch.rows]
     own = np.array([x for x, closing in zip(impulse, closes) if not closing])
     return LatchImpact(qd, after, tuple(names), own, angular, linear, float(lost))
 
 
-def _latch_wrench(
-    model: Model, name: str, q: Array, t: float, impulse: dict[str, float]
-) -> tuple[Array, Array]:
+def _latch_wrench(latch: Locked, q: Array, t: float, impulse: dict[str, float]) -> tuple[Array, Array]:
     """Return moment and force of the latch on its second link, base axes."""
+    model = latch.problem.model
     X = transforms(model, q.tolist())
-    loop = next(loop for loop in model.loops if loop.name == name)
+    loop = next(loop for loop in model.loops if loop.name == latch.name)
     wrench = loop_wrench(model, loop, X, impulse)
     R = np.eye(3)
     for body in reversed(model.path_to(wrench.root)):
         R = np.array(X[body].E.T, dtype=float) @ R
-    moment, force = (
-        np.array([_number(x, t) for x in part]) for part in (wrench.on_second.n, wrench.on_second.f)
-    )
+    moment, force = (latch.problem.numbers(part, q, t) for part in (wrench.on_second.n, wrench.on_second.f))
     return R @ moment, R @ force
-
-
-def _number(x: Any, t: float) -> float:
-    return float(evaluate([x], {"t": [t], "p": []})[0]) if isinstance(x, Expr) else float(x)

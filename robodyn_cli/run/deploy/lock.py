@@ -23,7 +23,7 @@ from robodyn_cli.run.deploy.summary import (
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.driver.second_run import other_steps, remainder, tighter
 from robodyn_cli.run.observation.recorder import Recorder
-from robodyn_cli.run.singular.singularity import Singularity, classify, culprit, loop_rows, psi_at
+from robodyn_cli.run.singular.singularity import Singularity, classify, culprit, psi_at
 from robodyn_cli.spatial.algebra import Array
 
 TRUSTED = 0.01  # relative error of a lock's time beyond which it is not reported as a lock
@@ -95,7 +95,7 @@ def time_error(motion: Motion, found: Scan, lock: Lock) -> float | None:
         return 1e-15 * max(1.0, abs(lock.time)) * 10
     method, mean_step = motion.choice.method, found.end / max(found.steps, 1)
     second, _ = tighter(motion.options, mean_step, method)
-    twin = motion.apart()
+    twin = motion.with_own_watchers()
     other = scan(twin, second, multipliers=False)
     if other.steps <= 1.02 * found.steps and motion.options.step is None:
         other = scan(twin, other_steps(second, mean_step)[0], multipliers=False)
@@ -108,9 +108,9 @@ def time_error(motion: Motion, found: Scan, lock: Lock) -> float | None:
     return max(apart, 1e-14 * lock.time)
 
 
-def doubt(lock: Lock, error: float | None) -> NumericalError | None:
+def doubt(lock: Lock | None, error: float | None) -> NumericalError | None:
     """Return the error of a lock whose time is too uncertain to be one, else None."""
-    if lock.criterion != "dead_point" or error is None or error <= TRUSTED * lock.time:
+    if lock is None or lock.criterion != "dead_point" or error is None or error <= TRUSTED * lock.time:
         return None
     return NumericalError(
         f"a dead point at t = {lock.time:.4g} s, but a second, tighter integration puts it {error:.2g} s away: the "
@@ -139,7 +139,7 @@ def bifurcation_error(motion: Motion, found: Scan) -> RobodynError:
 
 # -- what is reported ---------------------------------------------------------------------------------------
 def events(found: Scan) -> list[dict[str, Any]]:
-    """Return what the scan met, in the order of time."""
+    """Return what the scan met."""
     listed = [{"time": time, "name": "dead_point", "kind": "dead_point"} for time, _ in found.dead_points]
     if found.bifurcation:
         listed.append({"time": found.bifurcation[0], "name": "rank", "kind": "bifurcation"})
@@ -149,7 +149,7 @@ def events(found: Scan) -> list[dict[str, Any]]:
         listed.append(
             {"time": found.growth.limit_time, "name": "multipliers over the limit", "kind": "limit"}
         )
-    return sorted(listed, key=lambda e: float(e["time"]))
+    return listed
 
 
 def growth_times(found: Scan) -> dict[str, float | None]:
@@ -176,8 +176,8 @@ def describe_lock(
     problem, model = motion.problem, motion.problem.model
     q, qd, _ = motion.system.split(lock.state)
     named = culprit(problem, q, motion.passive, lock.time) if motion.passive else None
-    rows = loop_rows(problem)
-    norm = multiplier_norm(recorder.array("constraints/multipliers")[:, rows])
+    constraints = problem.constraints
+    norm = multiplier_norm(recorder.array("constraints/multipliers")[:, constraints.of_loops])
     times = growth_times(found)
     asked = motion.scene.simulate.error_estimate
     angles = [(name, float(x), unit) for name, x, unit in zip(model.q_names, q, model.q_units)]
@@ -202,7 +202,7 @@ def describe_lock(
             start=float(norm[0]),
             at_lock=float(norm[-1]),
             largest_until_lock=float(norm.max()),
-            rows=[problem.constraints.rows[i].name for i in rows],
+            rows=[row.name for row in constraints.loop_rows],
             diverge=found.driven,
         ),
         singular_values=SingularValues(

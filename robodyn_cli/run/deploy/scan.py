@@ -26,7 +26,7 @@ from robodyn_cli.run.driver.motion import Motion, Watcher
 from robodyn_cli.run.observation.least_norm import LeastNorm
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.singular.rank_loss import Passage, PosesAhead
-from robodyn_cli.run.singular.singularity import classify, driven_dead_point, loop_rows, passive_determinant
+from robodyn_cli.run.singular.singularity import classify, driven_dead_point, passive_determinant
 from robodyn_cli.spatial.algebra import Array
 
 Pose = tuple[float, Array]  # a time [s] and the state x (nx,) there
@@ -60,7 +60,7 @@ class MultiplierGrowth(Watcher):
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
-        self.rows = loop_rows(problem)
+        self.rows = problem.constraints.of_loops
 
     def follow(self, motion: Motion) -> None:
         self.system, self.deploy = motion.system, motion.scene.deploy
@@ -177,7 +177,7 @@ def scan(
 
     multipliers : whether these are judged too.
     """
-    growth, dead = the(MultiplierGrowth, motion), the(DeadPoint, motion)
+    growth, dead = watcher_of(motion, MultiplierGrowth), watcher_of(motion, DeadPoint)
     rank = next((w for w in motion.watchers if isinstance(w, Bifurcation)), None)
     duration = motion.scene.simulate.duration
     driver = Driver.of(dataclasses.replace(motion, options=options), supervisor_for(motion.choice))
@@ -206,7 +206,7 @@ def scan(
     )  # fmt: skip
 
 
-def the(kind: type[W], motion: Motion) -> W:
+def watcher_of(motion: Motion, kind: type[W]) -> W:
     """Return the one watcher of a kind."""
     (found,) = (watcher for watcher in motion.watchers if isinstance(watcher, kind))
     return found

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from robodyn_cli.integrators.runtime.options import Counters
 from robodyn_cli.record import record
-from robodyn_cli.results.summary import ABSENT, Absent
+from robodyn_cli.results.summary import ABSENT, Absent, Residual
 from robodyn_cli.run.driver.second_run import ErrorEstimate
-from robodyn_cli.run.driver.summary import MotionSummary, Residual
 
 
 @record
@@ -127,11 +126,10 @@ class Overload:
 
 
 @record
-class DeploySummary(MotionSummary):
-    """Keys of the summary of ``deploy``."""
+class DeploySummary:
+    """Keys of the summary of ``deploy``, beside those of every integrated motion."""
 
-    criteria: Criteria | Absent = ABSENT
-    lock: LockKeys | Absent | None = ABSENT
-    after_lock: AfterLock | Absent | None = ABSENT
-    overload: Overload | Absent | None = ABSENT
-    wall_time_s: dict[str, float] | Absent = ABSENT
+    criteria: Criteria
+    lock: LockKeys | None
+    after_lock: AfterLock | Absent | None
+    overload: Overload | Absent | None

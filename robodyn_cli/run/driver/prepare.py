@@ -7,13 +7,12 @@ import numpy as np
 from robodyn_cli.equations.dependence import Dependence
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError
-from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.record import record
-from robodyn_cli.run.driver.mass_matrix import refuse_singular
+from robodyn_cli.run.driver.mass_matrix import braces
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import RANK_TOLERANCE, Assembled, assemble
-from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.solve.closure import rank
 
 
 @record
@@ -55,12 +54,12 @@ def prepare(scene: Scene, watch: Stopwatch | None = None, neutral: bool = False)
             check_formulas(problem, assembled.q, assembled.v)
             if not assembled.redundant:
                 check_formulas_ahead(problem, assembled.q, assembled.v)
-        refuse_singular(problem.model, assembled.q, problem.scene.prescribed or ())
-    if assembled.redundant:
+        needed = braces(problem.model, assembled.q, scene.prescribed)
+    if assembled.redundant or needed:
         with watch.stage("equations"):
-            groups = dependent_rows(problem, assembled)
-            keep = None if groups else assembled.independent
-            problem = Problem(scene, keep_rows=keep, model=problem.model, dependent=groups)
+            groups = dependent_rows(problem, assembled) if assembled.redundant else ()
+            keep = assembled.independent if assembled.redundant and not groups else None
+            problem = Problem(scene, keep_rows=keep, model=problem.model, dependent=groups, braces=needed)
     return Setup(problem, assembled)
 
 
@@ -128,17 +127,16 @@ def dependent_rows(problem: Problem, assembled: Assembled) -> tuple[Dependence, 
     Empty where rows of loops depend on prescribed motions too: those cannot be combined.
     """
     constraints = problem.constraints
-    loops = [i for i in range(len(constraints.rows)) if i not in constraints.prescribed]
-    values = {"q": assembled.q.tolist(), "t": [0.0], "p": []}
-    psi = np.array(evaluate(list(problem.psi.ravel()), values), dtype=float).reshape(problem.psi.shape)
-    whole = _rank(psi[loops])
+    loops = constraints.of_loops
+    psi = problem.numbers(problem.psi, assembled.q)
+    whole = rank(psi[loops], RANK_TOLERANCE)
     if whole + len(constraints.prescribed) != len(assembled.independent):
         return ()
     names = constraints.names
     groups: dict[str, list[int]] = {}
     for i in loops:
-        groups.setdefault(names[i].rsplit(".", 1)[0], []).append(i)
-    ranks = {loop: _rank(psi[rows]) for loop, rows in groups.items()}
+        groups.setdefault(constraints.rows[i].closure, []).append(i)
+    ranks = {loop: rank(psi[rows], RANK_TOLERANCE) for loop, rows in groups.items()}
     if sum(ranks.values()) != whole:
         return (Dependence(tuple(names[i] for i in loops), whole),)
     return tuple(
@@ -146,8 +144,3 @@ def dependent_rows(problem: Problem, assembled: Assembled) -> tuple[Dependence, 
         for loop, rows in groups.items()
         if ranks[loop] < len(rows)
     )
-
-
-def _rank(psi: Array) -> int:
-    sigma = np.linalg.svd(psi, compute_uv=False)
-    return int((sigma > RANK_TOLERANCE * sigma[0]).sum())

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.run.singular.singularity import psi_at
+from robodyn_cli.run.singular.singularity import is_dead_point
 from robodyn_cli.spatial.algebra import Array
 
-# smallest singular value of the passive block over the largest of Psi; about the angle [rad] from a dead point
-NEAR = 1e-6
+NEAR = 1e-6  # distance from a dead point that counts as none (see ``is_dead_point``)
 
 
 def start_warnings(problem: Problem, q: Array, passive: Sequence[int]) -> list[str]:
@@ -21,11 +18,7 @@ def start_warnings(problem: Problem, q: Array, passive: Sequence[int]) -> list[s
     simulation. But the loops may have closed there because ``initial.q`` left them the choice, and then the input moves
     nothing: the passive joints alone can move, the driven ones at rest.
     """
-    if not problem.constraints.rows or not 0 < len(passive) < problem.model.nv:
-        return []
-    psi = psi_at(problem, q)
-    block = np.linalg.svd(psi[:, list(passive)], compute_uv=False)[: problem.loop_rank]
-    if block[-1] >= NEAR * np.linalg.norm(psi, 2):
+    if len(passive) == problem.model.nv or not is_dead_point(problem, q, passive, NEAR):
         return []
     pose = ", ".join(f"{name} {x:.6g}" for name, x in zip(problem.model.q_names, q))
     remedy = (

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.integrators.runtime.options import Counters, Options
+from robodyn_cli.loops.base import closure_of
 from robodyn_cli.record import record
-from robodyn_cli.results.summary import ABSENT, Absent
-from robodyn_cli.run.driver.driver import Driver
+from robodyn_cli.results.summary import ABSENT, Absent, Residual, Termination
 from robodyn_cli.run.driver.motion import Gains, Motion
 from robodyn_cli.run.driver.second_run import ErrorEstimate
+from robodyn_cli.run.driver.self_check import Judgement, Run, estimate_warnings
 from robodyn_cli.run.observation.recorder import Recorder
 
 if TYPE_CHECKING:
@@ -18,17 +20,8 @@ if TYPE_CHECKING:
 
 
 @record
-class Residual:
-    """Largest residuals of the constraints [m, m/s]; ``redundant`` : of rows that were left out."""
-
-    position: float
-    velocity: float
-    redundant: float | Absent = ABSENT
-
-
-@record
 class Assembly:
-    """What closing the loops at t = 0 has left [m, m/s], and rows that say nothing new, or nothing."""
+    """Residuals of the loops at t = 0 [m, m/s]; rows that follow from others, and rows that vanish identically."""
 
     position_residual: float
     velocity_residual: float
@@ -65,79 +58,96 @@ class MethodKeys:
 
 
 @record
+class FinalState:
+    """The last state of a run: time [s], positions [rad or m] and rates [rad/s or m/s] by joint."""
+
+    time: float
+    q: dict[str, float]
+    qd: dict[str, float]
+
+    @staticmethod
+    def of(run: Run) -> FinalState:
+        """Return the state that the driver has come to."""
+        model = run.motion.problem.model
+        q, v, _ = run.motion.system.split(run.driver.state)
+        return FinalState(
+            run.driver.time,
+            dict(zip(model.q_names, q.tolist())),
+            dict(zip(model.v_names, v.tolist())),
+        )
+
+
+@record
 class MotionSummary:
     """Keys of the summary of every integrated motion, in their order.
 
     transitions : of contact states, how many of each kind. passed : times of poses [s]. switches : of the method.
     """
 
-    status: str
-    termination: dict[str, Any]
+    termination: Termination | dict[str, Any]
     integrator: str
     integrator_reason: str
     tolerances: dict[str, float]
     samples: int
-    error_estimate: ErrorEstimate | None = None
-    energy_drift: float = 0.0
-    energy_drift_relative: float = 0.0
-    energy_balance: str = ""
-    constraint_residual: Residual | Absent = ABSENT
-    assembly: Assembly | Absent = ABSENT
-    repartitions: int | Absent = ABSENT
-    multipliers: Multipliers | Absent = ABSENT
-    reactions: dict[str, Any] | Absent = ABSENT
-    counters: Counters | Absent = ABSENT
-    warnings: list[str] | Absent = ABSENT
-    baumgarte: Gains | Absent = ABSENT
+    error_estimate: ErrorEstimate | None
+    energy_drift: float
+    energy_drift_relative: float
+    energy_balance: str
+    constraint_residual: Residual | Absent
+    assembly: Assembly | Absent
+    repartitions: int | Absent
+    multipliers: Multipliers | Absent
+    reactions: dict[str, Any] | Absent
+    counters: Counters
+    warnings: list[str] | Absent
+    baumgarte: Gains | Absent
+    switches: list[MethodKeys] | Absent
     transitions: dict[str, int] | Absent = ABSENT
     passed: list[float] | Absent = ABSENT
-    switches: list[MethodKeys] | Absent = ABSENT
+    final: FinalState | Absent = ABSENT
 
 
-def motion_facts(
-    motion: Motion, driver: Driver, recorder: Recorder, redundant: Redundant | None
-) -> dict[str, Any]:
-    """Return the fields of ``MotionSummary`` that the samples and counters say, all but status and termination.
-
-    redundant : what the rows that were left out say, where there are such.
-    """
-    problem = motion.problem
-    facts: dict[str, Any] = {
-        "integrator": motion.choice.method,
-        "integrator_reason": motion.choice.reason,
-        "tolerances": tolerances(motion.options),
-        "samples": recorder.samples,
-        "energy_drift": recorder.drift,
-        "energy_drift_relative": recorder.drift / recorder.energy_scale if recorder.energy_scale else 0.0,
-        "energy_balance": "kinetic + potential - work" if motion.system.further else "kinetic + potential",
-        "counters": driver.counters,
-    }
-    if problem.constraints.rows:
-        facts["constraint_residual"] = Residual(
-            recorder.position_residual,
-            recorder.velocity_residual,
-            ABSENT if redundant is None else redundant.residual,
-        )
-        facts["assembly"] = Assembly(
-            motion.assembled.position_residual,
-            motion.assembled.velocity_residual,
-            list(motion.assembled.redundant),
-            list(problem.constraints.dropped),
-        )
-        if motion.scene.simulate.stabilisation == "independent":
-            facts["repartitions"] = driver.repartitions
-        facts["multipliers"] = describe_dependence(problem, driver.repartitions)
-    if recorder.observer.reactions is not None:
-        facts["reactions"] = {**recorder.observer.reactions.note(), "largest": recorder.loads}
+def motion_summary(run: Run, judgement: Judgement, estimate: ErrorEstimate | None) -> MotionSummary:
+    """Return what samples, counters and watchers say of a run."""
+    motion, driver, recorder, failure = run.motion, run.driver, run.recorder, judgement.failure
+    problem, observer = motion.problem, recorder.observer
+    constrained = bool(problem.constraints.rows)
+    independent = constrained and motion.scene.simulate.stabilisation == "independent"
+    summary = MotionSummary(
+        termination=Termination("duration", driver.time) if failure is None else failure.termination,
+        integrator=motion.choice.method,
+        integrator_reason=motion.choice.reason,
+        tolerances=tolerances(motion.options),
+        samples=recorder.samples,
+        error_estimate=estimate,
+        energy_drift=recorder.drift,
+        energy_drift_relative=recorder.drift / recorder.energy_scale if recorder.energy_scale else 0.0,
+        energy_balance="kinetic + potential - work" if motion.system.further else "kinetic + potential",
+        constraint_residual=residual_of(recorder, judgement.redundant) if constrained else ABSENT,
+        assembly=_assembly(motion) if constrained else ABSENT,
+        repartitions=driver.repartitions if independent else ABSENT,
+        multipliers=describe_dependence(problem, driver.repartitions) if constrained else ABSENT,
+        reactions={**observer.reactions.note(), "largest": recorder.loads} if observer.reactions else ABSENT,
+        counters=driver.counters,
+        warnings=[*judgement.warnings, *estimate_warnings(estimate)] or ABSENT,
+        baumgarte=motion.gains or ABSENT,
+        switches=[MethodKeys(c.time, c.to, c.decay_time) for c in driver.changes] or ABSENT,
+        final=FinalState.of(run),
+    )
     for watcher in driver.watchers:
-        facts |= watcher.facts(driver.time)
-    if driver.changes:
-        facts["switches"] = [MethodKeys(c.time, c.to, c.decay_time) for c in driver.changes]
-    if warnings := [text for watcher in motion.watchers for text in watcher.warnings]:
-        facts["warnings"] = warnings
-    if motion.gains is not None:
-        facts["baumgarte"] = motion.gains
-    return facts
+        summary = dataclasses.replace(summary, **watcher.facts(driver.time))
+    return summary
+
+
+def residual_of(recorder: Recorder, redundant: Redundant | None = None) -> Residual:
+    """Return the largest residuals of the loops over the samples."""
+    left_out = ABSENT if redundant is None else redundant.residual
+    return Residual(recorder.position_residual, recorder.velocity_residual, redundant=left_out)
+
+
+def _assembly(motion: Motion) -> Assembly:
+    closed, dropped = motion.assembled, motion.problem.constraints.dropped
+    return Assembly(closed.position_residual, closed.velocity_residual, list(closed.redundant), list(dropped))
 
 
 def tolerances(options: Options) -> dict[str, float]:
@@ -152,16 +162,7 @@ def describe_dependence(problem: Problem, repartitions: int) -> Multipliers:
     if not problem.dependent:
         return Multipliers(True)
     groups = [
-        DependentRows(sorted({n.rsplit(".", 1)[0] for n in g.rows}), list(g.rows), g.rank)
+        DependentRows(sorted({closure_of(name) for name in g.rows}), list(g.rows), g.rank)
         for g in problem.dependent
     ]
     return Multipliers(False, "least norm", groups, repartitions)
-
-
-def redundant_rows(motion: Motion, recorder: Recorder) -> Redundant | None:
-    """Return what the rows that were left out say along the samples, None where there are no such rows."""
-    if not motion.assembled.redundant or not recorder.samples:
-        return None
-    from robodyn_cli.run.driver.redundancy import check_redundant
-
-    return check_redundant(motion.problem, motion.assembled, recorder)

@@ -8,10 +8,9 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Residual, Termination, as_keys
+from robodyn_cli.results.summary import ABSENT, Residual, Termination
 from robodyn_cli.run.inverse.build import build_inverse
 from robodyn_cli.run.inverse.checks import (
-    beyond_limits,
     error_estimate,
     half_turns,
     joint_figures,
@@ -85,7 +84,7 @@ def inverse(
         loads = loads_of(program, sampled) if scene.outputs.reactions else None
     progress(program.duration, program.duration)
     result = report(program, planned, sampled, loads)
-    result.summary = as_keys(summarise(program, planned, sampled, errors, loads, watch))
+    result.summarise(summarise(program, planned, sampled, errors, loads), seconds=watch.report())
     refuse_result(result)
     return result
 
@@ -97,6 +96,17 @@ def _at_rest(problem: Problem, planned: Planned) -> Planned:
     from robodyn_cli.run.inverse.rest import with_rest
 
     return with_rest(problem, planned)
+
+
+def _beyond_limits(problem: Problem, sampled: Sampled) -> list[str]:
+    """Return a warning for each limit of a joint that the motion, or the torque that it needs, is beyond."""
+    if not problem.scene.robot.limited:
+        return []
+    from robodyn_cli.run.observation.joint_limits import limit_warnings, limited_joints
+
+    motion = sampled.motion
+    rates = {"qd": motion.qd, "qdd": motion.qdd, "tau": sampled.tau}
+    return limit_warnings(limited_joints(problem.scene, problem.model), sampled.times, rates, motion.q)
 
 
 def _rest_warnings(problem: Problem, planned: Planned) -> list[str]:
@@ -119,7 +129,7 @@ def report(program: InverseProgram, planned: Planned, sampled: Sampled, loads: L
     """Return the datasets of a run."""
     problem, arrays = program.problem, sampled.arrays
     scene, columns = problem.scene, joint_columns(problem.model)
-    result = Result("inverse", scene.title or "inverse", "ok", scene.text)
+    result = Result.of("inverse", scene)
     add_motion(result, problem.model, sampled.times, sampled.motion)
     result.add("tau", sampled.tau, **columns["tau"].described())
     for name, term in sampled.terms.items():
@@ -149,16 +159,14 @@ def summarise(
     sampled: Sampled,
     errors: ErrorEstimate,
     loads: Loads | None,
-    watch: Stopwatch,
 ) -> InverseSummary:
     """Return the summary of a run."""
     problem, loops = program.problem, sampled.loops
     return InverseSummary(
-        status="ok",
         termination=Termination("end of the trajectory", float(sampled.times[-1])),
         samples=len(sampled.times),
         warnings=[
-            *beyond_limits(problem, sampled.times, sampled.motion),
+            *_beyond_limits(problem, sampled),
             *half_turns(problem, sampled),
             *_rest_warnings(problem, planned),
         ]
@@ -175,14 +183,9 @@ def summarise(
         definitions=DEFINITIONS if loops is None else CLOSED_DEFINITIONS,
         counters=dict(sampled.counters),
         reactions=ABSENT if loads is None else loads.summary(),
-        wall_time_s=watch.report(),
     )
 
 
 def _mechanism(loops: Loops) -> Mechanism:
     shared = loops.shared
     return Mechanism(shared.freedom, list(loops.actuated), *shared.uniqueness)
-
-
-def _residual(loops: Loops) -> Residual:
-    return Residual(loops.residual["position"], loops.residual["velocity"])

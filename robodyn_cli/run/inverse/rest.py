@@ -66,7 +66,7 @@ def _bounds(body: Body) -> str:
     """Say what may act in a joint at rest."""
     parts = []
     for force in body.forces:
-        if isinstance(force.element, Friction) and _is_dry(force.element):
+        if isinstance(force.element, Friction) and force.element.dry:
             plus, minus = force.element.breakaway(body.gear_ratio)
             unit = "N m" if body.joint.v_units[0] == "rad" else "N"
             parts.append(f"its friction is anything from {-minus:.6g} to {plus:.6g} {unit}")
@@ -77,10 +77,6 @@ def _bounds(body: Body) -> str:
 
 def _has_dry_friction(body: Body) -> bool:
     return any(
-        isinstance(f.element, Gear) or (isinstance(f.element, Friction) and _is_dry(f.element))
+        isinstance(f.element, Gear) or (isinstance(f.element, Friction) and f.element.dry)
         for f in body.forces
     )
-
-
-def _is_dry(friction: Friction) -> bool:
-    return friction.levels() != (0.0, 0.0) or friction.static is not None

@@ -9,8 +9,6 @@ import numpy as np
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SingularConfigurationError
-from robodyn_cli.run.mechanism.loop_conditions import coordinate_name
-from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.solve.load_sharing import LostRank, Shared, TooFewActuators, share
 from robodyn_cli.spatial.algebra import Array
 
@@ -46,7 +44,7 @@ def share_load(
     try:
         return share(psi, driven, needed)
     except TooFewActuators as few:
-        names = ", ".join(coordinate_name(problem.model, k) for k in driven)
+        names = ", ".join(problem.model.joint_of(k) for k in driven)
         raise CapabilityError(
             f"the mechanism has {few.freedom} degrees of freedom, and its actuated joints ({names}) command "
             f"{few.commanded} of them anywhere; allowed: as many independent ones, in 'actuated'"
@@ -60,7 +58,7 @@ def lost_rank(problem: Problem, lost: LostRank, times: Array, q: Array) -> Singu
     time, where = float(times[lost.sample]), q[lost.sample].tolist()
     worst = int(np.argmax(lost.weights))
     if lost.what == "actuators":
-        joint = coordinate_name(problem.model, worst)
+        joint = problem.model.joint_of(worst)
         when = f"at t = {time:.9g} s"
         if lost.passed:
             when = f"between t = {time:.9g} s and {float(times[lost.sample + 1]):.9g} s"
@@ -69,9 +67,9 @@ def lost_rank(problem: Problem, lost: LostRank, times: Array, q: Array) -> Singu
             "give it the acceleration asked for; actuate another joint, or more",
             time=time, kind="dead_point", joint=joint, q=where,
         )  # fmt: skip
-    row = problem.constraints.rows[loop_rows(problem)[worst]].name
+    row = problem.constraints.loop_rows[worst]
     return SingularConfigurationError(
-        f"bifurcation at t = {time:.9g} s: the rows of loop {row.rsplit('.', 1)[0]} lose rank there ({row}), so the "
+        f"bifurcation at t = {time:.9g} s: the rows of loop {row.closure} lose rank there ({row.name}), so the "
         "multipliers are not unique and the mechanism may go on in more than one way",
-        time=time, kind="bifurcation", loop=row.rsplit(".", 1)[0], row=row, q=where,
+        time=time, kind="bifurcation", loop=row.closure, row=row.name, q=where,
     )  # fmt: skip

@@ -8,7 +8,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Residual, Termination, as_keys
+from robodyn_cli.results.summary import ABSENT, Residual, Termination
 from robodyn_cli.run.driver.prepare import held_columns, initial_positions
 from robodyn_cli.run.mechanism.branches import Branches, find_branches
 from robodyn_cli.run.mechanism.loop_conditions import LoopConditions, nothing_led
@@ -18,11 +18,10 @@ from robodyn_cli.run.mechanism.report import add_sample
 from robodyn_cli.run.mechanism.summary import AssembleSummary
 from robodyn_cli.run.observation.finite import refuse_result
 from robodyn_cli.run.progress import Progress, no_progress
-from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import assemble as close_loops
-from robodyn_cli.solve.load_sharing import RANK
+from robodyn_cli.solve.closure import RANK
 from robodyn_cli.spatial.algebra import Array
 
 
@@ -75,11 +74,11 @@ def assemble(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch
         with watch.stage("branches"):
             branches = find_branches(problem, closed.conditions, closed.q, held)
     progress(0.0, 0.0)
-    result = Result("assemble", scene.title or "assemble", "ok", scene.text)
+    result = Result.of("assemble", scene)
     add_sample(result, problem, closed.q, closed.v, closed.a)
     if branches is not None:
         branches.add_to(result)
-    result.summary = as_keys(summarise(closed, held, branches, watch))
+    result.summarise(summarise(closed, held, branches), seconds=watch.report())
     refuse_result(result)
     return result
 
@@ -100,14 +99,11 @@ def close(problem: Problem) -> Closed:
     )
 
 
-def summarise(
-    closed: Closed, held: tuple[str, ...], branches: Branches | None, watch: Stopwatch
-) -> AssembleSummary:
+def summarise(closed: Closed, held: tuple[str, ...], branches: Branches | None) -> AssembleSummary:
     """Return the summary of an assembly."""
     problem = closed.problem
     model = problem.model
     return AssembleSummary(
-        status="ok",
         termination=Termination("closed", 0.0),
         samples=1,
         configuration=dict(zip(model.q_names, closed.q.tolist())),
@@ -120,17 +116,16 @@ def summarise(
         ),
         residual_by_loop=_by_loop(problem, closed.F),
         redundant_rows=list(closed.redundant),
-        mobility=mobility(problem, closed.J[None, loop_rows(problem), :]),
+        mobility=mobility(problem, closed.J[problem.constraints.of_loops]),
         branches=ABSENT if branches is None else branches.described,
         branch_search=ABSENT if branches is None else branches.search,
-        wall_time_s=watch.report(),
     )
 
 
 def _by_loop(problem: Problem, F: Array) -> dict[str, float]:
     """Return the largest position residual of each loop."""
     found: dict[str, float] = {}
-    for i in loop_rows(problem):
-        loop = problem.constraints.rows[i].name.rsplit(".", 1)[0]
+    for i in problem.constraints.of_loops:
+        loop = problem.constraints.rows[i].closure
         found[loop] = max(found.get(loop, 0.0), float(abs(F[i])))
     return found

@@ -1,14 +1,13 @@
-"""A mechanism at rest: its configuration, the torques that hold it, and the values of its symbols."""
+"""A mechanism at rest: its configuration, and the torques that hold it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.expr.graph import Scalar, free_symbols
+from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.kernels.program import unknown_data
-from robodyn_cli.model.model import UNKNOWN_GROUP
+from robodyn_cli.model.model import unknown_among
 from robodyn_cli.record import record
 from robodyn_cli.run.mechanism.summary import Balanced, Held
 from robodyn_cli.spatial.algebra import Array
@@ -29,12 +28,6 @@ class AtRest:
     terms: Mapping[str, Array]
 
 
-def at_rest(problem: Problem, q: Array) -> dict[str, Any]:
-    """Return the values of all symbols at q (nq,), t = 0, at rest."""
-    still = [0.0] * problem.model.nv
-    return {"q": q.tolist(), "v": still, "a": still, "t": [0.0], "p": []}
-
-
 def refuse_unknown(entries: Sequence[Scalar]) -> None:
     """Refuse expressions that depend on data which the scene does not give.
 
@@ -42,6 +35,5 @@ def refuse_unknown(entries: Sequence[Scalar]) -> None:
     ------
     SceneError
     """
-    missing = [s.value[0] for s in free_symbols(entries) if s.value[1] == UNKNOWN_GROUP]
-    if missing:
+    if missing := unknown_among(entries):
         raise unknown_data(missing)

@@ -6,20 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.algorithms.kinematics import slice_q, slice_v
+from robodyn_cli.algorithms.kinematics import position_rates
 from robodyn_cli.equations.contact_joints import moving_freely
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError
 from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.expr.rebuild import Evaluator, evaluate
+from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.run.driver.prepare import held_columns
-from robodyn_cli.run.mechanism.at_rest import AtRest, at_rest, refuse_unknown
+from robodyn_cli.run.mechanism.at_rest import AtRest, refuse_unknown
 from robodyn_cli.run.mechanism.loop_conditions import Lead, LoopConditions
 from robodyn_cli.run.mechanism.summary import Balanced
 from robodyn_cli.run.observation.evaluation import without_idle_unknowns
 from robodyn_cli.run.observation.finite import cause
-from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.solve.equilibrium import Balance, balance
 from robodyn_cli.spatial.algebra import Array
 
@@ -40,11 +39,7 @@ class _RestForces:
         entries: list[Scalar] = []
         for j in range(model.nv):
             unit: list[Any] = [1.0 if k == j else 0.0 for k in range(model.nv)]
-            rates: list[Any] = [0.0] * model.nq
-            for body in model.bodies:
-                moved = body.joint.velocity_map(slice_q(body, problem.q), slice_v(body, unit))
-                rates[body.q : body.q + body.joint.nq] = list(moved)
-            entries += directional(held, problem.q, rates)
+            entries += directional(held, problem.q, position_rates(model, problem.q, unit))
         refuse_unknown(load)
         self._slopes = entries
         self._load, self._stiffness = Evaluator(load), Evaluator(without_idle_unknowns(entries, load))
@@ -102,8 +97,8 @@ def balanced(problem: Problem, q: Array) -> AtRest:
             "nearer to one (initial.q), or hold joints that nothing balances (initial.hold)",
             residual=found.residual, q=found.q.tolist(),
         )  # fmt: skip
-    loops = loop_rows(problem)
-    tau = np.array(evaluate(list(problem.actuator_torques), at_rest(problem, found.q)), dtype=float)
+    loops = problem.constraints.of_loops
+    tau = problem.numbers(problem.actuator_torques, found.q)
     _, J = conditions.at(found.q, 0.0)
     holding = [i for i in range(len(conditions.names)) if i not in loops]
     tau += J[holding].T @ found.lam[holding]

@@ -10,15 +10,14 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.expr.rebuild import Evaluator, evaluate
+from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.mechanism.loop_conditions import LoopConditions
 from robodyn_cli.run.mechanism.summary import Branch, BranchSearch
 from robodyn_cli.run.observation.units import joint_columns
-from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.solve.branches import halton, search
-from robodyn_cli.solve.load_sharing import RANK
+from robodyn_cli.solve.closure import rank
 from robodyn_cli.spatial.algebra import Array
 
 SINGULAR = 1e-7  # smallest over largest singular value below which a determinant has no sign
@@ -42,9 +41,9 @@ class Branches:
         if None not in determinants:
             result.add("branches/determinant", np.array(determinants, dtype=float))
         for name, outline in model.outlines.items():
-            corners = [list(self.problem.world_point(corner)) for corner in outline]
-            drawn = [[evaluate(corner, _at(q)) for corner in corners] for q in self.configurations]
-            result.add(f"branch_skeleton/{name}", np.array(drawn, dtype=float))
+            corners = [self.problem.world_point(corner) for corner in outline]
+            drawn = [self.problem.numbers(corners, q) for q in self.configurations]
+            result.add(f"branch_skeleton/{name}", np.array(drawn))
 
 
 def find_branches(problem: Problem, conditions: LoopConditions, q: Array, held: tuple[str, ...]) -> Branches:
@@ -66,7 +65,7 @@ def find_branches(problem: Problem, conditions: LoopConditions, q: Array, held: 
         return np.concatenate([turns, *(_attitude(b, q) for b in model.bodies if b.joint.quasi)])
 
     def closed_as_meant(q: Array) -> bool:
-        return bool(np.all(np.array(cosines(_at(q)), dtype=float) > 0.5))
+        return bool(np.all(np.array(cosines({"q": q.tolist(), "t": [0.0], "p": []}), dtype=float) > 0.5))
 
     starts = chain([q], _starts(problem, conditions, q, free, held))
     found = search(conditions, starts, free, signature, closed_as_meant)
@@ -75,10 +74,6 @@ def find_branches(problem: Problem, conditions: LoopConditions, q: Array, held: 
     described = [_describe(problem, conditions, x, free, k == 0) for k, x in enumerate(configurations)]
     searched = BranchSearch(found.starts, found.closed, len(described))
     return Branches(problem, configurations, described, searched)
-
-
-def _at(q: Array) -> dict[str, Any]:
-    return {"q": q.tolist(), "t": [0.0], "p": []}
 
 
 def _attitude(body: Any, q: Array) -> Array:
@@ -97,8 +92,7 @@ def _refuse_freedom(
     CapabilityError
     """
     _, J = conditions.at(q, 0.0)
-    s = np.linalg.svd(J[loop_rows(problem)][:, free], compute_uv=False) if free else np.zeros(0)
-    left = len(free) - int((s > RANK * max(float(s.max(initial=0.0)), 1e-300)).sum())
+    left = len(free) - rank(J[problem.constraints.of_loops][:, free])
     if left > 0:
         raise CapabilityError(
             f"with {', '.join(held) or 'nothing'} held the mechanism keeps {left} degrees of freedom, so it closes in "
@@ -126,7 +120,7 @@ def _describe(
     problem: Problem, conditions: LoopConditions, q: Array, free: Sequence[int], chosen: bool
 ) -> Branch:
     F, J = conditions.at(q, 0.0)
-    block = J[loop_rows(problem)][:, list(free)]
+    block = J[problem.constraints.of_loops][:, list(free)]
     s = np.linalg.svd(block, compute_uv=False)
     ratio = float(s[-1] / s[0]) if len(s) else 1.0
     determinant = float(np.linalg.det(block)) if block.shape[0] == block.shape[1] else None

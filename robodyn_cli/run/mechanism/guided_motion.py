@@ -8,10 +8,12 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, GeometryError, SingularConfigurationError
-from robodyn_cli.run.mechanism.loop_conditions import Lead, LoopConditions, coordinate_name
+from robodyn_cli.loops.base import closure_of
+from robodyn_cli.run.mechanism.loop_conditions import Lead, LoopConditions
 from robodyn_cli.run.mechanism.motion import Planned
 from robodyn_cli.run.mechanism.prescribed import check_prescribed, prescribed_starts
 from robodyn_cli.solve.assembly import assemble
+from robodyn_cli.solve.closure import rank
 from robodyn_cli.solve.guided import Guide, Place, Stuck
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import JointMotion
@@ -82,14 +84,6 @@ def _check_determined(problem: Problem, conditions: LoopConditions, q: Array, t:
         )
 
 
-def rank(J: Array) -> int:
-    """Return the rank of a matrix in comparable units."""
-    if not J.size:
-        return 0
-    s = np.linalg.svd(J, compute_uv=False)
-    return int((s > 1e-8 * max(float(s[0]), 1e-300)).sum())
-
-
 def explain(
     problem: Problem, conditions: LoopConditions, stuck: Stuck
 ) -> GeometryError | SingularConfigurationError:
@@ -105,9 +99,9 @@ def explain(
             time=stuck.time, row=name, residual=abs(gap),
         )  # fmt: skip
     rows, coordinates = stuck.weights
-    joint = coordinate_name(problem.model, int(np.argmax(coordinates)))
+    joint = problem.model.joint_of(int(np.argmax(coordinates)))
     loops = rows[: len(conditions.names) - conditions.led]
-    loop = conditions.names[int(np.argmax(loops))].rsplit(".", 1)[0] if len(loops) else "none"
+    loop = closure_of(conditions.names[int(np.argmax(loops))]) if len(loops) else "none"
     last = stuck.last
     angles = {} if last is None else {"q": last.q.tolist()}
     if last is not None and _bifurcates(conditions, last):

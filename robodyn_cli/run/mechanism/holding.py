@@ -8,13 +8,11 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SingularConfigurationError
-from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.run.inverse.program import torque_terms
 from robodyn_cli.run.inverse.sharing import lost_rank, refuse_gears
-from robodyn_cli.run.mechanism.at_rest import AtRest, at_rest, refuse_unknown
+from robodyn_cli.run.mechanism.at_rest import AtRest, refuse_unknown
 from robodyn_cli.run.mechanism.loop_conditions import LoopConditions, nothing_led, velocity_places
 from robodyn_cli.run.mechanism.summary import Held
-from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.solve.load_sharing import LostRank, Shared, TooFewActuators, share
 from robodyn_cli.spatial.algebra import Array
 
@@ -31,13 +29,12 @@ def held(problem: Problem, q: Array) -> AtRest:
         refuse_gears(problem)
     terms = {name: x for name, x in torque_terms(problem).items() if name not in ("inertia", "coriolis")}
     refuse_unknown([x for term in terms.values() for x in term])
-    values = at_rest(problem, q)
-    needed = {name: np.array([evaluate(term, values)], dtype=float) for name, term in terms.items()}
+    needed = {name: problem.numbers([term], q) for name, term in terms.items()}
     needed = needed or {"gravity": np.zeros((1, model.nv))}
     conditions = LoopConditions(problem, nothing_led(), np.zeros(1))
     _, J = conditions.at(q, 0.0)
     names = _holding(problem)
-    shared = _shared(problem, J[loop_rows(problem)], names, needed, q)
+    shared = _shared(problem, J[problem.constraints.of_loops], names, needed, q)
     facts = Held(list(names), *shared.uniqueness, shared.residual)
     split = {name: term[0] for name, term in shared.terms.items()}
     return AtRest(problem, q, shared.tau[0], shared.multipliers[0], facts, split)

@@ -12,16 +12,17 @@ import numpy as np
 from robodyn_cli.algorithms.coriolis import coriolis
 from robodyn_cli.algorithms.kinematics import point_jacobian
 from robodyn_cli.errors import SceneError
-from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
+from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.joints.registry import joint_types
-from robodyn_cli.model.model import UNKNOWN_GROUP
+from robodyn_cli.model.model import unknown_among
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Absent, as_keys
+from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.driver.prepare import Setup, prepare
-from robodyn_cli.run.mechanism.state_text import state_overrides as state_overrides
+from robodyn_cli.run.mechanism.state_text import state_overrides
 from robodyn_cli.run.observation.places import quaternions, world_pose
+from robodyn_cli.run.observation.units import joint_columns
 from robodyn_cli.scene.load import load_scene
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
@@ -68,7 +69,6 @@ class ConstraintsAt:
 class Info:
     """The report of ``info``; numbers that depend on data which the scene does not give are NaN."""
 
-    title: str
     joints: list[dict[str, Any]]
     links: dict[str, Any]
     state: State
@@ -82,8 +82,8 @@ class Info:
 
 
 @np.errstate(all="ignore")  # the report shows numbers without a value as NaN
-def info(path: Path, overrides: Sequence[str] = (), at: Sequence[str] = ()) -> tuple[dict[str, Any], Result]:
-    """Return the report of a scene at a state, and a result of that one sample to draw.
+def info(path: Path, overrides: Sequence[str] = (), at: Sequence[str] = ()) -> Result:
+    """Return the report of a scene at a state as the summary of a result, which holds that one sample to draw.
 
     The state is the initial one unless ``at`` gives another; joints of an open chain without a position are at 0,
     loops are closed. Numbers that depend on data which the scene does not give are None.
@@ -92,10 +92,10 @@ def info(path: Path, overrides: Sequence[str] = (), at: Sequence[str] = ()) -> t
     ------
     SceneError : the scene or the state cannot be read. Others as in ``prepare``.
     """
-    scene = scene_at(path, overrides, at)
-    setup = prepare(scene)
-    numbers = Numbers(setup)
-    return as_keys(numbers.report()), numbers.drawing()
+    numbers = Numbers(prepare(scene_at(path, overrides, at)))
+    result = numbers.drawing()
+    result.summarise(numbers.report())
+    return result
 
 
 def scene_at(path: Path, overrides: Sequence[str], at: Sequence[str]) -> Scene:
@@ -140,7 +140,7 @@ class Numbers:
         """Return the values of expressions; NaN where data are missing."""
         entries = np.asarray(entries, dtype=object)
         flat: list[Scalar] = list(entries.ravel())
-        known = [k for k, e in enumerate(flat) if not _unknown(e)]
+        known = [k for k, e in enumerate(flat) if not unknown_among([e])]
         found = np.full(len(flat), math.nan)
         found[known] = np.array(evaluate([flat[k] for k in known], self.values), dtype=float)
         return found.reshape(entries.shape)
@@ -153,7 +153,6 @@ class Numbers:
         terms = problem.rigid_terms()
         gravity = self.array(terms["gravity"]) if "gravity" in terms else np.zeros(model.nv)
         return Info(
-            title=scene.title,
             joints=_joints(scene),
             links=_links(scene),
             state=State(_named(model.q_names, self.q), _named(model.v_names, self.v)),
@@ -198,18 +197,14 @@ class Numbers:
     def drawing(self) -> Result:
         """Return the state as a result of one sample, to draw."""
         problem = self.problem
-        result = Result("info", problem.scene.title or "info", "ok", problem.scene.text)
+        result = Result.of("info", problem.scene)
         result.add("time", np.zeros(1))
-        for name, outline in problem.model.outlines.items():
-            corners = [self.array(problem.world_point(corner)) for corner in outline]
-            result.add(f"skeleton/{name}", np.array(corners)[None])
+        columns = joint_columns(problem.model)
+        for path, values in (("q", self.q), ("qd", self.v)):
+            result.add(path, values[None], long_name=path, **columns[path].described())
         for name, frame in problem.model.points.items():
             result.add(f"points/{name}", self.array(problem.world_point(frame))[None])
         return result
-
-
-def _unknown(entry: Scalar) -> bool:
-    return isinstance(entry, Expr) and any(s.value[1] == UNKNOWN_GROUP for s in free_symbols([entry]))
 
 
 def _joints(scene: Scene) -> list[dict[str, Any]]:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import RobodynError, SceneError
+from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.model.model import MOTION_GROUPS
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Absent, Termination, as_keys
+from robodyn_cli.results.summary import ABSENT, Absent, Termination
 from robodyn_cli.run.driver.prepare import held_columns
 from robodyn_cli.run.mechanism.guided_motion import guided_motion
 from robodyn_cli.run.mechanism.loop_conditions import Lead, lead_of, refuse_quasi
@@ -30,9 +29,9 @@ from robodyn_cli.run.mechanism.summary import (
 from robodyn_cli.run.observation.evaluation import SampleFunction
 from robodyn_cli.run.observation.finite import refuse_result
 from robodyn_cli.run.observation.places import add_places, place_outputs, point_motion
+from robodyn_cli.run.observation.singular_values import singular_values
 from robodyn_cli.run.observation.units import add_motion
 from robodyn_cli.run.progress import Progress, no_progress
-from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
@@ -64,13 +63,11 @@ def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwat
     with watch.stage("evaluate"):
         arrays = function.along(times, planned.motion)
     progress(float(times[-1]), float(times[-1]))
-    mobile = mobility(problem, psi_of(problem, arrays)) if loop_rows(problem) else None
+    mobile = mobility(problem, psi_of(problem, arrays)) if problem.constraints.of_loops else None
     result = report(problem, planned, led, arrays)
-    result.summary = as_keys(summarise(planned, result, mobile, watch))
+    result.summarise(summarise(problem, planned, result, mobile), seconds=watch.report())
     refuse_result(result)
-    if planned.stopped is not None:
-        raise failed(planned.stopped, result)
-    return result
+    return result.unless(planned.stopped)
 
 
 def plan(problem: Problem) -> tuple[Planned, tuple[str, ...]]:
@@ -130,7 +127,7 @@ def _swept(problem: Problem) -> Lead:
 
 def outputs(problem: Problem) -> dict[str, list[Scalar]]:
     """Return the expressions evaluated along the motion by result path, and Psi and eta of the loops."""
-    rows = [problem.constraints.rows[i] for i in loop_rows(problem)]
+    rows = problem.constraints.loop_rows
     loops = {"psi": [x for row in rows for x in row.psi], "eta": [row.eta for row in rows]}
     return {**place_outputs(problem), **point_motion(problem), **loops}
 
@@ -138,15 +135,16 @@ def outputs(problem: Problem) -> dict[str, list[Scalar]]:
 def report(problem: Problem, planned: Planned, led: tuple[str, ...], arrays: Mapping[str, Array]) -> Result:
     """Return the datasets of a run; ``led`` are the velocity coordinates that lead."""
     scene = problem.scene
-    result = Result("kinematics", scene.title or "kinematics", "ok", scene.text)
+    result = Result.of("kinematics", scene, "ok" if planned.stopped is None else "failed")
     add_motion(result, problem.model, planned.times, planned.motion)
     add_places(result, {path: array for path, array in arrays.items() if path not in ("psi", "eta")})
-    rows = [problem.constraints.rows[i] for i in loop_rows(problem)]
+    rows = problem.constraints.loop_rows
     if rows:
         add_rows(result, rows, {"constraints/position_residual": arrays["eta"]})
-        psi = psi_of(problem, arrays)
-        result.add("singularity/psi", np.linalg.svd(psi, compute_uv=False))
-        _add_passive(result, psi, [k for k, name in enumerate(problem.model.v_names) if name not in led])
+        passive = [k for k, name in enumerate(problem.model.v_names) if name not in led]
+        leads = len(passive) < problem.model.nv
+        for path, data in singular_values(psi_of(problem, arrays), passive if leads else ()).items():
+            result.add(path, data)
     if scene.kinematics.transmission is not None:
         result.add("transmission_angle", transmission_angle(result, scene.kinematics.transmission))
     return result
@@ -155,17 +153,7 @@ def report(problem: Problem, planned: Planned, led: tuple[str, ...], arrays: Map
 def psi_of(problem: Problem, arrays: Mapping[str, Array]) -> Array:
     """Return Psi of the loops (T, m, nv)."""
     psi = arrays["psi"]
-    return psi.reshape(len(psi), len(loop_rows(problem)), problem.model.nv)
-
-
-def _add_passive(result: Result, psi: Array, passive: list[int]) -> None:
-    """Add singular values and determinant of the block of Psi (T, m, nv) of the joints that are not led."""
-    if not passive or len(passive) == psi.shape[2]:
-        return
-    block = psi[:, :, passive]
-    result.add("singularity/passive", np.linalg.svd(block, compute_uv=False))
-    if block.shape[1] == block.shape[2]:
-        result.add("singularity/determinant", np.linalg.det(block))
+    return psi.reshape(len(psi), len(problem.constraints.of_loops), problem.model.nv)
 
 
 def transmission_angle(result: Result, points: tuple[str, ...]) -> Array:
@@ -178,26 +166,33 @@ def transmission_angle(result: Result, points: tuple[str, ...]) -> Array:
     return angle
 
 
+def _beyond_limits(problem: Problem, planned: Planned) -> list[str]:
+    """Return a warning for each limit of a joint that the motion is beyond."""
+    if not problem.scene.robot.limited:
+        return []
+    from robodyn_cli.run.observation.joint_limits import limit_warnings, limited_joints
+
+    motion, joints = planned.motion, limited_joints(problem.scene, problem.model)
+    return limit_warnings(joints, planned.times, {"qd": motion.qd, "qdd": motion.qdd}, motion.q)
+
+
 def summarise(
-    planned: Planned, result: Result, mobile: Mobility | None, watch: Stopwatch
+    problem: Problem, planned: Planned, result: Result, mobile: Mobility | None
 ) -> KinematicsSummary:
     """Return the summary of a run."""
     times, stopped = planned.times, planned.stopped
-    termination: Termination | dict[str, Any] = Termination("end of the motion", float(times[-1]))
-    if stopped is not None:
-        termination = {"reason": stopped.message, **stopped.details}
+    whole = Termination("end of the motion", float(times[-1]))
     return KinematicsSummary(
-        status="ok" if stopped is None else "failed",
-        termination=termination,
+        termination=whole if stopped is None else stopped.termination,
         mobility=ABSENT if mobile is None else mobile,
         samples=len(times),
+        warnings=_beyond_limits(problem, planned) or ABSENT,
         joints=_joint_ranges(result),
         points=_point_paths(result),
         singular_ratio=_singular_ratio(result),
         transmission_angle=_transmission(result),
         error_estimate=Closure(planned.residuals) if planned.residuals else ABSENT,
         counters=planned.counters,
-        wall_time_s=watch.report(),
     )
 
 
@@ -240,10 +235,3 @@ def _transmission(result: Result) -> TransmissionAngle | Absent:
     angle, times = np.degrees(result["transmission_angle"]), result.time
     low, high = int(np.argmin(angle)), int(np.argmax(angle))
     return TransmissionAngle(float(angle[low]), float(times[low]), float(angle[high]), float(times[high]))
-
-
-def failed(error: RobodynError, result: Result) -> RobodynError:
-    """Return the error of a motion that ends early, with the result so far."""
-    result.status = "failed"
-    error.result = result
-    return error

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.record import record
-from robodyn_cli.run.singular.singularity import loop_rows
+from robodyn_cli.solve.closure import rank
 from robodyn_cli.spatial.algebra import Array
-
-RANK = 1e-8  # ratio of singular values below which rank is lost
 
 
 @record
@@ -27,23 +23,22 @@ class Mobility:
 
 
 def mobility(problem: Problem, psi: Array) -> Mobility:
-    """Return degrees of freedom by Gruebler's count and by the rank of Psi (T, m, nv) along a motion.
+    """Return degrees of freedom by Gruebler's count and by the rank of the loops' Psi (m, nv), or (T, m, nv).
 
     count : velocity coordinates of the tree less all rows of the closures, as Gruebler and Kutzbach count links
     and joints in space (6 (n - 1) - sum of the joints' constraints). planar_count : less only the rows that do not
     vanish identically, which for a mechanism in a plane is 3 (n - 1) - 2 j. actual : less the rank.
     """
-    nv, rows = problem.model.nv, len(loop_rows(problem))
+    nv, rows = problem.model.nv, len(problem.constraints.of_loops)
     vanishing = len(problem.constraints.dropped)
-    s = np.linalg.svd(psi, compute_uv=False)
-    rank = int((s > RANK * s[:, :1]).sum(axis=1).max(initial=0)) if s.size else 0
+    independent = rank(psi)
     return Mobility(
         coordinates=nv,
         rows=rows + vanishing,
         vanishing_rows=vanishing,
-        rank=rank,
-        redundant_rows=rows - rank,
+        rank=independent,
+        redundant_rows=rows - independent,
         count=nv - rows - vanishing,
         planar_count=nv - rows,
-        actual=nv - rank,
+        actual=nv - independent,
     )

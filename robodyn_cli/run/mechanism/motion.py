@@ -6,14 +6,12 @@ import dataclasses
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError, SceneError, SingularConfigurationError
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Point, Scene
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.motion import JointMotion, TaskSpace
+from robodyn_cli.trajectories.motion import JointMotion, JointSpace, TaskSpace
 
 if TYPE_CHECKING:
     from robodyn_cli.solve.inverse_kinematics import PointTask
@@ -67,8 +65,7 @@ def plan_motion(problem: Problem, times: Array) -> Planned:
     SingularConfigurationError : from the inverse kinematics.
     """
     scene, model = problem.scene, problem.model
-    trajectory: Any = scene.trajectory
-    parameters = scene.parameters
+    trajectory: JointSpace | TaskSpace | None = scene.trajectory
     if trajectory is None:
         raise SceneError(
             f"{scene.path}: key 'trajectory' is missing: inverse dynamics needs a motion; "
@@ -76,7 +73,7 @@ def plan_motion(problem: Problem, times: Array) -> Planned:
             key="trajectory",
         )
     if not isinstance(trajectory, TaskSpace):
-        return Planned(times, trajectory.motion(times, model.q_names, parameters))
+        return Planned(times, trajectory.motion(times, model.q_names, scene.parameters))
     from robodyn_cli.solve.inverse_kinematics import follow_point
 
     task = point_task(problem)
@@ -99,17 +96,14 @@ def point_task(problem: Problem) -> PointTask:
 
 def compile_point(kinematics: PointKinematics) -> PointFunction:
     """Return a point's kinematics as a compiled function, quick on single samples too."""
-    from robodyn_cli.kernels.samples import SampleKernel
+    from robodyn_cli.kernels.samples import SampleKernel, of_one_sample
 
     kernel = SampleKernel(kinematics.outputs(), ("q", "v"))
-    # a single sample fills all lanes of arrays that are already in place
-    lanes_q, lanes_v = (np.zeros((kernel.lanes, kinematics.nv), order="F") for _ in range(2))
+    single = of_one_sample(kernel, q=kinematics.nv, v=kinematics.nv)
 
     def function(q: Array, v: Array) -> tuple[Array, Array, Array]:
         if len(q) > 1:
             return kinematics.unpack(kernel.evaluate(len(q), {"q": q, "v": v}))
-        lanes_q[:], lanes_v[:] = q, v
-        found = kernel.evaluate(kernel.lanes, {"q": lanes_q, "v": lanes_v})
-        return kinematics.unpack({name: array[:1] for name, array in found.items()})
+        return kinematics.unpack({name: array[None] for name, array in single(q=q[0], v=v[0]).items()})
 
     return function

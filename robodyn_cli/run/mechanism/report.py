@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.loops.base import Row
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.observation.observe import loop_columns
@@ -21,9 +20,8 @@ def add_sample(result: Result, problem: Problem, q: Array, v: Array, a: Array) -
     """Add the one sample q (nq,), v and v-dot (nv,) at t = 0, and the places of points, frames and links, to a
     result."""
     add_motion(result, problem.model, np.zeros(1), JointMotion(q[None], v[None], a[None]))
-    values = {"q": q.tolist(), "v": v.tolist(), "t": [0.0], "p": []}
     places = place_outputs(problem)
-    add_places(result, {path: np.array([evaluate(e, values)], dtype=float) for path, e in places.items()})
+    add_places(result, {path: problem.numbers([entries], q, v=v) for path, entries in places.items()})
 
 
 def add_rows(

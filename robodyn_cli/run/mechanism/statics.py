@@ -7,11 +7,10 @@ import numpy as np
 from robodyn_cli.equations.contact_joints import contact_joints
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Residual, Termination, as_keys
+from robodyn_cli.results.summary import ABSENT, Residual, Termination
 from robodyn_cli.run.driver.prepare import held_columns, initial_positions
-from robodyn_cli.run.mechanism.at_rest import AtRest, at_rest
+from robodyn_cli.run.mechanism.at_rest import AtRest
 from robodyn_cli.run.mechanism.balance import balanced
 from robodyn_cli.run.mechanism.formulas import check_formulas
 from robodyn_cli.run.mechanism.holding import held
@@ -23,7 +22,7 @@ from robodyn_cli.run.observation.finite import refuse_result
 from robodyn_cli.run.observation.reactions import Loads, loads_along
 from robodyn_cli.run.observation.units import joint_columns
 from robodyn_cli.run.progress import Progress, no_progress
-from robodyn_cli.run.singular.singularity import loop_rows
+from robodyn_cli.run.singular.singularity import psi_at
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import assemble
@@ -61,7 +60,7 @@ def statics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch 
         loads = loads_at_rest(state) if scene.outputs.reactions else None
     progress(0.0, 0.0)
     result = report(state, loads)
-    result.summary = as_keys(summarise(state, loads, watch))
+    result.summarise(summarise(state, loads), seconds=watch.report())
     refuse_result(result)
     return result
 
@@ -97,29 +96,27 @@ def loads_at_rest(state: AtRest) -> Loads:
     """Return forces and moments in joints and closures."""
     problem, still = state.problem, np.zeros((1, state.problem.model.nv))
     lam = np.zeros((1, len(problem.constraints.rows)))
-    lam[0, loop_rows(problem)] = state.lam
+    lam[0, problem.constraints.of_loops] = state.lam
     return loads_along(problem, np.zeros(1), JointMotion(state.q[None], still, still), lam)
 
 
 def mobility_at(state: AtRest) -> Mobility:
     """Return the degrees of freedom of the configuration."""
     problem = state.problem
-    rows = [problem.constraints.rows[i] for i in loop_rows(problem)]
-    psi = np.array([evaluate([x for row in rows for x in row.psi], at_rest(problem, state.q))], dtype=float)
-    return mobility(problem, psi.reshape(1, len(rows), problem.model.nv))
+    return mobility(problem, psi_at(problem, state.q))
 
 
 def report(state: AtRest, loads: Loads | None) -> Result:
     """Return the datasets of a run."""
     problem = state.problem
     scene, model = problem.scene, problem.model
-    result = Result("statics", scene.title or "statics", "ok", scene.text)
+    result = Result.of("statics", scene)
     still, columns = np.zeros(model.nv), joint_columns(model)["tau"].described()
     add_sample(result, problem, state.q, still, still)
     result.add("tau", state.tau[None], **columns)
     for name, term in state.terms.items():
         result.add(f"torque_terms/{name}", term[None], **columns)
-    rows = [problem.constraints.rows[i] for i in loop_rows(problem)]
+    rows = problem.constraints.loop_rows
     if rows:
         dependent = mobility_at(state).redundant_rows > 0
         add_rows(result, rows, {"constraints/multipliers": state.lam[None]}, dependent)
@@ -128,14 +125,13 @@ def report(state: AtRest, loads: Loads | None) -> Result:
     return result
 
 
-def summarise(state: AtRest, loads: Loads | None, watch: Stopwatch) -> StaticsSummary:
+def summarise(state: AtRest, loads: Loads | None) -> StaticsSummary:
     """Return the summary of a run."""
     problem = state.problem
     model, find = problem.model, problem.scene.statics.find
-    rows = [problem.constraints.rows[i] for i in loop_rows(problem)]
-    eta = np.array(evaluate([row.eta for row in rows], at_rest(problem, state.q)), dtype=float)
+    rows = problem.constraints.loop_rows
+    eta = problem.numbers([row.eta for row in rows], state.q)
     return StaticsSummary(
-        status="ok",
         termination=Termination("balanced" if find == "balance" else "held", 0.0),
         mobility=mobility_at(state) if rows else ABSENT,
         multipliers=dict(zip([row.name for row in rows], state.lam.tolist())) if rows else ABSENT,
@@ -147,5 +143,4 @@ def summarise(state: AtRest, loads: Loads | None, watch: Stopwatch) -> StaticsSu
         equilibrium=state.facts,
         error_estimate=ForceResidual(state.facts.residual),
         reactions=ABSENT if loads is None else loads.summary(),
-        wall_time_s=watch.report(),
     )

@@ -37,7 +37,6 @@ class BranchSearch:
 class AssembleSummary:
     """The summary of an assembly."""
 
-    status: str
     termination: Termination
     samples: int
     configuration: dict[str, float]
@@ -51,7 +50,6 @@ class AssembleSummary:
     mobility: Mobility
     branches: list[Branch] | Absent
     branch_search: BranchSearch | Absent
-    wall_time_s: dict[str, float]
 
 
 @record
@@ -102,17 +100,16 @@ class Closure:
 class KinematicsSummary:
     """The summary of a kinematic analysis; ``termination`` of one that stopped has the error's details."""
 
-    status: str
     termination: Termination | dict[str, Any]
     mobility: Mobility | Absent
     samples: int
+    warnings: list[str] | Absent
     joints: dict[str, JointRange]
     points: dict[str, PointPath]
     singular_ratio: SingularRatio | Absent
     transmission_angle: TransmissionAngle | Absent
     error_estimate: Closure | Absent
     counters: dict[str, int]
-    wall_time_s: dict[str, float]
 
 
 @record
@@ -146,7 +143,6 @@ class ForceResidual:
 class StaticsSummary:
     """The summary of a static analysis."""
 
-    status: str
     termination: Termination
     mobility: Mobility | Absent
     multipliers: dict[str, float] | Absent
@@ -158,4 +154,3 @@ class StaticsSummary:
     equilibrium: Balanced | Held
     error_estimate: ForceResidual
     reactions: dict[str, Any] | Absent
-    wall_time_s: dict[str, float]

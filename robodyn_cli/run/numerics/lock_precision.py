@@ -10,24 +10,23 @@ from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.record import record
 from robodyn_cli.run.deploy.lock import TRUSTED
-from robodyn_cli.run.deploy.scan import DeadPoint, the
+from robodyn_cli.run.deploy.scan import DeadPoint, watcher_of
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.numerics.entries import LONGEST, SECONDS, Entry, driver_of, supported
 from robodyn_cli.run.numerics.trial import tight
 from robodyn_cli.scene.types import Scene
 
-AGREED = (
-    1e-7  # relative agreement of two families about the time of a lock, without which there is no reference
-)
+AGREED = 1e-7  # relative agreement about the time of a lock, without which there is no reference
 
 
 @record
 class LockReference:
-    """The time of a lock [s] that two families of methods agree on, and to how many digits."""
+    """The time of a lock [s] that two families of methods agree on, to how many digits and within how much [s]."""
 
     time: float
     digits: float
+    apart: float
     methods: tuple[str, str]
 
 
@@ -40,7 +39,7 @@ def run_to_lock(driver: Driver, motion: Motion) -> float | None:
     """Run a driver that has started until its mechanism locks; return when [s], None where it does not."""
     duration = motion.scene.simulate.duration
     driver.run(duration, Grid(duration, 0.0, 0), lambda t, x: None)
-    found = the(DeadPoint, motion).found
+    found = watcher_of(motion, DeadPoint).found
     return found[0][0] if found else None
 
 
@@ -77,7 +76,7 @@ def lock_reference(motion: Motion) -> LockReference | None:
             f"{first} and {second} at tight tolerance put the lock at {one:.9g} s and {other:.9g} s, so there is no "
             "reference"
         )
-    return LockReference(one, -float(np.log10(max(apart, 1e-16))), (first, second))
+    return LockReference(one, -float(np.log10(max(apart, 1e-16))), abs(one - other), (first, second))
 
 
 def judge_lock(driver: Driver, entry: Entry, motion: Motion, ref: LockReference) -> None:

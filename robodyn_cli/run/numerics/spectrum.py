@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.linearisation import differentiate
 from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.formulations.system import System
+from robodyn_cli.integrators.methods.stability_region import Limit, limits
 from robodyn_cli.kernels.rolled import RolledForwardDynamics
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
@@ -21,6 +23,7 @@ DENSE = 120  # velocities up to which all eigenvalues are worth their time
 LARGEST = 8  # eigenvalues of greatest magnitude that are looked for beyond
 DIFFERENCE = 1e-6  # for long chains, whose compiled loops have no exact Jacobian
 ZERO = 1e-9  # an eigenvalue this small beside the largest is rounding
+HALVINGS = 24  # of the range of steps in which a contraction is looked for
 
 
 @record
@@ -28,14 +31,22 @@ class Spectrum:
     """Eigenvalues [1/s] at some instants of a run.
 
     times : (T,). eigenvalues : (T, k) complex, of the linearised equations of motion; with loops, of its part along the
-    constraints; 0 where a state has fewer. complete : whether these are all, or the largest only.
-    duration : of the run [s].
+    constraints; 0 where a state has fewer. reaches : by the contraction that an iteration for stages needs, the step
+    times the spectral radius of A at which it still has it [s] (T,); see ``reach``. complete : whether these are all
+    eigenvalues, or the largest only. duration : of the run [s].
     """
 
     times: Array
     eigenvalues: Array
+    reaches: Mapping[float, Array]
     complete: bool
     duration: float
+
+    def largest_steps(self, limit: Limit) -> Array:
+        """Return the largest step of a method at each instant (T,) [s]; infinite where nothing limits it."""
+        if limit.contraction is None:
+            return np.array([limit.largest_step(row) for row in self.eigenvalues])
+        return limit.real * self.reaches[limit.contraction]
 
     @property
     def fastest_decay(self) -> float:
@@ -83,11 +94,14 @@ def spectrum(problem: Problem, system: System, times: Array, states: Array, dura
     kept = [(t, j) for t, j in rows if np.all(np.isfinite(j))]
     complete = system.nv <= DENSE
     found = [_eigenvalues(j, complete) for _, j in kept]
+    whole = J[[bool(np.all(np.isfinite(j))) for _, j in rows]]
+    needed = {x.contraction for x in limits() if x.contraction is not None}
+    reaches = {c: reach(whole, system.nv, c) for c in needed}
     width = max((len(x) for x in found), default=0)
     table = np.zeros((len(found), width), dtype=complex)
     for row, values in zip(table, found):
         row[: len(values)] = values
-    return Spectrum(np.array([t for t, _ in kept]), table, complete, duration)
+    return Spectrum(np.array([t for t, _ in kept]), table, reaches, complete, duration)
 
 
 def _eigenvalues(J: Array, complete: bool) -> Array:
@@ -100,6 +114,28 @@ def _eigenvalues(J: Array, complete: bool) -> Array:
         return np.asarray(eigs(J, k=LARGEST, which="LM", v0=start, return_eigenvectors=False))
     except ArpackNoConvergence as error:
         return np.asarray(error.eigenvalues)
+
+
+def reach(J: Array, nv: int, contraction: float) -> Array:
+    """Return up to which h rho(A) the iteration for the stages of a collocation contracts that fast (T,) [s].
+
+    The stages' rates (v-dot, z-dot) = f(q, v, z) enter q by h^2 A^2 and v, z by h A, so that one round multiplies their
+    error by s^2 f_q + s f_(v, z) for s = h times each eigenvalue of A. Directions across the constraints take part.
+    """
+    rates = J[:, nv:]
+    first = rates[:, :, nv:]  # by v and z
+    second = np.zeros_like(first)
+    second[:, :, :nv] = rates[:, :, :nv]  # by q
+    bound = np.linalg.norm(first, axis=(1, 2)) + np.sqrt(np.linalg.norm(second, axis=(1, 2))) + 1e-300
+    low = np.log(1e-6 * contraction / bound)
+    high = np.full(len(J), np.log(1e3)) - np.log(bound)
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        s = np.exp(middle)[:, None, None]
+        radius = np.abs(np.linalg.eigvals(s * s * second + s * first)).max(axis=1)
+        beyond = ~(radius <= contraction)
+        low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
+    return np.where(high < np.log(1e3) - np.log(bound), np.exp(low), np.inf)
 
 
 def _reduce(J: Array, tangent: Array | None) -> Array:

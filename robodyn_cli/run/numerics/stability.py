@@ -1,4 +1,4 @@
-"""Numerical stability of a scene: its spectrum, what limits the step, what every method makes of it."""
+"""Numerical stability of a scene: its spectrum, stability limits of the step, errors of every method."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import numpy as np
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.formulations.build import build_system
-from robodyn_cli.integration_methods import REPRESENTATIVES
+from robodyn_cli.integration_methods import FIXED_STEP, REPRESENTATIVES
 from robodyn_cli.integrators.methods.stability_region import limits
-from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, as_keys
+from robodyn_cli.results.summary import ABSENT
 from robodyn_cli.run.driver.baumgarte import GainStudy
 from robodyn_cli.run.driver.build import projected_motion
 from robodyn_cli.run.driver.prepare import Setup, prepare
 from robodyn_cli.run.numerics import stability_store as store
 from robodyn_cli.run.numerics.energy_growth import PERIODS, growths, period
+from robodyn_cli.run.numerics.instants import instants
 from robodyn_cli.run.numerics.spectrum import Spectrum, spectrum
 from robodyn_cli.run.numerics.stability_summary import (
     EnergyGrowth,
@@ -32,17 +32,21 @@ from robodyn_cli.run.numerics.stability_summary import (
     StabilitySummary,
     StepLimit,
 )  # fmt: skip
-from robodyn_cli.run.numerics.trial import Budget, Reference, Trial, attempts, reference
+from robodyn_cli.run.numerics.trial import (
+    Budget,
+    Reference,
+    Trial,
+    attempts,
+    methods_tried,
+    reference,
+    step_of,
+)
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 
-INSTANTS = 65  # at which eigenvalues are taken
-FEW_INSTANTS = 3  # in long chains
-STIFF = (
-    1e4  # decays of the fastest mode within the run from which on implicit methods make the better reference
-)
+STIFF = 1e4  # decays of the fastest mode within a run from which on implicit methods give the reference
 FIXED = "rk4"  # the textbook's setting for Baumgarte's gains: a fixed step
 
 
@@ -89,7 +93,7 @@ def stability(
     with watch.stage("spectrum"):
         found = along(setup, ref) or first
     with watch.stage("methods"):
-        trials = attempts(scene, ref, effort.trial, quick_methods() if quick else None)
+        trials = attempts(scene, ref, effort.trial, methods_tried(quick))
     progress(2, stages)
     with watch.stage("energy"):
         energy = follow_energy(scene, ref, found, trials, effort)
@@ -100,7 +104,7 @@ def stability(
         with watch.stage("baumgarte"):
             planes = gain_planes(scene, effort)
     progress(stages, stages)
-    result = Result("stability", scene.title or "stability", "ok", scene.text)
+    result = Result.of("stability", scene)
     summary = StabilitySummary(
         termination={"reason": "report made", "time": ref.until if ref else 0.0},
         reference=ReferenceKeys.of(ref),
@@ -109,19 +113,13 @@ def stability(
         methods=trials,
         energy_growth=EnergyKeys(energy.period, energy.periods, [g.keys for g in energy.growths]),
         baumgarte={name: plane.keys for name, plane in planes.items()} if has_gains else ABSENT,
-        wall_time_s=watch.report(),
     )
-    result.summary = as_keys(summary)
+    result.summarise(summary, seconds=watch.report())
     store.add_gains(result, planes)
     store.add_spectrum(result, found)
     store.add_trials(result, trials)
     store.add_energy(result, energy)
     return result
-
-
-def quick_methods() -> list[str]:
-    """Return the methods of a quick report: one of each family."""
-    return ["auto", *(name for name in registry if name in REPRESENTATIVES)]
 
 
 def find_reference(scene: Scene, setup: Setup, effort: Effort) -> tuple[Reference | None, Spectrum | None]:
@@ -162,17 +160,15 @@ def along(setup: Setup, ref: Reference | None) -> Spectrum | None:
     """Return the spectrum along the reference solution."""
     if ref is None:
         return None
-    count = INSTANTS if setup.problem.model.nv <= 30 else FEW_INSTANTS
-    places = np.unique(np.linspace(0, len(ref.times) - 1, count).round().astype(int))
-    q, v = np.split(ref.states[places], [setup.problem.model.nq], axis=1)
-    return eigenvalues(setup, ref.times[places], q, v)
+    model = setup.problem.model
+    return eigenvalues(setup, *instants(setup.problem.scene, ref, model.nq, model.nv))
 
 
 def step_limits(found: Spectrum | None) -> list[StepLimit]:
     """Return, for each method whose step stability limits, the extents of its region and its largest step [s]."""
     table = []
     for limit in limits():
-        steps = [limit.largest_step(row) for row in found.eigenvalues] if found is not None else []
+        steps = found.largest_steps(limit) if found is not None else ()
         finite = [h for h in steps if np.isfinite(h)]
         table.append(
             StepLimit(limit.method, limit.kind, limit.real, limit.imaginary, min(finite, default=None))
@@ -183,9 +179,9 @@ def step_limits(found: Spectrum | None) -> list[StepLimit]:
 def gain_planes(scene: Scene, effort: Effort) -> dict[str, GainPlane]:
     """Run over the plane of Baumgarte's gains, by the method of the scene (``own``) and by fixed steps (``fixed``)."""
     s = scene.simulate
-    fixed = dataclasses.replace(s, integrator=FIXED, step=s.step or 1e-3 * s.duration)
+    fixed = dataclasses.replace(s, integrator=FIXED, step=step_of(s, FIXED))
     runs = {"own": scene}
-    if s.integrator not in registry or registry[s.integrator].adaptive:
+    if s.integrator not in FIXED_STEP:
         runs["fixed"] = dataclasses.replace(scene, simulate=fixed)
     return {name: gain_plane(one, effort) for name, one in runs.items()}
 

@@ -36,7 +36,7 @@ def add_spectrum(result: Result, found: Spectrum | None) -> None:
         long_name="fastest decay over the slowest rate of the run",
     )
     table = limits()
-    steps = np.array([[limit.largest_step(row) for limit in table] for row in found.eigenvalues])
+    steps = np.array([found.largest_steps(limit) for limit in table]).T
     result.add(
         "stability/step_limit",
         steps.reshape(len(found.times), len(table)),

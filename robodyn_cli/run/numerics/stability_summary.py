@@ -114,5 +114,3 @@ class StabilitySummary:
     methods: list[Trial]
     energy_growth: EnergyKeys
     baumgarte: dict[str, GainKeys] | Absent
-    wall_time_s: dict[str, float]
-    status: str = "ok"

@@ -8,24 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.errors import CapabilityError, NumericalError, RobodynError, SingularConfigurationError
+from robodyn_cli.errors import CapabilityError, NumericalError, SingularConfigurationError
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integration_methods import EXTREMES, REFERENCES
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.options import Options
-from robodyn_cli.record import record
+from robodyn_cli.record import mutable_record, record
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Absent, as_keys
+from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.driver.baumgarte import GainStudy
 from robodyn_cli.run.driver.build import build_motion, follow_changes, with_stabilisation
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.motion import Gains, Motion
 from robodyn_cli.run.numerics.entries import (
     LONGEST,
-    SECONDS,
     Entry,
-    driver_of,
     fields_of,
     in_formulation,
     run_entry,
@@ -33,6 +31,7 @@ from robodyn_cli.run.numerics.entries import (
     values_of,
 )
 from robodyn_cli.run.numerics.lock_precision import judge_lock, lock_reference, locks
+from robodyn_cli.run.numerics.sensitivity import Sensitivity, motion_at, sensitivity
 from robodyn_cli.run.numerics.trial import SAMPLES, Reference, agreed, tight
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
@@ -41,18 +40,10 @@ from robodyn_cli.spatial.algebra import Array
 
 TOLERANCES = tuple(10.0**-k for k in range(2, 14))
 SHORT_OF = 0.9  # of the time of a lock: up to there a small change of the start is followed
+LEVELS = tuple(10.0**-k for k in range(1, 14))  # of the error; none below what the references are apart
 STEPS = 10  # step sizes tried for a method without step control, each half the one before
-AGREED = (
-    1e-9  # relative agreement that the references must keep; beyond the time they lose it nothing is compared
-)
-
-
-def _solve(motion: Motion, method: str, start: Array, grid: Grid, options: Options) -> Array:
-    """Return q and v (T, nq + nv) on a grid."""
-    driver = driver_of(motion, method, options, 3.0 * SECONDS)
-    driver.start(0.0, start)
-    end = grid.start + (grid.count - 1) * grid.step
-    return _motion(motion.system, driver.samples(end, grid, watch=bool(motion.watchers)))
+AGREED = 1e-9  # agreement of the references, relative to the range, up to which chaotic motions are compared
+LEAST_AGREED = 1e-6  # the same for all others, whose errors do not run away
 
 
 def _motion(system: System, states: Array) -> Array:
@@ -61,55 +52,55 @@ def _motion(system: System, states: Array) -> Array:
     return np.concatenate([q, v], axis=-1)
 
 
-def reference(motion: Motion, duration: float) -> Reference:
-    """Return the reference solution over the part of the duration on which two methods agree.
+def two_references(motion: Motion, grid: Grid) -> list[tuple[str, Array]]:
+    """Return the motions q, v (T, nq + nv) by the first two methods that get through at tight tolerance.
 
     Raises
     ------
-    NumericalError : fewer than two methods get through at tight tolerance, or they never agree.
+    NumericalError : fewer than two do.
     """
-    grid = Grid.over(duration, SAMPLES)
     found: list[tuple[str, Array]] = []
     for method in REFERENCES:
         if not supported(method, motion.system):
             continue
         options = Options(tight(method), tight(method), max_steps=5 * LONGEST)
         try:
-            found.append((method, _solve(motion, method, motion.start, grid, options)))
+            found.append((method, motion_at(motion, method, motion.start, grid, options)))
         except (NumericalError, SingularConfigurationError):
             continue
         if len(found) == 2:
-            break
-    if len(found) < 2:
-        raise NumericalError(
-            "no two methods get through this scene at tight tolerance, so there is no reference"
-        )
-    (first, x), (second, y) = found
+            return found
+    raise NumericalError("no two methods get through this scene at tight tolerance, so there is no reference")
+
+
+def reference(motion: Motion, duration: float) -> tuple[Reference, Sensitivity]:
+    """Return the reference solution over the part of the duration on which two methods agree, and how a small change of
+    the start grows over that part.
+
+    Where errors grow exponentially, nothing is compared once digits are lost; else fewer digits do for the rest.
+
+    Raises
+    ------
+    NumericalError : fewer than two methods get through at tight tolerance, or they never agree.
+    """
+    grid = Grid.over(duration, SAMPLES)
+    (first, x), (second, y) = two_references(motion, grid)
+    count = min(len(x), len(y))
+    x, y, times = x[:count], y[:count], grid.times(0, count)
     scale = np.maximum(np.ptp(x, axis=0), 1e-12)
-    ref = agreed(grid.times(0, SAMPLES), x, y, scale, AGREED, (first, second))
-    if ref is None:
+    ref = agreed(times, x, y, scale, AGREED, (first, second))
+    looser = agreed(times, x, y, scale, LEAST_AGREED, (first, second))
+    if looser is None:
         apart = np.max(np.abs(x - y) / scale, axis=1)
         raise NumericalError(
             f"{first} and {second} at tight tolerance agree to no more than {apart[1:].min():.1e} of the motion's "
             "range, so there is no reference"
         )
-    return ref
-
-
-def perturbation_growth(motion: Motion, until: float, method: str) -> float:
-    """Return by how much a small change of the start has grown at ``until``; NaN where it cannot be told."""
-    grid = Grid.over(until, 2)
-    start = motion.start
-    places = list(motion.system.q_places)
-    change = 1e-7 * (1.0 + np.abs(start[places]))
-    moved = start.copy()
-    moved[places] += change
-    options = Options(1e-12, 1e-12, max_steps=5 * LONGEST)
-    try:
-        a, b = (_solve(motion, method, x, grid, options) for x in (start, moved))
-    except RobodynError:
-        return float("nan")
-    return float(np.abs(a[-1] - b[-1]).max() / change.max())
+    if ref is None or ref.until < looser.until:
+        growth = sensitivity(motion, looser.until, first, SAMPLES)
+        if ref is None or growth.kind == "polynomial":
+            return looser, growth
+    return ref, sensitivity(motion, ref.until, first, SAMPLES)
 
 
 def formulations(
@@ -157,7 +148,7 @@ def best_at(entries: Sequence[Entry], levels: Sequence[float]) -> list[Best]:
         ]
         if able:
             best = min(able, key=lambda e: e.run_time_s or np.inf)
-            table.append(Best(level, **fields_of(best)))
+            table.append(Best(**fields_of(best), level=level))
     return table
 
 
@@ -197,17 +188,18 @@ def work_precision(
         reference_methods=list(measure.methods),
         compared_until=measure.until,
         compared_whole_duration=measure.whole,
-        perturbation_growth=measure.growth,
+        perturbation_growth=measure.growth.growth,
+        perturbation_grows=measure.growth.kind,
+        e_folding_time=measure.growth.e_folding or ABSENT,
         repeats=repeats,
         runs=entries,
-        best=best_at(entries, [10.0**-k for k in range(1, 14)]),
+        best=best_at(entries, [level for level in LEVELS if level >= measure.apart]),
         baumgarte=ABSENT if gains is None else gains,
         lock_time=measure.lock_time,
-        wall_time_s=watch.report(),
         error_norm=measure.norm,
     )
-    result = Result("work-precision", scene.title or "work-precision", "ok", scene.text)
-    result.summary = as_keys(summary)
+    result = Result.of("work-precision", scene)
+    result.summarise(summary, seconds=watch.report())
     add_runs(result, entries, measure)
     return result
 
@@ -218,7 +210,7 @@ class Measure:
     """What is compared, the motion or the time of a lock, against what.
 
     judge : makes a run and fills in its error. until : time of what is compared [s]; whole : whether all of it could
-    be. end : of the runs [s]. digits, methods : of the reference. growth : of a small change of the start.
+    be. end : of the runs [s]. digits, apart, methods : of the reference. growth : of a small change of the start.
     """
 
     judge: Callable[[Driver, Entry, Motion], None]
@@ -227,8 +219,9 @@ class Measure:
     whole: bool
     end: float
     digits: float
+    apart: float
     methods: tuple[str, str]
-    growth: float
+    growth: Sensitivity
     lock_time: float | Absent = ABSENT
 
 
@@ -264,8 +257,9 @@ def lock_measure(motion: Motion) -> Measure | None:
         True,
         motion.scene.simulate.duration,
         ref.digits,
+        ref.apart,
         ref.methods,
-        perturbation_growth(motion, SHORT_OF * ref.time, ref.methods[0]),
+        sensitivity(motion, SHORT_OF * ref.time, ref.methods[0], SAMPLES),
         ref.time,
     )
 
@@ -273,7 +267,7 @@ def lock_measure(motion: Motion) -> Measure | None:
 def motion_measure(motion: Motion) -> Measure:
     """Return how motions are compared."""
     duration = motion.scene.simulate.duration
-    ref = reference(motion, duration)
+    ref, growth = reference(motion, duration)
     return Measure(
         lambda driver, entry, own: judge_motion(driver, entry, own, ref),
         f"largest absolute error of any q or qd at {SAMPLES} instants",
@@ -281,28 +275,18 @@ def motion_measure(motion: Motion) -> Measure:
         ref.until >= duration * (1 - 1e-12),
         ref.until,
         ref.digits,
+        ref.apart,
         ref.methods,
-        perturbation_growth(motion, ref.until, ref.methods[0]),
+        growth,
     )
 
 
 # -- the runs and the report --------------------------------------------------------------------------------
-@record
-class Best:
-    """The run that reaches a level of error in the least time; see ``Entry``."""
+@mutable_record
+class Best(Entry):
+    """The run that reaches a ``level`` of error in the least time."""
 
-    level: float
-    method: str
-    formulation: str
-    tolerance: float | None
-    step: float | None
-    error: float | None
-    run_time_s: float | None
-    compile_time_s: float
-    evaluations: int
-    steps: int
-    status: str
-    lock_time: float | Absent | None = ABSENT
+    level: float = 0.0
 
 
 @record
@@ -315,14 +299,14 @@ class WorkPrecisionSummary:
     compared_until: float
     compared_whole_duration: bool
     perturbation_growth: float
+    perturbation_grows: str
+    e_folding_time: float | Absent
     repeats: int
     runs: list[Entry]
     best: list[Best]
     baumgarte: Gains | Baumgarte | Absent
     lock_time: float | Absent
-    wall_time_s: dict[str, float]
-    status: str = "ok"
-    error_norm: str = ""
+    error_norm: str
 
 
 def planned(

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.errors import NumericalError
-from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.observation.observe import Column, Observer
@@ -47,8 +46,12 @@ class Recorder:
         return Recorder(observer, writer, 1 if writer is None else -(-samples // KEPT_IN_MEMORY))
 
     @np.errstate(all="ignore")  # a run that blows up reports its last states, infinite ones too
-    def emit(self, t: Array, x: Array, project: bool = True, extra: bool = False) -> None:
-        """Observe and keep a block of states; ``extra`` marks one off the uniform grid, which is always kept."""
+    def emit(self, t: Array, x: Array, p: Array, project: bool = True, extra: bool = False) -> None:
+        """Observe and keep states x (T, nx) at times t (T,), all with the parameters p.
+
+        project : put them back onto the constraints first. extra : off the uniform grid, and kept in any case.
+        """
+        self.observer.parameters = p
         data = self.observer.observe(t, x, project)
         if self.not_finite is None:
             self.not_finite = self._not_finite(t, data)
@@ -78,10 +81,10 @@ class Recorder:
         for path, block in data.items():
             self.blocks.setdefault(path, []).append(block)
 
-    def keep_last_state(self, time: float, state: Array) -> None:
-        """Record the last state (nx,) that a run came to, if it lies beyond the last sample."""
+    def keep_last_state(self, time: float, state: Array, p: Array) -> None:
+        """Record the last state (nx,) that a run came to, with its parameters, if it lies beyond the last sample."""
         if time > self.last_time and np.all(np.isfinite(state)):
-            self.emit(np.array([time]), state[None, :], extra=True)
+            self.emit(np.array([time]), state[None, :], p, extra=True)
 
     def _not_finite(self, t: Array, data: dict[str, Array]) -> NumericalError | None:
         """Return the error of the first number of a block that is not finite, with its formula where there is one."""
@@ -113,21 +116,13 @@ class Recorder:
     def make_last_least_norm(self, time: float) -> None:
         """Replace accelerations and multipliers of the last sample, where Psi has lost rank, by least-norm ones."""
         problem = self.observer.problem
-        nv = problem.model.nv
         q, qd = self.blocks["q"][-1][-1], self.blocks["qd"][-1][-1]
-        values = {"q": q.tolist(), "v": qd.tolist(), "t": [time], "p": self.observer.parameters.tolist()}
-        entries = [
-            *problem.mass_matrix.ravel(),
-            *(problem.applied - problem.bias),
-            *problem.constraints.gamma,
-        ]
-        numbers = np.array(evaluate(entries, values), dtype=float)
-        M, f, gamma = (
-            numbers[: nv * nv].reshape(nv, nv),
-            numbers[nv * nv : nv * nv + nv],
-            numbers[nv * nv + nv :],
-        )
-        psi = np.array(evaluate(list(problem.psi.ravel()), values), dtype=float).reshape(len(gamma), nv)
+        M, f, gamma, psi = (
+            problem.numbers(entries, q, time, qd, self.observer.parameters)
+            for entries in (
+                problem.mass_matrix, problem.applied - problem.bias, problem.constraints.gamma, problem.psi
+            )
+        )  # fmt: skip
         spread = np.linalg.solve(M, psi.T)
         lam, *_ = np.linalg.lstsq(psi @ spread, -(gamma + spread.T @ f), rcond=1e-9)
         self.blocks["constraints/multipliers"][-1][-1] = lam

@@ -17,7 +17,8 @@ from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.stepping.stepper import Method
-from robodyn_cli.integrators.stepping.writer import INLINE_LIMIT, LANES
+from robodyn_cli.integrators.stepping.writer import LANES
+from robodyn_cli.kernels.lower import INLINE_LIMIT
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.run.deploy.deploy import build_deployment
 from robodyn_cli.run.driver.build import build_motion

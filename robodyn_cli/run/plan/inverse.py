@@ -19,7 +19,6 @@ from robodyn_cli.run.observation.evaluation import worth_compiling
 from robodyn_cli.run.plan.programs import rolled, sampled
 from robodyn_cli.run.plan.terms import Equations, Ledger, Term
 from robodyn_cli.run.plan.words import listed, plural
-from robodyn_cli.run.singular.singularity import loop_rows
 from robodyn_cli.scene import types as sc
 from robodyn_cli.trajectories.motion import TaskSpace
 
@@ -43,7 +42,7 @@ class Inverse:
         tau: Any = problem.inverse_dynamics
         for term in problem.passive_forces(smooth=False).values():
             tau = tau - term
-        rows = [problem.constraints.rows[i] for i in loop_rows(problem)]
+        rows = problem.constraints.loop_rows
         return [*tau, *(x for row in rows for x in row.psi)]
 
     @property

@@ -6,8 +6,8 @@ import hashlib
 from typing import Any
 
 from robodyn_cli.formulations.rolled import Rolled
-from robodyn_cli.integrators.stepping.writer import INLINE_LIMIT
 from robodyn_cli.kernels.compiler import machine
+from robodyn_cli.kernels.lower import INLINE_LIMIT
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.kernels.rolled_tables import RolledPlan
 

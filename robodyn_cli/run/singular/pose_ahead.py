@@ -15,7 +15,7 @@ from robodyn_cli.record import record
 from robodyn_cli.run.singular.leap import EPS, LOST, Collocation, Equations, Leap, NotSmooth, State
 from robodyn_cli.spatial.algebra import Array
 
-NODES = 16
+NODES = 16  # of a leap
 REACH = 0.4  # joint angle [rad] that a leap covers on either side of the pose, at most
 FIRST = 0.02  # first step of the approach, in angle [rad], at most
 STEPS = 80  # of the approach
@@ -25,7 +25,7 @@ SHORTER = 1 / 3
 SETTLED = 0.05  # change of the predicted time of the pose, over the time to it, at which it is believed
 CLOSED = 20.0  # roundings of the positions that the constraints may be off between nodes
 OPENED = 2e-12  # and what conditioning may add to that, at most [rad, m]
-TAIL = 1e-9
+TAIL = 1e-9  # the last coefficients of positions, over their size, at most
 SMALL_ROW = 0.1  # part of the largest row of Psi below which a row is not scaled by its own size
 
 
@@ -71,7 +71,7 @@ class Approach:
     ----------
     advance : integrates on to a time and returns the state there.
     turning : which velocity coordinates are angular rates.
-    nodes, reach : of a leap; a second run takes others. check : refuses a leap over a pose at a time (NotSmooth).
+    nodes, reach : of a leap. check : refuses a leap over a pose at a time (NotSmooth).
     """
 
     def __init__(
@@ -79,8 +79,8 @@ class Approach:
         equations: Equations,
         advance: Callable[[float], State],
         turning: Array,
-        nodes: int = NODES,
-        reach: float = REACH,
+        nodes: int,
+        reach: float,
         check: Callable[[Leap, float], None] = lambda leap, pose: None,
     ) -> None:
         self.equations, self.advance, self.turning, self.check = equations, advance, turning, check

@@ -26,19 +26,15 @@ from robodyn_cli.run.driver.motion import Motion, Watcher
 from robodyn_cli.run.singular.beside import BesidePose
 from robodyn_cli.run.singular.leap import Equations, State
 from robodyn_cli.run.singular.leap import Leap as FoundLeap
-from robodyn_cli.run.singular.pose_ahead import Approach, Pose, Unresolved
+from robodyn_cli.run.singular.pose_ahead import NODES, REACH, Approach, Pose, Unresolved
 from robodyn_cli.run.singular.singularity import classify, culprit, refuse_dependent_rows
 from robodyn_cli.spatial.algebra import Array
 
 NEAR = 0.03  # ratio of singular values at the highest threshold
 RUNGS = 8
-LOWER = (
-    1 / 16
-)  # of the closeness, which falls with the square of the distance, from one threshold to the next
+LOWER = 1 / 16  # one threshold of the closeness over the one before: a quarter of the distance, squared
 SCOUTED = 20_000  # steps towards a pose, far more than it takes; steps that shrink to nothing get no further
-# of a leap in the run, and in the second integration of the error estimate, which must not repeat its error
-NODES, REACH = 16, 0.4
-OTHER_NODES, OTHER_REACH = 20, 0.3
+OTHER_NODES, OTHER_REACH = 20, 0.3  # of a leap in a second integration, which must not repeat its error
 
 
 class PosesAhead(Watcher):
@@ -126,10 +122,6 @@ class PosesAhead(Watcher):
 
 class RankLoss(PosesAhead):
     """Stops a run that comes to a loss of rank; coming near and leaving again passes."""
-
-    def begin(self, t: float, x: Array, options: Options) -> Array:
-        self.options = options
-        return x
 
     def handle(self, event: Event) -> Outcome:
         """Go on where the motion only comes near.

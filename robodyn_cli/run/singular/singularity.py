@@ -15,13 +15,13 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError, SingularConfigurationError
 from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import Expr, Scalar
-from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.row_combinations import RowCombinations
 from robodyn_cli.record import record
+from robodyn_cli.solve.closure import rank
 from robodyn_cli.spatial.algebra import Array
 
 RANK = 1e-6  # ratio of singular values below which a located pose counts as having lost rank
-START = 1e-9  # the same at the start, where only rounding stands between a pose and a singular one
+START = 1e-9  # the same at the start of a deployment, which only rounding may part from a dead point
 
 
 @record
@@ -46,16 +46,8 @@ def culprit(problem: Problem, q: Array, columns: Sequence[int], t: float = 0.0) 
     psi = psi_at(problem, q, t)[:, list(columns)]
     U, _, Vt = np.linalg.svd(psi)
     column = columns[int(np.argmax(np.abs(Vt[min(psi.shape) - 1])))]
-    row = loop_rows(problem)[int(np.argmax(np.abs(U[:, min(psi.shape) - 1])))]
-    model = problem.model
-    joint = next(b.joint_name for b in model.bodies if b.v <= column < b.v + b.joint.nv)
-    return Culprit(joint, problem.constraints.rows[row].name.rsplit(".", 1)[0])
-
-
-def loop_rows(problem: Problem) -> list[int]:
-    """Return the indices of rows that close loops (not those that prescribe a joint)."""
-    constraints = problem.constraints
-    return [i for i in range(len(constraints.rows)) if i not in constraints.prescribed]
+    row = problem.constraints.loop_rows[int(np.argmax(np.abs(U[:, min(psi.shape) - 1])))]
+    return Culprit(problem.model.joint_of(column), row.closure)
 
 
 def passive_determinant(problem: Problem, passive: Sequence[int]) -> Scalar:
@@ -77,17 +69,9 @@ def passive_determinant(problem: Problem, passive: Sequence[int]) -> Scalar:
     return value
 
 
-def singular_ratio(problem: Problem, q: Array) -> float:
-    """Return smallest over largest singular value of the loops' Psi (but for those zero in every pose)."""
-    sigma = np.linalg.svd(psi_at(problem, q), compute_uv=False)
-    return float(sigma[problem.loop_rank - 1] / sigma[0])
-
-
 def psi_at(problem: Problem, q: Array, t: float = 0.0) -> Array:
     """Return Psi of the loops at a configuration, as numbers."""
-    rows = loop_rows(problem)
-    flat = evaluate(list(problem.psi[rows].ravel()), {"q": q.tolist(), "t": [t], "p": []})
-    return np.array(flat, dtype=float).reshape(len(rows), problem.model.nv)
+    return problem.numbers(problem.psi[problem.constraints.of_loops], q, t)
 
 
 def driven_dead_point(
@@ -109,13 +93,12 @@ def driven_dead_point(
     if len(equations) != len(unknowns):
         return None
     rows = jacobian(equations, unknowns)
-    entries = [row.get(k, 0.0) for row in rows for k in range(len(unknowns))]
-    parameters = RowCombinations(problem).choose(time, q, None).tolist() if problem.dependent else []
+    entries = [[row.get(k, 0.0) for k in range(len(unknowns))] for row in rows]
+    p = RowCombinations(problem).choose(time, q, None) if problem.dependent else None
     x = np.append(q, time)
     for _ in range(50):
-        values = {"q": x[:-1].tolist(), "t": [float(x[-1])], "p": parameters}
-        residual = np.array(evaluate(equations, values), dtype=float)
-        J = np.array(evaluate(entries, values), dtype=float).reshape(len(rows), len(unknowns))
+        here = x[:-1], float(x[-1])
+        residual, J = problem.numbers(equations, *here, p=p), problem.numbers(entries, *here, p=p)
         if not np.all(np.isfinite(J)) or not np.all(np.isfinite(residual)):
             return None
         step, *_ = np.linalg.lstsq(J, -residual, rcond=1e-14)
@@ -132,9 +115,9 @@ def driven_dead_point(
 
 def classify(problem: Problem, q: Array, passive: Sequence[int]) -> Singularity:
     """Return the kind of configuration: ``bifurcation``, ``dead_point`` or ``regular``."""
-    psi, rank = psi_at(problem, q), problem.loop_rank
-    whole = np.linalg.svd(psi, compute_uv=False)[:rank]
-    block = np.linalg.svd(psi[:, list(passive)], compute_uv=False)[:rank] if len(passive) else np.zeros(0)
+    psi, count = psi_at(problem, q), problem.loop_rank
+    whole = np.linalg.svd(psi, compute_uv=False)[:count]
+    block = np.linalg.svd(psi[:, list(passive)], compute_uv=False)[:count] if len(passive) else np.zeros(0)
     if whole[-1] < RANK * whole[0]:
         return Singularity("bifurcation", whole, block)
     if len(block) and block[-1] < RANK * whole[0]:
@@ -152,10 +135,10 @@ def refuse_dependent_rows(problem: Problem, q: Array, time: float) -> None:
     if problem.keep_rows is None:
         return
     every = Problem(problem.scene, model=problem.model)
-    sigma = np.linalg.svd(psi_at(every, q, time), compute_uv=False)
-    if int((sigma > RANK * sigma[0]).sum()) < len(loop_rows(problem)):
+    rows = problem.constraints.loop_rows
+    if rank(psi_at(every, q, time), RANK) < len(rows):
         return
-    kept = ", ".join(problem.constraints.rows[i].name for i in loop_rows(problem))
+    kept = ", ".join(row.name for row in rows)
     raise NumericalError(
         f"the constraints kept of redundant ones ({kept}) come to depend on each other at t = {time:.9g} s, although "
         "the loops do not lose rank; start closer to that configuration, or model the loop in its plane",
@@ -163,13 +146,15 @@ def refuse_dependent_rows(problem: Problem, q: Array, time: float) -> None:
     )  # fmt: skip
 
 
-def starts_at_dead_point(problem: Problem, q: Array, passive: Sequence[int]) -> bool:
-    """Tell whether the passive block is singular, to rounding, in the configuration that the loops closed in."""
+def is_dead_point(problem: Problem, q: Array, passive: Sequence[int], within: float) -> bool:
+    """Tell whether the passive block is singular at q: its smallest singular value over the largest of Psi is below
+    ``within``, which is about the angle [rad] to the dead point.
+    """
     if not len(passive) or not problem.constraints.rows:
         return False
     psi = psi_at(problem, q)
     block = np.linalg.svd(psi[:, list(passive)], compute_uv=False)[: problem.loop_rank]
-    return bool(block[-1] < START * np.linalg.norm(psi, 2))
+    return bool(block[-1] < within * np.linalg.norm(psi, 2))
 
 
 def refuse_singular_start(problem: Problem, q: Array, passive: Sequence[int]) -> None:
@@ -179,7 +164,7 @@ def refuse_singular_start(problem: Problem, q: Array, passive: Sequence[int]) ->
     ------
     SingularConfigurationError : the start is a dead point.
     """
-    if not starts_at_dead_point(problem, q, passive):
+    if not is_dead_point(problem, q, passive, START):
         return
     angles = ", ".join(f"{n} {x:.6g}" for n, x in zip(problem.model.q_names, q))
     raise SingularConfigurationError(

@@ -1,0 +1,197 @@
+"""Numbers of a scene that remember where they stand: compiled code reads them from a table.
+
+A ``Fixed`` is a float in every respect, so whatever asks for its value gets it. Arithmetic with it gives another
+``Fixed`` that knows how it was computed. The graph keeps them as constants; a program has them in a table beside its
+code (``Program.numbers``), so that a scene with another mass has the same code. A float of the program itself (a zero,
+an entry of a rotation, a coefficient of an algorithm) has no place and is part of the code.
+
+Two ``Fixed`` are the same object when they are computed alike from the same places. That two of them have equal values
+is an accident: they are never merged, and 1 and -1 are numbers like any other. Only a sum that cancels is zero.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Callable, Sequence
+from typing import Any
+from weakref import WeakValueDictionary
+
+# Of the larger term: a smaller sum is what rounding leaves of a zero. The inputs themselves are not known better.
+CANCELLED = 1e-15
+
+
+class Fixed(float):
+    """A number of the scene, or a result of such numbers alone; made by ``literal`` and by arithmetic.
+
+    op, args : how it is computed. ``literal`` has the place in the scene as its argument: ``robot.links.link1.mass``.
+    """
+
+    __slots__ = ("__weakref__", "args", "op")
+    __array_priority__ = 1000.0  # numpy leaves arithmetic with it to the methods below
+
+    op: str
+    args: tuple[Any, ...]
+    __hash__ = float.__hash__
+
+    def __reduce__(self) -> Any:
+        return float, (float(self),)
+
+    def __add__(self, other: Any) -> Any:
+        return _binary("add", self, other)
+
+    def __radd__(self, other: Any) -> Any:
+        return _binary("add", other, self)
+
+    def __sub__(self, other: Any) -> Any:
+        return _binary("sub", self, other)
+
+    def __rsub__(self, other: Any) -> Any:
+        return _binary("sub", other, self)
+
+    def __mul__(self, other: Any) -> Any:
+        return _binary("mul", self, other)
+
+    def __rmul__(self, other: Any) -> Any:
+        return _binary("mul", other, self)
+
+    def __truediv__(self, other: Any) -> Any:
+        return _binary("div", self, other)
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return _binary("div", other, self)
+
+    def __pow__(self, other: Any, modulo: None = None) -> Any:
+        return _binary("pow", self, other)
+
+    def __rpow__(self, other: Any, modulo: None = None) -> Any:
+        return _binary("pow", other, self)
+
+    def __neg__(self) -> Any:
+        return self.args[0] if self.op == "neg" else _made("neg", (self,), -float(self))
+
+    def __pos__(self) -> Fixed:
+        return self
+
+    def __abs__(self) -> Any:
+        return _made("abs", (self,), abs(float(self)))
+
+
+def _value_with_array(name: str, reflected: str) -> Callable[[Any, Any], Any]:
+    """Return a method of floats that also takes numpy's arrays, which leave it to us as they do arithmetic."""
+    own = getattr(float, name)
+
+    def method(self: Fixed, other: Any) -> Any:
+        return getattr(other, reflected)(float(self)) if hasattr(other, "dtype") else own(self, other)
+
+    return method
+
+
+_MIRRORED = [
+    ("lt", "gt"),
+    ("le", "ge"),
+    ("eq", "eq"),
+    ("ne", "ne"),
+    ("mod", "rmod"),
+    ("floordiv", "rfloordiv"),
+]
+for _name, _other in {*_MIRRORED, *((b, a) for a, b in _MIRRORED)}:
+    setattr(Fixed, f"__{_name}__", _value_with_array(f"__{_name}__", f"__{_other}__"))
+
+# those that are in use, by what they are computed from
+_known: WeakValueDictionary[Any, Fixed] = WeakValueDictionary()
+
+
+def literal(value: float, place: str) -> float:
+    """Return a number of the scene at its place; zero is structure and stays a plain float."""
+    return _made("literal", (place, float(value)), float(value)) if value else 0.0
+
+
+def derived(function: Callable[[Sequence[float]], Sequence[float]], inputs: Sequence[float]) -> list[float]:
+    """Return what a function of numbers gives, each entry as a number that is computed from the inputs."""
+    found = function([float(x) for x in inputs])
+    whole = (function, tuple(inputs))
+    return [_made("entry", (whole, k), float(x)) if x else 0.0 for k, x in enumerate(found)]
+
+
+def is_plain(x: Any, value: float) -> bool:
+    """Tell whether ``x`` is this number as structure, not a number of the scene that happens to have its value."""
+    return not isinstance(x, Fixed) and bool(x == value)
+
+
+def applied(op: str, function: Callable[..., float], *args: float) -> float:
+    """Return an elementary function of numbers at least one of which is ``Fixed``."""
+    return _made(op, args, function(*[float(x) for x in args]))
+
+
+def _made(op: str, args: tuple[Any, ...], value: float) -> Fixed:
+    key = (op, *[id(x) if isinstance(x, Fixed) else ("plain", x) for x in args])
+    if op == "entry":
+        (function, inputs), k = args
+        key = (op, function, k, *[id(x) if isinstance(x, Fixed) else ("plain", x) for x in inputs])
+    found = _known.get(key)
+    if found is None:
+        found = Fixed(value)
+        found.op, found.args = op, args
+        _known[key] = found
+    return found
+
+
+_PLAIN: dict[str, Callable[[Any, Any], Any]] = {
+    "add": operator.add,
+    "sub": operator.sub,
+    "mul": operator.mul,
+    "div": operator.truediv,
+    "pow": operator.pow,
+}
+
+
+def _binary(op: str, a: Any, b: Any) -> Any:
+    for x in (a, b):
+        if not isinstance(x, (float, int)):
+            return _with_array(op, a, b) if hasattr(x, "dtype") else NotImplemented
+    x, y = float(a), float(b)
+    if op in ("add", "sub"):
+        if is_plain(a, 0.0):
+            return b if op == "add" else -b
+        if is_plain(b, 0.0):
+            return a
+        total = x + y if op == "add" else x - y
+        if abs(total) <= CANCELLED * max(abs(x), abs(y)):
+            return 0.0
+        return _made(op, _sorted(op, a, b), total)
+    if op == "mul":
+        if is_plain(a, 0.0) or is_plain(b, 0.0):
+            return 0.0
+        for one, other in ((a, b), (b, a)):
+            if is_plain(one, 1.0):
+                return other
+            if is_plain(one, -1.0):
+                return -other
+    elif is_plain(b, 1.0):
+        return a
+    elif op == "div" and is_plain(a, 0.0) and y:
+        return 0.0
+    value = _PLAIN[op](x, y)
+    return (
+        _made(op, _sorted(op, a, b), value) if isinstance(value, float) and not math.isnan(value) else value
+    )
+
+
+def _sorted(op: str, a: float, b: float) -> tuple[float, float]:
+    """Return the arguments, those of a commutative operation in an order of their own."""
+    a, b = (x if isinstance(x, Fixed) else float(x) for x in (a, b))
+    if op in ("add", "mul") and (not isinstance(b, Fixed) or (isinstance(a, Fixed) and id(b) < id(a))):
+        return b, a
+    return a, b
+
+
+def _with_array(op: str, a: Any, b: Any) -> Any:
+    """Return the result of arithmetic with numpy's numbers: entry by entry with objects, else with the value alone."""
+    if not all(isinstance(x, Fixed) or x.dtype == object for x in (a, b)):
+        return _PLAIN[op](*[float(x) if isinstance(x, Fixed) else x for x in (a, b)])
+    array = b if isinstance(a, Fixed) else a
+    out = array.copy()
+    for place, x in enumerate(array.flat):
+        out.flat[place] = _PLAIN[op](a, x) if array is b else _PLAIN[op](x, b)
+    return out

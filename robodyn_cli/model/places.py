@@ -1,0 +1,78 @@
+"""The numbers of a scene with their places, by which compiled code finds them in its table."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from robodyn_cli.expr.fixed import Fixed, literal
+from robodyn_cli.expr.formula import Formula
+from robodyn_cli.expr.formula_tree import Node, Num
+from robodyn_cli.scene.types import Orientation, Scene
+from robodyn_cli.schema.fields import Direction, Vector
+
+# what enters the equations; durations, tolerances, starts and trajectories are read by programs that run once
+SECTIONS = ("robot", "gravity", "parameters", "loops", "forces", "couplers", "torques", "prescribed")
+_ORIENTATION = frozenset(field.name for field in dataclasses.fields(Orientation))
+
+
+def with_places(scene: Scene) -> Scene:
+    """Return the scene with every number that enters the equations as a ``Fixed`` at its key.
+
+    Keys are those of ``--set``, such as ``robot.links.link1.mass``; the numbers of a formula are counted behind its
+    key. Zeros, directions, attitudes, and values that are what a key has by default, are structure.
+    """
+    return dataclasses.replace(scene, **{name: _placed(getattr(scene, name), name) for name in SECTIONS})
+
+
+def _placed(value: Any, place: str) -> Any:
+    if isinstance(value, float):
+        return value if isinstance(value, Fixed) else literal(value, place)
+    if isinstance(value, Formula):
+        return _formula(value, place)
+    if isinstance(value, dict):
+        return {name: _placed(x, f"{place}.{name}") for name, x in value.items()}
+    if isinstance(value, tuple):
+        if len(value) == 2 and isinstance(value[0], str) and dataclasses.is_dataclass(value[1]):
+            return value[0], _placed(value[1], f"{place.rpartition('.')[0]}.{value[0]}")
+        return tuple(_placed(x, f"{place}.{getattr(x, 'name', k)}") for k, x in enumerate(value))
+    if dataclasses.is_dataclass(value):
+        return _record(value, place)
+    return value
+
+
+def _record(value: Any, place: str) -> Any:
+    changed = {}
+    for field in dataclasses.fields(value):
+        own = getattr(value, field.name)
+        turns = isinstance(value, Orientation) and field.name in _ORIENTATION
+        if turns or _is_attitude(field.metadata.get("kind")):
+            continue
+        if (
+            own is None
+            or isinstance(own, (str, bool, int))
+            or (isinstance(own, float) and own == field.default)
+        ):
+            continue
+        found = _placed(own, f"{place}.{field.name}")
+        if found is not own:
+            changed[field.name] = found
+    return dataclasses.replace(value, **changed) if changed else value
+
+
+def _is_attitude(kind: Any) -> bool:
+    """Tell whether a key is a direction or a list of angles."""
+    return isinstance(kind, Direction) or (isinstance(kind, Vector) and kind.angle)
+
+
+def _formula(formula: Formula, place: str) -> Formula:
+    count = 0
+
+    def leaf(node: Node) -> Node:
+        nonlocal count
+        if not isinstance(node, Num) or isinstance(node.number, Fixed):
+            return node
+        count += 1
+        return Num(literal(node.number, f"{place}#{count}"))
+
+    return dataclasses.replace(formula, root=formula.root.rebuilt(leaf))
