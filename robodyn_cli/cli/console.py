@@ -153,8 +153,17 @@ def guarded(command: Callable[..., int]) -> Callable[..., int]:
             if type(error).__name__ == "LinAlgError":  # numpy may not have been imported
                 return console.fail(no_linear_algebra(error))
             return _internal(error, console)
+        finally:
+            _tell_of_compiled_code(console)
 
     return run
+
+
+def _tell_of_compiled_code(console: Console) -> None:
+    """Say what kept compiled code from being kept, where anything was compiled; it does not touch the results."""
+    compiler = sys.modules.get("robodyn_cli.kernels.report")
+    for text in compiler.REPORT.warnings if compiler is not None else ():
+        console.note(f"robodyn: warning: {text}")
 
 
 def _internal(error: Exception, console: Console) -> int:

@@ -82,7 +82,7 @@ def write_new(target: Path, text: str) -> None:
     ------
     OutputError : there is a file of that name, or it cannot be written.
     """
-    taken = OutputError(f"{target} exists already; choose another name, or remove it", path=str(target))
+    taken = OutputError(f"{target} exists already; choose another name, or remove it")
     if os.path.lexists(target):
         raise taken
     temporary = temporary_path(target)

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from robodyn_cli.commands import PLOT_FORMATS
 from robodyn_cli.errors import OutputError
 from robodyn_cli.results.atomic import (
     is_temporary,
@@ -24,10 +25,12 @@ RESULT_NAME = "result.h5"
 SUMMARY_NAME = "summary.json"
 RUN_ID = "run_id"  # key of the summary and attribute of the result file: the same of one run
 SCENE_FILE = "scene_file"  # key of the summary: where the scene lies
-# The kind of file that a report leaves; anything else in an old list of outputs is not ours to remove.
-DRAWING_SUFFIX = ".png"
-# Text that every drawing of ours carries near its start (PNG keyword "Software").
-SIGNATURE = b"Software\x00robodyn"
+# by which drawings of ours are known, so that a run removes no file of anybody else
+MARK = "robodyn"  # keyword "Software" of a PNG
+CREATOR = "robodyn drawing"  # creator of an SVG or a PDF
+DRAWING_SUFFIXES = tuple(f".{kind}" for kind in PLOT_FORMATS)
+SIGNATURE = b"Software\x00" + MARK.encode()
+_START, _END = 4096, 4096
 
 
 class OutputDirectory:
@@ -100,6 +103,11 @@ class OutputDirectory:
             found += [status.st_ino, status.st_mtime_ns]
         return tuple(found) or None
 
+    @property
+    def warning(self) -> str | None:
+        """What users are to be told of the directory's lock."""
+        return None if self._lock is None else self._lock.warning
+
     def other_scene(self) -> Path | None:
         """Return the scene file whose results are here, if it is another one than this run's and still there."""
         owner = read_summary(self.path / SUMMARY_NAME).get(SCENE_FILE)
@@ -152,7 +160,7 @@ class OutputDirectory:
         listed = read_summary(self.path / SUMMARY_NAME).get("outputs", ())
         names = [name for name in listed if _is_drawing(name)] if isinstance(listed, list) else []
         # a list can name a file that somebody else has put there since
-        return [name for name in dict.fromkeys((*names, *self._drawings)) if self._is_ours(name)]
+        return [name for name in dict.fromkeys((*names, *self._drawings)) if is_ours(self.path / name)]
 
     def _move(self, name: str) -> None:
         target = self.path / name
@@ -169,16 +177,21 @@ class OutputDirectory:
         except OSError as error:
             raise output_error(path, error) from error
 
-    def _is_ours(self, name: str) -> bool:
-        """Tell whether a file carries robodyn's mark."""
-        path = self.path / name
-        try:
-            if not path.is_file():
-                return False
-            with open(path, "rb") as stream:
-                return SIGNATURE in stream.read(512)
-        except OSError:
+
+def is_ours(path: Path) -> bool:
+    """Tell whether a file is a drawing that carries our mark."""
+    try:
+        if not path.is_file():
             return False
+        with open(path, "rb") as stream:
+            start = stream.read(_START)
+            stream.seek(max(0, os.fstat(stream.fileno()).st_size - _END))
+            end = stream.read(_END)
+    except OSError:
+        return False
+    if path.suffix == ".png":
+        return SIGNATURE in start[:512]
+    return path.suffix in DRAWING_SUFFIXES and any(CREATOR.encode() in part for part in (start, end))
 
 
 def same_run(summary: Mapping[str, Any], attributes: Mapping[str, Any]) -> bool:
@@ -193,4 +206,4 @@ def _entries(directory: Path) -> list[Path]:
 
 def _is_drawing(name: Any) -> bool:
     """Tell whether an entry of an old list of outputs is the plain name of a drawing."""
-    return isinstance(name, str) and Path(name).name == name and name.endswith(DRAWING_SUFFIX)
+    return isinstance(name, str) and Path(name).name == name and name.endswith(DRAWING_SUFFIXES)

@@ -97,7 +97,7 @@ def load_urdf(path: str | os.PathLike[str]) -> tuple[Urdf, Scene]:
     found: list[Urdf] = []
 
     def open_root(includer: Includer) -> Node:
-        robot = includer.include(OrFile(Section(Robot), urdf=True), scalar(place, name), ())
+        robot = includer.include(OrFile(Section(Robot), robot=True), scalar(place, name), ())
         found.extend(includer.urdfs)
         if not found:
             raise located(place, "", "this is no URDF, whose first character is '<'; allowed: a URDF file")

@@ -19,8 +19,10 @@ from robodyn_cli.schema.fields import (
     Name,
     Number,
     Section,
+    Text,
     Vector,
     key,
+    like,
 )
 
 
@@ -220,6 +222,26 @@ class Coupler:
 
 
 @record
+class Attachment:
+    """A link or a whole robot that is added to a robot."""
+
+    to: str = key(Name(of="link"), default="base", doc="Link that it is fixed to, or `base`.")
+    origin: Placement | None = key(Section(Placement), default=None, doc="Placement in that link's frame.")
+    link: str | None = key(Name(of="link"), default=None, doc="Name of a new link: a tool, a payload.")
+    mass: float | None = like(Link, "mass")
+    com: tuple[float, ...] | None = like(Link, "com")
+    com_frame: str | None = like(Link, "com_frame")
+    inertia: Inertia = like(Link, "inertia")
+    joint: Joint | None = key(
+        Section(Joint),
+        default=None,
+        doc="Joint of the new link, without `parent`, `link`, and `origin` where that is given; default: fixed.",
+    )
+    include: str | None = key(Text(), default=None, doc="Or: path of the file of a robot, in YAML or URDF.")
+    prefix: str = key(Text(), default="", doc="What goes before all names of that robot.")
+
+
+@record
 class Robot:
     """The tree of joints and links."""
 
@@ -243,6 +265,11 @@ class Robot:
         ListOf(Section(Coupler)),
         default=(),
         doc="Relations between joint coordinates that belong to the robot, as those of the scene.",
+    )
+    attach: tuple[Attachment, ...] = key(
+        ListOf(Section(Attachment)),
+        default=(),
+        doc="Links and robots to add, behind the joints and links that are there; they become part of these lists.",
     )
 
     @property

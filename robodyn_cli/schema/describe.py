@@ -43,7 +43,7 @@ def _plain(kind: kinds.Kind) -> str:
     if isinstance(kind, kinds.Either):
         return ", or ".join(_plain(k) for k in kind.kinds)
     if isinstance(kind, kinds.OrFile):
-        return f"{_plain(kind.item)}, or the path of a YAML{' or URDF' if kind.urdf else ''} file"
+        return f"{_plain(kind.item)}, or the path of a YAML{' or URDF' if kind.robot else ''} file"
     if isinstance(kind, kinds.Section):
         return "a map"
     if isinstance(kind, kinds.Inline):

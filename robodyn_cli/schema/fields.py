@@ -13,6 +13,8 @@ from typing import Any
 from robodyn_cli.record import record
 
 REQUIRED: Any = dataclasses.MISSING
+# keys that compose files (see ``OrFile``)
+INCLUDE, PREFIX, ATTACH = "include", "prefix", "attach"
 
 
 @record
@@ -146,12 +148,12 @@ class Either(Kind):
 class OrFile(Kind):
     """A value given in place or as the path of a YAML file, relative to the file that names it.
 
-    A map with the key ``include`` takes over the keys of that file, but for those that it gives itself. ``urdf`` : the
-    file may be a URDF too.
+    A map with the key ``include`` takes over the keys of that file, but for those that it gives itself. ``robot`` : the
+    file may be a URDF too; beside ``include`` a ``prefix`` goes before all names, and ``attach`` adds parts.
     """
 
     item: Kind
-    urdf: bool = False
+    robot: bool = False
 
 
 @record
@@ -192,3 +194,9 @@ def key(kind: Kind, *, default: Any = REQUIRED, unit: str = "", doc: str = "", n
     if default is None and isinstance(kind, (MapOf, Criteria, Variations)):
         return dataclasses.field(default_factory=dict, metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
+
+
+def like(cls: type, name: str) -> Any:
+    """Declare a key as another section has it."""
+    field = next(field for field in dataclasses.fields(cls) if field.name == name)
+    return dataclasses.field(default=field.default, metadata=field.metadata)

@@ -74,11 +74,16 @@ class _Maker:
         if tag:
             properties[tag[0]] = {"const": tag[1]}
         if included:
-            properties["include"] = {
+            properties[kinds.INCLUDE] = {
                 "type": "string",
-                "description": "Path of a YAML file whose keys are taken over.",
+                "description": "Path of a file whose keys are taken over.",
             }
-            required = ["include"]
+            if kinds.ATTACH in properties:
+                properties[kinds.PREFIX] = {
+                    "type": "string",
+                    "description": "What goes before all names of the file.",
+                }
+            required = [kinds.INCLUDE]
         found: Schema = {"type": "object", "properties": properties, "additionalProperties": False}
         if _doc(cls):
             found["description"] = _doc(cls)
@@ -154,7 +159,7 @@ class _Maker:
         if isinstance(kind, kinds.Either):
             return {"anyOf": [self.kind(one) for one in kind.kinds]}
         if isinstance(kind, kinds.OrFile):
-            formats = "YAML or URDF" if kind.urdf else "YAML"
+            formats = "YAML or URDF" if kind.robot else "YAML"
             path = {"type": "string", "description": f"Path of a {formats} file, relative to this one."}
             return {"anyOf": [self.kind(kind.item), path, self.including(kind.item)]}
         raise TypeError(f"no JSON Schema of {type(kind).__name__}")
@@ -189,7 +194,11 @@ class _Maker:
         """Return the schema of a map that completes an included file."""
         if isinstance(kind, kinds.Section):
             return {"$ref": self.reference(kind.cls, included=True)}
-        return {"type": "object", "properties": {"include": {"type": "string"}}, "required": ["include"]}
+        return {
+            "type": "object",
+            "properties": {kinds.INCLUDE: {"type": "string"}},
+            "required": [kinds.INCLUDE],
+        }
 
 
 def _name_pattern(of: str) -> str:

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.report.canvas import TimeSheet
-from robodyn_cli.report.columns import column_names, units_of
 from robodyn_cli.report.decimate import finite
 from robodyn_cli.report.lines import draw_columns, quiet_axis
 from robodyn_cli.report.style import COLOURS, DASHES, FONT_SIZE
 from robodyn_cli.report.ticks import labelled
+from robodyn_cli.results.columns import column_names, units_of
 from robodyn_cli.results.result import Result
 
 # The order of the contract, so that a term has the same colour in every drawing.
@@ -35,8 +35,11 @@ def draw(result: Result) -> Any:
     peak = np.max(np.nan_to_num(np.abs(finite(total.data))), axis=0)
     joints = _largest(peak)
     subtitle = "Terms of the actuator torque, which sum to the total"
-    if len(joints) < len(names):
+    left_out = int(np.count_nonzero(peak)) - len(joints)
+    if left_out > 0:
         subtitle += f"; the {len(joints)} of {len(names)} joints with the largest torque"
+    elif len(joints) < len(names):
+        subtitle += f"; {len(names) - len(joints)} joints without any left out"
     labels = [*order, "total"]
     count = len(joints)
     height = {1: 3.3, 2: 2.0}.get(count, 1.6)

@@ -27,6 +27,9 @@ from robodyn_cli.scene.text.nodes import (
 from robodyn_cli.scene.text.scalars import resolve
 from robodyn_cli.scene.text.yaml_nodes import compose, read_text
 from robodyn_cli.schema.fields import (
+    ATTACH,
+    INCLUDE,
+    PREFIX,
     CsvFile,
     Either,
     Inline,
@@ -43,7 +46,6 @@ from robodyn_cli.schema.fields import (
 if TYPE_CHECKING:
     from robodyn_cli.scene.urdf.read import Urdf
 
-INCLUDE = "include"
 MAX_CHAIN = 20
 
 
@@ -158,11 +160,25 @@ class Includer:
             base = self.found(kind, self.include(kind, name, path), path)
             if not isinstance(base, Mapping):
                 raise located(base, dotted(path), "an included file must contain a map")
-            for key, value in node.entries:
-                if key.text != INCLUDE:
-                    base = base.replaced(key, value)
-            return base
+            node = self.with_own_keys(kind, base, node, path)
+        if kind.robot and isinstance(node, Mapping) and node.get(ATTACH) is not None:
+            from robodyn_cli.scene.text.attach import with_attachments
+
+            node = with_attachments(node, path, lambda part, where: self.found(kind, part, where))
         return node
+
+    @staticmethod
+    def with_own_keys(kind: OrFile, base: Mapping, node: Mapping, path: Path) -> Mapping:
+        """Return an included map with the keys that stand beside ``include``."""
+        own = [(key, value) for key, value in node.entries if key.text != INCLUDE]
+        if kind.robot and node.get(PREFIX) is not None:
+            from robodyn_cli.scene.text.attach import prefix_of, with_prefix
+
+            base = with_prefix(base, prefix_of(node, path))
+            own = [(key, value) for key, value in own if key.text != PREFIX]
+        for key, value in own:
+            base = base.replaced(key, value)
+        return base
 
     def include(self, kind: OrFile, node: Scalar, path: Path) -> Node:
         """Return the tree of the YAML file, or of the URDF where ``kind`` allows one, that a scalar names."""
@@ -176,7 +192,7 @@ class Includer:
         self.sources.append(name)
         source = Source(name, os.path.dirname(name) or ".", real, node.source)
         if _is_xml(text):
-            if not kind.urdf:
+            if not kind.robot:
                 raise located(node, dotted(path), f"{name!r} is XML; allowed: the path of a YAML file")
             return self.urdf(text, source)
         return compose(text, source, self.faults, path)
