@@ -42,7 +42,7 @@ def is_of_time(switch: Expr, t: Expr) -> bool:
 
 
 def switching_times(switch: Expr, t: Expr, duration: float) -> list[float]:
-    """Return the times in (0, duration) at which an expression of time changes its sign or touches zero."""
+    """Return the times from 0 to duration at which an expression of time changes its sign or touches zero."""
 
     def values(times: Array) -> Array:
         with np.errstate(all="ignore"):
@@ -52,7 +52,7 @@ def switching_times(switch: Expr, t: Expr, duration: float) -> list[float]:
     slope = jacobian([switch], [t])[0].get(0, 0.0)
     if not isinstance(slope, Expr):
         root = -float(values(np.zeros(1))[0]) / slope if slope != 0.0 else -1.0
-        return [root] if 0.0 < root < duration else []
+        return [root] if 0.0 <= root <= duration else []
     times = np.linspace(0.0, duration, GRID)
     side = np.sign(values(times))
     found = set(times[side == 0.0].tolist())
@@ -67,4 +67,4 @@ def switching_times(switch: Expr, t: Expr, duration: float) -> list[float]:
         low = np.where(inside & before, middle, low)
         high = np.where(inside & ~before, middle, high)
     found.update(high.tolist())
-    return sorted(x for x in found if 0.0 < x < duration)
+    return sorted(found)

@@ -50,6 +50,9 @@ class Emission(Protocol):
     def evaluate(self, program: Program, t: Value, x: Array, **more: list[Value]) -> dict[str, list[Value]]:
         """Emit a program at time t and state x = (q, v, z)."""
 
+    def inside(self, t: Value) -> Value:
+        """Return times put inside the stretch between two breakpoints."""
+
     def workspace(self, name: str, velocities: int, others: int, width: int) -> Array:
         """Return the memory called ``name``: so many vectors per velocity and per further state z; zero at first."""
 

@@ -105,7 +105,7 @@ class Rolled:
             if name not in functions:
                 functions[name] = self._force_function(name, width, w.programs.fused)
             time = f.slot(width)
-            f.store(f.splat(t, width), time, 8 * width)
+            f.store(f.splat(w.inside(t), width), time, 8 * width)
             numbers = w.numbers(self.program).base
             arguments = (time, x.base, v.base, z.base, "%p", numbers, forces.base, rates.part(w.nv).base)
             f.raw(f"call void @{name}({', '.join(f'ptr {a}' for a in arguments)})")

@@ -152,3 +152,55 @@ def test_windows_that_cannot_lie_flat_together_are_refused() -> None:
         simulate(load_scene_text(text))
     assert caught.value.exit_code == 4
     assert 0.5 < caught.value.details["time"] < 0.8
+
+
+class TestContactsBesideThePose:
+    """A parallelogram of rods of length 1 that swings through its flat pose, with contacts on the way.
+
+    All legs turn by theta, so J theta'' = tau; the pose lies at theta = 0.
+    """
+
+    J = 2 * (1.0 / 3.0) + 1.0  # two legs about their pivots, and a coupler of 1 kg that moves on a circle
+    TEXT = """\
+schema: 1
+gravity: [0, 0, 0]
+robot:
+  joints:
+    - {name: left, type: revolute, parent: base, axis: [0, 0, 1]}
+    - {name: bar, type: revolute, axis: [0, 0, 1], origin: {xyz: [1, 0, 0]}}
+    - {name: right, type: revolute, parent: base, axis: [0, 0, 1], origin: {xyz: [0.7, 0, 0]}}
+  links:
+    - {name: l1, mass: 1, com: [0.5, 0, 0], inertia: {zz: 1/12}}
+    - {name: l2, mass: 1, com: [0.35, 0, 0], inertia: {zz: 0.02}}
+    - {name: l3, mass: 1, com: [0.5, 0, 0], inertia: {zz: 1/12}}
+  points: {joint: {link: l2, at: [0.7, 0, 0]}, tip: {link: l3, at: [1, 0, 0]}}
+loops: [{name: pin, type: revolute, between: [joint, tip]}]
+initial: {q: {left: 1, bar: -1, right: 1}, qd: {left: -1, bar: 1, right: -1}}
+simulate: {duration: 2.5, samples: 51, singular: pass, rtol: 1e-9, atol: 1e-11}
+"""
+
+    def run(self, *options: str) -> Any:
+        return simulate(load_scene_text(self.TEXT, overrides=options))
+
+    def test_friction_slips_through_the_pose_and_holds_later(self) -> None:
+        level = 0.5
+        found = self.run(f"robot.joints.right.friction={{law: set_valued, coulomb: {level}}}")
+        slowing = level / self.J
+        t = np.minimum(found.time, 1.0 / slowing)
+        theta = 1.0 - t + 0.5 * slowing * t * t
+        assert theta[-1] < 0.0 and len(found.summary["passed"]) == 1
+        close(found["q"][:, 0], theta, 1e-9)
+        close(found["q"][:, 2], theta, 1e-9)
+        assert np.abs(found["q"][:, 0] - theta).max() < 10.0 * found.summary["error_estimate"]["state_max"]
+
+    @pytest.mark.parametrize("stop", [-0.4, -0.05, -0.01, -0.002])
+    def test_a_stop_behind_the_pose_is_met(self, stop: float) -> None:
+        e = 0.6
+        found = self.run(f"robot.joints.right.limits={{lower: {stop}, stop: {{restitution: {e}}}}}")
+        hit = 1.0 - stop
+        theta = np.where(found.time < hit, 1.0 - found.time, stop + e * (found.time - hit))
+        close(found["q"][:, 0], theta, 1e-6)
+
+    def test_a_stop_in_the_pose_is_refused(self) -> None:
+        with pytest.raises(SingularConfigurationError, match=r"stop lower right .* too close to the pose"):
+            self.run("robot.joints.right.limits={lower: 0, stop: {restitution: 0.6}}")

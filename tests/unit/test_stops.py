@@ -159,7 +159,12 @@ def test_impacts_in_a_spatial_arm() -> None:
     problem = Problem(scene)
     hits = of_kind(found, "impact")
     assert {h["name"] for h in hits} == {"j2", "j3"} and len(hits) > 6
-    free = [h for h in hits if not any(c["time"] <= h["time"] for c in of_kind(found, "contact"))]
+    # what the last and slowest impacts lose is below the rounding of the arm's energy
+    free = [
+        h
+        for h in hits
+        if h["speed"] > 1e-4 and not any(c["time"] <= h["time"] for c in of_kind(found, "contact"))
+    ]
     assert free
     for hit in free:
         j = ("j1", "j2", "j3").index(hit["name"])

@@ -17,6 +17,7 @@ from robodyn_cli.expr.formula import parse
 from robodyn_cli.expr.graph import Expr, Graph
 from robodyn_cli.expr.intervals import bounds
 from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.results.result import Result
 from tests.mechanisms import close
 from tests.property.formulas import formulas, on_graph
 
@@ -144,3 +145,50 @@ def test_the_longest_step_can_be_set() -> None:
         for more in ([], ["simulate.max_step=0.01"])
     )
     assert free < 200 <= 1000 <= bound
+
+
+class TestSidesOfBreakpoints:
+    """Stages at the ends of steps see the side of a jump on which their step lies, whatever the formula is at the jump."""
+
+    MASS = """\
+schema: 1
+gravity: [0, 0, 0]
+robot:
+  joints: [{name: x, type: prismatic, axis: [1, 0, 0]}]
+  links: [{name: block, mass: 2, com: [0, 0, 0]}]
+initial: {q: {x: 0}}
+"""
+    ON, OFF = 0.3122, 0.3127
+    FORCE = 400.0
+    FORMULAS = (
+        "{F}*(step(t - {a}) - step(t - {b}))",
+        "if(t < {a}, 0, if(t < {b}, {F}, 0))",
+        "if(t <= {a}, 0, if(t <= {b}, {F}, 0))",
+        "{F}/2*(sign(t - {a}) - sign(t - {b}))",
+    )
+
+    def run(self, formula: str, *options: str) -> Result:
+        text = formula.format(F=self.FORCE, a=self.ON, b=self.OFF)
+        simulation = ["simulate.duration=1", "simulate.samples=11", f"torques={{x: '{text}'}}"]
+        return simulate(load_scene_text(self.MASS, overrides=[*simulation, *options]))
+
+    @pytest.mark.parametrize("formula", FORMULAS)
+    @pytest.mark.parametrize(
+        "method", ["rk4", "gauss4", "gauss", "dop853", "dopri5", "rodas5p", "radau", "radau13"]
+    )
+    def test_a_pulse_of_constant_force_is_met_exactly(self, method: str, formula: str) -> None:
+        step = "simulate.step=0.01" if method in ("rk4", "gauss4") else "simulate.rtol=1e-8"
+        found = self.run(formula, f"simulate.integrator={method}", step)
+        speed = self.FORCE / 2 * (self.OFF - self.ON)
+        moved = np.where(found.time < self.ON, 0.0, speed * (found.time - 0.5 * (self.ON + self.OFF)))
+        # a polynomial of degree 2 in each piece, so every method is exact but for rounding
+        assert np.abs(found["q"][:, 0] - moved).max() < 1e-13
+        assert np.abs(found["qd"][found.time > self.OFF, 0] - speed).max() < 1e-12
+        assert found.summary["counters"]["steps"] < 130
+
+    @pytest.mark.parametrize("method", ["rk4", "dop853", "radau13"])
+    @pytest.mark.parametrize("formula", ["if(t > 0, {F}, 0)", "{F}*sign(t)", "if(t < 1, {F}, 0)"])
+    def test_jumps_at_the_ends_of_a_run_have_no_part_in_it(self, formula: str, method: str) -> None:
+        step = "simulate.step=0.1" if method == "rk4" else "simulate.rtol=1e-8"
+        found = self.run(formula, f"simulate.integrator={method}", step)
+        assert np.abs(found["q"][:, 0] - 0.25 * self.FORCE * found.time**2).max() < 1e-12 * self.FORCE

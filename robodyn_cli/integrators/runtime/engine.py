@@ -58,7 +58,8 @@ class Engine:
         system, kind, self.interpreted = self._system, self._method, interpreted
         host = machine()
         compiled = compile_module(
-            f"run{' interpreted' * interpreted} {self._name} {system.digest} {self._tables.digest}",
+            f"run{' interpreted' * interpreted} {self._name} {system.digest} {self._tables.digest}"
+            f"{' in stretches' if system.breakpoints else ''}",
             lambda: write_run(system, kind, Programs(host.fused, interpreted)),
         )
         self._run_to_event = compiled.function("run_to_event", ADDRESS, result=NUMBER)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +17,7 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.engine import Engine
 from robodyn_cli.integrators.runtime.grid import Grid as Grid
+from robodyn_cli.integrators.runtime.grid import stretches
 from robodyn_cli.integrators.runtime.layout import UNARMED, DoubleSlot, IntegerSlot, Status, resolution
 from robodyn_cli.integrators.runtime.options import Counters as Counters
 from robodyn_cli.integrators.runtime.options import Options as Options
@@ -31,10 +32,12 @@ SMALLEST_ATOL = 1e-300  # keeps weights finite where the tolerance is zero
 # the compiled loop runs for about this long [s] at a time; the number of steps adapts itself
 SLICE_TIME = 0.02
 FIRST_SLICE = 256
+FIRST = 1e-3  # first step of a run, as a part of the time to its end
 RESTART = 1 / 16  # first step after a jump, as a part of the time since the last one
 # chattering: so many steps with events within this part of the time so far (or of a second)
 CROWD = 200
 CROWDED = 1e-9
+TRIAL_STEPS = 200  # that a trial may take; more are needed only towards a pose that no trial should cross
 BEYOND = 7  # doublings of the resolution within which a function that is zero is expected to cross
 
 
@@ -78,6 +81,7 @@ class Integrator:
         w[DoubleSlot.H_MAX] = options.max_step
         w[DoubleSlot.CONTRACTION] = w[DoubleSlot.LAST_ERROR] = 1.0
         n[IntegerSlot.LAST_SAMPLE] = -1
+        w[DoubleSlot.T_AFTER], w[DoubleSlot.T_BEFORE] = -math.inf, math.inf
         self.events_seen = 0
         self._since, self._restart = time, math.inf
         self.pause: int | None = None
@@ -113,7 +117,7 @@ class Integrator:
             if self.time > self._since:
                 self._restart = RESTART * (self.time - self._since)
                 self._since = self.time
-            self.w[DoubleSlot.H] = min(self.w[DoubleSlot.H], self._restart, step)
+            self.w[DoubleSlot.H] = min(self.w[DoubleSlot.H], self.options.first * min(self._restart, step))
             self.memory.armed.fill(0.0)
             self.n[IntegerSlot.WATCH] = UNARMED
         if signs:
@@ -129,7 +133,8 @@ class Integrator:
         elif not w[DoubleSlot.H] > 0.0:
             # start well below any sensible step: growth is quick, and a first step that is far too long can
             # look good where derivatives happen to vanish
-            w[DoubleSlot.H] = min(1e-3 * (end - w[DoubleSlot.T]), self.options.max_step)
+            first = FIRST * self.options.first * (end - w[DoubleSlot.T])
+            w[DoubleSlot.H] = min(first, self.options.max_step)
             if not self.method.adaptive:
                 # no control lets a fixed step grow again, so an event must not shorten it for good
                 self._step = w[DoubleSlot.H]
@@ -145,8 +150,7 @@ class Integrator:
             status = self.engine.run_to_event()
             if status is not Status.MAX_STEPS or most >= limit:
                 return status
-            spent = perf_counter() - start
-            if spent < SLICE_TIME:
+            if (spent := perf_counter() - start) < SLICE_TIME:
                 self._slice *= 2
             elif spent > 4 * SLICE_TIME:
                 self._slice = max(1, self._slice // 2)
@@ -183,10 +187,11 @@ class Integrator:
         for stop in self._stops(end):
             self._check(self._call(stop))
 
-    def _stops(self, end: float) -> list[float]:
-        """Return the times ahead at which a step has to end."""
-        between = self.system.breakpoints
-        return [*(b for b in between if self.time < b < end), end] if between else [end]
+    def _stops(self, end: float) -> Iterator[float]:
+        """Yield when a step has to end; formulas of time are kept to the stretch before each."""
+        for stop, after, before in stretches(self.system.breakpoints, self.time, end):
+            self.w[DoubleSlot.T_AFTER], self.w[DoubleSlot.T_BEFORE] = after, before
+            yield stop
 
     def run(
         self,
@@ -341,12 +346,11 @@ class Integrator:
 
         def trial_step(time: float) -> Sequence[float]:
             status = engine.trial_step(time, -1)
-            if status is Status.DONE:
-                return engine.seen()
+            if status is not Status.MAX_STEPS:
+                return engine.seen() if status is Status.DONE else lost
             try:
-                if status is not Status.MAX_STEPS:
-                    return lost
-                self._check(self._call(time))
+                tried = self.counters.steps + self.counters.rejected
+                self._check(self._call(time, tried + TRIAL_STEPS))
             except NumericalError:
                 return lost
             return self.event_values()
@@ -384,12 +388,7 @@ class Integrator:
             self.engine.look()
 
     def _check(self, status: Status) -> None:
-        """Raise where a run cannot go on.
-
-        Raises
-        ------
-        NumericalError : see ``stopped``.
-        """
+        """Raise a NumericalError (see ``stopped``) where a run cannot go on."""
         if status in (Status.DONE, Status.FULL):
             return
         from robodyn_cli.integrators.runtime.stopped import Stopped

@@ -32,7 +32,11 @@ class DoubleSlot:
     )
     DENSE_STEP = 17
     T_REST = 18  # what rounding has left out of T
-    SIZE = 19  # event function values follow
+    T_AFTER = (
+        19  # the stretch between two breakpoints, just inside: formulas of time are evaluated there alone
+    )
+    T_BEFORE = 20
+    SIZE = 21  # event function values follow
 
 
 class IntegerSlot:

@@ -27,10 +27,14 @@ class Counters:
 
 @record
 class Options:
-    """How to integrate; ``step`` is for methods without step control."""
+    """How to integrate; ``step`` is for methods without step control.
+
+    first : the first steps of a run and behind events, as a part of the usual ones.
+    """
 
     rtol: float = 1e-10
     atol: float = 1e-12
     step: float | None = None
     max_step: float = math.inf
     max_steps: int = 10_000_000
+    first: float = 1.0

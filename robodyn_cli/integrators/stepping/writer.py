@@ -188,13 +188,27 @@ class Writer:
         """Emit a program of the system at time t and state x = (q, v, z), with ``more`` input groups."""
         f, width = self.f, x.width
         first: dict[str, Int | int] = {"q": 0, "v": self.nv, "z": self.nv * 2}
-        inputs: dict[str, list[Value] | Array] = {**more, "t": [t], NUMBERS: self.numbers(program)}
+        inside, numbers = self.inside(t), self.numbers(program)
+        inputs: dict[str, list[Value] | Array] = {**more, "t": [inside], NUMBERS: numbers}
         for group, count in program.inputs.items():
             if group == "p":
                 inputs[group] = [f.load(f.offset("%p", k)) for k in range(count)]
             elif group in first:
                 inputs[group] = x.part(first[group])
         return self.programs.evaluate(f, program, inputs, width)
+
+    def inside(self, t: Value) -> Value:
+        """Return times (lanes) put inside the stretch between two breakpoints.
+
+        A formula of time that jumps at a breakpoint has the value of one side there. A stage at the end of a step that
+        ends there, or at the start of the next one, must see its own side.
+        """
+        if not self.system.breakpoints:
+            return t
+        f = self.f
+        begin, end = (f.splat(self.get(k), t.width) for k in (DoubleSlot.T_AFTER, DoubleSlot.T_BEFORE))
+        with f.strict():
+            return f.min(f.max(t, begin), end)
 
     def dynamics(self, t: Value, x: Array, rates: Array) -> None:
         """Store v-dot and z-dot at time t and state x."""

@@ -10,6 +10,7 @@ from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
 ROUNDS = 64
+LOWEST = 1e-14  # a bounce this low, relative to the joint's position or to 1, is rounding
 
 
 @record
@@ -67,4 +68,27 @@ def impact(
     out[joint] = -restitution * v[joint]
     for k in active:
         out[k] = 0.0
+    return out
+
+
+def is_lost(speed: float, toward: float, at: float, height: float, slow: float) -> bool:
+    """Tell whether a bounce from a stop ``at`` [rad, m] need not be followed.
+
+    It is lower than ``height`` and slower than ``slow``, or so low that its impact cannot be told from its start.
+
+    toward : acceleration towards the stop.
+    """
+    rise = speed * speed / (2.0 * toward) if toward > 0.0 else float("inf")
+    return (rise < height and speed < slow) or rise < LOWEST * max(1.0, abs(at))
+
+
+def halted(psi: Array, v: Array, resting: Collection[int]) -> Array:
+    """Return the velocities nearest to v (nv,) in which the joints ``resting`` stand still and Psi v is what it was.
+
+    A joint comes to rest within rounding; the others of its loops have to stand still with it, or they drive it on.
+    """
+    rows = np.concatenate([psi, np.eye(len(v))[list(resting)]])
+    target = np.concatenate([np.zeros(len(psi)), -v[list(resting)]])
+    out: Array = v + np.linalg.lstsq(rows, target, rcond=1e-13)[0]
+    out[list(resting)] = 0.0
     return out

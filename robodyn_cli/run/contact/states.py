@@ -30,7 +30,7 @@ from robodyn_cli.run.contact.events import (
     contact_functions,
     known_sides,
 )
-from robodyn_cli.run.contact.impact import Hit, impact
+from robodyn_cli.run.contact.impact import Hit, halted, impact, is_lost
 from robodyn_cli.run.driver.motion import Motion, Watcher
 from robodyn_cli.spatial.algebra import Array
 
@@ -41,6 +41,7 @@ COMBINATIONS = 6561  # of contact states that are tried where pivoting does not 
 CASCADE = 1000  # impacts at one instant, each caused by the one before
 CROWD = 1000  # so many events within this part of the time so far (or of a second) get nowhere
 CROWDED = 1e-5
+LATER = 0.1  # a second integration follows bounces longer, or both would come to rest after the same one
 FLIGHT = 1 / 8  # the first step after an impact, as a part of the time to the next one
 
 
@@ -50,12 +51,13 @@ class ContactStates(Watcher):
     state : of each joint, HELD or its direction of motion. rest : joints at rest. contact : direction in which the stop
     pushes, of joints on one. counts : transitions that have happened, by kind.
 
-    A joint rests on a stop when its next bounce would be lower than the tolerance, or shorter than a fixed step
-    resolves.
+    A joint rests on a stop when its next bounce would be lower and slower than the tolerances, or shorter than a fixed
+    step resolves.
     """
 
     functions: tuple[ContactFunction, ...]
     changes_motion = True
+    slowest = 1.0  # times the rate below which a joint does not bounce any more
 
     def __init__(self, problem: Problem) -> None:
         if problem.dependent:
@@ -90,6 +92,7 @@ class ContactStates(Watcher):
         self.counts: Counter[str] = Counter()
         self._flight = np.inf
         self._fastest = 0.0
+        self._load = 1e-300  # the largest multiplier so far
         self._known_held: set[int] = set()
         self._recent: deque[tuple[float, str]] = deque(maxlen=CROWD)
         self._inertia = np.ones(self.problem.model.nv)
@@ -103,6 +106,7 @@ class ContactStates(Watcher):
 
     def again(self) -> ContactStates:
         other = copy.copy(self)
+        other.slowest = LATER
         other._clear()
         return other
 
@@ -175,8 +179,9 @@ class ContactStates(Watcher):
                 x[self._q(joint)] = at  # it leaves, and lies behind its stop by rounding alone
         elif function.transition is Transition.REST:
             if k not in self.rest:
-                x[self._v(joint)] = 0.0
                 self.rest.add(k)
+                v = list(self.system.v_places)
+                x[v] = halted(self._numbers(t, x)[1], x[v], [self.joints[j].v for j in sorted(self.rest)])
         elif k in self.rest:
             forced[k] = -1 if function.transition is Transition.BREAK_HIGH else 1
         self._settle(t, x, forced)
@@ -193,12 +198,7 @@ class ContactStates(Watcher):
             )  # fmt: skip
 
     def see(self, t: Array, x: Array) -> None:
-        """Refuse states (T, nx) that contradict the contact states: an event was missed.
-
-        Raises
-        ------
-        NumericalError : with the joint and the time.
-        """
+        """Refuse states (T, nx) that contradict the contact states, as an event was missed, by a NumericalError."""
         q, v, _ = self.system.split(x)
         self._fastest = max(self._fastest, float(np.abs(v).max(initial=0.0)))
         refuse_missed(self.joints, self.state, t, q, v, self._fastest)
@@ -206,8 +206,7 @@ class ContactStates(Watcher):
     # -- contact states -------------------------------------------------------------------------------
     def _settle_speeds(self, x: Array) -> None:
         """Sort the joints by their rates: those at rest, and the directions of the others."""
-        v = x[list(self.system.v_places)]
-        still = AT_REST * float(np.abs(v).max(initial=0.0))
+        still = AT_REST * float(np.abs(x[list(self.system.v_places)]).max(initial=0.0))
         for k, joint in enumerate(self.joints):
             place = self._v(joint)
             if abs(x[place]) <= still and (joint.friction is not None or k in self.contact):
@@ -270,9 +269,8 @@ class ContactStates(Watcher):
         names = ", ".join(self.joints[k].name for k in still)
         raise NumericalError(
             f"no contact states of the joints at rest ({names}) are consistent at t = {t:.6g} s",
-            time=t,
-            status="modes",
-        )
+            time=t, status="modes",
+        )  # fmt: skip
 
     def _directions(self, k: int) -> list[int]:
         """Return the directions in which a joint at rest may move off."""
@@ -287,22 +285,25 @@ class ContactStates(Watcher):
             names = ", ".join(self.joints[k].name for k in still)
             raise NumericalError(
                 f"the forces in the joints at rest ({names}) are not unique at t = {t:.6g} s",
-                time=t,
-                status="modes",
-            )
-        largest = max(float(np.abs(lam).max()), *(max(g.breakaway) for g in self.joints), 1e-300)
+                time=t, status="modes",
+            )  # fmt: skip
+        strongest = max(float(np.abs(lam).max()), *(max(g.breakaway) for g in self.joints))
+        # where a joint leaves its stop the multiplier is zero, and says nothing about the size of forces
+        largest = max(strongest, self._load)
         found = []
         for k in still:
             low, high = self._bounds(k)
             if self.state[k] == HELD:
-                over, under = (lam[k] - high) / largest, (low - lam[k]) / largest
+                over, under = float(lam[k] - high) / largest, float(low - lam[k]) / largest
                 if max(over, under) > FORCE:
-                    found.append((float(max(over, under)), k, -1 if over > under else 1))
+                    found.append((max(over, under), k, -1 if over > under else 1))
                 continue
             # the force that would have to be added for the joint not to move against its direction
             short = -self.state[k] * a[self.joints[k].v] * self._inertia[self.joints[k].v] / largest
             if short > FORCE:
                 found.append((float(short), k, HELD))
+        if not found:
+            self._load = largest
         return found
 
     # -- impacts --------------------------------------------------------------------------------------
@@ -311,6 +312,7 @@ class ContactStates(Watcher):
         joint, s = self.joints[k], self.system
         x = x.copy()
         x[self._q(joint)] = at
+        self._fastest = max(self._fastest, float(np.abs(x[list(s.v_places)]).max()))
         if x[self._v(joint)] == 0.0:
             self.contact[k] = push
             self.rest.add(k)
@@ -342,17 +344,18 @@ class ContactStates(Watcher):
         self._write()
         a = self.rates(t, bounced)[0]
         toward = -push * float(a[joint.v])
-        height = self.options.atol + self.options.rtol * abs(at)
+        height = self.slowest**2 * (self.options.atol + self.options.rtol * abs(at))
         # a method of fixed step cannot follow flights that are short beside it
-        briefest = FLIGHT * (self.options.step or 0.0)
-        low = speed * speed < 2.0 * toward * height or speed < briefest * toward
+        briefest = self.slowest * FLIGHT * (self.options.step or 0.0)
+        slow = self.slowest * (self.options.atol + self.options.rtol * self._fastest)
+        low = is_lost(speed, toward, at, height, slow) or speed < briefest * toward
         if speed <= 0.0 or (toward > 0.0 and low):
             self.rest, self.contact, self.state = saved
             # joints that would leave their stops by less than this height rest on, or they would hit each other off
             most = float(np.abs(a).max())
-            slow = max(np.sqrt(2.0 * height * most), briefest * most)
+            low_rate = max(np.sqrt(2.0 * height * most), briefest * most)
             bounced = after(0.0)
-            bounced = after(0.0, [j for j in resting if abs(bounced[places[j]]) <= slow])
+            bounced = after(0.0, [j for j in resting if abs(bounced[places[j]]) <= low_rate])
             bounced[self._v(joint)] = 0.0
             self.contact[k] = push
             self._settle_speeds(bounced)

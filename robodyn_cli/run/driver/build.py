@@ -27,11 +27,10 @@ AUTOMATIC = "baumgarte"
 def follow_motion(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
     """Return the watchers of a simulation: loss of rank (a stop, or a pose to pass), contact states, limits."""
     found: list[Watcher] = []
-    contact = bool(problem.contact_joints)
-    stops = problem.scene.simulate.singular == "stop"
-    if problem.model.closures and (stops or not contact):
+    if problem.model.closures:
         from robodyn_cli.run.singular.rank_loss import Passage, RankLoss
 
+        stops = problem.scene.simulate.singular == "stop"
         found.append(RankLoss(problem) if stops else Passage(problem))
     found += contact_watchers(problem)
     return [*(watcher for watcher in found if watcher.functions), *limit_watchers(problem)]

@@ -163,7 +163,7 @@ class Driver:
 
     def _go_on_from(self, time: float, state: Array) -> None:
         self.integrator.tick = self.tick
-        left = self.options.max_steps - self._done.steps - self._done.rejected
+        left = max(1, self.options.max_steps - self._done.steps - self._done.rejected)
         self.integrator.reset(time, state, dataclasses.replace(self.options, max_steps=left))
         self._set_pause()
         for watcher in self.watchers:
@@ -215,11 +215,18 @@ class Driver:
                 outcome = self.integrator.run(end, grid, seen, block, watch)
             except NumericalError as error:
                 if not self._goes_on(error):
-                    raise
+                    raise self._counted(error) from error
                 continue
             if not isinstance(outcome, Leap):
                 return
             self._leap(outcome, end, grid, seen)
+
+    def _counted(self, error: NumericalError) -> NumericalError:
+        """Return the error of too many steps with those before a leap or a change of method among them."""
+        if error.details.get("status") == "max_steps":
+            where = f"stopped at t = {self.time:.6g} s"
+            error.message = f"more than {self.options.max_steps} steps, {where}"
+        return error
 
     def samples(self, end: float, grid: Grid, watch: bool = True) -> Array:
         """Return the states (T, nx) at the sample times up to where the run came."""

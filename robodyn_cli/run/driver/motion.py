@@ -70,6 +70,11 @@ class Watcher:
         """What users are to be warned of after the run."""
         return []
 
+    @property
+    def error(self) -> float:
+        """What its own integrations add to the error of rates [rad/s, m/s], as far as a second run may share it."""
+        return 0.0
+
     def facts(self, end: float) -> dict[str, Any]:
         """Return fields of the summary for a run that came to ``end`` [s]."""
         return {}

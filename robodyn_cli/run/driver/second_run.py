@@ -30,6 +30,9 @@ TIGHTER = 50.0  # times, at most: a tolerance so much tighter is enough even whe
 TIGHTEST_RTOL = 1e-14  # not below what double precision can resolve
 FINEST_RTOL = 1e-12  # below it, methods of high order are at rounding, where a tighter tolerance says nothing
 SHORTER = 0.6  # times the mean step of the first run, where a tighter tolerance says nothing
+FIRST_STEPS = (
+    0.4  # times the first steps, at the start and behind events, or both runs would share their errors
+)
 HIGH_ORDER = 7
 NOT_MEANINGFUL = 1e-2  # part of the range of a quantity above which its error means that its digits are lost
 AT_ROUNDING = 100.0  # times the rounding floor
@@ -52,7 +55,8 @@ def tighter(options: Options, mean_step: float, method: str) -> tuple[Options, s
     rtol = options.rtol / factor
     fine = options.rtol >= FINEST_RTOL if kind.order >= HIGH_ORDER else rtol >= TIGHTEST_RTOL
     if kind.adaptive and fine:
-        return dataclasses.replace(options, rtol=rtol, atol=options.atol / factor), f"rtol {rtol:.1g}"
+        tight = dataclasses.replace(options, rtol=rtol, atol=options.atol / factor, first=FIRST_STEPS)
+        return tight, f"rtol {rtol:.1g}"
     # at the limit of double precision a tighter tolerance says nothing; other steps show the rounding errors
     return other_steps(options, mean_step)
 
@@ -60,7 +64,9 @@ def tighter(options: Options, mean_step: float, method: str) -> tuple[Options, s
 def other_steps(options: Options, mean_step: float) -> tuple[Options, str]:
     """Return the options of a second run with shorter steps, and how it differs in words."""
     longest = min(options.max_step, SHORTER * mean_step)
-    return dataclasses.replace(options, max_step=longest), f"steps {SHORTER:g} times as long"
+    return dataclasses.replace(
+        options, max_step=longest, first=FIRST_STEPS
+    ), f"steps {SHORTER:g} times as long"
 
 
 @record
@@ -179,7 +185,8 @@ def estimate_error(motion: Motion, first: FirstRun, recorder: Recorder, tick: Ti
 
     The difference of the two, D = e_1 - e_2, is the error of the first up to that of the second, which is smaller by
     (n_1 / n_2)^p for n steps each and order p: e_1 = D / (1 - (n_1 / n_2)^p). Reported are the largest over all
-    samples, for q and qd apart. Nothing else about the two runs is shared but the method.
+    samples, for q and qd apart. Nothing else about the two runs is shared but the method, and what watchers say of
+    their own errors.
     """
     grid = first.grid.every(recorder.every)
     try:
@@ -192,6 +199,9 @@ def estimate_error(motion: Motion, first: FirstRun, recorder: Recorder, tick: Ti
     other_q, other_qd, _ = motion.system.split(states[: len(q)])
     scale = remainder(first.method, first.steps, second.steps)
     dq, dv = scale * np.abs(other_q - q), scale * np.abs(other_qd - qd)
+    # what both runs may share, as the rounding of a leap, shows in no difference of theirs
+    shared = sum(watcher.error for watcher in motion.watchers)
+    dq, dv = np.maximum(dq, shared), np.maximum(dv, shared)
     found_q, found_v = float(dq.max(initial=0.0)), float(dv.max(initial=0.0))
     floor = rounding_floor(motion, recorder, len(q), first.steps, max(found_q, found_v))
     q_max, qd_max = max(found_q, floor.q), max(found_v, floor.qd)

@@ -84,7 +84,7 @@ def _doubtful_times(problem: Problem, row: Row) -> list[float]:
     """Return the times at which the motion may jump: formulas switch there, or are not smooth."""
     found = [s for s in switches([row.eta, row.eta_t, row.gamma]) if is_of_time(s, problem.t)]
     duration = problem.scene.simulate.duration
-    times = {time for s in found for time in switching_times(s, problem.t, duration)}
+    times = {x for s in found for x in switching_times(s, problem.t, duration) if 0.0 < x < duration}
     hidden = [x for key, found in problem.switching.time_structures if key == row.name for x in found.points]
     return sorted(times.union(hidden))
 

@@ -78,15 +78,16 @@ class Equations:
         if len(parameters):
             self.p = parameters
 
-    def _values(
+    def values(
         self, kernel: SampleKernel, t: Array, q: Array, v: Array, z: Array | None = None
     ) -> dict[str, Array]:
+        """Return what a kernel gives at times (T,) and states (T, ...), in the present contact states."""
         groups = {"t": t, "q": q, "v": v, "z": np.zeros((len(t), 1)) if z is None else z, "p": self.p}
         return kernel.evaluate(len(t), groups)
 
     def constraints(self, t: Array, q: Array) -> tuple[Array, Array]:
         """Return eta (T, m) and Psi (T, m, nv)."""
-        found = self._values(self.geometry, t, q, np.zeros((len(t), self.nv)))
+        found = self.values(self.geometry, t, q, np.zeros((len(t), self.nv)))
         return found["eta"], found["psi"].reshape(len(t), self.m, self.nv)
 
     def singular_values(self, t: Array, q: Array) -> Array:
@@ -97,7 +98,7 @@ class Equations:
 
     def moved(self, q: Array, dq: Array) -> Array:
         """Return positions (T, nq) after steps dq (T, nv) along the joints' manifolds."""
-        return self._values(self.shift, np.zeros(len(q)), q, dq)["q"]
+        return self.values(self.shift, np.zeros(len(q)), q, dq)["q"]
 
 
 def _moved(problem: Problem) -> list[Any]:
@@ -193,11 +194,11 @@ class Collocation:
         """Return v put on the constraints, q-dot, v-dot and z-dot at the nodes."""
         e, n = self.equations, self.n
         _, psi = e.constraints(self.times, q)
-        found = e._values(e.rates, self.times, q, v, z)
+        found = e.values(e.rates, self.times, q, v, z)
         inverse = bases.inverse(psi)
         drift = np.einsum("nij,nj->ni", psi, v) + found["eta_t"]
         v = v - bases.step(inverse, drift)
-        found = e._values(e.rates, self.times, q, v, z)
+        found = e.values(e.rates, self.times, q, v, z)
         M = found["M"].reshape(n, e.nv, e.nv)
         bound = -bases.step(inverse, found["gamma"])
         N = inverse[:, :, e.rank :]
@@ -286,6 +287,17 @@ class Leap:
         """The times of the two nodes beside the pose [s]."""
         n = len(self.qd)
         return self.start.time + self.length * gauss_table(n).c[n // 2 - 1 : n // 2 + 1]
+
+    @property
+    def noise(self) -> float:
+        """The rounding that the nodes close to the pose bring into v over the leap, by the last coefficients of v-dot.
+
+        There the constraints are ill conditioned: rounding of v-dot is many times that of the motion, and does not
+        fall with the tolerance. n values with errors of size e have coefficients of size e, and a mean with an error
+        e / sqrt(n).
+        """
+        n = len(self.a)
+        return float(0.5 * self.length * np.abs(self.a[-2:]).max(initial=0.0) / np.sqrt(n))
 
     @property
     def tail(self) -> float:

@@ -17,6 +17,7 @@ from robodyn_cli.spatial.algebra import Array
 
 NODES = 16  # of a leap
 REACH = 0.4  # joint angle [rad] that a leap covers on either side of the pose, at most
+FIRST = 0.02  # first step of the approach, in angle [rad], at most
 STEPS = 80  # of the approach
 FAR = 3.0  # times the reach of a leap that a pose may be away; the next threshold comes closer
 REFUSED = 4  # leaps, each shorter than the one before, after which the pose is not passed
@@ -70,7 +71,7 @@ class Approach:
     ----------
     advance : integrates on to a time and returns the state there.
     turning : which velocity coordinates are angular rates.
-    nodes, reach : of a leap.
+    nodes, reach : of a leap. check : refuses a leap over a pose at a time (NotSmooth).
     """
 
     def __init__(
@@ -80,8 +81,9 @@ class Approach:
         turning: Array,
         nodes: int,
         reach: float,
+        check: Callable[[Leap, float], None] = lambda leap, pose: None,
     ) -> None:
-        self.equations, self.advance, self.turning = equations, advance, turning
+        self.equations, self.advance, self.turning, self.check = equations, advance, turning, check
         self.nodes, self.reach = nodes, reach
 
     def pose_ahead(self, state: State, end: float) -> Pose | Unresolved | None:
@@ -129,8 +131,10 @@ class Approach:
         return Unresolved(State(time, q, v, z), last.time, reason)
 
     def _first_step(self, state: State) -> float:
+        """Return a step [s] that is short beside the way to the pose, which may be close after an impact."""
         speed = float(np.abs(state.v).max(initial=0.0))
-        return 0.02 / speed if speed > 0.0 else 1e-3
+        away = float(self.sigma[0][-1] / self.sigma[0][0])  # about as many radians
+        return min(FIRST, 0.5 * away) / speed if speed > 0.0 else 1e-3
 
     def _reach(self, state: State) -> float:
         """Return the time in which the joints turn by ``reach`` [s]; without turning joints there is no bound."""
@@ -181,6 +185,7 @@ class Approach:
         lost = int((sigma < LOST * sigma[0]).sum())
         if not lost:
             raise NotSmooth("the constraints keep their rank")
+        self.check(leap, found)
         return Pose(found, lost, leap)
 
     def _tried(self, here: State, length: float) -> Leap:

@@ -9,6 +9,7 @@ motion is followed ahead (``pose_ahead.py``); where the pose is still far, the n
 from __future__ import annotations
 
 import copy
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,9 @@ from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.motion import Motion, Watcher
+from robodyn_cli.run.singular.beside import BesidePose
 from robodyn_cli.run.singular.leap import Equations, State
+from robodyn_cli.run.singular.leap import Leap as FoundLeap
 from robodyn_cli.run.singular.pose_ahead import NODES, REACH, Approach, Pose, Unresolved
 from robodyn_cli.run.singular.singularity import classify, culprit, refuse_dependent_rows
 from robodyn_cli.spatial.algebra import Array
@@ -30,6 +33,7 @@ from robodyn_cli.spatial.algebra import Array
 NEAR = 0.03  # ratio of singular values at the highest threshold
 RUNGS = 8
 LOWER = 1 / 16  # one threshold of the closeness over the one before: a quarter of the distance, squared
+SCOUTED = 20_000  # steps towards a pose, far more than it takes; steps that shrink to nothing get no further
 OTHER_NODES, OTHER_REACH = 20, 0.3  # of a leap in a second integration, which must not repeat its error
 
 
@@ -85,7 +89,7 @@ class PosesAhead(Watcher):
 
         turning = np.array([unit == "rad" for unit in self.problem.model.v_units])
         self.equations.in_contact(self._contact(event))
-        approach = Approach(self.equations, advance, turning, self.nodes, self.reach)
+        approach = Approach(self.equations, advance, turning, self.nodes, self.reach, self.check)
         try:
             found = approach.pose_ahead(self._moment(event.time, event.state), self.end)
         except NumericalError:
@@ -94,14 +98,20 @@ class PosesAhead(Watcher):
             refuse_dependent_rows(self.problem, found.state.q, found.time)
         return found
 
+    def check(self, leap: FoundLeap, pose: float) -> None:
+        """Refuse a leap over a pose at a time [s] that the run is not to make (NotSmooth)."""
+
     def _contact(self, event: Event) -> Array:
         """Return the values of p that say in which contact states joints are; none where there are none."""
         return event.parameters if self.problem.contact_joints else np.zeros(0)
 
     def _scout(self, event: Event) -> Driver:
         """Return a driver of its own that stands at an event."""
+        options = self.options
+        if options.step is None:
+            options = dataclasses.replace(options, max_steps=min(options.max_steps, SCOUTED))
         scout = Driver(
-            self.motion.system, self.motion.choice.method, self.options, parameters=self._contact(event)
+            self.motion.system, self.motion.choice.method, options, parameters=self._contact(event)
         )
         scout.start(event.time, event.state)
         return scout
@@ -145,10 +155,15 @@ class Passage(PosesAhead):
     def __init__(self, problem: Problem) -> None:
         super().__init__(problem)
         self.crossed: list[float] = []
+        self._noise = 0.0
 
     def begin(self, t: float, x: Array, options: Options) -> Array:
-        self.crossed = []
+        self.crossed, self._noise = [], 0.0
         return super().begin(t, x, options)
+
+    @property
+    def error(self) -> float:
+        return self._noise
 
     def facts(self, end: float) -> dict[str, Any]:
         return {"passed": [time for time in self.crossed if time <= end]}
@@ -158,6 +173,13 @@ class Passage(PosesAhead):
         other = copy.copy(self)
         other.nodes, other.reach = OTHER_NODES, OTHER_REACH
         return other
+
+    def follow(self, motion: Motion) -> None:
+        super().follow(motion)
+        self._beside = BesidePose(self.problem, [f for w in motion.watchers for f in w.functions])
+
+    def check(self, leap: FoundLeap, pose: float) -> None:
+        self._beside.check(self.equations, leap, pose)
 
     def handle(self, event: Event) -> Outcome:
         """Leap over the pose ahead, where there is one.
@@ -169,6 +191,9 @@ class Passage(PosesAhead):
         found = self.ahead(event)
         if found is None:
             return GO_ON
+        held = self._beside.refuse_held(event.parameters)
+        if held and isinstance(found, Pose):
+            found = Unresolved(found.state, found.regular_until, held)
         if isinstance(found, Unresolved):
             loops = ", ".join(self.problem.model.closures)
             raise SingularConfigurationError(
@@ -178,6 +203,7 @@ class Passage(PosesAhead):
             )  # fmt: skip
         self.crossed.append(found.time)
         leap = found.leap
+        self._noise += leap.noise
 
         def states(t: Array) -> Array:
             """Return states (T, nx): of the way to the leap, then of the leap itself."""
