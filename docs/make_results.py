@@ -1,4 +1,4 @@
-"""Refresh the results in the README by running its three commands: what they print, and the images.
+"""Refresh the results in the README by running its three commands: what they print, the images, the movie.
 
 python docs/make_results.py
 """
@@ -22,6 +22,8 @@ RUNS = (
     ("double_pendulum", "simulate", ("joint_angles", "tip_path")),
     ("four_bar_deploy", "deploy", ("mechanism", "joint_angles", "multipliers", "singular_values")),
 )
+# scene, words of animate: short and small, and yet no jerks
+MOVIE = ("four_bar_deploy", ("--speed", "3", "--fps", "10"))
 LEFT_OUT = ("  cost ", "results: ")
 COLOURS = 64  # enough for lines and text, and a third of the size
 
@@ -53,6 +55,9 @@ def main() -> None:
                 with Image.open(out / f"{name}.png") as image:
                     small = image.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
                     small.save(IMAGES / f"{scene}_{name}.png", optimize=True)
+            if scene == MOVIE[0]:
+                movie = str(IMAGES / f"{scene}.gif")
+                output("-m", "robodyn_cli", "animate", str(out), "--file", movie, *MOVIE[1])
     snippet = next(b for b in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "true error" in b)
     README.write_text(boxed(page, "true error", output("-c", snippet)), encoding="utf-8")
 

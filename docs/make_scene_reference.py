@@ -32,6 +32,7 @@ from robodyn_cli.schema.fields import (
     Tagged,
     Text,
     Vector,
+    key_name,
 )
 
 PAGE = Path(__file__).parent / "scene.md"
@@ -68,7 +69,7 @@ def keys(cls: type) -> Iterator[str]:
         if isinstance(kind, Inline):
             yield from kind.registry()
         elif kind is not None:
-            yield field.name
+            yield key_name(field)
 
 
 def table(cls: type, anchors: dict[str, str]) -> str:
@@ -82,7 +83,9 @@ def table(cls: type, anchors: dict[str, str]) -> str:
                 rows.append(_row(name, _link(element, anchors), "", "none", " ".join(first.split())))
         elif kind is not None:
             unit = field.metadata["unit"]
-            rows.append(_row(field.name, _value(kind, anchors), unit, _default(field), field.metadata["doc"]))
+            rows.append(
+                _row(key_name(field), _value(kind, anchors), unit, _default(field), field.metadata["doc"])
+            )
     return "\n".join(rows) + "\n"
 
 
@@ -106,7 +109,8 @@ def _value(kind: Kind, anchors: dict[str, str]) -> str:
         kinds = ", ".join(f"[`{k}`](#{anchors.get(c.__name__, '')})" for k, c in kind.registry().items())
         return f"map with `{kind.tag}` {kinds}"
     if isinstance(kind, OrFile):
-        return f"{_value(kind.item, anchors)}; or the path of a YAML file"
+        formats = "YAML or URDF" if kind.robot else "YAML"
+        return f"{_value(kind.item, anchors)}; or the path of a {formats} file"
     if isinstance(kind, Either):
         return ", or ".join(_value(one, anchors) for one in kind.kinds)
     if isinstance(kind, Text):
@@ -117,6 +121,8 @@ def _value(kind: Kind, anchors: dict[str, str]) -> str:
         return "list of numbers"
     if isinstance(kind, ListOf) and isinstance(kind.item, (Section, Tagged, Vector)):
         bound = f"{kind.minimum} or more" if kind.minimum else "list"
+        if kind.minimum == kind.maximum:
+            bound = f"list of {kind.minimum}"
         return f"{bound}: {_value(kind.item, anchors)}"
     if isinstance(kind, MapOf) and isinstance(kind.item, (Section, Either)):
         return f"map from names of {kind.of}s to: {_value(kind.item, anchors)}"

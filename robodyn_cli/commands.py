@@ -13,11 +13,13 @@ class Command:
     run : for a command that a scene may name under ``command``, its function as ``module:function`` below ``run/``;
     ``function(scene, progress=..., watch=...)`` returns a Result.
     streamed : that function takes a ``writer`` too, which writes long runs block by block.
+    brief : it takes so little time that ``validate`` runs it to find what is wrong.
     """
 
     help: str
     run: str = ""
     streamed: bool = False
+    brief: bool = False
 
 
 # what the command line calls is the function ``command`` in cli/commands/NAME.py
@@ -30,25 +32,29 @@ COMMANDS: dict[str, Command] = {
         "Simulate a mechanism with loops until it locks.", "deploy.deploy:deploy", streamed=True
     ),
     "kinematics": Command(
-        "Motion without forces, mobility, transmission.", "mechanism.kinematics:kinematics"
+        "Motion without forces, mobility, transmission.", "mechanism.kinematics:kinematics", brief=True
     ),
     "assemble": Command(
-        "Close the loops, and find the ways in which they close.", "mechanism.assemble:assemble"
+        "Close the loops, and find the ways in which they close.", "mechanism.assemble:assemble", brief=True
     ),
     "statics": Command(
-        "Balance and its stability, or torques that hold a pose.", "mechanism.statics:statics"
+        "Balance and its stability, or torques that hold a pose.", "mechanism.statics:statics", brief=True
     ),
     "plan": Command("What a scene needs, what is left out, and operations."),
+    "animate": Command("Make a movie of a result, or a strip of stills."),
     "cache": Command("Show how much compiled code is kept, or clear it."),
     "check": Command("Check a result against what its scene expects."),
     "compare": Command("Compare two results dataset by dataset."),
+    "import": Command("Write the robot of a URDF file as YAML."),
     "info": Command("Tree, frames, M, C, G and Jacobians at a state."),
     "new": Command("Write a commented scene to begin with."),
+    "plot": Command("Draw stored results again, several over one another."),
     "run": Command("Run many scenes, each by its own command; check them."),
     "schema": Command("Print the JSON Schema of scenes, for editors."),
     "stability": Command(
         "Stiffness, step limits, and what each method does.", "numerics.stability:stability"
     ),
+    "sweep": Command("Many runs with other values of some keys: sweeps and Monte Carlo."),
     "validate": Command("Check scenes and list all that is wrong."),
     "work-precision": Command("Error against run time, for every method."),
 }

@@ -6,6 +6,7 @@ All quantities are in base coordinates unless a name says otherwise.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from robodyn_cli.model.model import BASE, Body, Model
 from robodyn_cli.record import record
@@ -51,6 +52,22 @@ class Pose:
     def after(self, X: Transform) -> Pose:
         """Return the pose of the frame that X leads to from this frame."""
         return Pose(self.R @ X.E.T, self.p + self.R @ X.r)
+
+
+def position_rates(model: Model, q: Values, v: Values) -> list[Any]:
+    """Return q-dot (nq,) of velocities v (nv,)."""
+    rates: list[Any] = [0.0] * model.nq
+    for body in model.bodies:
+        rates[body.q : body.q + body.joint.nq] = body.joint.velocity_map(slice_q(body, q), slice_v(body, v))
+    return rates
+
+
+def moved(model: Model, q: Values, dq: Values) -> list[Any]:
+    """Return q (nq,) after a step dq (nv,) along the joints' manifolds."""
+    found = list(q)
+    for body in model.bodies:
+        found[body.q : body.q + body.joint.nq] = body.joint.integrate(slice_q(body, q), slice_v(body, dq))
+    return found
 
 
 def step_transform(body: Body, q: Vector) -> Transform:

@@ -108,6 +108,15 @@ class Console:
         bar = "#" * round(30 * part)
         self._write_over(f"[{bar:<30}] {100 * part:5.1f} %  t = {done:.4g} of {total:.4g} s")
 
+    def count(self, done: int, total: int, left: float | None) -> None:
+        """Show how many runs are done, and the seconds left, if standard error is a terminal."""
+        now = time.monotonic()
+        if self.quiet or now - self._shown < 0.1 or not self._on_terminal:
+            return
+        self._shown = now
+        ready = "" if left is None else f", {left:.0f} s left"
+        self._write_over(f"[{'#' * round(30 * done / total):<30}] {done} of {total} runs{ready}")
+
     def _write_over(self, text: str) -> None:
         """Write a line over the one that is there."""
         self._width = max(self._width, len(text))
@@ -144,8 +153,17 @@ def guarded(command: Callable[..., int]) -> Callable[..., int]:
             if type(error).__name__ == "LinAlgError":  # numpy may not have been imported
                 return console.fail(no_linear_algebra(error))
             return _internal(error, console)
+        finally:
+            _tell_of_compiled_code(console)
 
     return run
+
+
+def _tell_of_compiled_code(console: Console) -> None:
+    """Say what kept compiled code from being kept, where anything was compiled; it does not touch the results."""
+    compiler = sys.modules.get("robodyn_cli.kernels.report")
+    for text in compiler.REPORT.warnings if compiler is not None else ():
+        console.note(f"robodyn: warning: {text}")
 
 
 def _internal(error: Exception, console: Console) -> int:

@@ -24,6 +24,20 @@ AS_JSON = f"""\
   }}
 }}
 """
+# what a batch reports that has not come to its first scene
+REPORTS = {
+    "--junit": f"""\
+<?xml version='1.0' encoding='utf-8'?>
+<testsuites name="robodyn" tests="1" failures="0" errors="0" time="0.000">
+  <testsuite name="robodyn run" tests="1" failures="0" errors="0" time="0.000" skipped="1">
+    <testcase name="run" classname="robodyn.run" time="0.000">
+      <skipped message="{MESSAGE} before the first scene" />
+    </testcase>
+  </testsuite>
+</testsuites>
+""",
+    "--markdown": f"# robodyn run\n\nThe batch was {MESSAGE} before its first scene.\n",
+}
 _seen = False
 
 
@@ -66,7 +80,25 @@ def seen() -> bool:
     return _seen
 
 
+def _report_of_batch() -> None:
+    """Write the reports that a batch was asked for, while nothing is imported that could write better ones."""
+    words = sys.argv[1:]
+    if "run" not in words:
+        return
+    for option, text in REPORTS.items():
+        given = [word.partition("=")[2] for word in words if word.startswith(f"{option}=")]
+        given += [value for word, value in zip(words, words[1:]) if word == option]
+        if not given:
+            continue
+        with contextlib.suppress(OSError):
+            temporary = f"{given[-1]}.{os.getpid()}.tmp"
+            with open(temporary, "w", encoding="utf-8") as file:
+                file.write(text)
+            os.replace(temporary, given[-1])
+
+
 def _leave(number: int, frame: FrameType | None) -> NoReturn:
+    _report_of_batch()
     with contextlib.suppress(OSError):
         if "--json" in sys.argv:
             os.write(1, AS_JSON.encode())

@@ -29,10 +29,8 @@ def error_lines(summary: Mapping[str, Any]) -> list[str]:
     lines = []
     if isinstance(estimate, Mapping) and estimate.get("state_max") is not None:
         note = ""
-        floor = estimate.get("rounding_floor", 0.0)
         if estimate.get("at_rounding"):
-            below = estimate["state_max"] < floor
-            note = f" (below what rounding leaves, some {floor:.0e})" if below else " (at rounding)"
+            note = " (at rounding)"
         elif estimate.get("meaningful_until") is not None:
             note = f" (not meaningful after t = {estimate['meaningful_until']:.4g} s)"
         if estimate.get("q_max") is not None:

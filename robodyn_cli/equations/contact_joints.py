@@ -44,7 +44,8 @@ class ContactJoint:
 
     @property
     def restitution(self) -> float:
-        assert self.limits is not None and self.limits.stop.restitution is not None
+        assert self.limits is not None and self.limits.stop is not None
+        assert self.limits.stop.restitution is not None
         return self.limits.stop.restitution
 
     @property

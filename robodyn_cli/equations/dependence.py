@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from robodyn_cli.algorithms.constraints import gram
 from robodyn_cli.algorithms.linear import LdlFactor, minimum_degree
 from robodyn_cli.equations.constraints import Constraints
@@ -18,7 +20,9 @@ from robodyn_cli.expr.graph import Graph, Scalar
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import PARAMETER_GROUP
 from robodyn_cli.record import record
-from robodyn_cli.spatial.algebra import Matrix, Vector, zeros
+from robodyn_cli.spatial.algebra import Array, Matrix, Vector, dot, zeros
+
+FLOOR = 1e-12  # closeness below which the rows themselves have lost rank
 
 
 @record
@@ -129,9 +133,20 @@ def closeness(psi: Matrix, whole: Matrix | None = None) -> Scalar:
     measured too.
     """
     A = gram(psi)
-    trace: Any = 0.0
-    for row in psi if whole is None else whole:
-        for x in row:
-            trace = trace + x * x
+    entries = (psi if whole is None else whole).ravel()
+    trace = dot(entries, entries)
     value: Scalar = 1.0 / (trace * LdlFactor.of(A, minimum_degree(A)).inverse_trace())
     return value
+
+
+def threshold(square: float, sigma: Array, worn: float) -> float:
+    """Return the closeness at which a choice is made anew: ``worn`` times that at the choice.
+
+    Where the loops themselves have lost rank there, it is one that is soon met behind the pose.
+
+    Parameters
+    ----------
+    square : tr B, of ``closeness``. sigma : singular values of Psi where the choice is made.
+    """
+    close = float(1.0 / (square * (1.0 / np.maximum(sigma, 1e-150) ** 2).sum()))
+    return worn * close if close > FLOOR else 2.0 * FLOOR

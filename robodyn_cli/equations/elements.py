@@ -103,18 +103,12 @@ class Elements:
     @property
     def potential(self) -> Scalar:
         """Potential energy of all elements together [J]."""
-        total: Scalar = 0.0
-        for effect in self.effects:
-            total = total + effect.potential
-        return total
+        return sum((effect.potential for effect in self.effects), 0.0)
 
     @property
     def power(self) -> Scalar:
         """Power of the forces without a potential [W]."""
-        total: Scalar = 0.0
-        for effect in self.effects:
-            total = total + effect.power
-        return total
+        return sum((effect.power for effect in self.effects), 0.0)
 
     @property
     def breakpoints(self) -> set[float]:

@@ -7,7 +7,7 @@ tau_a are actuator torques, tau_f those of springs, dampers and friction in the 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -17,7 +17,7 @@ from robodyn_cli.algorithms.aba import ArticulatedFactor
 from robodyn_cli.algorithms.constraints import LoopRows, Multipliers, solve_with_multipliers, vanishes
 from robodyn_cli.algorithms.crba import crba
 from robodyn_cli.algorithms.energy import gravity_energy, kinetic_energy, spring_energy
-from robodyn_cli.algorithms.kinematics import Pose, poses, slice_q, slice_v, transforms
+from robodyn_cli.algorithms.kinematics import Pose, moved, poses, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.equations.constraints import Constraints as Constraints
@@ -42,7 +42,7 @@ from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.model.places import with_places
 from robodyn_cli.scene import types as sc
-from robodyn_cli.spatial.algebra import Array, Matrix, Transform, Values, Vector, vector, zeros
+from robodyn_cli.spatial.algebra import Array, Matrix, Transform, Values, Vector, dot, zeros
 
 CANCELLATION = 1e3  # so many units of rounding may be lost in a difference of moments of inertia
 DENSE_LIMIT = 12  # velocities up to which the factored mass matrix is tried: it grows with their cube
@@ -57,6 +57,7 @@ class Problem:
     symbolic : constants kept as parameters p, in this order (see ``build_model``).
     keep_rows : constraint rows to keep, by index; all by default.
     dependent : rows that depend on each other in every pose (see ``independent_rows``).
+    braces : inertias that prescribed joints need beside their own (see ``equations/braces.py``).
     """
 
     def __init__(
@@ -66,6 +67,7 @@ class Problem:
         keep_rows: Sequence[int] | None = None,
         model: Model | None = None,
         dependent: Sequence[Dependence] = (),
+        braces: Mapping[int, float] | None = None,
     ) -> None:
         self.scene = scene = with_places(scene)
         self.model = model if model is not None else build_model(scene, symbolic)
@@ -74,18 +76,13 @@ class Problem:
         self.q: list[Expr] = graph.symbols(self.model.q_names, "q")
         self.v: list[Expr] = graph.symbols([f"{n}'" for n in self.model.v_names], "v")
         self.a: list[Expr] = graph.symbols([f"{n}''" for n in self.model.v_names], "a")
-        self.keep_rows = keep_rows
-        self.dependent = tuple(dependent)
+        self.keep_rows, self.dependent = keep_rows, tuple(dependent)
+        self.braces = braces or {}
 
     def numbers(
         self, entries: Any, q: Array, t: float = 0.0, v: Array | None = None, p: Array | None = None
     ) -> Array:
-        """Return the values of expressions at one state, in the shape of ``entries``; without v and p at rest, p = ().
-
-        Parameters
-        ----------
-        entries : array or list of expressions. q : (nq,). v : (nv,). p : parameters.
-        """
+        """Return the values of expressions at q (nq,) and v (nv,), by default 0, in the shape of ``entries``."""
         still = [0.0] * self.model.nv
         groups = {"t": [t], "q": q.tolist(), "v": still if v is None else v.tolist(), "a": still,
                   "p": [] if p is None else p.tolist()}  # fmt: skip
@@ -118,12 +115,22 @@ class Problem:
 
     @cached_property
     def mass_matrix(self) -> Matrix:
-        return crba(self.rigid, self.q, self.X)
+        M = crba(self.rigid, self.q, self.X)
+        if not self.braces:
+            return M
+        from robodyn_cli.equations.braces import with_inertia
+
+        return with_inertia(M, self.braces)
 
     @cached_property
     def bias(self) -> Vector:
         """h = C v + G."""
-        return rnea(self.rigid, self.q, self.v, zeros(self.model.nv), self.gravity, self.X)
+        h = rnea(self.rigid, self.q, self.v, zeros(self.model.nv), self.gravity, self.X)
+        if not self.braces:
+            return h
+        from robodyn_cli.equations.braces import with_force
+
+        return with_force(h, self.braces, self.all_constraints)
 
     @cached_property
     def inverse_dynamics(self) -> Vector:
@@ -237,6 +244,11 @@ class Problem:
     # -- constraints ----------------------------------------------------------------------------------
     @cached_property
     def constraints(self) -> Constraints:
+        """The rows that are kept."""
+        return self.all_constraints if self.keep_rows is None else self.all_constraints.only(self.keep_rows)
+
+    @cached_property
+    def all_constraints(self) -> Constraints:
         """Rows of the loop closures, then of couplers, then of prescribed joints."""
         rows: list[Row] = []
         dropped: list[str] = []
@@ -247,7 +259,7 @@ class Problem:
                     dropped.append(row.name)
                 else:
                     rows.append(row)
-        env = {"t": self.t, **{f"p.{n}": x for n, x in self.scene.parameters.items()}}
+        env = self._environment()
         for coupler in self.scene.couplers:
             value = 0.0 if coupler.value is None else coupler.value.evaluate(env)
             units = {self.model.q_units[self.model.q_names.index(name)] for name in coupler.terms}
@@ -259,8 +271,7 @@ class Problem:
             kind = self.model.q_units[self.model.q_names.index(name)]
             target = formula.evaluate(env)
             rows.append(coordinate_row(f"prescribed.{name}", self.model, self.q, {name: 1.0}, target, kind))
-        found = Constraints(tuple(rows), tuple(dropped), tuple(range(first, len(rows))))
-        return found if self.keep_rows is None else found.only(self.keep_rows)
+        return Constraints(tuple(rows), tuple(dropped), tuple(range(first, len(rows))))
 
     @property
     def constraint_rows(self) -> tuple[Row, ...]:
@@ -282,11 +293,7 @@ class Problem:
 
     def moved(self, dq: Values) -> list[Scalar]:
         """Return q - dq (nq,) for a step dq (nv,), along the joints' manifolds."""
-        q: list[Scalar] = list(self.q)
-        for body in self.model.bodies:
-            step = vector([-x for x in slice_v(body, dq)])
-            q[body.q : body.q + body.joint.nq] = body.joint.integrate(slice_q(body, self.q), step)
-        return q
+        return moved(self.model, self.q, [-x for x in dq])
 
     @property
     def loop_rank(self) -> int:
@@ -370,9 +377,7 @@ class Problem:
     @cached_property
     def applied_power(self) -> Scalar:
         """Power of actuators, damping and forces between bodies that have no potential."""
-        total: Scalar = 0.0
-        for tau, v in zip(self.actuator_torques, self.v):
-            total = total + tau * v
+        total: Scalar = dot(self.actuator_torques, self.v)
         for place, torque in self.dissipated:
             total = total + torque * self.v[place]
         return total + self.elements.power

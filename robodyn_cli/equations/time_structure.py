@@ -1,8 +1,10 @@
 """Where a function of time changes too fast for steps to notice: jumps of its value or slope, and features much
-shorter than the run. ``discontinuities`` finds where formulas with ``abs``, ``if`` and the like switch, but ``sqrt((t
-- 1)^2)`` or ``atan2(sin(t), cos(t))`` jump as well, and no method sees a pulse that is shorter than the gaps between
-its stages. Both are found before the run, by bisection with interval bounds of the function and of its slope: an
-interval is left when the function is smooth there and nearly a straight line.
+shorter than the run.
+
+``discontinuities`` finds where formulas with ``abs``, ``if`` and the like switch, but ``sqrt((t - 1)^2)`` or
+``atan2(sin(t), cos(t))`` jump as well, and no method sees a pulse that is shorter than the gaps between its stages.
+Both are found before the run, by bisection with interval bounds of the function and of its slope: an interval is halved
+until the function is smooth in it and nearly a straight line.
 """
 
 from __future__ import annotations
@@ -20,8 +22,8 @@ from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
 Flags = NDArray[np.bool_]
-STRAIGHT = 0.25  # part of its range by which a function may bend within an interval that is left
-TURNED = 0.05  # part of the steepest slope by which its slope changes in such an interval
+STRAIGHT = 0.25  # part of its range by which a function may bend within an interval that is not halved
+TURNED = 0.05  # part of the steepest slope by which its slope must change for an interval to count as bent
 ROUNDING = 1e-13
 BENT = 1e-3  # part of its range by which a function really bends in an interval that is short for it
 SHORT = 1 / 256  # part of the duration: shorter features are reported
@@ -51,14 +53,15 @@ class Structure:
 def functions_of_time(outputs: Iterable[Scalar], t: Expr) -> list[Expr]:
     """Return the largest parts of expressions that depend on time alone, but for t itself, each once."""
     nodes = reachable(outputs)
-    timely: dict[int, bool] = {}
+    of_time: dict[int, bool] = {}
     for node in nodes:
-        own = node is t
-        timely[node.index] = own if node.op == "sym" else any(timely[a.index] for a in node.args)
-        if node.op not in ("sym", "const") and not all(a.op == "const" or timely[a.index] for a in node.args):
-            timely[node.index] = False
-    used = {a.index for node in nodes if timely[node.index] for a in node.args}
-    return [n for n in nodes if timely[n.index] and n is not t and n.index not in used]
+        of_time[node.index] = node is t if node.op == "sym" else any(of_time[a.index] for a in node.args)
+        if node.op not in ("sym", "const") and not all(
+            a.op == "const" or of_time[a.index] for a in node.args
+        ):
+            of_time[node.index] = False
+    used = {a.index for node in nodes if of_time[node.index] for a in node.args}
+    return [n for n in nodes if of_time[n.index] and n is not t and n.index not in used]
 
 
 def structure(function: Expr, t: Expr, duration: float) -> Structure:

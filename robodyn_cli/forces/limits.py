@@ -1,4 +1,4 @@
-"""Stops at the ends of a joint's travel: springs and dampers, or rigid with restitution."""
+"""Limits of a joint, and stops at the ends of its travel: springs and dampers, or rigid with restitution."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from robodyn_cli.expr.graph import Expr
 from robodyn_cli.forces.element import InJoint
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Number, Section, key
+
+BOUNDS = ("lower", "upper", "speed", "acceleration", "jerk", "effort")
 
 
 @record
@@ -50,38 +52,76 @@ class Stop:
 
 @record
 class Limits(InJoint):
-    """Stops at ``lower`` and ``upper``: torque away from the stop while the joint is beyond it.
+    """What a joint may do, and the stops at ``lower`` and ``upper``, where there are any.
 
-    delta is the depth beyond the stop. A rigid stop exerts no torque here: a simulation reverses the rate at impact,
-    and holds the joint where it rests on the stop.
+    A stop exerts a torque away from it while the joint is beyond it; delta is the depth. A rigid one exerts no torque
+    here: a simulation reverses the rate at impact, and holds the joint where it rests on the stop. Limits without a
+    stop exert nothing: motions that pass them are reported.
     """
 
     term: ClassVar[str] = "stops"
 
     lower: float | None = key(
-        Number(angle=True), default=None, unit="rad or m", doc="Stop at small q; none by default."
+        Number(angle=True), default=None, unit="rad or m", doc="Least q; none by default."
     )
     upper: float | None = key(
-        Number(angle=True), default=None, unit="rad or m", doc="Stop at large q; none by default."
+        Number(angle=True), default=None, unit="rad or m", doc="Largest q; none by default."
     )
-    stop: Stop = key(Section(Stop), default=Stop(), doc="How the stops give way.")
+    speed: float | None = key(
+        Number(minimum=0.0, exclusive=True, angle=True),
+        default=None,
+        unit="rad/s or m/s",
+        doc="Largest speed.",
+    )
+    acceleration: float | None = key(
+        Number(minimum=0.0, exclusive=True, angle=True),
+        default=None,
+        unit="rad/s^2 or m/s^2",
+        doc="Largest acceleration, either way.",
+    )
+    jerk: float | None = key(
+        Number(minimum=0.0, exclusive=True, angle=True),
+        default=None,
+        unit="rad/s^3 or m/s^3",
+        doc="Largest rate of the acceleration, either way.",
+    )
+    effort: float | None = key(
+        Number(minimum=0.0, exclusive=True),
+        default=None,
+        unit="N m or N",
+        doc="Largest torque or force of the drive, either way.",
+    )
+    stop: Stop | None = key(
+        Section(Stop),
+        default=None,
+        doc="How stops at `lower` and `upper` give way; without it there are none.",
+    )
 
     def problems(self) -> Iterable[tuple[tuple[str, ...], str]]:
         """Yield what does not fit together."""
-        if self.lower is None and self.upper is None:
-            yield (), "needs 'lower' or 'upper'"
+        if self.stop is None and all(getattr(self, name) is None for name in BOUNDS):
+            yield (), f"needs one of {', '.join(repr(name) for name in BOUNDS)}"
         if self.lower is not None and self.upper is not None and not self.lower < self.upper:
             yield ("upper",), f"must be above 'lower' (value {self.upper!r}, lower {self.lower!r})"
+        if self.stop is None:
+            return
+        if self.lower is None and self.upper is None:
+            yield ("stop",), "needs 'lower' or 'upper' beside it, where it stands"
         for path, message in self.stop.problems():
             yield ("stop", *path), message
 
     @property
+    def acts(self) -> bool:
+        """Whether there are stops, so that the equations of motion know of them."""
+        return self.stop is not None
+
+    @property
     def rigid(self) -> bool:
-        return self.stop.restitution is not None
+        return self.stop is not None and self.stop.restitution is not None
 
     def _sides(self, q: Any, qd: Any) -> list[tuple[float, Any, Any]]:
         """Return (direction of the push, depth, its rate) of each compliant stop."""
-        if self.rigid:
+        if self.stop is None or self.rigid:
             return []
         found: list[tuple[float, Any, Any]] = []
         if self.lower is not None:
@@ -92,6 +132,7 @@ class Limits(InJoint):
 
     def _law(self, depth: Any, rate: Any) -> Any:
         """Return the force beyond the stop, as if it could also pull."""
+        assert self.stop is not None
         k, c = self.stop.stiffness, self.stop.damping
         if self.stop.law == "spring_damper":
             return k * depth + c * rate
@@ -99,10 +140,11 @@ class Limits(InJoint):
 
     def torque(self, q: Any, qd: Any, gear_ratio: float, smooth: bool) -> Any:
         """Return the torque on the joint [N m or N]."""
-        total: Any = 0.0
-        for push, depth, rate in self._sides(q, qd):
-            total = total + push * where(depth, maximum(self._law(depth, rate), 0.0), 0.0)
-        return total
+        pushes = (
+            push * where(depth, maximum(self._law(depth, rate), 0.0), 0.0)
+            for push, depth, rate in self._sides(q, qd)
+        )
+        return sum(pushes, 0.0)
 
     def loss(self, q: Any, qd: Any, gear_ratio: float, smooth: bool) -> Any:
         """Return the part of the torque that is not the gradient of the potential energy."""
@@ -113,21 +155,22 @@ class Limits(InJoint):
         return total
 
     def _elastic(self, depth: Any) -> Any:
-        n = self.stop.exponent
-        return self.stop.stiffness * power(maximum(depth, 0.0), n)
+        assert self.stop is not None
+        return self.stop.stiffness * power(maximum(depth, 0.0), self.stop.exponent)
 
     def potential(self, q: Any) -> Any:
         """Return the energy stored in the stops [J]: k delta^(n + 1) / (n + 1)."""
-        total: Any = 0.0
-        n = self.stop.exponent
-        for _, depth, _ in self._sides(q, 0.0):
-            total = total + self.stop.stiffness * power(maximum(depth, 0.0), n + 1.0) / (n + 1.0)
-        return total
+        if self.stop is None:
+            return 0.0
+        n = self.stop.exponent + 1.0
+        stored = (self.stop.stiffness * power(maximum(x, 0.0), n) / n for _, x, _ in self._sides(q, 0.0))
+        return sum(stored, 0.0)
 
     def switches(self, q: Any, qd: Any) -> list[Expr]:
         """Return what changes its sign where a stop engages or lets go."""
         found = []
         for _, depth, rate in self._sides(q, qd):
+            assert self.stop is not None
             found.append(depth)
             if self.stop.damping != 0.0:
                 beyond = self.stop.stiffness + self.stop.damping * rate  # sign of Hunt and Crossley's law

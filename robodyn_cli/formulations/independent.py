@@ -18,25 +18,24 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.algorithms.constraints import correction
-from robodyn_cli.equations.dependence import closeness
+from robodyn_cli.equations.dependence import closeness, threshold
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.expr.rebuild import Evaluator, renamed
 from robodyn_cli.formulations.dynamics import Expanded
-from robodyn_cli.formulations.events import REPARTITION, Event, EventFunction, EventKind, Outcome, Owner
+from robodyn_cli.formulations.events import EventFunction, EventKind
 from robodyn_cli.formulations.formulated import Formulated
 from robodyn_cli.formulations.projection import projection
-from robodyn_cli.formulations.system import Corrections
+from robodyn_cli.formulations.system import Corrections, Partition
 from robodyn_cli.model.model import PARAMETER_GROUP
 from robodyn_cli.spatial.algebra import Array, Matrix, vector, zeros
 
 NEWTON_STEPS = 2
 WORN = 0.1  # of the closeness to losing rank at the choice: below it, the choice is made anew
-FLOOR = 1e-12  # closeness below which the loops themselves have lost rank
 
 
-class CoordinatePartition:
+class CoordinatePartition(Partition):
     """Chooses the dependent coordinates at a pose (see ``formulations.system.Partition``).
 
     w : 1 for a dependent coordinate (nv,), as parameters. masked : Psi diag(w).
@@ -59,12 +58,6 @@ class CoordinatePartition:
         value = closeness(self.masked, self.rows) - self.threshold
         return (EventFunction("repartition", value, kind=EventKind.REPARTITION, owner=self),)
 
-    def handle(self, event: Event) -> Outcome:
-        return REPARTITION
-
-    def again(self) -> Owner:
-        return self
-
     def choose(self, t: float, q: Array, before: Array | None) -> Array:
         """Return w (nv,) and the threshold of closeness at which the choice is made anew."""
         values = {"q": q.tolist(), "t": [t], "p": [0.0] * self.first}
@@ -81,8 +74,7 @@ class CoordinatePartition:
                 axis = rest[:, k] / size[k]
                 rest -= np.outer(axis, axis @ rest)
         s = np.linalg.svd(psi[:, w > 0.0], compute_uv=False)
-        close = 1.0 / ((psi**2).sum() * (1.0 / np.maximum(s, 1e-150) ** 2).sum())
-        return np.append(w, WORN * close if close > FLOOR else 2.0 * FLOOR)
+        return np.append(w, threshold(float((psi**2).sum()), s, WORN))
 
 
 def independent(problem: Problem, z_rate: Sequence[Scalar], asked: object = None) -> Formulated:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 
-from robodyn_cli.algorithms.kinematics import slice_q, slice_v
+from robodyn_cli.algorithms.kinematics import position_rates, slice_q
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.formulations.dynamics import Expanded
@@ -50,14 +50,10 @@ def _rates(problem: Problem, system: System, layout: Layout) -> list[Scalar]:
     """Return x-dot in the places of the layout, in the mechanism's symbols."""
     rates: list[Scalar] = [0.0] * layout.size
     acceleration, z_rate = system.dynamics.expressions()
-    for body in problem.model.bodies:
-        joint, q, v = body.joint, slice_q(body, problem.q), slice_v(body, problem.v)
-        for k, x in enumerate(joint.velocity_map(q, v)):
-            rates[layout.q[body.q + k]] = x
-        for k in range(joint.nv):
-            rates[layout.v[body.v + k]] = acceleration[body.v + k]
-    for place, x in zip(layout.z, z_rate):
-        rates[place] = x
+    position = position_rates(problem.model, problem.q, problem.v)
+    for places, values in ((layout.q, position), (layout.v, acceleration), (layout.z, z_rate)):
+        for place, x in zip(places, values):
+            rates[place] = x
     return rates
 
 

@@ -12,17 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.equations.dependence import closeness
+from robodyn_cli.equations.dependence import closeness, threshold
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.rebuild import Evaluator
-from robodyn_cli.formulations.events import REPARTITION, Event, EventFunction, EventKind, Outcome, Owner
+from robodyn_cli.formulations.events import EventFunction, EventKind
+from robodyn_cli.formulations.system import Partition
 from robodyn_cli.spatial.algebra import Array, zeros
 
 WORN = 0.2  # of the closeness at the pose where W was chosen, at which it is chosen anew
-FLOOR = 1e-12  # closeness below which Psi itself has lost rank; W is chosen anew behind
 
 
-class RowCombinations:
+class RowCombinations(Partition):
     """Parameters that make dependent rows independent around a pose (see ``formulations.system.Partition``)."""
 
     def __init__(self, problem: Problem) -> None:
@@ -54,8 +54,7 @@ class RowCombinations:
                     W = W * np.append(-1.0, np.ones(rank - 1))[:, None]
             s = s[:rank]
             # rows that vanish but for rounding (rank 0) have no rank to lose
-            close = 1.0 / ((s**2).sum() * (1.0 / np.maximum(s, 1e-150) ** 2).sum()) if rank else 1.0
-            found += [W.ravel(), [WORN * close if close > FLOOR else 2.0 * FLOOR]]
+            found += [W.ravel(), [threshold(float((s**2).sum()), s, WORN) if rank else WORN]]
         return np.concatenate(found)
 
     @property
@@ -73,9 +72,3 @@ class RowCombinations:
             value = closeness(psi, problem.psi[list(combination.rows)]) - combination.threshold
             found.append(EventFunction(f"rows {k}", value, kind=EventKind.REPARTITION, owner=self))
         return tuple(found)
-
-    def handle(self, event: Event) -> Outcome:
-        return REPARTITION
-
-    def again(self) -> Owner:
-        return self

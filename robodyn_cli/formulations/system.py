@@ -6,6 +6,7 @@ A formulation turns the equations of a mechanism into a ``System``. Integrators 
 from __future__ import annotations
 
 import dataclasses
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.formulations.dynamics import Dynamics
-from robodyn_cli.formulations.events import EventFunction, Owner
+from robodyn_cli.formulations.events import REPARTITION, Event, EventFunction, Outcome, Owner
 from robodyn_cli.formulations.layout import Layout
 from robodyn_cli.kernels.program import Program, make_program
 from robodyn_cli.model.model import STATE_GROUPS
@@ -26,20 +27,29 @@ if TYPE_CHECKING:
     from robodyn_cli.formulations.residual import Residual
 
 
-class Partition(Owner, Protocol):
+class Partition(ABC):
     """Parameters of the equations that suit a part of the motion only, and are chosen anew at events (re-partition).
 
-    first, count : their places among the parameters p. functions : the events at which they are chosen anew.
+    first, count : their places among the parameters p.
     """
 
     first: int
     count: int
 
     @property
-    def functions(self) -> tuple[EventFunction, ...]: ...
+    @abstractmethod
+    def functions(self) -> tuple[EventFunction, ...]:
+        """The events at which they are chosen anew."""
 
+    @abstractmethod
     def choose(self, t: float, q: NDArray[Any], before: NDArray[Any] | None) -> NDArray[Any]:
         """Return the parameters (count,) for the motion through (t, q); ``before`` : those in use so far."""
+
+    def handle(self, event: Event) -> Outcome:
+        return REPARTITION
+
+    def again(self) -> Partition:
+        return self
 
 
 @record

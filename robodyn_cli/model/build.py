@@ -20,7 +20,7 @@ from robodyn_cli.model.model import (
     Model,
     RigidPart,
 )
-from robodyn_cli.model.placement import joint_kind, joint_placement
+from robodyn_cli.model.placement import joint_kind, joint_placement, orientation
 from robodyn_cli.model.places import with_places
 from robodyn_cli.record import mutable_record, record
 from robodyn_cli.scene import types as sc
@@ -30,7 +30,6 @@ from robodyn_cli.spatial.algebra import (
     Vector,
     identity,
     matrix,
-    rotation_rpy,
     vector,
 )
 from robodyn_cli.spatial.inertia import RigidInertia
@@ -144,7 +143,7 @@ def build_model(scene: sc.Scene, symbolic: Sequence[str] = (), graph: Graph | No
     robot = scene.robot
     placed, moving = _place_links(robot, values)
     gravity = vector([values.get(f"gravity.{k}", g) for k, g in enumerate(scene.gravity)])
-    base = Transform.from_pose(rotation_rpy(robot.base.rpy), vector(robot.base.xyz))
+    base = Transform.from_pose(orientation(robot.base), vector(robot.base.xyz))
     bodies = _number(robot, moving, values)
     # in the order of their places, which is that of the YAML
     joints = [(b.joint_name, b.joint) for b in sorted(bodies, key=lambda b: b.v)]
@@ -192,9 +191,9 @@ def _place_links(robot: sc.Robot, values: _Values) -> tuple[dict[str, _Placed], 
             here = _Placed(len(moving), joint_frame, link_frame)
             moving.append(_Moving(name, joint, parent.body, X_tree))
         placed[name] = here
-        if here.body != BASE:
-            part = _rigid_part(links[name], values, here.frame_of_com(links[name]))
-            moving[here.body].parts += () if part is None else (part,)
+        part = _rigid_part(links[name], values, here.frame_of_com(links[name]))
+        if here.body != BASE and part is not None:  # what is fixed to the ground has no effect
+            moving[here.body].parts += (part,)
     return placed, moving
 
 
@@ -242,10 +241,15 @@ def _number(robot: sc.Robot, moving: list[_Moving], values: _Values) -> tuple[Bo
                 v=start[joint.name][1],
                 armature=joint.gear_ratio * joint.gear_ratio * rotor,
                 gear_ratio=joint.gear_ratio,
-                forces=tuple(JointForce(name, element) for name, element in joint.forces),
+                forces=tuple(JointForce(*force) for force in joint.forces if _acts(force[1])),
             )
         )
     return tuple(bodies)
+
+
+def _acts(element: Any) -> bool:
+    """Tell whether what stands in a joint exerts anything: limits without a stop do not."""
+    return bool(getattr(element, "acts", True))
 
 
 class _Places:
@@ -271,7 +275,7 @@ class _Places:
         else:
             at = frame.point(vector(point.at))
         if isinstance(point, sc.Frame):
-            R = R @ rotation_rpy(point.rpy)
+            R = R @ orientation(point)
         return FixedFrame(where.body, at, R)
 
     def _com(self, link: sc.Link) -> Vector:

@@ -6,11 +6,13 @@ from robodyn_cli.scene.types import Inertia, Link, Scene
 
 
 def physical_warnings(scene: Scene) -> list[str]:
-    """List bodies that cannot exist: inertia that is not positive semi-definite or violates the triangle inequality.
+    """List what is doubtful about the bodies: what the loader found, and inertias that cannot be.
 
-    Only given data are judged; a planar scene that gives ``zz`` alone is fine.
+    Those are not positive semi-definite or violate the triangle inequality. Only given data are judged; a planar scene
+    that gives ``zz`` alone is fine.
     """
-    return [f"{link.name}: {text}" for link in scene.robot.links for text in body_problems(link)]
+    bodies = [f"{link.name}: {text}" for link in scene.robot.links for text in body_problems(link)]
+    return [*scene.warnings, *bodies]
 
 
 def body_problems(link: Link) -> list[str]:

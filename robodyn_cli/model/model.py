@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
-from robodyn_cli.expr.graph import Expr, Graph
+from robodyn_cli.expr.graph import Expr, Graph, Scalar, free_symbols
 from robodyn_cli.forces.element import ForceElement
 from robodyn_cli.joints.base import Joint
 from robodyn_cli.record import record
@@ -184,8 +185,13 @@ class Model:
         return ancestor
 
 
-UNKNOWN_GROUP = "unknown"
+UNKNOWN_GROUP = "unknown"  # of data that the scene does not give
 PARAMETER_GROUP = "p"
 # orders in which compiled functions take the arrays of the symbol groups
 STATE_GROUPS = ("t", "q", "v", "z", "p")  # at a state: time, q, v, integrals z, parameters
 MOTION_GROUPS = ("t", "q", "v", "a", "p")  # along a given motion: accelerations too
+
+
+def unknown_among(entries: Iterable[Scalar]) -> list[str]:
+    """Return the names of data that expressions depend on and the scene does not give."""
+    return [symbol.value[0] for symbol in free_symbols(entries) if symbol.value[1] == UNKNOWN_GROUP]

@@ -8,11 +8,12 @@ from typing import Any
 from robodyn_cli.expr.fixed import Fixed, literal
 from robodyn_cli.expr.formula import Formula
 from robodyn_cli.expr.formula_tree import Node, Num
-from robodyn_cli.scene.types import Scene
+from robodyn_cli.scene.types import Orientation, Scene
 from robodyn_cli.schema.fields import Direction, Vector
 
 # what enters the equations; durations, tolerances, starts and trajectories are read by programs that run once
 SECTIONS = ("robot", "gravity", "parameters", "loops", "forces", "couplers", "torques", "prescribed")
+_ORIENTATION = frozenset(field.name for field in dataclasses.fields(Orientation))
 
 
 def with_places(scene: Scene) -> Scene:
@@ -44,7 +45,8 @@ def _record(value: Any, place: str) -> Any:
     changed = {}
     for field in dataclasses.fields(value):
         own = getattr(value, field.name)
-        if _is_attitude(field.metadata.get("kind")):
+        turns = isinstance(value, Orientation) and field.name in _ORIENTATION
+        if turns or _is_attitude(field.metadata.get("kind")):
             continue
         if (
             own is None

@@ -9,18 +9,29 @@ from __future__ import annotations
 import math
 import textwrap
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from robodyn_cli.record import record
 from robodyn_cli.report import style
-from robodyn_cli.report.marks import NOTE_WIDTH, failure_note
-from robodyn_cli.results.atomic import discard, output_errors, temporary_path
+from robodyn_cli.report.marks import (
+    NOTE_WIDTH,
+    counted,
+    decisive_text,
+    failure_note,
+    mark_moments,
+    marker_of,
+)
+from robodyn_cli.results.atomic import written
+from robodyn_cli.results.marked import CREATOR, MARK
+from robodyn_cli.results.moments import moments
 from robodyn_cli.results.result import Result
 
 WIDTH = 7.0
@@ -38,18 +49,22 @@ HANDLE = 0.62
 
 @record
 class Panels:
-    """How a sheet is laid out: ``panels`` of ``height`` inches, ``across`` of them side by side, ``gap`` apart.
+    """How a sheet is laid out: ``panels`` of ``height`` inches, ``across`` of them side by side, ``gap`` apart
+    vertically and ``between`` horizontally.
 
-    labels : texts of the legend below. degrees : leaves room for a second scale. bar : adds axes for a colour bar.
+    labels : texts of the legend below. degrees : leaves room for a second scale. bars : adds axes for a colour bar
+    beside each panel. told : what is said above the panels in the colour of alarms.
     """
 
     panels: int = 1
     across: int = 1
     height: float = 3.3
     gap: float = 0.16
+    between: float = BETWEEN
     labels: Sequence[str] = ()
     degrees: bool = False
-    bar: bool = False
+    bars: bool = False
+    told: str = ""
 
 
 class Sheet:
@@ -60,32 +75,33 @@ class Sheet:
         shape = Panels(**layout)
         panels, across, height, gap = shape.panels, shape.across, shape.height, shape.gap
         title = textwrap.wrap(result.title or result.command, 72, max_lines=2, placeholder=" ...")
-        notes = [*textwrap.wrap(subtitle, NOTE_WIDTH), *failure_note(result)]
+        alarms = [*textwrap.wrap(shape.told, NOTE_WIDTH, max_lines=2), *failure_note(result)]
+        notes = [*textwrap.wrap(subtitle, NOTE_WIDTH), *alarms]
         self.columns, lines = legend_shape(list(shape.labels))
         top = 0.12 + TITLE_LINE * len(title) + SUBTITLE_LINE * len(notes) + 0.14
         bottom = X_LABEL + (LEGEND_LINE * lines + 0.1 if lines else 0.0) + 0.04
         rows = math.ceil(panels / across)
         total = top + rows * height + (rows - 1) * gap + bottom
         self.figure = Figure(figsize=(WIDTH, total), dpi=style.DPI)
-        width = WIDTH - LEFT - RIGHT - (DEGREES if shape.degrees else 0.0) - (BAR if shape.bar else 0.0)
-        wide = (width - (across - 1) * BETWEEN) / across
+        width = WIDTH - LEFT - RIGHT - (DEGREES if shape.degrees else 0.0) - (BAR if shape.bars else 0.0)
+        wide = (width - (across - 1) * shape.between) / across
         self._across = across
         self.axes: list[Axes] = []
+        self.bars: list[Axes] = []
         for panel in range(panels):
             row, column = divmod(panel, across)
-            x = LEFT + column * (wide + BETWEEN)
+            x = LEFT + column * (wide + shape.between)
             y = bottom + (rows - 1 - row) * (height + gap)
             self.axes.append(self.figure.add_axes((x / WIDTH, y / total, wide / WIDTH, height / total)))
-        self.bar: Axes | None = None
-        if shape.bar:
-            place = ((LEFT + width + 0.15) / WIDTH, bottom / total, 0.18 / WIDTH, height / total)
-            self.bar = self.figure.add_axes(place)
+            if shape.bars:
+                place = ((x + wide + 0.15) / WIDTH, y / total, 0.18 / WIDTH, height / total)
+                self.bars.append(self.figure.add_axes(place))
         y = total - 0.12
         for line in title:
             self._text(LEFT, y, total, line, fontsize=11, fontweight="bold")
             y -= TITLE_LINE
         for index, line in enumerate(notes):
-            alarm = index >= len(notes) - len(failure_note(result))
+            alarm = index >= len(notes) - len(alarms)
             self._text(LEFT, y, total, line, color=style.ALARM if alarm else style.GREY)
             y -= SUBTITLE_LINE
         self._legend_at = ((LEFT - 0.1) / WIDTH, (bottom - X_LABEL) / total)
@@ -94,14 +110,6 @@ class Sheet:
     def ax(self) -> Axes:
         """The first panel."""
         return self.axes[0]
-
-    def label_time(self) -> None:
-        """Name the time axis, and number it only where no panel follows below."""
-        for panel, ax in enumerate(self.axes):
-            if panel + self._across < len(self.axes):
-                ax.tick_params(labelbottom=False)
-            else:
-                ax.set_xlabel("time [s]")
 
     def legend(self, handles: list[Any], labels: list[str] | tuple[str, ...]) -> None:
         """Put the legend below the panels, in the columns foreseen."""
@@ -125,6 +133,36 @@ class Sheet:
         self.figure.text(x / WIDTH, y / total, text, ha="left", va="top", **style_)
 
 
+class TimeSheet(Sheet):
+    """A sheet of panels over time, which shows the moments of the run: the decisive ones in words and as lines, those
+    that come often as small marks with an entry of the legend."""
+
+    def __init__(self, result: Result, subtitle: str, **layout: Any) -> None:
+        """Lay out the panels; ``layout`` : fields of ``Panels`` but for ``told``."""
+        self.moments = moments(result)
+        self._counted = counted(self.moments)
+        labels = [*layout.pop("labels", ()), *self._counted.values()]
+        super().__init__(result, subtitle, labels=labels, told=decisive_text(self.moments), **layout)
+
+    def label_time(self) -> None:
+        """Name the time axis, number it only where no panel follows below, and mark the moments."""
+        for panel, ax in enumerate(self.axes):
+            if panel + self._across < len(self.axes):
+                ax.tick_params(labelbottom=False)
+            else:
+                ax.set_xlabel("time [s]")
+        self.mark()
+
+    def mark(self) -> None:
+        """Mark the moments on all panels, within their limits."""
+        mark_moments(self.axes, self.moments)
+
+    def legend(self, handles: list[Any], labels: list[str] | tuple[str, ...]) -> None:
+        """Put the legend below the panels, that of the moments too."""
+        marks = [Line2D([], [], **marker_of(kind)) for kind in self._counted]
+        super().legend([*handles, *marks], [*labels, *self._counted.values()])
+
+
 def legend_shape(labels: tuple[str, ...] | list[str]) -> tuple[int, int]:
     """Return how many columns and lines a legend of ``labels`` takes below the axes."""
     if not labels:
@@ -136,22 +174,41 @@ def legend_shape(labels: tuple[str, ...] | list[str]) -> tuple[int, int]:
     return math.ceil(len(labels) / lines), lines
 
 
-def save_png(figure: Figure, target: Path) -> Path:
-    """Draw ``figure`` once and store it as ``target``, whole or not at all, marked as ours; return ``target``."""
-    canvas: Any = FigureCanvasAgg(figure)
-    temporary = temporary_path(target)
+def save(figure: Figure, target: Path) -> Path:
+    """Draw ``figure`` once and store it as ``target``, whole or not at all, marked as ours; return ``target``.
+
+    The suffix says how: ``.png``, ``.svg`` or ``.pdf``. The same figure gives the same bytes.
+    """
     with warnings.catch_warnings():
         # A title in a script that the font lacks shows boxes; that is no news for a user of the tool.
         warnings.filterwarnings("ignore", message="Glyph .* missing")
-        try:
-            with output_errors(target):
-                # The strongest compression costs as much as the drawing and saves a tenth.
-                canvas.print_png(
-                    temporary, metadata={"Software": "robodyn"}, pil_kwargs={"compress_level": 3}
-                )
-                # No sync: a drawing can be made again from the result, and a sync is as slow as a plot.
-                temporary.replace(target)
-        except BaseException:
-            discard(temporary)
-            raise
+        # No sync: a drawing can be made again from the result, and a sync is as slow as a plot.
+        with written(target) as temporary:
+            PRINTERS[target.suffix.lower()](figure, temporary)
     return target
+
+
+def _print_png(figure: Figure, path: Path) -> None:
+    # The strongest compression costs as much as the drawing and saves a tenth.
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.print_png(path, metadata={"Software": MARK}, pil_kwargs={"compress_level": 3})
+
+
+def _print_svg(figure: Figure, path: Path) -> None:
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    canvas: Any = FigureCanvasSVG(figure)
+    with rc_context({"svg.hashsalt": MARK}):
+        canvas.print_svg(path, metadata={"Creator": CREATOR, "Date": None})
+
+
+def _print_pdf(figure: Figure, path: Path) -> None:
+    from matplotlib.backends.backend_pdf import FigureCanvasPdf
+
+    canvas: Any = FigureCanvasPdf(figure)
+    canvas.print_pdf(path, metadata={"Creator": CREATOR, "CreationDate": None})
+
+
+PRINTERS: dict[str, Callable[[Figure, Path], None]] = {
+    ".png": _print_png, ".svg": _print_svg, ".pdf": _print_pdf
+}  # fmt: skip

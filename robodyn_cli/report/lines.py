@@ -10,18 +10,16 @@ from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 
 from robodyn_cli.report import style
-from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.canvas import TimeSheet
+from robodyn_cli.report.columns import by_unit, column_names
 from robodyn_cli.report.decimate import crest, envelope, finite
 from robodyn_cli.report.heatmap import draw_map
-from robodyn_cli.report.marks import mark_lock
 from robodyn_cli.report.ticks import degree_axis, labelled
-from robodyn_cli.results.result import Result, Variable
+from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 
-
-def column_names(variable: Variable) -> list[str]:
-    """Return the names of the columns; their numbers where they have none."""
-    return list(variable.names) or [str(index + 1) for index in range(variable.data.shape[-1])]
+# of the largest value of its unit: less is what rounding leaves of zero
+NOTHING = 1e-12
 
 
 def draw_columns(ax: Axes, time: Array, data: Array, styles: list[dict[str, Any]] | None = None) -> list[Any]:
@@ -75,20 +73,12 @@ def draw_magnitudes(ax: Axes, time: Array, data: Array, low: float) -> list[Any]
     return handles
 
 
-def by_unit(variable: Variable) -> dict[str, list[int]]:
-    """Return the columns that go into one panel: those of one unit."""
-    groups: dict[str, list[int]] = {}
-    for column, units in enumerate(variable.column_units or [variable.units] * variable.data.shape[-1]):
-        groups.setdefault(units, []).append(column)
-    return groups
-
-
 def panel_height(panels: int) -> float:
     """Return the height of a panel [inch], less where there are several."""
     return {1: 3.3, 2: 2.2}.get(panels, 1.6)
 
 
-def draw_groups(sheet: Sheet, time: Array, data: Array, groups: dict[str, list[int]]) -> list[Any]:
+def draw_groups(sheet: TimeSheet, time: Array, data: Array, groups: dict[str, list[int]]) -> list[Any]:
     """Draw each group of columns in a panel of its own; return the handles in the order of the columns."""
     styles = style.line_styles(data.shape[1])
     handles: dict[int, Any] = {}
@@ -98,14 +88,20 @@ def draw_groups(sheet: Sheet, time: Array, data: Array, groups: dict[str, list[i
     return [handles[k] for k in range(data.shape[1])]
 
 
+def quiet_axis(ax: Axes, data: Array, scale: float = 0.0, magnitudes: bool = False) -> None:
+    """Let an axis go to 1 where ``data`` is nothing beside ``scale``: it would show what rounding makes of zero."""
+    if not np.nanmax(np.abs(data), initial=0.0) > NOTHING * scale:
+        ax.set_ylim(0.0 if magnitudes else -1.0, 1.0)
+
+
 def time_plot(result: Result, path: str, quantity: str, subtitle: str) -> Any:
     """Return a figure of all columns of one variable over time, with degrees where it is an angle."""
     variable = result.variables[path]
     names = column_names(variable)
     if len(names) > style.MANY:
-        return draw_map(result, variable.data, names, quantity, variable.units, subtitle)
+        return draw_map(result, variable, quantity, subtitle)
     groups = by_unit(variable)
-    sheet = Sheet(
+    sheet = TimeSheet(
         result,
         subtitle,
         panels=len(groups),
@@ -115,12 +111,11 @@ def time_plot(result: Result, path: str, quantity: str, subtitle: str) -> Any:
     )
     handles = draw_groups(sheet, result.time, variable.data, groups)
     sheet.label_time()
-    for ax, units in zip(sheet.axes, groups):
+    for ax, (units, columns) in zip(sheet.axes, groups.items()):
+        quiet_axis(ax, finite(variable.data[:, columns]))
         what = "quaternion" if path == "q" and units == "1" else quantity
         ax.set_ylabel(labelled(what if len(names) > 1 else f"{names[0]}: {what}", units))
         if units == "rad":
             degree_axis(ax)
-    mark_lock(sheet.axes, result)
-    if len(names) > 1:
-        sheet.legend(handles, names)
+    sheet.legend(*((handles, names) if len(names) > 1 else ([], [])))
     return sheet.figure

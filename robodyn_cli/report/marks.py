@@ -1,13 +1,15 @@
-"""What a drawing says about the course of a run: a failure, a lock, the growth of the multipliers."""
+"""What a drawing says about the course of a run: a failure, moments that matter, the growth of the multipliers."""
 
 from __future__ import annotations
 
 import math
 import textwrap
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.report import style
 from robodyn_cli.report.ticks import number
+from robodyn_cli.results.moments import DECISIVE, Moment, lock
 from robodyn_cli.results.result import Result
 
 if TYPE_CHECKING:
@@ -47,40 +49,59 @@ def torque_note(result: Result) -> str:
     return "" if torques == "unique" else f". Not unique: those of {torques}"
 
 
-def lock(result: Result) -> dict[str, Any]:
-    """Return what the run reported about its lock; empty if it did not lock."""
-    found = result.summary.get("lock")
-    return found if isinstance(found, dict) else {}
+# how moments look that come often; they are drawn at the upper edge of a panel
+MARKERS = {"impact": "v", "contact": "s", "release": "^", "stick": "o", "slip": "D"}
+PLURAL = {
+    "impact": "impacts",
+    "contact": "contacts",
+    "release": "releases",
+    "stick": "sticks",
+    "slip": "slips",
+}
 
 
-def lock_time(result: Result) -> float | None:
-    """Return the time of the lock in seconds, or None."""
-    time = lock(result).get("time")
-    return float(time) if isinstance(time, int | float) and math.isfinite(time) else None
+def counted(found: Sequence[Moment]) -> dict[str, str]:
+    """Return the label of each kind of moment that comes often, with how many there are."""
+    kinds = [moment.kind for moment in found]
+    return {
+        kind: f"{PLURAL[kind] if kinds.count(kind) > 1 else kind} ({kinds.count(kind)})"
+        for kind in MARKERS
+        if kind in kinds
+    }
 
 
-def mark_lock(axes: list[Axes], result: Result) -> None:
-    """Mark the time of the lock by a vertical line with its value, on all of ``axes``."""
-    time = lock_time(result)
-    if time is None:
-        return
+def decisive_text(found: Sequence[Moment]) -> str:
+    """Return the decisive moments with their times, for the line above a drawing."""
+    return "; ".join(f"{m.text} at {number(m.time, 6)} s" for m in found if m.kind in DECISIVE)
+
+
+def mark_moments(axes: Sequence[Axes], found: Sequence[Moment]) -> None:
+    """Mark moments on axes over time, as far as their limits go: decisive ones by a line, others by a small mark."""
     for ax in axes:
-        ax.axvline(time, color=style.ALARM, linewidth=1.0, linestyle=(0, (4, 2)), zorder=1.5)
-    first = axes[0]
-    low, high = first.get_xlim()
-    late = time > low + 0.6 * (high - low)
-    kind = str(lock(result).get("kind") or "lock").replace("_", " ")
-    first.annotate(
-        f"{kind} at {number(time, 6)} s",
-        (time, 1.0),
-        xycoords=("data", "axes fraction"),
-        xytext=(-4 if late else 4, -3),
-        textcoords="offset points",
-        ha="right" if late else "left",
-        va="top",
-        color=style.ALARM,
-        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0},
-    )
+        low, high = ax.get_xlim()
+        inside = [moment for moment in found if low <= moment.time <= high]
+        for moment in inside:
+            if moment.kind in DECISIVE:
+                ax.axvline(moment.time, color=style.ALARM, linewidth=1.0, linestyle=(0, (4, 2)), zorder=1.5)
+        for kind in MARKERS:
+            times = [moment.time for moment in inside if moment.kind == kind]
+            if times:
+                ax.vlines(
+                    times,
+                    0.0,
+                    1.0,
+                    transform=ax.get_xaxis_transform(),
+                    color="#cfcfcf",
+                    linewidth=0.5,
+                    zorder=1,
+                )
+                ax.plot(times, [1.0] * len(times), transform=ax.get_xaxis_transform(), **marker_of(kind))
+
+
+def marker_of(kind: str) -> dict[str, Any]:
+    """Return the look of the mark of a kind of moment."""
+    return {"marker": MARKERS[kind], "markersize": 4.5, "markerfacecolor": "white", "markeredgecolor": style.GREY,
+            "linestyle": "none", "clip_on": False, "zorder": 4}  # fmt: skip
 
 
 def loop_columns(result: Result, names: tuple[str, ...]) -> list[int]:

@@ -10,8 +10,9 @@ from robodyn_cli.report import style
 from robodyn_cli.spatial.algebra import Array
 
 ALONG = (0.5, 0.35, 0.65, 0.22, 0.78)  # places along a line that are tried
-GAP = 5.0  # points between a line and its name
+GAP = 8.0  # points between the middle of a line and its name
 WIDTH, HEIGHT = 0.62, 1.25  # of a character, over the font size
+OVERLAP = 1000.0  # cost of covering another name
 PER_LINE = 40  # points by which a line is represented
 
 
@@ -28,6 +29,8 @@ def name_lines(ax: Any, lines: dict[str, Array], obstacles: list[Array]) -> None
     Of some places along each line, on either side, the one is taken whose box covers the least of other names, of
     lines and of the edge of the drawing.
     """
+    if not lines:
+        return
     scale = points_per_unit(ax)
     taken: list[Array] = []
     drawn = np.concatenate([_sampled(line * scale) for line in [*lines.values(), *obstacles]])
@@ -38,6 +41,8 @@ def name_lines(ax: Any, lines: dict[str, Array], obstacles: list[Array]) -> None
         if not len(places):
             continue
         costs = [_cost(centre, size, taken, drawn, edges) + 0.1 * k for k, centre in enumerate(places)]
+        if min(costs) >= OVERLAP:  # no name is better than two that nobody can read
+            continue
         centre = places[int(np.argmin(costs))]
         taken.append(np.concatenate([centre - 0.5 * size, centre + 0.5 * size]))
         ax.annotate(
@@ -78,7 +83,7 @@ def _cost(centre: Array, size: Array, taken: list[Array], drawn: Array, edges: A
     for other in taken:
         overlap = np.minimum(high, other[2:]) - np.maximum(low, other[:2])
         if np.all(overlap > -1.0):
-            cost += 1000.0
+            cost += OVERLAP
     inside = np.all((drawn > low) & (drawn < high), axis=1)
     outside = np.maximum(edges[:, 0] - low, 0.0) + np.maximum(high - edges[:, 1], 0.0)
     return cost + float(inside.sum()) + 10.0 * float(outside.sum())

@@ -23,8 +23,8 @@ def unit(units: str) -> str:
 
 
 def labelled(quantity: str, units: str) -> str:
-    """Return an axis label with units, if it has any."""
-    return f"{quantity} [{unit(units)}]" if units not in ("", "1") else quantity
+    """Return an axis label with its units, which are 1 for a plain number."""
+    return f"{quantity} [{unit(units) or '1'}]"
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -54,18 +54,34 @@ class PowerFormatter(Formatter):
 
 
 def log_axis(ax: Axes, low: float, high: float) -> None:
-    """Make the y-axis logarithmic, from whole decade to whole decade."""
-    first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
-    last = max(last, first + 1)
+    """Make the y-axis logarithmic and no wider than from ``low`` to ``high``; within a decade it stays linear.
+
+    Over less than three decades numbers between the powers of ten are written too.
+    """
+    decades = math.log10(high / low)
+    if decades < 1.0:
+        room = 0.05 * (high - low) or 0.5 * high
+        ax.set_ylim(low - room, high + room)
+        return
+    room = 10.0 ** (0.03 * decades)
     ax.set_yscale("log")
-    ax.set_ylim(10.0**first, 10.0**last)
+    ax.set_ylim(low / room, high * room)
     ax.yaxis.set_major_locator(LogLocator(numticks=9))
     ax.yaxis.set_major_formatter(PowerFormatter())
-    if last - first <= 3:
+    if decades <= 3.0:
         ax.yaxis.set_minor_locator(LogLocator(subs=(2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0)))
-        ax.yaxis.set_minor_formatter(_Silent())
+        ax.yaxis.set_minor_formatter(_Between() if decades <= 2.0 else _Silent())
+        ax.tick_params(axis="y", which="minor", labelcolor="#5f5f5f")
     else:
         ax.yaxis.set_minor_locator(NullLocator())
+
+
+class _Between(Formatter):
+    """Writes twice and five times a power of ten."""
+
+    def __call__(self, x: float, pos: Any = None) -> str:
+        mantissa = x / 10.0 ** math.floor(math.log10(x) + 1e-9) if x > 0.0 else 0.0
+        return f"{x:g}" if round(mantissa) in (2, 5) else ""
 
 
 class _Silent(Formatter):

@@ -75,6 +75,45 @@ def write_bytes(target: Path, content: bytes) -> None:
             raise
 
 
+def write_new(target: Path, text: str) -> None:
+    """Write a text file atomically, never over another one.
+
+    Raises
+    ------
+    OutputError : there is a file of that name, or it cannot be written.
+    """
+    taken = OutputError(f"{target} exists already; choose another name, or remove it")
+    if os.path.lexists(target):
+        raise taken
+    temporary = temporary_path(target)
+    with output_errors(target):
+        try:
+            temporary.write_text(text, encoding="utf-8")
+            os.link(temporary, target)  # unlike a rename, it replaces nothing
+        except FileExistsError:
+            raise taken from None
+        finally:
+            discard(temporary)
+
+
+@contextlib.contextmanager
+def written(target: Path) -> Iterator[Path]:
+    """Give a name to write to; what is there when the block ends becomes ``target``, and nothing if it fails.
+
+    Raises
+    ------
+    OutputError : it cannot be written.
+    """
+    temporary = temporary_path(target)
+    with output_errors(target):
+        try:
+            yield temporary
+            os.replace(temporary, target)
+        except BaseException:
+            discard(temporary)
+            raise
+
+
 @contextlib.contextmanager
 def uninterrupted() -> Iterator[None]:
     """Put an interrupt (Ctrl-C) off until the block has ended.

@@ -6,7 +6,6 @@ import errno
 import os
 import stat
 import sys
-import warnings
 from pathlib import Path
 
 from robodyn_cli.errors import DirectoryInUseError
@@ -40,10 +39,14 @@ else:
 
 
 class DirectoryLock:
-    """Holds ``DIR/.lock``. The file stays behind: removing it would let two runs lock two different files."""
+    """Holds ``DIR/.lock``. The file stays behind: removing it would let two runs lock two different files.
+
+    warning : what users are to be told, where the file system has no locks.
+    """
 
     def __init__(self, directory: Path) -> None:
         """Take the lock; raises DirectoryInUseError if another run holds it."""
+        self.warning: str | None = None
         # no link is followed: its target would be truncated to the process number
         flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
         self._descriptor: int | None = os.open(directory / LOCK_NAME, flags, 0o666)
@@ -54,10 +57,7 @@ class DirectoryLock:
             _take(self._descriptor)
         except OSError as error:
             if error.errno in _UNSUPPORTED:
-                warnings.warn(
-                    f"{directory}: this file system has no locks; run one robodyn here at a time",
-                    stacklevel=3,
-                )
+                self.warning = f"{directory}: this file system has no locks; run one robodyn here at a time"
                 return
             holder = self._holder()
             os.close(self._descriptor)

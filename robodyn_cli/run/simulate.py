@@ -68,8 +68,7 @@ def _drive(run: Run, progress: Progress, watch: Stopwatch) -> RobodynError | Non
     driver.tick = lambda time: progress(time, s.duration)
 
     def emit(t: Array, x: Array) -> None:
-        recorder.observer.parameters = driver.parameters
-        recorder.emit(t, x)
+        recorder.emit(t, x, driver.parameters)
         progress(float(t[-1]), s.duration)
 
     with watch.stage("integrate"):
@@ -78,7 +77,7 @@ def _drive(run: Run, progress: Progress, watch: Stopwatch) -> RobodynError | Non
         except RobodynError as error:
             from robodyn_cli.run.driver.failure import explained
 
-            recorder.keep_last_state(driver.time, driver.state)
+            recorder.keep_last_state(driver.time, driver.state, driver.parameters)
             return explained(error, run.motion, driver)
     return None
 
@@ -99,7 +98,7 @@ def _report(run: Run, judgement: Judgement, estimate: ErrorEstimate | None, watc
     """
     failure = judgement.failure
     result = Result.of("simulate", run.motion.scene, "ok" if failure is None else "failed")
-    result.events = [event for watcher in run.driver.watchers for event in watcher.log]
+    result.events = run.driver.log
     run.recorder.fill(result)
     result.summarise(motion_summary(run, judgement, estimate), seconds=watch.report())
     return result.unless(failure)

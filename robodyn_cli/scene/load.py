@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import os
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.joints.registry import joint_types
@@ -18,11 +18,24 @@ from robodyn_cli.scene.read_scalars import BROKEN, Names
 from robodyn_cli.scene.text.emit import emit
 from robodyn_cli.scene.text.faults import Faults, TooMany
 from robodyn_cli.scene.text.includes import Includer
-from robodyn_cli.scene.text.nodes import Mapping, Node, Scalar, Source, describe_node, located
+from robodyn_cli.scene.text.nodes import (
+    Mapping,
+    Node,
+    Scalar,
+    Source,
+    describe_node,
+    located,
+    mapping,
+    scalar,
+    sequence,
+)
 from robodyn_cli.scene.text.nodes import Sequence as SequenceNode
 from robodyn_cli.scene.text.yaml_nodes import compose
-from robodyn_cli.scene.types import Scene
-from robodyn_cli.schema.fields import Section
+from robodyn_cli.scene.types import Robot, Scene
+from robodyn_cli.schema.fields import OrFile, Section
+
+if TYPE_CHECKING:
+    from robodyn_cli.scene.urdf.read import Urdf
 
 NO_FILE = "<text>"
 # keys without which the rest of a scene can be checked
@@ -72,6 +85,30 @@ def load_scene_text(text: str, path: str = NO_FILE, overrides: Sequence[str] = (
     return _examine(lambda includer: compose(text, source, includer.faults), path, overrides).checked()
 
 
+def load_urdf(path: str | os.PathLike[str]) -> tuple[Urdf, Scene]:
+    """Return the robot of a URDF file as it was read, and a checked scene that holds nothing else.
+
+    Raises
+    ------
+    SceneError : the first thing that is not allowed, with file and line.
+    """
+    name = os.fspath(path)
+    place = Scalar(Source(name, ".", positions=False), 1, 1, "", None)
+    found: list[Urdf] = []
+
+    def open_root(includer: Includer) -> Node:
+        robot = includer.include(OrFile(Section(Robot), robot=True), scalar(place, name), ())
+        found.extend(includer.urdfs)
+        if not found:
+            raise located(place, "", "this is no URDF, whose first character is '<'; allowed: a URDF file")
+        gravity = sequence(place, [scalar(place, 0)] * 3)
+        values = {"schema": scalar(place, 1), "gravity": gravity, "robot": robot}
+        return mapping(place, [(scalar(place, key), value) for key, value in values.items()])
+
+    scene = _examine(open_root, name, ()).checked()
+    return found[0], scene
+
+
 def examine(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Examined:
     """Return the scene of a YAML file and every error in it, in the order of the files' lines.
 
@@ -79,6 +116,31 @@ def examine(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Exam
     """
     name = os.fspath(path)
     return _examine(lambda includer: includer.open_root(name), name, overrides)
+
+
+class Family:
+    """Scenes that differ in the values of some keys; their file is read once.
+
+    Raises
+    ------
+    SceneError : the scene as it stands is wrong.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> None:
+        self.path = os.fspath(path)
+        found = examine(path, overrides)
+        self.own = found.checked()
+        assert found.root is not None
+        self.root: Node = found.root
+
+    def scene(self, overrides: Sequence[str]) -> Scene:
+        """Return the scene with values of its own.
+
+        Raises
+        ------
+        SceneError : a value is not allowed, or a key does not exist.
+        """
+        return _examine(lambda includer: self.root, self.path, overrides).checked()
 
 
 def _examine(open_root: Callable[[Includer], Node], path: str, overrides: Sequence[str]) -> Examined:
@@ -92,7 +154,15 @@ def _examine(open_root: Callable[[Includer], Node], path: str, overrides: Sequen
     if scene is None or root is None or faults.found:
         return Examined(tuple(faults.in_order()), None, root)
     sources = tuple(dict.fromkeys(includer.sources))
-    return Examined((), dataclasses.replace(scene, path=path, text=emit(root), sources=sources), root)
+    scene = dataclasses.replace(
+        scene,
+        path=path,
+        text=emit(root),
+        sources=sources,
+        notes=tuple(dict.fromkeys(f"{urdf.file}: {text}" for urdf in includer.urdfs for text in urdf.notes)),
+        warnings=tuple(dict.fromkeys(f"{urdf.file}: {x}" for urdf in includer.urdfs for x in urdf.warnings)),
+    )
+    return Examined((), scene, root)
 
 
 def _completed(root: Node, overrides: Sequence[str], includer: Includer) -> Node:

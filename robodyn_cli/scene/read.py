@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable
 from collections.abc import Mapping as MappingOf
 from functools import partial
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from robodyn_cli.errors import SceneError, did_you_mean, nearest_word
 from robodyn_cli.expr.expectation import Expectation, parse_expectation
@@ -42,8 +42,13 @@ from robodyn_cli.schema.fields import (
     OrFile,
     Section,
     Tagged,
+    Variations,
     Vector,
+    key_name,
 )
+
+if TYPE_CHECKING:
+    from robodyn_cli.expr.variation import Variation
 
 T = TypeVar("T")
 
@@ -69,11 +74,15 @@ class _Keys:
     @staticmethod
     def of(cls: type) -> _Keys:
         """Return the keys of the dataclass ``cls``."""
-        described = {f.name: f for f in dataclasses.fields(cls) if "kind" in f.metadata}
+        described = {key_name(f): f for f in dataclasses.fields(cls) if "kind" in f.metadata}
         holders = {name: f.metadata["kind"] for name, f in described.items()}
         holders = {name: kind for name, kind in holders.items() if isinstance(kind, Inline)}
         inline = {key: (name, kind.registry()) for name, kind in holders.items() for key in kind.registry()}
         return _Keys({name: f for name, f in described.items() if name not in holders}, inline)
+
+    def field(self, key: str) -> str:
+        """Return the field of a key."""
+        return self.fields[key].name if key in self.fields else key
 
     @property
     def allowed(self) -> list[str]:
@@ -115,6 +124,7 @@ class Reader(ScalarReader):
             Either: self.either,
             OrFile: self.or_file,
             Criteria: self.criteria,
+            Variations: self.variations,
         }
 
     # -- collections ----------------------------------------------------------------------------------
@@ -181,6 +191,23 @@ class Reader(ScalarReader):
                 self.faults.report(self.wrong(kind, item, here, unit))
         return result
 
+    def variations(self, kind: Variations, node: Node, path: Path, unit: str) -> dict[str, Variation]:
+        """Return by key path what it varies over."""
+        from robodyn_cli.expr.variation import parse_variation
+
+        result = {}
+        for key, item in self.entries_of(kind, node, path, unit):
+            given: Any = None
+            if isinstance(item, Scalar):
+                given = item.value
+            elif isinstance(item, Sequence) and all(isinstance(x, Scalar) for x in item.items):
+                given = [x.value for x in item.items if isinstance(x, Scalar)]
+            try:
+                result[key.text] = parse_variation(given)
+            except SceneError as error:
+                self.faults.report(located(item, dotted((*path, key.text)), error.message))
+        return result
+
     def tagged(self, kind: Tagged, node: Node, path: Path, unit: str) -> Any:
         options = kind.registry()
         if not isinstance(node, Mapping):
@@ -221,10 +248,10 @@ class Reader(ScalarReader):
             raise located(node, dotted(path), message)
         values = self.section_values(keys, node, path)
         self.check_missing(keys, values, node, path)
-        known = {name: value for name, value in values.items() if value is not BROKEN}
+        known = {keys.field(name): value for name, value in values.items() if value is not BROKEN}
         if not path:
             known = {**self.stand_ins, **known}
-        return kind.cls(**known) if all(name in known for name in keys.needed) else BROKEN
+        return kind.cls(**known) if all(keys.field(name) in known for name in keys.needed) else BROKEN
 
     def section_values(self, keys: _Keys, node: Mapping, path: Path) -> dict[str, Any]:
         """Return the values by field; keys that do not exist are faults."""

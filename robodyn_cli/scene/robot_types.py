@@ -19,19 +19,51 @@ from robodyn_cli.schema.fields import (
     Name,
     Number,
     Section,
+    Text,
     Vector,
     key,
+    like,
 )
 
 
 @record
-class Placement:
-    """Position and orientation of a frame: ``p = xyz``, ``R = Rz(yaw) Ry(pitch) Rx(roll)``."""
+class Orientation:
+    """How a frame is turned in the frame around it, in one of five forms; without any it is not turned."""
+
+    rpy: tuple[float, ...] | None = key(
+        Vector(3, angle=True), default=None, unit="rad", doc="Roll, pitch, yaw about fixed axes."
+    )
+    quaternion: tuple[float, ...] | None = key(
+        Vector(4), default=None, unit="1", doc="Unit quaternion, scalar first."
+    )
+    axis: tuple[float, ...] | None = key(
+        Direction(), default=None, unit="1", doc="Axis of one rotation, by `angle`."
+    )
+    angle: float | None = key(
+        Number(angle=True), default=None, unit="rad", doc="Angle of the rotation about `axis`."
+    )
+    matrix: tuple[tuple[float, ...], ...] | None = key(
+        ListOf(Vector(3), minimum=3, maximum=3),
+        default=None,
+        unit="1",
+        doc="Rotation matrix by rows; its columns are the new axes.",
+    )
+    x: tuple[float, ...] | None = key(Direction(), default=None, unit="1", doc="Direction of the new x axis.")
+    y: tuple[float, ...] | None = key(Direction(), default=None, unit="1", doc="Direction of the new y axis.")
+    z: tuple[float, ...] | None = key(Direction(), default=None, unit="1", doc="Direction of the new z axis.")
+
+    @property
+    def plain(self) -> bool:
+        """Whether it is given by roll, pitch and yaw, or not at all."""
+        others = (self.quaternion, self.axis, self.angle, self.matrix, self.x, self.y, self.z)
+        return all(value is None for value in others)
+
+
+@record
+class Placement(Orientation):
+    """Position ``p = xyz`` and orientation of a frame."""
 
     xyz: tuple[float, ...] = key(Vector(3), default=(0.0, 0.0, 0.0), unit="m", doc="Origin.")
-    rpy: tuple[float, ...] = key(
-        Vector(3, angle=True), default=(0.0, 0.0, 0.0), unit="rad", doc="Roll, pitch, yaw about fixed axes."
-    )
 
 
 @record
@@ -150,7 +182,9 @@ class Place:
         doc="`origin` (the link's own joint), `end` (the link frame of D-H, far end), `com`, or coordinates.",
     )
     frame: str = key(
-        Choice(("joint", "link")), default="link", doc="Frame of the coordinates of `at` and of `rpy`."
+        Choice(("joint", "link")),
+        default="link",
+        doc="Frame of the coordinates of `at` and of a frame's orientation.",
     )
 
 
@@ -167,12 +201,44 @@ class Point(Place):
 
 
 @record
-class Frame(Place):
+class Frame(Orientation, Place):
     """A named frame fixed to a link."""
 
-    rpy: tuple[float, ...] = key(
-        Vector(3, angle=True), default=(0.0, 0.0, 0.0), unit="rad", doc="Orientation in `frame`."
+
+@record
+class Coupler:
+    """A linear relation between joint coordinates: gears, racks, belts. The sum of coefficient times q is a value."""
+
+    name: str = key(Name(of="coupler"), doc="Name.")
+    terms: dict[str, float] = key(
+        MapOf(Number(), of="joint"), unit="1, m/rad or rad/m", doc="Coefficient of each joint's coordinate."
     )
+    value: FormulaTree | None = key(
+        Formula(("t",)),
+        default=None,
+        unit="rad or m",
+        doc="What they sum to: a number or a formula in t; default 0.",
+    )
+
+
+@record
+class Attachment:
+    """A link or a whole robot that is added to a robot."""
+
+    to: str = key(Name(of="link"), default="base", doc="Link that it is fixed to, or `base`.")
+    origin: Placement | None = key(Section(Placement), default=None, doc="Placement in that link's frame.")
+    link: str | None = key(Name(of="link"), default=None, doc="Name of a new link: a tool, a payload.")
+    mass: float | None = like(Link, "mass")
+    com: tuple[float, ...] | None = like(Link, "com")
+    com_frame: str | None = like(Link, "com_frame")
+    inertia: Inertia = like(Link, "inertia")
+    joint: Joint | None = key(
+        Section(Joint),
+        default=None,
+        doc="Joint of the new link, without `parent`, `link`, and `origin` where that is given; default: fixed.",
+    )
+    include: str | None = key(Text(), default=None, doc="Or: path of the file of a robot, in YAML or URDF.")
+    prefix: str = key(Text(), default="", doc="What goes before all names of that robot.")
 
 
 @record
@@ -195,3 +261,18 @@ class Robot:
     )
     points: dict[str, Point] = key(MapOf(Section(Point), of="point"), default=None, doc="Named points.")
     frames: dict[str, Frame] = key(MapOf(Section(Frame), of="frame"), default=None, doc="Named frames.")
+    couplers: tuple[Coupler, ...] = key(
+        ListOf(Section(Coupler)),
+        default=(),
+        doc="Relations between joint coordinates that belong to the robot, as those of the scene.",
+    )
+    attach: tuple[Attachment, ...] = key(
+        ListOf(Section(Attachment)),
+        default=(),
+        doc="Links and robots to add, behind the joints and links that are there; they become part of these lists.",
+    )
+
+    @property
+    def limited(self) -> bool:
+        """Whether any joint has limits."""
+        return any(name == "limits" for joint in self.joints for name, _ in joint.forces)

@@ -8,7 +8,7 @@ fills in the ``parent`` and ``link`` of every joint.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.expr.expectation import Expectation
@@ -23,10 +23,12 @@ from robodyn_cli.scene.mechanism_options import (
     LoadLimit,
     StaticsOptions,
 )
+from robodyn_cli.scene.robot_types import Coupler as Coupler
 from robodyn_cli.scene.robot_types import Frame as Frame
 from robodyn_cli.scene.robot_types import Inertia as Inertia
 from robodyn_cli.scene.robot_types import Joint as Joint
 from robodyn_cli.scene.robot_types import Link as Link
+from robodyn_cli.scene.robot_types import Orientation as Orientation
 from robodyn_cli.scene.robot_types import Place as Place
 from robodyn_cli.scene.robot_types import Placement as Placement
 from robodyn_cli.scene.robot_types import Point as Point
@@ -47,26 +49,14 @@ from robodyn_cli.schema.fields import (
     Section,
     Tagged,
     Text,
+    Variations,
     Vector,
     key,
 )
 from robodyn_cli.trajectories.registry import trajectory_types
 
-
-@record
-class Coupler:
-    """A linear relation between joint coordinates: gears, racks, belts. The sum of coefficient times q is a value."""
-
-    name: str = key(Name(of="coupler"), doc="Name.")
-    terms: dict[str, float] = key(
-        MapOf(Number(), of="joint"), unit="1, m/rad or rad/m", doc="Coefficient of each joint's coordinate."
-    )
-    value: FormulaTree | None = key(
-        Formula(("t",)),
-        default=None,
-        unit="rad or m",
-        doc="What they sum to: a number or a formula in t; default 0.",
-    )
+if TYPE_CHECKING:
+    from robodyn_cli.expr.variation import Variation
 
 
 @record
@@ -207,12 +197,62 @@ class Outputs:
     )
 
 
+SAMPLERS = ("random", "sobol", "latin")
+
+
+@record
+class Correlation:
+    """Two keys of a study that do not vary independently of one another."""
+
+    between: tuple[str, ...] = key(ListOf(Text(), minimum=2, maximum=2), doc="Two keys under `vary`.")
+    value: float = key(
+        Number(minimum=-1.0, maximum=1.0, exclusive=True),
+        unit="1",
+        doc="Correlation of their normal scores (a Gaussian copula).",
+    )
+
+
+@record
+class StudyOptions:
+    """What ``sweep`` varies, and how."""
+
+    vary: dict[str, Variation] = key(
+        Variations(),
+        default=None,
+        doc="Keys of the scene, as `--set` writes them, and what each varies over: `[a, b]`, `linspace(a, b, n)`, "
+        "`logspace(a, b, n)`, `uniform(low, high)`, `triangular(low, mode, high)`, `normal(mean, sd)`.",
+    )
+    n: int | None = key(Integer(minimum=1), default=None, doc="Samples of the distributions.")
+    sampler: str = key(Choice(SAMPLERS), default="random", doc="How samples are drawn.")
+    seed: int = key(Integer(minimum=0), default=0, doc="Seed of the samples.")
+    of: tuple[str, ...] = key(
+        ListOf(Text()), default=(), doc="Outputs: keys of the summary, as `expect` writes them."
+    )
+    least_yield: float | None = key(
+        Number(minimum=0.0, maximum=1.0),
+        default=None,
+        unit="1",
+        name="yield",
+        doc="Share of runs that must hold what `expect` says.",
+    )
+    correlation: tuple[Correlation, ...] = key(
+        ListOf(Section(Correlation)), default=(), doc="Pairs of keys that vary together."
+    )
+
+
 @record
 class Scene:
-    """A whole scene. ``path``, ``text`` (resolved YAML) and ``sources`` (files read) come from the loader."""
+    """A whole scene.
+
+    From the loader come ``path``, ``text`` (resolved YAML), ``sources`` (files read), and what it has to say of robots
+    in other formats: ``notes``, and ``warnings``, which ``--strict`` takes as errors.
+    """
 
     schema: int = key(Integer(minimum=1, maximum=1), doc="Version of the scene format: 1.")
-    robot: Robot = key(OrFile(Section(Robot)), doc="The mechanism, in place or as a path.")
+    robot: Robot = key(
+        OrFile(Section(Robot), robot=True),
+        doc="The mechanism, in place or as the path of a YAML or URDF file.",
+    )
     gravity: tuple[float, ...] = key(Vector(3), unit="m/s^2", doc="Gravity in the world frame.")
     title: str = key(Text(), default="", doc="Title of plots and reports.")
     command: str | None = key(
@@ -271,6 +311,11 @@ class Scene:
     expect: dict[str, Expectation] = key(
         Criteria(), default=None, doc="What `robodyn run` and `check` expect of the summary."
     )
+    study: StudyOptions = key(
+        Section(StudyOptions), default=StudyOptions(), doc="What `sweep` varies, and how."
+    )
+    notes: tuple[str, ...] = dataclasses.field(default=(), compare=False)
+    warnings: tuple[str, ...] = dataclasses.field(default=(), compare=False)
     path: str = dataclasses.field(default="", compare=False)
     text: str = dataclasses.field(default="", compare=False, repr=False)
     sources: tuple[str, ...] = dataclasses.field(default=(), compare=False)

@@ -2,37 +2,18 @@
 
 from __future__ import annotations
 
-from robodyn_cli.schema.fields import (
-    Boolean,
-    Choice,
-    Criteria,
-    CsvFile,
-    Either,
-    Formula,
-    Inline,
-    Integer,
-    Kind,
-    ListOf,
-    MapOf,
-    Name,
-    Number,
-    OrFile,
-    Section,
-    Tagged,
-    Text,
-    Vector,
-)
+from robodyn_cli.schema import fields as kinds
 
 
-def describe(kind: Kind, unit: str = "") -> str:
+def describe(kind: kinds.Kind, unit: str = "") -> str:
     """Return what ``kind`` allows, such as ``a number > 0 [m]``."""
     return _plain(kind) + (f" [{unit}]" if unit and unit != "1" else "")
 
 
-def _plain(kind: Kind) -> str:
-    if isinstance(kind, (Number, Integer)):
-        strict = isinstance(kind, Number) and kind.exclusive
-        noun = "a whole number" if isinstance(kind, Integer) else "a number"
+def _plain(kind: kinds.Kind) -> str:
+    if isinstance(kind, (kinds.Number, kinds.Integer)):
+        strict = isinstance(kind, kinds.Number) and kind.exclusive
+        noun = "a whole number" if isinstance(kind, kinds.Integer) else "a number"
         if kind.minimum is not None and kind.minimum == kind.maximum:
             return f"{kind.minimum:g}"
         bounds = []
@@ -40,36 +21,38 @@ def _plain(kind: Kind) -> str:
             bounds.append(f"{'>' if strict else '>='} {_bound(kind.minimum)}")
         if kind.maximum is not None:
             bounds.append(f"{'<' if strict else '<='} {_bound(kind.maximum)}")
-        angle = " or an angle such as '45 deg'" if isinstance(kind, Number) and kind.angle else ""
+        angle = " or an angle such as '45 deg'" if isinstance(kind, kinds.Number) and kind.angle else ""
         return " ".join([noun, " and ".join(bounds)]).strip() + angle
-    if isinstance(kind, Boolean):
+    if isinstance(kind, kinds.Boolean):
         return "true or false"
-    if isinstance(kind, Text):
+    if isinstance(kind, kinds.Text):
         return "text"
-    if isinstance(kind, Name):
+    if isinstance(kind, kinds.Name):
         return f"the name of a {kind.of}" if kind.of else "a name"
-    if isinstance(kind, Choice):
+    if isinstance(kind, kinds.Choice):
         return ", ".join(kind.options)
-    if isinstance(kind, Vector):
+    if isinstance(kind, kinds.Vector):
         count = f"{kind.size} numbers" if kind.size else "numbers"
         return f"a list of {count}" + (" or angles" if kind.angle else "")
-    if isinstance(kind, Formula):
+    if isinstance(kind, kinds.Formula):
         return f"a number or a formula in {', '.join(kind.variables)} and parameters"
-    if isinstance(kind, (ListOf, MapOf)):
+    if isinstance(kind, (kinds.ListOf, kinds.MapOf)):
         return _collection(kind)
-    if isinstance(kind, Tagged):
+    if isinstance(kind, kinds.Tagged):
         return f"a map whose {kind.tag!r} is one of {', '.join(kind.registry())}"
-    if isinstance(kind, Either):
+    if isinstance(kind, kinds.Either):
         return ", or ".join(_plain(k) for k in kind.kinds)
-    if isinstance(kind, OrFile):
-        return f"{_plain(kind.item)}, or the path of a YAML file"
-    if isinstance(kind, Section):
+    if isinstance(kind, kinds.OrFile):
+        return f"{_plain(kind.item)}, or the path of a YAML{' or URDF' if kind.robot else ''} file"
+    if isinstance(kind, kinds.Section):
         return "a map"
-    if isinstance(kind, Inline):
+    if isinstance(kind, kinds.Inline):
         return f"the keys {', '.join(kind.registry())}"
-    if isinstance(kind, Criteria):
+    if isinstance(kind, kinds.Criteria):
         return "a map from keys of the summary to what is expected there"
-    if isinstance(kind, CsvFile):
+    if isinstance(kind, kinds.Variations):
+        return "a map from keys of the scene to what they vary over"
+    if isinstance(kind, kinds.CsvFile):
         return "the path of a CSV file"
     return "a value"
 
@@ -78,10 +61,16 @@ def _bound(x: float) -> str:
     return str(x) if isinstance(x, int) else f"{x:g}"
 
 
-def _collection(kind: ListOf | MapOf) -> str:
-    nouns = {Section: "maps", Number: "numbers", Name: "names", Formula: "formulas", Text: "texts"}
+def _collection(kind: kinds.ListOf | kinds.MapOf) -> str:
+    nouns = {
+        kinds.Section: "maps",
+        kinds.Number: "numbers",
+        kinds.Name: "names",
+        kinds.Formula: "formulas",
+        kinds.Text: "texts",
+    }
     item = next((noun for cls, noun in nouns.items() if isinstance(kind.item, cls)), "values")
-    if isinstance(kind, MapOf):
+    if isinstance(kind, kinds.MapOf):
         return f"a map from names{f' of {kind.of}s' if kind.of else ''} to {item}"
     if kind.minimum == kind.maximum and kind.minimum:
         return f"a list of {kind.minimum} {item}"

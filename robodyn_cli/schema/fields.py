@@ -13,6 +13,8 @@ from typing import Any
 from robodyn_cli.record import record
 
 REQUIRED: Any = dataclasses.MISSING
+# keys that compose files (see ``OrFile``)
+INCLUDE, PREFIX, ATTACH = "include", "prefix", "attach"
 
 
 @record
@@ -116,6 +118,11 @@ class Criteria(Kind):
 
 
 @record
+class Variations(Kind):
+    """A map from key paths of the scene to what they vary over in a study (``normal(13, 5 %)``)."""
+
+
+@record
 class Section(Kind):
     """A nested section described by another dataclass."""
 
@@ -141,10 +148,12 @@ class Either(Kind):
 class OrFile(Kind):
     """A value given in place or as the path of a YAML file, relative to the file that names it.
 
-    A map with the key ``include`` takes over the keys of that file, but for those that it gives itself.
+    A map with the key ``include`` takes over the keys of that file, but for those that it gives itself. ``robot`` : the
+    file may be a URDF too; beside ``include`` a ``prefix`` goes before all names, and ``attach`` adds parts.
     """
 
     item: Kind
+    robot: bool = False
 
 
 @record
@@ -162,7 +171,13 @@ class CsvFile(Kind):
     rows: str = "rows"
 
 
-def key(kind: Kind, *, default: Any = REQUIRED, unit: str = "", doc: str = "") -> Any:
+def key_name(field: dataclasses.Field[Any]) -> str:
+    """Return the YAML key of a field."""
+    name: str = field.metadata.get("name") or field.name
+    return name
+
+
+def key(kind: Kind, *, default: Any = REQUIRED, unit: str = "", doc: str = "", name: str = "") -> Any:
     """Declare one YAML key as a dataclass field.
 
     Parameters
@@ -171,10 +186,17 @@ def key(kind: Kind, *, default: Any = REQUIRED, unit: str = "", doc: str = "") -
     default : value when the key is absent; without one the key is required. For a map ``None`` means empty.
     unit : SI unit, shown in errors and in the reference.
     doc : one sentence for the reference.
+    name : of the key, where Python keeps the word for itself; by default the field's.
     """
-    metadata = {"kind": kind, "unit": unit, "doc": doc}
+    metadata = {"kind": kind, "unit": unit, "doc": doc, "name": name}
     if default is REQUIRED:
         return dataclasses.field(metadata=metadata)
-    if default is None and isinstance(kind, (MapOf, Criteria)):
+    if default is None and isinstance(kind, (MapOf, Criteria, Variations)):
         return dataclasses.field(default_factory=dict, metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
+
+
+def like(cls: type, name: str) -> Any:
+    """Declare a key as another section has it."""
+    field = next(field for field in dataclasses.fields(cls) if field.name == name)
+    return dataclasses.field(default=field.default, metadata=field.metadata)

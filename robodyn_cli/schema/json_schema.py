@@ -9,28 +9,8 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+from robodyn_cli.schema import fields as kinds
 from robodyn_cli.schema.describe import describe
-from robodyn_cli.schema.fields import (
-    Boolean,
-    Choice,
-    Criteria,
-    CsvFile,
-    Either,
-    Formula,
-    Inline,
-    Integer,
-    JointMap,
-    Kind,
-    ListOf,
-    MapOf,
-    Name,
-    Number,
-    OrFile,
-    Section,
-    Tagged,
-    Text,
-    Vector,
-)
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 NAME = r"^[A-Za-z_][A-Za-z0-9_-]*$"
@@ -83,22 +63,27 @@ class _Maker:
         required = []
         for field in dataclasses.fields(cls):
             kind = field.metadata.get("kind")
-            if isinstance(kind, Inline):
+            if isinstance(kind, kinds.Inline):
                 for key, element in kind.registry().items():
                     properties[key] = {"$ref": self.reference(element), "description": _doc(element)}
             elif kind is not None:
-                properties[field.name] = self.field(field)
+                properties[kinds.key_name(field)] = self.field(field)
                 no_default = field.default is dataclasses.MISSING
                 if no_default and field.default_factory is dataclasses.MISSING:
-                    required.append(field.name)
+                    required.append(kinds.key_name(field))
         if tag:
             properties[tag[0]] = {"const": tag[1]}
         if included:
-            properties["include"] = {
+            properties[kinds.INCLUDE] = {
                 "type": "string",
-                "description": "Path of a YAML file whose keys are taken over.",
+                "description": "Path of a file whose keys are taken over.",
             }
-            required = ["include"]
+            if kinds.ATTACH in properties:
+                properties[kinds.PREFIX] = {
+                    "type": "string",
+                    "description": "What goes before all names of the file.",
+                }
+            required = [kinds.INCLUDE]
         found: Schema = {"type": "object", "properties": properties, "additionalProperties": False}
         if _doc(cls):
             found["description"] = _doc(cls)
@@ -122,31 +107,33 @@ class _Maker:
         return found
 
     # -- kinds ----------------------------------------------------------------------------------------
-    def kind(self, kind: Kind) -> Schema:
-        if isinstance(kind, (Number, Integer)):
+    def kind(self, kind: kinds.Kind) -> Schema:
+        if isinstance(kind, (kinds.Number, kinds.Integer)):
             return self.number(kind)
-        if isinstance(kind, (Boolean, Text, CsvFile)):
-            return {"type": "boolean" if isinstance(kind, Boolean) else "string"}
-        if isinstance(kind, Name):
+        if isinstance(kind, (kinds.Boolean, kinds.Text, kinds.CsvFile)):
+            return {"type": "boolean" if isinstance(kind, kinds.Boolean) else "string"}
+        if isinstance(kind, kinds.Name):
             return {"type": ["string", "boolean"], "pattern": _name_pattern(kind.of)}
-        if isinstance(kind, Choice):
+        if isinstance(kind, kinds.Choice):
             return {"enum": list(kind.options)}
-        if isinstance(kind, Vector):
+        if isinstance(kind, kinds.Vector):
             size = {"minItems": kind.size, "maxItems": kind.size} if kind.size else {}
-            return {"type": "array", "items": self.number(Number(angle=kind.angle)), **size}
-        if isinstance(kind, Formula):
+            return {"type": "array", "items": self.number(kinds.Number(angle=kind.angle)), **size}
+        if isinstance(kind, kinds.Formula):
             return {"type": ["number", "string"]}
-        if isinstance(kind, Criteria):
+        if isinstance(kind, kinds.Criteria):
             value = {"type": ["number", "string", "boolean", "null", "object"]}
             return {"type": ["object", "null"], "additionalProperties": value}
+        if isinstance(kind, kinds.Variations):
+            return {"type": "object", "additionalProperties": {"type": ["string", "array"]}}
         return self.composite(kind)
 
-    def composite(self, kind: Kind) -> Schema:
-        if isinstance(kind, ListOf):
+    def composite(self, kind: kinds.Kind) -> Schema:
+        if isinstance(kind, kinds.ListOf):
             most = {"maxItems": kind.maximum} if kind.maximum is not None else {}
             least = {"minItems": kind.minimum} if kind.minimum else {}
             return {"type": "array", "items": self.kind(kind.item), **least, **most}
-        if isinstance(kind, JointMap):
+        if isinstance(kind, kinds.JointMap):
             item = self.kind(kind.item)
             several = {"type": "array", "items": item, "minItems": 2}
             by_name = {
@@ -159,33 +146,34 @@ class _Maker:
                 "propertyNames": {"pattern": _name_pattern(kind.of)},
                 "additionalProperties": {"anyOf": [item, several, by_name]},
             }
-        if isinstance(kind, MapOf):
+        if isinstance(kind, kinds.MapOf):
             return {
                 "type": ["object", "null"],
                 "propertyNames": {"pattern": _name_pattern(kind.of)},
                 "additionalProperties": self.kind(kind.item),
             }
-        if isinstance(kind, Section):
+        if isinstance(kind, kinds.Section):
             return {"$ref": self.reference(kind.cls)}
-        if isinstance(kind, Tagged):
+        if isinstance(kind, kinds.Tagged):
             return self.tagged(kind)
-        if isinstance(kind, Either):
+        if isinstance(kind, kinds.Either):
             return {"anyOf": [self.kind(one) for one in kind.kinds]}
-        if isinstance(kind, OrFile):
-            path = {"type": "string", "description": "Path of a YAML file, relative to this one."}
+        if isinstance(kind, kinds.OrFile):
+            formats = "YAML or URDF" if kind.robot else "YAML"
+            path = {"type": "string", "description": f"Path of a {formats} file, relative to this one."}
             return {"anyOf": [self.kind(kind.item), path, self.including(kind.item)]}
         raise TypeError(f"no JSON Schema of {type(kind).__name__}")
 
-    def number(self, kind: Number | Integer) -> Schema:
-        found: Schema = {"type": "integer" if isinstance(kind, Integer) else "number"}
-        strict = isinstance(kind, Number) and kind.exclusive
+    def number(self, kind: kinds.Number | kinds.Integer) -> Schema:
+        found: Schema = {"type": "integer" if isinstance(kind, kinds.Integer) else "number"}
+        strict = isinstance(kind, kinds.Number) and kind.exclusive
         if kind.minimum is not None:
             found["exclusiveMinimum" if strict else "minimum"] = kind.minimum
         if kind.maximum is not None:
             found["exclusiveMaximum" if strict else "maximum"] = kind.maximum
         return {"anyOf": [found, EXPRESSION]}
 
-    def tagged(self, kind: Tagged) -> Schema:
+    def tagged(self, kind: kinds.Tagged) -> Schema:
         """Return one branch per type; with ``if`` and ``then``, an editor reports errors for the given type only."""
         registry = kind.registry()
         branches = [
@@ -202,11 +190,15 @@ class _Maker:
             "allOf": branches,
         }
 
-    def including(self, kind: Kind) -> Schema:
+    def including(self, kind: kinds.Kind) -> Schema:
         """Return the schema of a map that completes an included file."""
-        if isinstance(kind, Section):
+        if isinstance(kind, kinds.Section):
             return {"$ref": self.reference(kind.cls, included=True)}
-        return {"type": "object", "properties": {"include": {"type": "string"}}, "required": ["include"]}
+        return {
+            "type": "object",
+            "properties": {kinds.INCLUDE: {"type": "string"}},
+            "required": [kinds.INCLUDE],
+        }
 
 
 def _name_pattern(of: str) -> str:

@@ -9,8 +9,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from robodyn_cli.errors import GeometryError, SingularConfigurationError
-from robodyn_cli.expr.graph import Expr
-from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 from robodyn_cli.solve.closure import Equations, Numbers, newton, rank
 from robodyn_cli.spatial.algebra import Array
@@ -33,17 +31,6 @@ class Assembled:
     velocity_residual: float
     independent: tuple[int, ...]
     redundant: tuple[str, ...]
-
-
-def mechanism_size(model: Model) -> float:
-    """Return a characteristic length of the mechanism [m]: the sum of the distances from joint to joint, or more."""
-    total = 0.0
-    for body in model.bodies:
-        total += float(np.linalg.norm([x if not isinstance(x, Expr) else 0.0 for x in body.X_tree.r]))
-    for frame in (*model.points.values(), *(f for loop in model.loops for f in (loop.first, loop.second))):
-        total = max(total, float(np.linalg.norm([x if not isinstance(x, Expr) else 0.0 for x in frame.p])))
-    total = max([total, *(getattr(loop.element, "length", 0.0) for loop in model.loops)])
-    return total if total > 0.0 else 1.0
 
 
 def assemble(
@@ -79,8 +66,7 @@ def assemble(
         v[rate_place[name]] = value
     if not numbers.rows:
         return Assembled(q, v, 0.0, 0.0, (), ())
-    size = mechanism_size(model)
-    lengths = np.array([size if unit == "m" else 1.0 for unit in model.v_units])
+    lengths = numbers.lengths
     # a value for a quaternion counts for all three of its velocities
     places = [manifold.columns(k) for k in range(model.nv)]
     missing = [
@@ -89,9 +75,7 @@ def assemble(
         if not any(model.q_names[c] in given or model.q_names[c] in hold for c in cs)
     ]
     held = [k for k, cs in enumerate(places) if any(model.q_names[c] in hold for c in cs)]
-    numbers.sizes = np.array([size if row.kind in ("force", "m") else 1.0 for row in numbers.rows])
     task = _Closing(
-        lengths,
         free=[k for k in range(model.nv) if k not in held],
         missing=missing,
         turning=[
@@ -100,7 +84,7 @@ def assemble(
         held={name: q[place[name]] for name in hold},
     )
     q = _close(numbers, q, task)
-    independent, redundant = _independent_rows(numbers, q, lengths)
+    independent, redundant = _independent_rows(numbers, q)
     v, remaining = _close_rates(numbers, q, v, [rate_place[n] for n in rates], held)
     return Assembled(
         q, v, float(np.abs(numbers.eta(q)).max()), remaining, independent,
@@ -112,12 +96,10 @@ def assemble(
 class _Closing:
     """Which coordinates may move while the loops are closed.
 
-    lengths : (nv,) size of a large motion of each velocity coordinate. free : velocity coordinates that are not held.
-    missing : those without an initial value. turning : places in q of the missing ones that are angles. held : columns
-    of q that are held, with their values.
+    free : velocity coordinates that are not held. missing : those without an initial value. turning : places in q of
+    the missing ones that are angles. held : columns of q that are held, with their values.
     """
 
-    lengths: Array
     free: list[int]
     missing: list[int]
     turning: list[int]
@@ -129,14 +111,10 @@ def _close(numbers: Numbers, q: Array, task: _Closing) -> Array:
 
     Missing coordinates start anywhere. The others start further and further from q, but only if nothing nearer closes.
     """
-    found, tried = _close_from(
-        numbers, q, task, [q, *_starts(numbers, q, task.missing, task.lengths, np.pi, 1)]
-    )
+    found, tried = _close_from(numbers, q, task, [q, *_starts(numbers, q, task.missing, np.pi, 1)])
     for seed, spread in enumerate((0.3, 1.0, np.pi), start=2):
         if not found:
-            found, more = _close_from(
-                numbers, q, task, _starts(numbers, q, task.free, task.lengths, spread, seed)
-            )
+            found, more = _close_from(numbers, q, task, _starts(numbers, q, task.free, spread, seed))
             tried += more
     if not found:
         raise _open_loop(numbers, task, tried)
@@ -145,15 +123,13 @@ def _close(numbers: Numbers, q: Array, task: _Closing) -> Array:
     return min((f for f, own in zip(found, ranks) if own == max(ranks)), key=lambda f: f[0])[1]
 
 
-def _starts(
-    numbers: Numbers, q: Array, coordinates: list[int], lengths: Array, spread: float, seed: int
-) -> list[Array]:
+def _starts(numbers: Numbers, q: Array, coordinates: list[int], spread: float, seed: int) -> list[Array]:
     """Return starts that differ from q by up to ``spread`` in the given coordinates; none without coordinates."""
     rng = np.random.default_rng(seed)
     starts = []
     for _ in range(ATTEMPTS if coordinates else 0):
         step = np.zeros(numbers.nv)
-        step[coordinates] = rng.uniform(-spread, spread, len(coordinates)) * lengths[coordinates]
+        step[coordinates] = rng.uniform(-spread, spread, len(coordinates)) * numbers.lengths[coordinates]
         starts.append(numbers.manifold.integrate(q, step))
     return starts
 
@@ -167,8 +143,8 @@ def _close_from(
     found, tried = [], []
     for start in starts:
         if task.missing:  # first the unknown coordinates alone, so that the given ones pick the branch
-            start, _ = newton(numbers, start, task.missing, task.lengths)
-        closed, residual = newton(numbers, start, task.free, task.lengths)
+            start, _ = newton(numbers, start, task.missing)
+        closed, residual = newton(numbers, start, task.free)
         tried.append((residual, closed))
         if residual > CLOSED or numbers.turned(closed):
             continue
@@ -176,7 +152,7 @@ def _close_from(
         wrapped[task.turning] = (closed[task.turning] + np.pi) % (2 * np.pi) - np.pi
         if np.abs(numbers.relative(wrapped)).max() <= CLOSED:
             closed = wrapped
-        moved = np.abs(numbers.manifold.difference(q, closed)) / task.lengths
+        moved = np.abs(numbers.manifold.difference(q, closed)) / numbers.lengths
         # rounded, so that rounding errors do not choose between equal distances
         found.append((float(f"{moved[given].sum() + 1e-6 * moved[task.missing].sum():.9g}"), closed))
     return found, tried
@@ -192,12 +168,12 @@ def _open_loop(numbers: Numbers, task: _Closing, tried: list[tuple[float, Array]
 
         def moved(x: Array, start: Array = start) -> Array:
             step = np.zeros(numbers.nv)
-            step[free] = x * task.lengths[free]
+            step[free] = x * numbers.lengths[free]
             return numbers.manifold.integrate(start, step)
 
         def squares(x: Array, moved: Callable[[Array], Array] = moved) -> tuple[float, Array]:
             r = numbers.relative(moved(x))
-            J = numbers.psi(moved(x))[:, free] * task.lengths[free] / numbers.sizes[:, None]
+            J = numbers.psi(moved(x))[:, free] * numbers.lengths[free] / numbers.sizes[:, None]
             return 0.5 * float(r @ r), J.T @ r
 
         q = start
@@ -286,7 +262,7 @@ def _close_rates(
     return new, remaining
 
 
-def _independent_rows(numbers: Numbers, q: Array, lengths: Array) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def _independent_rows(numbers: Numbers, q: Array) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Return independent rows and redundant ones, which depend on the others in every configuration.
 
     Raises
@@ -302,8 +278,8 @@ def _independent_rows(numbers: Numbers, q: Array, lengths: Array) -> tuple[tuple
     rng = np.random.default_rng(7)
     generic, example = here, psi
     for _ in range(6):
-        start = numbers.manifold.integrate(q, 0.05 * rng.normal(size=numbers.nv) * lengths)
-        moved, residual = newton(numbers, start, list(range(numbers.nv)), lengths)
+        start = numbers.manifold.integrate(q, 0.05 * rng.normal(size=numbers.nv) * numbers.lengths)
+        moved, residual = newton(numbers, start, range(numbers.nv))
         if residual < 1e-9:
             there = rank(numbers.psi(moved), RANK_TOLERANCE)
             if there > generic:
@@ -314,13 +290,12 @@ def _independent_rows(numbers: Numbers, q: Array, lengths: Array) -> tuple[tuple
             f"({here} of {generic} independent rows), so multipliers are not unique; start away from it",
             rank=here, generic_rank=generic, kind="bifurcation",
         )  # fmt: skip
-    return _best_rows([example, *_along_the_motion(numbers, q, lengths)], generic, m)
+    return _best_rows([example, *_along_the_motion(numbers, q)], generic, m)
 
 
-def _along_the_motion(numbers: Numbers, q: Array, lengths: Array) -> list[Array]:
+def _along_the_motion(numbers: Numbers, q: Array) -> list[Array]:
     """Return Psi at closed configurations on both sides of q along the mechanism's motion."""
-    rng = np.random.default_rng(11)
-    everything = list(range(numbers.nv))
+    rng, lengths = np.random.default_rng(11), numbers.lengths
     found = []
     for way in (1.0, -1.0):
         here = q.copy()
@@ -333,7 +308,7 @@ def _along_the_motion(numbers: Numbers, q: Array, lengths: Array) -> list[Array]
                 break
             last = step / np.abs(step).max()
             ahead = numbers.manifold.integrate(here, MOTION_STEP * last * lengths)
-            here, residual = newton(numbers, ahead, everything, lengths)
+            here, residual = newton(numbers, ahead, range(numbers.nv))
             if residual > CLOSED:
                 break
             found.append(numbers.psi(here))

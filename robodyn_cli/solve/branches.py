@@ -11,13 +11,12 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from robodyn_cli.record import record
-from robodyn_cli.solve.guided import Conditions
+from robodyn_cli.solve.closure import Conditions, newton
 from robodyn_cli.spatial.algebra import Array
 
 CLOSED = 1e-11  # rad, or part of the size of the mechanism
 SAME = 1e-6  # the same, for configurations that count as one
-MOST_STEP = 0.7
-ITERATIONS = 60
+SLOW = 6  # steps in a row that may fail to halve the residual
 FEWEST = 48  # starts at least
 PATIENCE = 16  # starts without anything new, for each branch found
 
@@ -49,34 +48,6 @@ def halton(count: int, dimensions: int) -> Array:
     return points
 
 
-def close(conditions: Conditions, q: Array, free: Sequence[int], t: float = 0.0) -> tuple[Array, float]:
-    """Return q moved onto F = 0 in the free velocity coordinates, and the largest relative residual."""
-    columns = list(free)
-    F, J = conditions.at(q, t)
-    size = float(np.abs(F / conditions.sizes).max(initial=0.0))
-    slow = 0
-    for _ in range(ITERATIONS):
-        if not np.isfinite(size) or not np.all(np.isfinite(J)) or size == 0.0 or slow > 6:
-            break
-        scaled = (J * conditions.lengths / conditions.sizes[:, None])[:, columns]
-        step, *_ = np.linalg.lstsq(scaled, -F / conditions.sizes, rcond=1e-12)
-        step *= min(1.0, MOST_STEP / max(float(np.abs(step).max(initial=0.0)), 1e-300))
-        dq = np.zeros(len(conditions.lengths))
-        for _ in range(12):
-            dq[columns] = step * conditions.lengths[columns]
-            trial = conditions.step(q, dq)
-            F_new, J_new = conditions.at(trial, t)
-            new = float(np.abs(F_new / conditions.sizes).max(initial=0.0))
-            if new < size:
-                break
-            step = 0.5 * step
-        else:
-            break
-        slow = slow + 1 if new > 0.5 * size else 0
-        q, F, J, size = trial, F_new, J_new, new
-    return q, size
-
-
 def search(
     conditions: Conditions,
     starts: Iterable[Array],
@@ -96,7 +67,7 @@ def search(
     marks: list[Array] = []
     closed, last, count = 0, 0, 0
     for count, start in enumerate(starts, start=1):
-        q, residual = close(conditions, start, free)
+        q, residual = newton(conditions, start, free, SLOW)
         if residual <= CLOSED and accepted(q):
             closed += 1
             mark = signature(q)

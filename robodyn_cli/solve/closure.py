@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
+from robodyn_cli.expr.graph import Expr
 from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.manifold import Manifold
@@ -14,6 +15,7 @@ from robodyn_cli.model.model import Model
 from robodyn_cli.spatial.algebra import Array
 
 MOST_STEP = 0.7  # rad, or part of the size of the mechanism
+ITERATIONS = 60
 RANK = 1e-8  # ratio of singular values below which rank is lost, in comparable units
 
 
@@ -27,6 +29,35 @@ def rank(A: Array, tolerance: float = RANK) -> int:
     return int(counted.sum(axis=-1).max(initial=0))
 
 
+class Conditions(Protocol):
+    """Conditions F(q, t) = 0 with their derivatives.
+
+    lengths : (nv,) size of a large motion of each coordinate. sizes : (m,) size of a large residual of each row.
+    """
+
+    lengths: Array
+    sizes: Array
+
+    def at(self, q: Array, t: float) -> tuple[Array, Array]:
+        """Return F (m,) and J (m, nv)."""
+        ...
+
+    def step(self, q: Array, dq: Array) -> Array:
+        """Return the position (nq,) reached from q by a small motion dq (nv,)."""
+        ...
+
+
+def mechanism_size(model: Model) -> float:
+    """Return a characteristic length of the mechanism [m]: the sum of the distances from joint to joint, or more."""
+    total = 0.0
+    for body in model.bodies:
+        total += float(np.linalg.norm([x if not isinstance(x, Expr) else 0.0 for x in body.X_tree.r]))
+    for frame in (*model.points.values(), *(f for loop in model.loops for f in (loop.first, loop.second))):
+        total = max(total, float(np.linalg.norm([x if not isinstance(x, Expr) else 0.0 for x in frame.p])))
+    total = max([total, *(getattr(loop.element, "length", 0.0) for loop in model.loops)])
+    return total if total > 0.0 else 1.0
+
+
 class Equations(Protocol):
     """The equations that assembly uses (satisfied by ``equations.problem.Problem``)."""
 
@@ -37,7 +68,7 @@ class Equations(Protocol):
 
 
 class Numbers:
-    """eta (m,), Psi (m, nv) and eta_t (m,) as functions of numbers q (nq,) and t."""
+    """eta (m,), Psi (m, nv) and eta_t (m,) as functions of numbers q (nq,) and t; the ``Conditions`` of assembly."""
 
     def __init__(self, equations: Equations, parameters: Sequence[float]) -> None:
         self.rows = equations.constraint_rows
@@ -49,7 +80,9 @@ class Numbers:
         self._psi = Evaluator([x for row in self.rows for x in row.psi])
         self._cosines = Evaluator([row.cosine for row in self.rows])
         self.parameters = list(parameters)
-        self.sizes = np.ones(len(self.rows))  # of the rows: 1 rad, or the size of the mechanism [m]
+        self.size = mechanism_size(equations.model)
+        self.sizes = np.array([self.size if row.kind in ("force", "m") else 1.0 for row in self.rows])
+        self.lengths = np.array([self.size if unit == "m" else 1.0 for unit in equations.model.v_units])
 
     def _evaluate(self, outputs: Evaluator, q: Array, t: float) -> Array:
         return np.array(outputs({"q": q.tolist(), "t": [t], "p": self.parameters}), dtype=float)
@@ -63,6 +96,12 @@ class Numbers:
     def psi(self, q: Array, t: float = 0.0) -> Array:
         return self._evaluate(self._psi, q, t).reshape(len(self.rows), self.nv)
 
+    def at(self, q: Array, t: float) -> tuple[Array, Array]:
+        return self.eta(q, t), self.psi(q, t)
+
+    def step(self, q: Array, dq: Array) -> Array:
+        return self.manifold.integrate(q, dq)
+
     def turned(self, q: Array) -> list[str]:
         """Return the loops whose links are half a turn away from the attitude that is asked for."""
         cosines = self._evaluate(self._cosines, q, 0.0)
@@ -72,41 +111,36 @@ class Numbers:
         return self._evaluate(self._eta_t, q, t)
 
 
-def newton(
-    numbers: Numbers, q: Array, free: Sequence[int], lengths: Array, iterations: int = 60
-) -> tuple[Array, float]:
-    """Solve eta = 0 by damped Gauss-Newton steps; return q and the largest residual, relative to the rows' sizes.
+def newton(conditions: Conditions, q: Array, free: Sequence[int], patience: int = 3) -> tuple[Array, float]:
+    """Return q moved onto F = 0 at t = 0 by damped Gauss-Newton steps, and the largest relative residual.
+
+    Steps are of least norm in coordinates divided by ``lengths``, which makes rad and m comparable.
 
     Parameters
     ----------
-    free : velocity coordinates that may move, on the joints' manifolds. lengths : (nv,) size of a large motion of each;
-    steps are of least norm in coordinates divided by these, which makes rad and m comparable.
+    free : velocity coordinates that may move. patience : steps in a row that may fail to halve the residual.
     """
-    q = q.copy()
-    residual = numbers.relative(q)
-    size = float(np.abs(residual).max(initial=0.0))
-    stalled = 0
-    for _ in range(iterations):
-        if size < 1e-300 or stalled > 3:
+    columns, lengths, sizes = list(free), conditions.lengths, conditions.sizes
+    F, J = conditions.at(q, 0.0)
+    size = float(np.abs(F / sizes).max(initial=0.0))
+    slow = 0
+    for _ in range(ITERATIONS):
+        if not np.isfinite(size) or not np.all(np.isfinite(J)) or size < 1e-300 or slow > patience:
             break
-        J = numbers.psi(q)[:, free] * lengths[free] / numbers.sizes[:, None]
-        if not np.all(np.isfinite(J)):
-            break
-        step, *_ = np.linalg.lstsq(J, -residual, rcond=1e-12)
-        largest = float(np.abs(step).max(initial=0.0))
-        if largest > MOST_STEP:
-            step *= MOST_STEP / largest
-        scale = 1.0
+        scaled = J[:, columns] * lengths[columns] / sizes[:, None]
+        step, *_ = np.linalg.lstsq(scaled, -F / sizes, rcond=1e-12)
+        step *= min(1.0, MOST_STEP / max(float(np.abs(step).max(initial=0.0)), 1e-300))
+        dq = np.zeros(len(lengths))
         for _ in range(12):
-            moved = np.zeros(numbers.nv)
-            moved[free] = scale * step * lengths[free]
-            trial = numbers.manifold.integrate(q, moved)
-            new = numbers.relative(trial)
-            if np.abs(new).max() < size:
+            dq[columns] = step * lengths[columns]
+            trial = conditions.step(q, dq)
+            F_new, J_new = conditions.at(trial, 0.0)
+            new = float(np.abs(F_new / sizes).max(initial=0.0))
+            if new < size:
                 break
-            scale *= 0.5
+            step = 0.5 * step
         else:
             break
-        stalled = stalled + 1 if np.abs(new).max() > 0.5 * size else 0
-        q, residual, size = trial, new, float(np.abs(new).max())
+        slow = slow + 1 if new > 0.5 * size else 0
+        q, F, J, size = trial, F_new, J_new, new
     return q, size

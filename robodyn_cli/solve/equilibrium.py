@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.record import record
-from robodyn_cli.solve.branches import close
-from robodyn_cli.solve.guided import Conditions
+from robodyn_cli.solve.branches import SLOW
+from robodyn_cli.solve.closure import Conditions, newton
 from robodyn_cli.solve.load_sharing import allowed_motions
 from robodyn_cli.spatial.algebra import Array
 
@@ -94,7 +94,9 @@ def balance(conditions: Conditions, forces: Forces, q: Array) -> Balance:
         step = step * min(1.0, bound / length)
         slope, there = float(here.free @ step), here
         for _ in range(30):
-            moved, residual = close(conditions, conditions.step(here.q, here.N @ step), range(len(scale)))
+            moved, residual = newton(
+                conditions, conditions.step(here.q, here.N @ step), range(len(scale)), SLOW
+            )
             if not np.all(np.isfinite(moved)):
                 break
             there = _at(conditions, forces, moved)

@@ -12,6 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from robodyn_cli.record import record
+from robodyn_cli.solve.closure import Conditions
 from robodyn_cli.spatial.algebra import Array
 
 MISS = 0.08  # rad, or part of the mechanism's size, by which extrapolation may miss before the branch could change
@@ -21,26 +22,13 @@ ITERATIONS = 12
 HALVINGS = 40
 
 
-class Conditions(Protocol):
-    """Conditions F(q, t) = 0 with their derivatives.
-
-    lengths : (nv,) size of a large motion of each coordinate. sizes : (m,) size of a large residual of each row.
-    """
+class MotionConditions(Conditions, Protocol):
+    """Conditions along a motion: their names, and their rates."""
 
     names: tuple[str, ...]
-    lengths: Array
-    sizes: Array
-
-    def at(self, q: Array, t: float) -> tuple[Array, Array]:
-        """Return F (m,) and J (m, nv)."""
-        ...
 
     def rates(self, q: Array, v: Array, t: float) -> tuple[Array, Array]:
         """Return c and b (m,) of J v = c and J v-dot = b; b depends on v."""
-        ...
-
-    def step(self, q: Array, dq: Array) -> Array:
-        """Return the position (nq,) reached from q by a small motion dq (nv,)."""
         ...
 
 
@@ -79,7 +67,7 @@ class Stuck(Exception):
 class Guide:
     """Continuation of one mechanism along a motion."""
 
-    def __init__(self, conditions: Conditions) -> None:
+    def __init__(self, conditions: MotionConditions) -> None:
         self.conditions = conditions
         self.iterations = 0
         self.steps = 0

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
-from robodyn_cli.algorithms.kinematics import point_jacobian, poses, slice_q, slice_v, transforms
+from robodyn_cli.algorithms.kinematics import point_jacobian, poses, position_rates, transforms
 from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.expr.rebuild import evaluate
@@ -44,11 +44,7 @@ class PointKinematics:
         at = pose[frame.body].point(frame.p)
         linear, _ = point_jacobian(model, q, pose, frame.body, at)
         J = (model.base.E.T @ linear)[:components]
-        qd: list[Any] = [0.0] * model.nq
-        for body in model.bodies:
-            rate = body.joint.velocity_map(slice_q(body, q), slice_v(body, v))
-            qd[body.q : body.q + body.joint.nq] = list(rate)
-        entries = list(J.flat)
+        entries, qd = list(J.flat), position_rates(model, q, v)
         p = tuple(model.base.point(at)[:components])
         return PointKinematics(p, tuple(entries), tuple(directional(entries, q, qd)), model.nv)
 

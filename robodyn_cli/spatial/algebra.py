@@ -126,8 +126,8 @@ def rotation_to_z(axis: Sequence[float]) -> Matrix:
         raise ValueError("the axis is zero")
     z = [snap(float(x)) for x in a / length]
     k = int(np.argmax(np.abs(z)))
-    if abs(z[k]) == 1.0:
-        i = (k + 1) % 3
+    i, j = (k + 1) % 3, (k + 2) % 3
+    if z[i] == z[j] == 0.0:  # z[k] alone is 1 by rounding for axes up to 1e-8 rad away too
         x = [0.0, 0.0, 0.0]
         x[i] = 1.0
     else:

@@ -99,10 +99,10 @@ def test_another_version_runs_again(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     path, out = arm(tmp_path / "a.yaml", PASSES), tmp_path / "out"
     assert run(path, "--out", out)[0] == 0
     (entry,) = loaded([path], out)
-    assert batch_entries.finished(entry, drawn=False)
-    assert batch_entries.finished(entry, drawn=True) is None, "drawings were not made"
+    assert batch_entries.finished(entry, drawn=[])
+    assert batch_entries.finished(entry, drawn=[".png"]) is None, "drawings were not made"
     monkeypatch.setattr(batch_entries, "__version__", "999")
-    assert batch_entries.finished(entry, drawn=False) is None
+    assert batch_entries.finished(entry, drawn=[]) is None
 
 
 def test_failures_that_are_expected(tmp_path: Path) -> None:
@@ -175,7 +175,7 @@ def with_worker(tmp_path: Path, code: str, count: int = 3) -> list[Entry]:
             return command_line(True, [], command, path, directory)
         return [sys.executable, "-c", code]
 
-    list(Batch(scenes, 2, worker, drawn=False, force=False).run())
+    list(Batch(scenes, 2, worker, drawn=[], force=False).run())
     return scenes
 
 
@@ -335,3 +335,26 @@ interrupts.end(run(sys.argv[1:]))
     assert json.loads(done.stdout)["error"]["exit_code"] == 130
     suite = ElementTree.parse(xml).getroot()[0]
     assert (suite.get("tests"), suite.get("skipped"), suite.get("errors")) == ("2", "2", "0")
+
+
+@posix
+@pytest.mark.parametrize("form", ["--junit {}", "--junit={}"])
+def test_interrupted_while_it_is_being_loaded(form: str, tmp_path: Path) -> None:
+    """The report replaces that of an earlier batch, which would say that all was well."""
+    xml, note = tmp_path / "junit.xml", tmp_path / "notes.md"
+    xml.write_text("<testsuites/>")
+    code = """
+import os, signal, sys
+from robodyn_cli.cli import interrupts
+interrupts.leave_at_once()
+os.kill(os.getpid(), signal.SIGINT)
+"""
+    words = ["run", str(tmp_path), *form.format(xml).split(), "--markdown", str(note), "--json"]
+    done = subprocess.run(
+        [sys.executable, "-c", code, *words], capture_output=True, text=True, env=environment()
+    )
+    assert done.returncode == 130 and done.stderr == "robodyn: error: interrupted\n"
+    assert json.loads(done.stdout)["error"]["exit_code"] == 130
+    suite = ElementTree.parse(xml).getroot()[0]
+    assert (suite.get("tests"), suite.get("skipped")) == ("1", "1")
+    assert "interrupted" in note.read_text() and not list(tmp_path.glob("*.tmp"))

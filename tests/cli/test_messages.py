@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 
-from tests.cli.tool import CONFIGS, invoke
+from tests.cli.tool import CONFIGS, environment, invoke, run
 
 MIXED = """\
 schema: 1
@@ -54,3 +55,30 @@ def test_a_start_that_has_closed_in_a_dead_point(q: str, warned: bool, tmp_path:
     )
     if warned:
         assert "initial.hold" in done.data["warnings"][0] and "theta1 2.626" in done.data["warnings"][0]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="rights as POSIX has them")
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("simulate", "double_pendulum.yaml"), 1),
+        (("run", "double_pendulum.yaml", "spinning_top.yaml", "--jobs", "2"), 1),
+        (("work-precision", "double_pendulum.yaml", "--methods", "gauss", "--repeats", "1"), 1),
+        (("simulate", "double_pendulum.yaml", "--quiet"), 0),
+        (("validate", "double_pendulum.yaml"), 0),
+    ],
+)
+def test_a_place_that_others_may_write_to_is_told_once(
+    words: tuple[str, ...], told: int, tmp_path: Path
+) -> None:
+    """Not as a warning about the result, which is the same."""
+    shared = tmp_path / "shared"
+    shared.mkdir()
+    shared.chmod(0o777)
+    given = [CONFIGS / word if word.endswith(".yaml") else word for word in words]
+    out = [] if words[0] == "validate" else ["--no-plots", "--out", tmp_path / "out"]
+    done = run(*given, *out, env=environment(ROBODYN_CACHE=str(shared)))
+    assert done.code == 0 and done.err.count("compiled code is not kept") == told
+    assert not list(shared.iterdir())
+    for summary in (tmp_path / "out").rglob("summary.json"):
+        assert "compiled code" not in summary.read_text()

@@ -237,7 +237,7 @@ def test_an_interrupt_during_a_deployment(tmp_path: Path) -> None:
 @pytest.mark.parametrize("delay", [0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5])
 def test_an_early_interrupt(delay: float, scene: Path) -> None:
     """While the program is still being loaded there is one line and the JSON too; before that it is Python's affair."""
-    code = "import robodyn_cli.cli.main as m; print('up', flush=True); m.main()"
+    code = "import robodyn_cli.cli.main as m; m.interrupts.leave_at_once(); print('up', flush=True); m.main()"
     process = subprocess.Popen(
         [sys.executable, "-c", code, "simulate", str(scene), *LONG, "--json"], cwd=scene.parent, text=True,
         env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE,

@@ -16,7 +16,7 @@ from scipy.special import ellipj, ellipk
 from robodyn_cli import load_scene, simulate
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.driver.prepare import prepare
-from robodyn_cli.solve.assembly import mechanism_size
+from robodyn_cli.solve.closure import mechanism_size
 
 BENCHMARKS = Path(__file__).parents[2] / "configs" / "benchmarks"
 PATHS = [path for path in sorted(BENCHMARKS.glob("*.yaml")) if load_scene(path).command == "simulate"]

@@ -6,6 +6,20 @@ import numpy as np
 
 from robodyn_cli.results.result import Result
 
+# the mechanism of four_bar_result
+FOUR_BAR = """\
+schema: 1
+gravity: [0, 0, 0]
+robot:
+  convention: standard
+  joints:
+    - {name: theta1, type: revolute, parent: base, link: crank, a: 1.0, alpha: 0, d: 0}
+    - {name: phi1, type: revolute, parent: crank, link: coupler, a: 1.3, alpha: 0, d: 0}
+    - {name: phi2, type: revolute, parent: base, link: follower, origin: {xyz: [2.0, 0, 0]}, a: 1.4, alpha: 0, d: 0}
+  links: [{name: crank}, {name: coupler}, {name: follower}]
+loops: [{name: pin, type: revolute, between: [coupler.end, follower.end]}]
+deploy: {latch: {between: [coupler, follower]}}
+"""
 M, L, C, I, G = 12.456, 1.0, (0.773, 0.583), 1.042, 9.81
 
 
@@ -103,7 +117,7 @@ def four_bar_result(samples: int = 1229) -> Result:
     size = 25.0 * np.cos(3.0 * time / 12.283) ** 2 + 2.0 / (sine + 1.3e-3)
     lam = np.stack([size * np.cos(1.3 * theta), -size * np.sin(1.3 * theta)], axis=1)
     rng = np.random.default_rng(1)
-    result = Result("deploy", "Four-bar linkage unfolding until it locks", "locked", "schema: 1\n")
+    result = Result("deploy", "Four-bar linkage unfolding until it locks", "locked", FOUR_BAR)
     result.add("time", time)
     result.add("q", np.stack([theta, phi1, phi2], axis=1), units="rad", names=("theta1", "phi1", "phi2"))
     result.add("constraints/multipliers", lam, units="N", names=("pin.x", "pin.y"))
@@ -114,9 +128,6 @@ def four_bar_result(samples: int = 1229) -> Result:
     result.add("singularity/psi", np.stack([1.9 + 0.2 * sine, 1.1 + 0.1 * sine], axis=1))
     result.add("singularity/passive", np.stack([1.5 + 0 * sine, sine], axis=1))
     result.add("singularity/determinant", 1.5 * sine)
-    origin = 0.0 * a
-    for name, ends in {"crank": (origin, a), "coupler": (a, b), "follower": (d + origin, b)}.items():
-        result.add(f"skeleton/{name}", np.stack(ends, axis=1))
     growth = {"10": 11.99, "100": 12.196, "1000": 12.268}
     result.summary["lock"] = {"time": 12.283, "kind": "dead_point", "growth_times": growth}
     result.events.append({"time": 12.283, "name": "pin", "kind": "lock", "energy_lost": 4.78})

@@ -193,3 +193,16 @@ def test_pages_show_tables_of_scripts_that_exist(tmp_path: Path) -> None:
     assert pages.filled(page, tmp_path) == new
     with pytest.raises(SystemExit, match=r"one\.txt has 2 tables"):
         pages.filled(page.replace("one 2", "one 3"), tmp_path)
+
+
+def test_robots_in_urdf(tmp_path: Path) -> None:
+    pytest.importorskip("pinocchio")
+    file = tmp_path / "corpus.json"
+    (tmp_path / "other").mkdir()
+    broken = "<robot name='x'><link name='a'/><link name='b'/></robot>"
+    (tmp_path / "other" / "lift_arm.urdf").write_text(broken, encoding="utf-8")
+    (tmp_path / "lift_arm.urdf").write_bytes((ROOT / "configs" / "robots" / "lift_arm.urdf").read_bytes())
+    printed = run("urdf_corpus.py", str(tmp_path), "--json", str(file))
+    good, refused = rows_of(file)
+    assert good["joints"] == 4 and good["mimics"] == 1 and good["coupled"] < 1e-13 and good["torques"] < 1e-13
+    assert "allowed: one root" in refused["refused"] and "1 of 2 robots within 1e-10, 1 refused" in printed

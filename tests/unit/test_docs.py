@@ -235,7 +235,7 @@ def test_every_drawing_is_named() -> None:
 
 # maps whose keys are names of joints, rows, factors or stages
 BY_NAME = {"angles", "angles_deg", "rates", "rates_before", "rates_after", "impulse", "times", "growth_times"}
-BY_NAME |= {"wall_time_s"}
+BY_NAME |= {"wall_time_s", "q", "qd"}
 
 
 def summary_keys(summary: dict[str, Any]) -> Iterator[str]:
@@ -344,7 +344,7 @@ def test_images_are_used_and_small() -> None:
     used = {name for page in PAGES for name in re.findall(r"images/([\w.]+)", page.read_text("utf-8"))}
     files = list((DOCS / "images").iterdir())
     assert used == {f.name for f in files}
-    assert all(f.stat().st_size < 80_000 for f in files)
+    assert all(f.stat().st_size < (300_000 if f.suffix == ".gif" else 80_000) for f in files)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

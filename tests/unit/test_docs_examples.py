@@ -13,6 +13,7 @@ from robodyn_cli.run.commands import execute
 from robodyn_cli.run.progress import no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.read import Reader
+from robodyn_cli.scene.text import attach as attachments
 from robodyn_cli.scene.text.nodes import Mapping
 from tests.unit.test_docs import ROOT, YAML_BLOCKS, completed, reference
 
@@ -36,8 +37,15 @@ def shown() -> set[tuple[str, str]]:
             )
         return inner(self, kind, node, *rest)
 
+    def attached(robot: Any, item: Any, *rest: Any) -> Any:
+        # attachments have become joints and links by the time they are read
+        found.update(("Attachment", key.text) for key, _ in item.entries)
+        return attach(robot, item, *rest)
+
+    attach = attachments._attached
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Reader, "section", section)
+        patch.setattr(attachments, "_attached", attached)
         for page, block, base in YAML_BLOCKS:
             if page == "scene.md":
                 text = completed(block, base)
@@ -46,6 +54,8 @@ def shown() -> set[tuple[str, str]]:
                 if re.search(r"type: table, file: ", block):
                     # a file has become columns and rows by the time it is read
                     found.add(("TableTrajectory", "file"))
+                if "  attach:" in block:
+                    found.add(("Robot", "attach"))
     return found
 
 

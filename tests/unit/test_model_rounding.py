@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import mpmath
@@ -44,10 +45,8 @@ robot: {{joints: [{", ".join(joints)}], links: [{", ".join(links)}]}}
 """
 
 
-def exact_inverse_dynamics(model: Model, q: Any, v: Any, a: Any) -> Any:
-    """M a + C v (nv,) with 60 digits, from the parts of the bodies."""
-    import dataclasses
-
+def exact_parts(model: Model, q: Any) -> tuple[Model, list[Transform]]:
+    """The model of a chain of hinges with inertias of 60 digits, from the parts of the bodies, and its transforms."""
     X, bodies = [], []
     for body, angle in zip(model.bodies, q):
         c, s = mp.cos(angle), mp.sin(angle)
@@ -59,7 +58,13 @@ def exact_inverse_dynamics(model: Model, q: Any, v: Any, a: Any) -> Any:
             own = RigidInertia.from_com(mp.mpf(part.m), exact(part.c), exact(part.I_com))
             inertia = inertia + own.to_parent(Transform(E, r))
         bodies.append(dataclasses.replace(body, inertia=inertia))
-    return rnea(dataclasses.replace(model, bodies=tuple(bodies)), q, v, a, None, X)
+    return dataclasses.replace(model, bodies=tuple(bodies)), X
+
+
+def exact_inverse_dynamics(model: Model, q: Any, v: Any, a: Any) -> Any:
+    """M a + C v (nv,) with 60 digits."""
+    whole, X = exact_parts(model, q)
+    return rnea(whole, q, v, a, None, X)
 
 
 def exact_accelerations(model: Model, q: Any, v: Any) -> list[float]:

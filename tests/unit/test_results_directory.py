@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import signal
@@ -14,6 +15,7 @@ import pytest
 
 from robodyn_cli.errors import DirectoryInUseError, OutputError, ResultFileError
 from robodyn_cli.report import draw_all, plot_files
+from robodyn_cli.results import lock
 from robodyn_cli.results.atomic import temporary_path
 from robodyn_cli.results.hdf5 import write
 from robodyn_cli.results.output_dir import OutputDirectory
@@ -200,3 +202,14 @@ def test_a_forbidden_directory_is_an_output_error(tmp_path: Path) -> None:
             pass
     finally:
         tmp_path.chmod(0o700)
+
+
+def test_a_file_system_without_locks_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(descriptor: int) -> None:
+        raise OSError(errno.ENOLCK, "no locks available")
+
+    with OutputDirectory(tmp_path) as directory:
+        assert directory.warning is None
+    monkeypatch.setattr(lock, "_take", refuse)
+    with OutputDirectory(tmp_path) as directory:
+        assert directory.warning is not None and "one robodyn here at a time" in directory.warning

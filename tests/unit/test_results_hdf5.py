@@ -127,7 +127,7 @@ def test_xarray_reads_every_group(tmp_path: Path) -> None:
         assert root.q.dims == ("time", "joint")
         assert np.array_equal(root.q.sel(joint="phi1").values, result["q"][:, 1])
         assert root.q.attrs["units"] == "rad"
-    for group in ("constraints", "singularity", "skeleton", "events"):
+    for group in ("constraints", "singularity", "events"):
         with xarray.open_dataset(path, engine="h5netcdf", group=group) as data:
             assert data.sizes
     with xarray.open_dataset(path, engine="h5netcdf", group="constraints") as data:

@@ -42,7 +42,8 @@ def test_loads_and_its_text_loads_again(path: Path, tmp_path: Path, monkeypatch:
 
 def test_every_robot_file_is_used() -> None:
     used = {Path(source).resolve() for path in SCENES for source in load_scene(path).sources}
-    assert {path.resolve() for path in CONFIGS.rglob("*.yaml")} == used
+    robots = [path for kind in ("*.yaml", "*.urdf") for path in CONFIGS.rglob(kind)]
+    assert {path.resolve() for path in robots} == used
 
 
 def numbers(link: Link) -> tuple[Any, ...]:

@@ -122,6 +122,17 @@ def test_rotation_to_z_of_any_axis(rng: np.random.Generator) -> None:
         al.rotation_to_z((0.0, 0.0, 0.0))
 
 
+@pytest.mark.parametrize("tilt", [10.0**-k for k in range(1, 17)])
+def test_rotation_to_z_near_a_coordinate_axis(tilt: float) -> None:
+    """cos(1e-8) is 1 in doubles, sin(1e-8) is not 0."""
+    for k, sign in itertools.product(range(3), (1.0, -1.0)):
+        axis = np.array([tilt, -0.5 * tilt, 0.0])
+        axis[k] = sign
+        R = real(al.rotation_to_z(axis.tolist()))
+        assert_close(R.T @ R, np.eye(3), 1e-15)
+        assert_close(R[:, 2], axis / np.linalg.norm(axis), 1e-15)
+
+
 def test_transform_composition_and_inverse(rng: np.random.Generator) -> None:
     first, second = random_transform(rng), random_transform(rng)
     both = second @ first

@@ -256,7 +256,9 @@ def test_hunt_and_crossley_lose_what_their_law_says() -> None:
     [
         ("{lower: 1, upper: 0, stop: {restitution: 0.5}}", "above 'lower'"),
         ("{stop: {restitution: 0.5}}", "'lower' or 'upper'"),
-        ("{lower: 0}", "restitution"),
+        ("{lower: 0, stop: {}}", "restitution"),
+        ("{}", "needs one of 'lower', 'upper', 'speed'"),
+        ("{speed: 0}", "too small"),
         ("{lower: 0, stop: {restitution: 1.5}}", "too large"),
         ("{lower: 0, stop: {restitution: 0.5, stiffness: 10}}", "either"),
         ("{lower: 0, stop: {stiffness: 10, exponent: 1.5}}", "hunt_crossley"),

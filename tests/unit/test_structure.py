@@ -36,6 +36,8 @@ FENCES = {
     "typer": ("cli",),
     "click": ("cli",),
     "matplotlib": ("report",),
+    "PIL": ("report",),
+    "av": ("report",),
     "h5py": ("results",),
     "yaml": ("scene",),
     "llvmlite": ("kernels",),

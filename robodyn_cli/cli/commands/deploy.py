@@ -12,9 +12,12 @@ from robodyn_cli.cli.options import (
     NoPlots,
     OutDir,
     Overrides,
+    PlotFormat,
+    PlotNames,
     Quiet,
     SceneFile,
     Strict,
+    drawings,
 )
 from robodyn_cli.cli.runner import SceneRun, run_scene
 from robodyn_cli.cli.words import cost_line, error_lines, number
@@ -25,6 +28,8 @@ def command(
     out: OutDir = None,
     overrides: Overrides = None,
     no_plots: NoPlots = False,
+    plots: PlotNames = None,
+    format_: PlotFormat = "png",
     as_json: AsJson = False,
     quiet: Quiet = False,
     strict: Strict = False,
@@ -32,7 +37,7 @@ def command(
 ) -> int:
     """Run the command; return its exit code."""
     settings = [*(overrides or ()), *(["simulate.error_estimate=false"] if no_error_estimate else [])]
-    job = SceneRun("deploy", scene, out, settings, no_plots, strict)
+    job = SceneRun("deploy", scene, out, settings, drawings(no_plots, plots, format_), strict)
     return run_scene(job, Console(as_json, quiet), describe)
 
 

@@ -8,7 +8,17 @@ from typing import Annotated, Any
 import typer
 
 from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import NoPlots, OutDir, Overrides, Quiet, ReportAsJson, SceneFile, utf8
+from robodyn_cli.cli.options import (
+    NoPlots,
+    OutDir,
+    Overrides,
+    PlotFormat,
+    Quiet,
+    ReportAsJson,
+    SceneFile,
+    drawings,
+    utf8,
+)
 from robodyn_cli.cli.runner import begun, default_directory, output, publish
 
 
@@ -26,6 +36,7 @@ def command(
     out: OutDir = None,
     overrides: Overrides = None,
     no_plots: NoPlots = False,
+    format_: PlotFormat = "png",
     as_json: ReportAsJson = False,
     quiet: Quiet = False,
 ) -> int:
@@ -38,7 +49,7 @@ def command(
         result = info(scene, overrides or (), at or ())
         if not no_plots:
             with begun(directory, console):
-                publish(result, directory, no_plots)
+                publish(result, directory, drawings(no_plots, None, format_))
     console.data(jsonable(result.summary))
     console.say(describe(result.summary))
     if not no_plots:

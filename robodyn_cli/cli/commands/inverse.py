@@ -7,7 +7,18 @@ from collections.abc import Mapping
 from typing import Any
 
 from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, SceneFile, Strict
+from robodyn_cli.cli.options import (
+    AsJson,
+    NoPlots,
+    OutDir,
+    Overrides,
+    PlotFormat,
+    PlotNames,
+    Quiet,
+    SceneFile,
+    Strict,
+    drawings,
+)
 from robodyn_cli.cli.runner import SceneRun, run_scene
 from robodyn_cli.cli.words import multiplier_lines, number, table
 
@@ -17,12 +28,14 @@ def command(
     out: OutDir = None,
     overrides: Overrides = None,
     no_plots: NoPlots = False,
+    plots: PlotNames = None,
+    format_: PlotFormat = "png",
     as_json: AsJson = False,
     quiet: Quiet = False,
     strict: Strict = False,
 ) -> int:
     """Run the command; return its exit code."""
-    job = SceneRun("inverse", scene, out, overrides or (), no_plots, strict)
+    job = SceneRun("inverse", scene, out, overrides or (), drawings(no_plots, plots, format_), strict)
     return run_scene(job, Console(as_json, quiet), describe)
 
 
@@ -63,6 +76,9 @@ def describe(summary: Mapping[str, Any]) -> str:
         value = summary.get(key)
         if isinstance(value, float) and math.isfinite(value):
             lines.append(f"  {label:<18} {value:.1e} {unit}")
+    off = (summary.get("error_estimate") or {}).get("torque_rounding")
+    if off is not None:
+        lines.append(f"  rounding           torques off by some {off:.1e} N m or N")
     lines += multiplier_lines(summary)
     times = summary.get("wall_time_s", {})
     parts = ", ".join(f"{k} {1e3 * v:.3g}" for k, v in times.items() if k != "total" and v >= 5e-5)

@@ -28,7 +28,8 @@ def command(
     quiet: Quiet = False,
 ) -> int:
     """Write a starter, never over another file; return the exit code."""
-    from robodyn_cli.errors import CapabilityError, OutputError, did_you_mean
+    from robodyn_cli.errors import CapabilityError, did_you_mean
+    from robodyn_cli.results.atomic import write_new
     from robodyn_cli.scene.starters import STARTERS
 
     console = Console(quiet=quiet)
@@ -36,12 +37,6 @@ def command(
         hint = did_you_mean(kind, STARTERS)
         raise CapabilityError(f"unknown kind {kind!r}{hint}; allowed: {', '.join(STARTERS)}")
     starter, path = STARTERS[kind], file or Path(f"{kind}.yaml")
-    try:
-        with open(path, "x", encoding="utf-8") as stream:
-            stream.write(starter.text(str(path)))
-    except FileExistsError:
-        raise OutputError(f"{path} exists already; choose another name, or remove it") from None
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror}") from error
+    write_new(path, starter.text(str(path)))
     console.say(f"{path}: {starter.title}. Run it: robodyn {starter.command} {path}")
     return 0

@@ -13,11 +13,22 @@ import typer
 
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.interrupts import tidy_up_first
-from robodyn_cli.cli.options import NoPlots, Overrides, Quiet, ReportAsJson, SceneFiles, number
+from robodyn_cli.cli.options import (
+    NoPlots,
+    Overrides,
+    PlotFormat,
+    PlotNames,
+    Quiet,
+    ReportAsJson,
+    SceneFiles,
+    drawings,
+    number,
+)
 from robodyn_cli.cli.worker import command_line
 from robodyn_cli.exit_codes import worst
 
 if TYPE_CHECKING:
+    from robodyn_cli.report.registry import Drawings
     from robodyn_cli.run.batch.entry import Entry
 
 
@@ -54,6 +65,8 @@ def command(
         ),
     ] = None,
     no_plots: NoPlots = False,
+    plots: PlotNames = None,
+    format_: PlotFormat = "png",
     as_json: ReportAsJson = False,
     quiet: Quiet = False,
 ) -> int:
@@ -64,15 +77,17 @@ def command(
     entries: list[Entry] = []
     tidy_up_first()
     try:
+        from robodyn_cli.kernels.cache import cache_directory
         from robodyn_cli.run.batch.batch import Batch
         from robodyn_cli.run.batch.entries import listed, load
         from robodyn_cli.run.batch.gather import gather
 
-        settings = overrides or ()
+        cache_directory()  # says what is wrong with it once, for all scenes
+        settings, drawn = overrides or (), drawings(no_plots, plots, format_)
         entries += listed(gather(scenes))
         load(entries, out, settings)
-        worker = functools.partial(command_line, no_plots, settings)
-        for entry in Batch(entries, jobs or _cores(), worker, not no_plots, force, timeout).run():
+        worker = functools.partial(command_line, drawn, settings)
+        for entry in Batch(entries, jobs or _cores(), worker, _ends(drawn), force, timeout).run():
             _tell(entry, max(len(e.name) for e in entries), console)
     finally:
         # an interrupted batch reports the scenes that have run
@@ -82,6 +97,13 @@ def command(
     status = "ok" if code == 0 else "failed"
     console.data({"status": status, "exit_code": code, "scenes": [e.as_dict() for e in entries]})
     return code
+
+
+def _ends(drawn: Drawings | None) -> list[str]:
+    """Return the ends of the names of files that a finished result has."""
+    if drawn is None:
+        return []
+    return [f"{name}.{drawn.suffix}" for name in drawn.names or ("",)]
 
 
 def _cores() -> int:

@@ -6,7 +6,18 @@ from collections.abc import Mapping
 from typing import Any
 
 from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, SceneFile, Strict
+from robodyn_cli.cli.options import (
+    AsJson,
+    NoPlots,
+    OutDir,
+    Overrides,
+    PlotFormat,
+    PlotNames,
+    Quiet,
+    SceneFile,
+    Strict,
+    drawings,
+)
 from robodyn_cli.cli.runner import SceneRun, run_scene
 from robodyn_cli.cli.words import mobility_lines, multiplier_lines, number, table
 
@@ -16,12 +27,14 @@ def command(
     out: OutDir = None,
     overrides: Overrides = None,
     no_plots: NoPlots = False,
+    plots: PlotNames = None,
+    format_: PlotFormat = "png",
     as_json: AsJson = False,
     quiet: Quiet = False,
     strict: Strict = False,
 ) -> int:
     """Run the command; return its exit code."""
-    job = SceneRun("statics", scene, out, overrides or (), no_plots, strict)
+    job = SceneRun("statics", scene, out, overrides or (), drawings(no_plots, plots, format_), strict)
     return run_scene(job, Console(as_json, quiet), describe)
 
 

@@ -18,12 +18,6 @@ class Counters:
     projections: int = 0
     events: int = 0
 
-    def __init__(
-        self, steps: int = 0, rejected: int = 0, evaluations: int = 0, projections: int = 0, events: int = 0
-    ) -> None:
-        self.steps, self.rejected, self.evaluations = steps, rejected, evaluations
-        self.projections, self.events = projections, events
-
     def __add__(self, other: Counters) -> Counters:
         return Counters(**{k: v + getattr(other, k) for k, v in self.as_dict().items()})
 

@@ -8,48 +8,48 @@ import numpy as np
 
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
-from robodyn_cli.report.decimate import finite
-from robodyn_cli.report.plane import AXES, box_height, main_plane
+from robodyn_cli.report.drawing import paper
+from robodyn_cli.report.drawing.build import drawing_of
+from robodyn_cli.report.drawing.camera import default_camera
+from robodyn_cli.report.drawing.stroke import Stroke
+from robodyn_cli.report.drawing.strokes import silhouette
+from robodyn_cli.report.drawing.view import View
 from robodyn_cli.results.result import Result
+
+WIDTHS = {1: 5.9, 2: 2.6}  # of a panel [inch]
+OTHERS = "#cccccc"
 
 
 def applies(result: Result) -> bool:
     """Tell whether branches were found."""
-    return bool(result.group("branch_skeleton"))
+    return "branches/q" in result and len(result["branches/q"]) > 0
 
 
 def draw(result: Result) -> Any:
     """Return the figure: a panel a branch, with the others faintly behind it."""
-    links = {name: finite(item.data) for name, item in result.group("branch_skeleton").items()}
-    plane = list(main_plane([data.reshape(1, -1, 3) for data in links.values()]))
-    flat = {name: data[:, :, plane] for name, data in links.items()}
-    count = len(next(iter(flat.values())))
-    shown = min(count, style.FEW)
-    everything = np.concatenate([data[:shown].reshape(-1, 2) for data in flat.values()])
+    q = result["branches/q"]
+    count, shown = len(q), min(len(q), style.FEW)
+    drawing = drawing_of(result, np.zeros(shown), q[:shown])
+    view = View(drawing, default_camera(drawing))
+    across = min(shown, 2)
+    height = paper.height_of(view, WIDTHS[across], 1.6)
+    sheet = Sheet(result, _subtitle(view, count, shown), panels=shown, across=across, height=height, gap=0.45)
+    others = [Stroke(line, OTHERS, 1.0) for k in range(shown) for line in silhouette(view, k)]
+    for k, ax in enumerate(sheet.axes):
+        paper.set_up(ax, view)
+        paper.put(ax, view, k, others, grid=not view.flat)
+        ax.set_title(_name(result, k), fontsize=style.FONT_SIZE, loc="left", pad=3)
+        if k % across:
+            ax.set_ylabel("")
+        if k + across < shown:
+            ax.set_xlabel("")
+    return sheet.figure
+
+
+def _subtitle(view: View, count: int, shown: int) -> str:
     more = f", {shown} of them drawn" if shown < count else ""
     plural = "es" if count != 1 else ""
-    subtitle = (
-        f"{count} branch{plural} of the closed loops in the {AXES[plane[0]]}-{AXES[plane[1]]} plane{more}"
-    )
-    across = min(shown, 2)
-    height = box_height(everything) * (0.62 if across == 2 else 1.0)
-    sheet = Sheet(result, subtitle, panels=shown, across=across, height=height, gap=0.45)
-    for k, ax in enumerate(sheet.axes):
-        for other in range(shown):
-            for data in flat.values():
-                if other != k:
-                    ax.plot(*data[other].T, color="#d0d0d0", linewidth=1.0, zorder=1)
-        for data in flat.values():
-            ax.plot(*data[k].T, color=style.COLOURS[0], linewidth=2.0, zorder=2, solid_capstyle="round")
-            ax.plot(*data[k].T, "o", color="white", markeredgecolor="black", markersize=3.5, zorder=3)
-        ax.set_title(_name(result, k), fontsize=style.FONT_SIZE, loc="left", pad=3)
-        ax.set_aspect("equal", adjustable="datalim")
-        ax.margins(0.08)
-        if k % across == 0:
-            ax.set_ylabel(f"{AXES[plane[1]]} [m]")
-        if k + across >= shown:
-            ax.set_xlabel(f"{AXES[plane[0]]} [m]")
-    return sheet.figure
+    return f"{count} branch{plural} of the closed loops {paper.where(view)}{more}"
 
 
 def _name(result: Result, k: int) -> str:

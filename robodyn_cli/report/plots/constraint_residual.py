@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.canvas import TimeSheet
 from robodyn_cli.report.decimate import finite, largest
-from robodyn_cli.report.lines import draw_magnitudes
-from robodyn_cli.report.marks import mark_lock
-from robodyn_cli.report.ticks import log_axis, number, positive_floor, unit
+from robodyn_cli.report.lines import draw_magnitudes, panel_height
+from robodyn_cli.report.ticks import labelled, log_axis, number, positive_floor, unit
 from robodyn_cli.results.result import Result
 
 KINDS = {"position_residual": "position", "velocity_residual": "velocity"}
@@ -18,34 +17,40 @@ KINDS = {"position_residual": "position", "velocity_residual": "velocity"}
 
 def applies(result: Result) -> bool:
     """Tell whether there are residuals."""
-    return any(f"constraints/{kind}" in result and result[f"constraints/{kind}"].size for kind in KINDS)
+    return any(_has(result, kind) for kind in KINDS)
 
 
 def draw(result: Result) -> Any:
-    """Return the figure."""
-    columns, labels = [], []
-    for kind, word in KINDS.items():
-        path = f"constraints/{kind}"
-        if path not in result or not result[path].size:
-            continue
-        size = np.max(np.abs(finite(result[path])), axis=1)
-        units = unit(result.variables[path].units)
-        columns.append(size)
-        labels.append(f"{word} [{units}], largest {number(largest(size))}")
-    sheet = Sheet(
+    """Return the figure: a panel for positions and one for velocities, which have different units."""
+    kinds = {kind: word for kind, word in KINDS.items() if _has(result, kind)}
+    sheet = TimeSheet(
         result,
-        "Residuals of the loop closures: the largest of all closures",
-        labels=labels,
+        f"Residuals of the loop closures, the largest of all closures; {_worst(result, kinds)}",
+        panels=len(kinds),
+        height=panel_height(len(kinds)),
     )
-    ax = sheet.ax
-    data = np.column_stack(columns)
-    low, high = positive_floor(data)
-    # Roundings that happen to cancel reach down without end.
-    low = max(low, high * 1e-6)
-    handles = draw_magnitudes(ax, result.time, data, low)
-    log_axis(ax, low, high)
+    for ax, (kind, word) in zip(sheet.axes, kinds.items()):
+        size = np.max(np.abs(finite(result[f"constraints/{kind}"])), axis=1)
+        low, high = positive_floor(size)
+        # Roundings that happen to cancel reach down without end.
+        low = max(low, high * 1e-6)
+        draw_magnitudes(ax, result.time, size[:, None], low)
+        log_axis(ax, low, high)
+        ax.set_ylabel(labelled(word, result.variables[f"constraints/{kind}"].units))
     sheet.label_time()
-    ax.set_ylabel("residual")
-    mark_lock([ax], result)
-    sheet.legend(handles, labels)
+    sheet.legend([], [])
     return sheet.figure
+
+
+def _has(result: Result, kind: str) -> bool:
+    path = f"constraints/{kind}"
+    return path in result and result[path].size > 0
+
+
+def _worst(result: Result, kinds: dict[str, str]) -> str:
+    """Return the largest residuals in words."""
+    found = []
+    for kind, word in kinds.items():
+        variable = result.variables[f"constraints/{kind}"]
+        found.append(f"{word} {number(largest(np.abs(finite(variable.data))))} {unit(variable.units)}")
+    return ", ".join(found)

@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.canvas import TimeSheet
 from robodyn_cli.report.decimate import finite, largest
 from robodyn_cli.report.lines import draw_columns
-from robodyn_cli.report.marks import mark_lock
 from robodyn_cli.report.ticks import number
 from robodyn_cli.results.result import Result
 
@@ -32,12 +31,11 @@ def draw(result: Result) -> Any:
             columns[kind] = columns[kind] - datum
         labels = [f"{kind} − V(0)" if kind in ("potential", "total") else kind for kind in kinds]
         subtitle += f"; potential and total counted from V(0) = {number(datum, 6)} J"
-    sheet = Sheet(result, subtitle, labels=labels)
+    sheet = TimeSheet(result, subtitle, labels=labels)
     ax = sheet.ax
     handles = draw_columns(ax, result.time, np.column_stack(list(columns.values())))
     sheet.label_time()
     ax.set_ylabel("energy [J]")
-    mark_lock([ax], result)
     sheet.legend(handles, labels)
     return sheet.figure
 

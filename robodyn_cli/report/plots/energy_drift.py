@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.canvas import TimeSheet
 from robodyn_cli.report.decimate import finite, largest, where_largest
 from robodyn_cli.report.lines import draw_magnitudes
-from robodyn_cli.report.marks import lock_time
 from robodyn_cli.report.ticks import log_axis, number, positive_floor
+from robodyn_cli.results.moments import lock_time
 from robodyn_cli.results.result import Result
 
 
@@ -44,11 +44,12 @@ def draw(result: Result) -> Any:
     if scale > 0.0 and error[worst] > 0.0:
         share = number(float(error[worst]) / scale)
         subtitle += f" at {number(float(time[worst]), 4)} s, {share} of the energy exchanged"
-    sheet = Sheet(result, subtitle)
+    sheet = TimeSheet(result, subtitle)
     ax = sheet.ax
     draw_magnitudes(ax, time, error[:, None], floor)
     log_axis(ax, *positive_floor(error, floor=floor))
     sheet.label_time()
+    sheet.legend([], [])
     ax.set_ylabel(f"{name} [J]")
     return sheet.figure
 

@@ -7,11 +7,13 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.report import style
-from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.canvas import TimeSheet
+from robodyn_cli.report.columns import column_names
 from robodyn_cli.report.decimate import finite, where_largest
-from robodyn_cli.report.lines import column_names, draw_columns
-from robodyn_cli.report.marks import growth_times, lock_time, loop_columns, mark_lock, sharing_note
+from robodyn_cli.report.lines import draw_columns
+from robodyn_cli.report.marks import growth_times, loop_columns, sharing_note
 from robodyn_cli.report.ticks import labelled, log_axis, number, positive_floor, unit
+from robodyn_cli.results.moments import lock_time
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 
@@ -42,7 +44,7 @@ def draw(result: Result) -> Any:
     close = _window(result, growth)
     if close is not None:
         windows.append(close)
-    sheet = Sheet(
+    sheet = TimeSheet(
         result, subtitle, panels=len(windows), height=3.3 if close is None else 2.4, gap=0.55, labels=labels
     )
     low, high = positive_floor(norm)
@@ -55,7 +57,7 @@ def draw(result: Result) -> Any:
         log_axis(ax, low, high)
         ax.set_ylabel(labelled("multiplier", variable.units))
         ax.set_xlabel("time [s]")
-    mark_lock(sheet.axes, result)
+    sheet.mark()
     marks = _mark_growth(sheet.axes, result.time, norm, growth)
     sheet.legend([handles[-1], *handles[:-1], *marks], labels)
     return sheet.figure

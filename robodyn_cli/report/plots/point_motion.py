@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.report import style
-from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.canvas import TimeSheet
 from robodyn_cli.report.decimate import finite
 from robodyn_cli.report.lines import draw_columns
+from robodyn_cli.report.ticks import labelled
 from robodyn_cli.results.result import Result
 
 
@@ -25,10 +26,14 @@ def applies(result: Result) -> bool:
 def draw(result: Result) -> Any:
     """Return the figure: speeds above, magnitudes of the accelerations below."""
     names = list(result.group("point_velocities"))[: style.FEW]
-    sheet = Sheet(result, "Speed and acceleration of the named points", panels=2, height=2.4, labels=names)
+    sheet = TimeSheet(
+        result, "Speed and acceleration of the named points", panels=2, height=2.4, labels=names
+    )
     handles: list[Any] = []
     for ax, group, label in zip(
-        sheet.axes, ("point_velocities", "point_accelerations"), ("speed [m/s]", "acceleration [m/s²]")
+        sheet.axes,
+        ("point_velocities", "point_accelerations"),
+        (labelled("speed", "m/s"), labelled("acceleration", "m/s^2")),
     ):
         length = [np.linalg.norm(finite(result[f"{group}/{name}"]), axis=1) for name in names]
         handles = draw_columns(ax, result.time, np.column_stack(length))

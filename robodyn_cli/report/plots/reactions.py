@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.report import style
-from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.canvas import TimeSheet
 from robodyn_cli.report.decimate import finite, where_largest
 from robodyn_cli.report.heatmap import draw_map
-from robodyn_cli.report.lines import draw_columns
-from robodyn_cli.report.marks import mark_lock, sharing_note
-from robodyn_cli.report.ticks import log_axis, number
+from robodyn_cli.report.lines import draw_columns, quiet_axis
+from robodyn_cli.report.marks import sharing_note
+from robodyn_cli.report.ticks import labelled, log_axis, number
+from robodyn_cli.results import wrenches
 from robodyn_cli.results.result import Result, Variable
 from robodyn_cli.spatial.algebra import Array
 
@@ -36,14 +37,18 @@ def draw(result: Result) -> Any:
         f"at t = {number(float(result.time[at]), 5)} s{sharing_note(result)}"
     )
     if len(names) > style.MANY:
-        return draw_map(result, force, names, "force", "N", subtitle)
-    sheet = Sheet(result, subtitle, panels=2, height=2.4, labels=names)
+        return draw_map(
+            result, Variable(force, ("time", "wrench"), "N", "force", tuple(names)), "force", subtitle
+        )
+    sheet = TimeSheet(result, subtitle, panels=2, height=2.4, labels=names)
     handles: list[Any] = []
-    for ax, data, label in zip(sheet.axes, (force, moment), ("force [N]", "moment [N m]")):
+    for ax, data, label in zip(
+        sheet.axes, (force, moment), (labelled("force", "N"), labelled("moment", "N m"))
+    ):
         handles = _draw(ax, result.time, data)
+        quiet_axis(ax, data, float(np.nanmax(force, initial=0.0)), magnitudes=True)
         ax.set_ylabel(label)
     sheet.label_time()
-    mark_lock(sheet.axes, result)
     sheet.legend(handles, names)
     return sheet.figure
 
@@ -58,12 +63,10 @@ def _draw(ax: Any, time: Array, data: Array) -> list[Any]:
         return handles
     low = 1e-3 * typical
     handles = draw_columns(ax, time, np.where(data > low, data, np.nan))
-    log_axis(ax, low, top)
+    log_axis(ax, float(data[data > low].min()), top)
     return handles
 
 
 def magnitude(item: Variable, letter: str) -> Array:
     """Return the length (T,) of the force (``f``) or the moment (``m``) of a wrench."""
-    columns = [k for k, name in enumerate(item.names) if name.startswith(letter)]
-    data = finite(item.data[:, columns])
-    return np.asarray(np.sqrt((data**2).sum(axis=1)))
+    return wrenches.magnitude(finite(item.data), item.names, letter)

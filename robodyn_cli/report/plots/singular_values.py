@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.report import style
-from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.canvas import TimeSheet
 from robodyn_cli.report.decimate import finite, largest
 from robodyn_cli.report.lines import draw_columns
-from robodyn_cli.report.marks import mark_lock
 from robodyn_cli.report.ticks import log_axis, number, positive_floor
 from robodyn_cli.results.result import Result
 
@@ -43,7 +42,7 @@ def draw(result: Result) -> Any:
         ]
         labels.append(f"{word}: smallest {number(-largest(-data))}")
         smallest.append(len(columns) - data.shape[1])
-    sheet = Sheet(
+    sheet = TimeSheet(
         result,
         "Singular values of the constraint Jacobian; the smallest of each drawn heavier",
         labels=labels,
@@ -56,7 +55,6 @@ def draw(result: Result) -> Any:
     handles = draw_columns(ax, result.time, np.maximum(values, low), styles)
     log_axis(ax, low, high)
     sheet.label_time()
-    ax.set_ylabel("singular value")
-    mark_lock([ax], result)
+    ax.set_ylabel("singular value [1]")
     sheet.legend([handles[index] for index in smallest], labels)
     return sheet.figure

@@ -6,76 +6,89 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robodyn_cli.report.plane import AXES, box_height, main_plane
+from robodyn_cli.report.drawing.build import can_draw, make_drawing
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from robodyn_cli.report.drawing.stroke import Stroke
+    from robodyn_cli.report.drawing.view import View
+
 # Okabe and Ito's vermilion, green and blue
 AXIS_COLOURS = ("#D55E00", "#009E73", "#0072B2")
+LENGTH = 26.0  # of an axis of a frame [pt]
 
 
 def applies(result: Result) -> bool:
     """Tell whether the frames of the links are known."""
-    return "frames" in result.summary
+    return "frames" in result.summary and can_draw(result)
 
 
 def draw(result: Result) -> Figure:
     """Return the figure; the frames are origins (3,) and axes (3, 3; columns) in world coordinates."""
     from matplotlib.lines import Line2D
 
-    from robodyn_cli.report import style
     from robodyn_cli.report.canvas import Sheet
+    from robodyn_cli.report.drawing import paper
+    from robodyn_cli.report.drawing.camera import default_camera
+    from robodyn_cli.report.drawing.painter import Painted
+    from robodyn_cli.report.drawing.view import View
 
-    shapes = {name: item.data[0] for name, item in result.group("skeleton").items()}
-    clouds = [shape[None] for shape in shapes.values()] or [np.zeros((1, 1, 3))]
-    plane = list(main_plane(clouds))
-    flat = np.concatenate([cloud.reshape(-1, 3)[:, plane] for cloud in clouds])
-    length = 0.08 * max(float(np.ptp(flat, axis=0).max()), 1e-3)
-    name = f"{AXES[plane[0]]}-{AXES[plane[1]]} plane"
-    labels = ["link", *(f"{axis} of a frame" for axis in AXES)]
-    sheet = Sheet(
-        result, f"The mechanism in the {name} with its frames", labels=labels, height=box_height(flat)
-    )
+    drawing = make_drawing(result)
+    view = View(drawing, default_camera(drawing))
+    labels = [f"{axis} of a frame" for axis in "xyz"]
+    told = paper.caption(view, grid=not view.flat)
+    subtitle = f"The mechanism {paper.where(view)} with its frames{'; ' if told else ''}{told}"
+    sheet = Sheet(result, subtitle, labels=labels, height=paper.height_of(view, 5.9))
     ax = sheet.ax
-    for shape in shapes.values():
-        ax.plot(
-            *shape[:, plane].T,
-            color="black",
-            linewidth=2.2,
-            marker="o",
-            markerfacecolor="white",
-            markersize=6,
-        )
-    frames: dict[str, tuple[Array, Array]] = {
-        name: (frame["position"], frame["rotation"]) for name, frame in result.summary["frames"].items()
-    }
-    for p, R in frames.values():
-        for k in range(3):
-            tip = p + length * R[:, k]
-            ax.plot(
-                [p[plane[0]], tip[plane[0]]], [p[plane[1]], tip[plane[1]]], color=AXIS_COLOURS[k], zorder=5
-            )
+    paper.set_up(ax, view)
+    ax.add_artist(Painted(_axes(result, view))).set_zorder(4)
+    paper.put(ax, view, 0, grid=not view.flat)
+    _names(ax, result, view)
+    sheet.legend([Line2D([], [], color=colour) for colour in AXIS_COLOURS], labels)
+    return sheet.figure
+
+
+def _axes(result: Result, view: View) -> list[Stroke]:
+    """Return the axes of the links' frames."""
+    from robodyn_cli.report.drawing.stroke import Stroke
+
+    strokes = []
+    for frame in result.summary["frames"].values():
+        p, R = frame["position"], frame["rotation"]
+        ends = np.stack([p, *(p + LENGTH * view.pt * R[:, k] for k in range(3))])
+        places = view.project(ends, 0)[:, :2]
+        strokes += [Stroke(places[[0, k + 1]], AXIS_COLOURS[k], 1.6) for k in range(3)]
+    return strokes
+
+
+def _names(ax: Any, result: Result, view: View) -> None:
+    """Write the names of frames and of points, once for those that nearly coincide."""
+    from robodyn_cli.report import style
+
+    def seen(p: Array) -> Array:
+        return np.asarray(view.project(p, 0)[:2])
+
     box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.6}
     look: dict[str, Any] = {"textcoords": "offset points", "bbox": box, "zorder": 6}
-    near = 0.2 * length
-    for place, text in _together({name: p[plane] for name, (p, _) in frames.items()}, near):
-        ax.annotate(text, (place[0], place[1]), xytext=(5, -11), color=style.GREY, **look)
-    for place, text in _together(
-        {name: item.data[0][plane] for name, item in result.group("points").items()}, near
-    ):
+    near = 6.0 * view.pt
+    frames = {name: seen(frame["position"]) for name, frame in result.summary["frames"].items()}
+    middle = 0.5 * (view.low[0] + view.high[0])
+
+    def write(place: Array, text: str, above: float, **more: Any) -> None:
+        # towards the middle, where there is room
+        left = bool(place[0] <= middle)
+        side = {"xytext": (6.0 if left else -6.0, above), "ha": "left" if left else "right"}
+        ax.annotate(text, (place[0], place[1]), **side, **look, **more)
+
+    for place, text in _together(frames, near):
+        write(place, text, -15.0, color=style.GREY)
+    points = {name: seen(item.data[0]) for name, item in result.group("points").items()}
+    for place, text in _together(points, near):
         ax.plot(*place[:, None], marker="x", color="black", linestyle="none", zorder=7)
-        ax.annotate(text, (place[0], place[1]), xytext=(6, 6), **look)
-    ax.set_aspect("equal", adjustable="datalim")
-    ax.margins(0.12)
-    ax.set_xlabel(f"{AXES[plane[0]]} [m]")
-    ax.set_ylabel(f"{AXES[plane[1]]} [m]")
-    handles: list[Any] = [Line2D([], [], color="black", linewidth=2.2)]
-    handles += [Line2D([], [], color=colour) for colour in AXIS_COLOURS]
-    sheet.legend(handles, labels)
-    return sheet.figure
+        write(place, text, 9.0)
 
 
 def _together(places: dict[str, Array], near: float) -> list[tuple[Array, str]]:

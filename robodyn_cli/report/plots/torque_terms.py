@@ -6,16 +6,18 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.canvas import TimeSheet
+from robodyn_cli.report.columns import column_names, units_of
 from robodyn_cli.report.decimate import finite
-from robodyn_cli.report.lines import column_names, draw_columns
-from robodyn_cli.report.style import COLOURS, DASHES
-from robodyn_cli.report.ticks import unit
+from robodyn_cli.report.lines import draw_columns, quiet_axis
+from robodyn_cli.report.style import COLOURS, DASHES, FONT_SIZE
+from robodyn_cli.report.ticks import labelled
 from robodyn_cli.results.result import Result
 
 # The order of the contract, so that a term has the same colour in every drawing.
 ORDER = ("inertia", "coriolis", "gravity", "friction", "passive", "external", "stops", "gear")
 MOST_JOINTS = 8
+QUANTITY = {"N m": "torque", "N": "force"}
 
 
 def applies(result: Result) -> bool:
@@ -29,24 +31,30 @@ def draw(result: Result) -> Any:
     order = [name for name in ORDER if name in terms] + [name for name in terms if name not in ORDER]
     total = result.variables["tau"]
     names = column_names(total)
-    joints = _largest(finite(total.data))
+    units = units_of(total)
+    peak = np.max(np.nan_to_num(np.abs(finite(total.data))), axis=0)
+    joints = _largest(peak)
     subtitle = "Terms of the actuator torque, which sum to the total"
-    if len(joints) < len(names):
+    left_out = int(np.count_nonzero(peak)) - len(joints)
+    if left_out > 0:
         subtitle += f"; the {len(joints)} of {len(names)} joints with the largest torque"
+    elif len(joints) < len(names):
+        subtitle += f"; {len(names) - len(joints)} joints without any left out"
     labels = [*order, "total"]
     count = len(joints)
     height = {1: 3.3, 2: 2.0}.get(count, 1.6)
-    sheet = Sheet(result, subtitle, panels=count, across=1 if count <= 3 else 2, height=height, labels=labels)
+    across = 1 if count <= 3 else 2
+    sheet = TimeSheet(result, subtitle, panels=count, across=across, height=height, gap=0.36, labels=labels)
     styles = [_look(name) for name in order]
     styles.append({"color": "#000000", "linestyle": "-", "linewidth": 1.8})
     handles: list[Any] = []
     for ax, joint in zip(sheet.axes, joints):
         columns = [terms[name].data[:, joint] for name in order] + [total.data[:, joint]]
         handles = draw_columns(ax, result.time, np.column_stack(columns), styles)
-        units = total.column_units[joint] if total.column_units else total.units
-        ax.set_ylabel(f"{names[joint]} [{unit(units)}]")
-        if count <= 3:
-            ax.yaxis.set_label_coords(-0.085, 0.5)
+        scale = max((peak[k] for k in range(len(names)) if units[k] == units[joint]), default=0.0)
+        quiet_axis(ax, np.column_stack(columns), scale)
+        ax.set_title(names[joint], fontsize=FONT_SIZE, loc="left", pad=4)
+        ax.set_ylabel(labelled(QUANTITY.get(units[joint], "torque or force"), units[joint]))
     sheet.label_time()
     sheet.legend(handles, labels)
     return sheet.figure
@@ -64,7 +72,7 @@ def _look(name: str) -> dict[str, Any]:
     }
 
 
-def _largest(data: Any) -> list[int]:
-    """Return the joints with the largest torques, in their own order."""
-    peak = np.max(np.nan_to_num(np.abs(data)), axis=0)
-    return sorted(np.argsort(-peak, kind="stable")[:MOST_JOINTS].tolist())
+def _largest(peak: Any) -> list[int]:
+    """Return the joints with the largest torques, in their own order; none that are zero beside others."""
+    order = np.argsort(-peak, kind="stable")[:MOST_JOINTS].tolist()
+    return sorted([k for k in order if peak[k] > 0.0] or order)

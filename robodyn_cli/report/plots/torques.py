@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 
 from robodyn_cli.report import style
-from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.canvas import TimeSheet
+from robodyn_cli.report.columns import by_unit, column_names, units_of
 from robodyn_cli.report.decimate import finite, where_largest
 from robodyn_cli.report.heatmap import draw_map
-from robodyn_cli.report.lines import by_unit, column_names, draw_groups, panel_height
+from robodyn_cli.report.lines import draw_groups, panel_height, quiet_axis
 from robodyn_cli.report.marks import torque_note
 from robodyn_cli.report.ticks import labelled, number, unit
-from robodyn_cli.results.result import Result
+from robodyn_cli.results.result import Result, Variable
 from robodyn_cli.solve.quadrature import root_mean_square_over
 
 QUANTITY = {"N m": "torque", "N": "force"}
@@ -27,44 +29,52 @@ def applies(result: Result) -> bool:
 
 
 def draw(result: Result) -> Any:
-    """Return the figure."""
-    variable = result.variables["tau"]
+    """Return the figure; joints without any torque are left out where others have some."""
+    variable = _working(result.variables["tau"])
     data, names = finite(variable.data), column_names(variable)
-    units = [unit(u) for u in variable.column_units or [variable.units] * len(names)]
+    units = [unit(u) for u in units_of(variable)]
     rms = root_mean_square_over(result.time, data)
     peak = [where_largest(np.abs(data[:, column])) for column in range(data.shape[1])]
     few = len(names) <= style.FEW
-    labels, subtitle = names, _worst(names, data, rms, units) + torque_note(result)
+    zero = result["tau"].shape[1] - len(names)
+    note = (f"; {zero} without any left out" if zero else "") + torque_note(result)
+    labels, subtitle = names, _worst(names, data, rms, units) + note
     if len(names) > style.MANY:
-        return draw_map(result, data, names, "torque", variable.units, subtitle)
+        return draw_map(result, variable, "torque or force", subtitle)
     if few:
-        subtitle = f"Actuator torques; dot: peak, thin line: root mean square{torque_note(result)}"
+        subtitle = f"Actuator torques; dot: peak, thin line: root mean square{note}"
         labels = [
             f"{name}: peak {number(data[at, k], 4)}, RMS {number(float(rms[k]), 4)} {units[k]}"
             for k, (name, at) in enumerate(zip(names, peak))
         ]
     groups = by_unit(variable)
-    sheet = Sheet(result, subtitle, panels=len(groups), height=panel_height(len(groups)), labels=labels)
+    sheet = TimeSheet(result, subtitle, panels=len(groups), height=panel_height(len(groups)), labels=labels)
     handles = draw_groups(sheet, result.time, data, groups)
-    panels = {column: ax for ax, columns in zip(sheet.axes, groups.values()) for column in columns}
-    if few:
-        for column, handle in enumerate(handles):
-            ax = panels[column]
-            at = peak[column]
-            colour = handle.get_color()
-            ax.plot(
-                result.time[at], data[at, column], "o", color=colour, markersize=5, clip_on=False, zorder=3
-            )
-            ax.axhline(
-                float(rms[column]), color=colour, linewidth=0.8, linestyle=handle.get_linestyle(), alpha=0.7
-            )
-    sheet.label_time()
     for ax, (units_here, columns) in zip(sheet.axes, groups.items()):
-        if not np.any(data[:, columns]):
-            ax.set_ylim(-1.0, 1.0)  # or the axis would show what rounding makes of zero
+        for column in columns if few else ():
+            colour, dash = handles[column].get_color(), handles[column].get_linestyle()
+            place = result.time[peak[column]], data[peak[column], column]
+            ax.plot(*place, "o", color=colour, markersize=5, clip_on=False, zorder=3)
+            ax.axhline(float(rms[column]), color=colour, linewidth=0.8, linestyle=dash, alpha=0.7)
+        quiet_axis(ax, data[:, columns])
         ax.set_ylabel(labelled(QUANTITY.get(units_here, "torque or force"), units_here))
+    sheet.label_time()
     sheet.legend(handles, labels)
     return sheet.figure
+
+
+def _working(variable: Variable) -> Variable:
+    """Return the columns of joints with a torque, all of them where none has any."""
+    columns = np.flatnonzero(np.any(variable.data != 0.0, axis=0))
+    if not len(columns):
+        return variable
+    names, units = column_names(variable), units_of(variable)
+    return dataclasses.replace(
+        variable,
+        data=variable.data[:, columns],
+        names=tuple(names[k] for k in columns),
+        column_units=tuple(units[k] for k in columns),
+    )
 
 
 def _worst(names: list[str], data: Any, rms: Any, units: list[str]) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.report import style
-from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.canvas import TimeSheet
 from robodyn_cli.report.decimate import finite
 from robodyn_cli.report.lines import draw_columns
 from robodyn_cli.report.ticks import number
@@ -26,7 +26,7 @@ def draw(result: Result) -> Any:
     angle = np.degrees(finite(result["transmission_angle"]))
     low, high = number(float(np.nanmin(angle)), 4), number(float(np.nanmax(angle)), 4)
     labels = ["transmission angle", "40 to 140 deg, where it is good"]
-    sheet = Sheet(result, f"Transmission angle: from {low} to {high} deg", labels=labels)
+    sheet = TimeSheet(result, f"Transmission angle: from {low} to {high} deg", labels=labels)
     handles = draw_columns(sheet.ax, result.time, angle[:, None])
     band = sheet.ax.axhspan(*GOOD, color=style.GREY, alpha=0.12, zorder=0, linewidth=0)
     sheet.ax.set_ylim(0.0, 180.0)

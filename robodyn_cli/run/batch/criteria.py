@@ -88,6 +88,23 @@ def lookup(facts: Mapping[str, Any], key: str) -> Any:
     return _ABSENT
 
 
+def lookup_number(facts: Mapping[str, Any], key: str) -> float | None:
+    """Return the number under a key path, true as 1 and false as 0; None where there is none."""
+    value = lookup(facts, key)
+    return float(value) if isinstance(value, (bool, int, float)) else None
+
+
+def refuse_unknown(facts: Mapping[str, Any], key: str, where: str) -> None:
+    """Refuse a key that a summary does not have, unless the run failed before it had one.
+
+    Raises
+    ------
+    SceneError
+    """
+    if lookup(facts, key) is _ABSENT and facts.get("status") != "failed":
+        raise _unknown(key, facts, "", where)
+
+
 def _descend(node: Any, steps: list[str]) -> Any:
     """Return what a path leads to; nothing lies below nothing, and names may have dots in them."""
     if not steps or node is None:
@@ -110,7 +127,7 @@ def _leaves(node: Any, path: str = "") -> Iterator[str]:
         yield path
 
 
-def _unknown(key: str, facts: Mapping[str, Any], place: str) -> SceneError:
+def _unknown(key: str, facts: Mapping[str, Any], place: str, where: str = "expect") -> SceneError:
     options = list(_leaves(facts))
     joints = facts.get("joints")
     for joint, row in joints.items() if isinstance(joints, Mapping) else ():
@@ -121,5 +138,5 @@ def _unknown(key: str, facts: Mapping[str, Any], place: str) -> SceneError:
     allowed = f"; below {head!r}: {', '.join(near[:12])}" if near and head in facts else ""
     keys = f"; allowed: {', '.join(facts)}" if not allowed else ""
     return SceneError(
-        f"{place}expect.{key}: the summary has no such key{hint}{allowed}{keys}", key=f"expect.{key}"
+        f"{place}{where}.{key}: the summary has no such key{hint}{allowed}{keys}", key=f"{where}.{key}"
     )

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.commands import COMMANDS
 from robodyn_cli.errors import GeometryError, RobodynError, SceneError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.formulations.build import build_system
@@ -29,8 +30,6 @@ from robodyn_cli.scene.text.nodes import Node, dotted, located, nearest
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.trajectories.motion import JointMotion
 
-# commands so short that they are simply run
-AT_ONCE = ("assemble", "kinematics", "statics")
 # at most so many samples of a trajectory are tried
 TRIED = 501
 
@@ -77,7 +76,7 @@ def _place(error: RobodynError) -> dict[str, Any]:
 
 
 def _physical(scene: Scene, root: Node) -> list[SceneError]:
-    found = []
+    found = [SceneError(text) for text in scene.warnings]
     for k, link in enumerate(scene.robot.links):
         for text in body_problems(link):
             key = "inertia" if "inertia" in text or "moments" in text else "mass"
@@ -98,7 +97,7 @@ def _trial(scene: Scene, root: Node) -> list[RobodynError]:
     try:
         if command == "inverse":
             model, outputs = _inverse(scene)
-        elif command in AT_ONCE:
+        elif command is not None and COMMANDS[command].brief:
             try:
                 execute(command, scene, no_progress, Stopwatch())
             except RobodynError as error:
@@ -162,8 +161,10 @@ def _inverse(scene: Scene) -> tuple[Model, list[Scalar]]:
 
 
 def _forward(scene: Scene, command: str) -> tuple[Model, list[Scalar]]:
-    if command == "deploy" and not scene.loops and not scene.couplers:
-        raise SceneError("deploy needs a mechanism with closed loops; this scene has none", key="loops")
+    if command == "deploy":
+        from robodyn_cli.run.deploy.deploy import refuse_open_chain
+
+        refuse_open_chain(scene)
     problem = prepare(scene).problem
     if command == "deploy" and scene.deploy.criterion != "multipliers":
         passive_determinant(problem, passive_coordinates(problem) or [])

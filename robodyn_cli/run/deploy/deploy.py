@@ -101,14 +101,24 @@ def build_deployment(scene: Scene, watch: Stopwatch, plan: bool = False) -> Moti
     ------
     CapabilityError : it has no loops. SingularConfigurationError : it starts where it is to end.
     """
-    if not scene.loops and not scene.couplers:
-        raise CapabilityError(
-            f"{scene.path}: deploy needs a mechanism with closed loops; this scene has none"
-        )
+    refuse_open_chain(scene)
     reactions = bool(scene.deploy.loads) or scene.deploy.after == "continue"
     motion = build_motion(scene, watch, follow_deployment, reactions=reactions, plan=plan)
     refuse_singular_start(motion.problem, motion.assembled.q, motion.passive)
     return motion
+
+
+def refuse_open_chain(scene: Scene) -> None:
+    """Refuse a scene without closed loops, in which nothing locks.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    if not scene.loops and not scene.couplers:
+        raise CapabilityError(
+            f"{scene.path}: deploy needs a mechanism with closed loops; this scene has none", key="loops"
+        )
 
 
 def _record(
@@ -174,7 +184,7 @@ def report(done: Deployment, judgement: Judgement, watch: Stopwatch) -> Result:
     result = Result.of("deploy", done.motion.scene, "failed")
     result.events = [
         *events(done.found),
-        *(event for watcher in done.driver.watchers for event in watcher.log),
+        *done.driver.log,
     ]
     done.recorder.fill(result)
     overload: Overload | None = None

@@ -16,7 +16,7 @@ from robodyn_cli.record import record
 from robodyn_cli.run.deploy.summary import LatchKeys
 from robodyn_cli.spatial.algebra import Array, identity, snap, vector
 
-NEW = 1e-6  # part of a row that the others must leave before it counts as a further constraint
+NEW = 1e-6  # part of a row that must be independent of the others for it to count as a further constraint
 
 
 @record
@@ -24,7 +24,7 @@ class Locked:
     """A mechanism with its latch closed.
 
     problem : the equations with the latch as one more closure. name : of that closure. rows : names of the latch's
-    rows that say something new. freedom : degrees of freedom that are left.
+    rows that do not follow from the others. freedom : degrees of freedom that are left.
     """
 
     problem: Problem
@@ -77,7 +77,12 @@ def locked(problem: Problem, first: str, second: str, q: Array, t: float) -> Loc
     ends = _ends(problem, first, second, q, t)
     element = FixedLoop(name=name, type="fixed", between=(first, second))
     loops = (*model.loops, Loop(name, element, *ends))
-    whole = Problem(problem.scene, model=dataclasses.replace(model, loops=loops), dependent=problem.dependent)
+    whole = Problem(
+        problem.scene,
+        model=dataclasses.replace(model, loops=loops),
+        dependent=problem.dependent,
+        braces=problem.braces,
+    )
     rows = whole.constraints.rows
     psi = whole.numbers(whole.psi, q, t)
     before = set(problem.constraints.names)
@@ -98,7 +103,9 @@ def locked(problem: Problem, first: str, second: str, q: Array, t: float) -> Loc
             added.append(best)
             left.remove(best)
     keep = [i for i, row in enumerate(rows) if row.name in before or i in added]
-    problem_locked = Problem(problem.scene, keep_rows=keep, model=whole.model, dependent=problem.dependent)
+    problem_locked = Problem(
+        problem.scene, keep_rows=keep, model=whole.model, dependent=problem.dependent, braces=problem.braces
+    )
     new = tuple(rows[i].name for i in sorted(added))
     return Locked(problem_locked, name, new, model.nv - len(basis))
 

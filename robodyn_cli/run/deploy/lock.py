@@ -95,7 +95,7 @@ def time_error(motion: Motion, found: Scan, lock: Lock) -> float | None:
         return 1e-15 * max(1.0, abs(lock.time)) * 10
     method, mean_step = motion.choice.method, found.end / max(found.steps, 1)
     second, _ = tighter(motion.options, mean_step, method)
-    twin = motion.apart()
+    twin = motion.with_own_watchers()
     other = scan(twin, second, multipliers=False)
     if other.steps <= 1.02 * found.steps and motion.options.step is None:
         other = scan(twin, other_steps(second, mean_step)[0], multipliers=False)

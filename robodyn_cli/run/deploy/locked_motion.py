@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
+from robodyn_cli.results.wrenches import magnitude
 from robodyn_cli.run.deploy.lock import Latch, Lock
 from robodyn_cli.run.deploy.summary import AfterLock, LatchLoad, Overload
 from robodyn_cli.run.driver.build import contact_watchers, half_turns
@@ -39,6 +40,7 @@ class LockedObserver(Observer):
         self.before = before
 
     def observe(self, t: Array, x: Array, project: bool = True) -> dict[str, Array]:
+        self.before.parameters = self.parameters
         x = self.project(t, x) if project else x
         own = super().observe(t, x, False)
         data = self.before.observe(t, x, False)
@@ -68,8 +70,7 @@ def follow_locked(motion: Motion, lock: Lock, latch: Latch, before: Recorder, wa
         locked = dataclasses.replace(motion, problem=problem, system=system, watchers=watchers)
         for watcher in watchers:
             watcher.follow(locked)
-        observer = LockedObserver(problem, locked.system, before.observer)
-        recorder = Recorder(observer)
+        recorder = Recorder(LockedObserver(problem, locked.system, before.observer))
     grid = Grid.over(s.duration, s.samples)
     first = grid.first_at(lock.time)
     first += grid.times(first, first + 1)[:1].tolist() == [lock.time]
@@ -80,15 +81,10 @@ def follow_locked(motion: Motion, lock: Lock, latch: Latch, before: Recorder, wa
         return Followed(keys, None)
     rest = Grid(float(grid.times(first, first + 1)[0]), grid.step, grid.count - first, grid.end)
     driver = Driver.of(locked, supervisor_for(locked.choice))
-
-    def emit(t: Array, x: Array) -> None:
-        observer.parameters = observer.before.parameters = driver.parameters
-        recorder.emit(t, x)
-
     with watch.stage("integrate"):
         begun = _first_sample(motion, locked, lock, latch, rest.start)
         driver.start(rest.start, begun)
-        driver.run(s.duration, rest, emit)
+        driver.run(s.duration, rest, lambda t, x: recorder.emit(t, x, driver.parameters))
     estimate = None
     if s.error_estimate:
         with watch.stage("error_estimate"):
@@ -140,7 +136,7 @@ def _latch_load(recorder: Recorder, name: str) -> LatchLoad:
     assert recorder.observer.reactions is not None
     data, times = recorder.array(path), recorder.array("time")
     names = recorder.observer.reactions.names[path]
-    force, moment = _size(data, names, "f"), _size(data, names, "m")
+    force, moment = magnitude(data, names, "f"), magnitude(data, names, "m")
     most_force, most_moment = int(np.argmax(force)), int(np.argmax(moment))
     return LatchLoad(
         peak_force=float(force[most_force]),
@@ -150,12 +146,6 @@ def _latch_load(recorder: Recorder, name: str) -> LatchLoad:
         peak_moment_time=float(times[most_moment]),
         moment_at_end=float(moment[-1]),
     )
-
-
-def _size(data: Array, names: Sequence[str], letter: str) -> Array:
-    """Return the norm (T,) of the columns whose names start with a letter."""
-    columns = [k for k, name in enumerate(names) if name.startswith(letter)]
-    return np.asarray(np.sqrt((data[:, columns] ** 2).sum(axis=1)))
 
 
 def first_overload(result: Result, limits: Mapping[str, Any]) -> Overload | None:
@@ -170,7 +160,7 @@ def first_overload(result: Result, limits: Mapping[str, Any]) -> Overload | None
             most = getattr(limit, quantity)
             if most is None:
                 continue
-            size = _size(variable.data, variable.names, letter)
+            size = magnitude(variable.data, variable.names, letter)
             over = np.flatnonzero(size > most)
             if len(over) and (worst is None or result.time[over[0]] < worst.time):
                 at = int(over[0])

@@ -7,7 +7,8 @@ import numpy as np
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.events import GO_ON, STOP, Event, EventKind, Outcome
 from robodyn_cli.integrators.runtime.grid import Grid
-from robodyn_cli.run.deploy.scan import End, Scan
+from robodyn_cli.record import record
+from robodyn_cli.run.deploy.scan import End, Pose, Scan
 from robodyn_cli.run.driver.driver import Driver, Repeat
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.observation.recorder import Recorder
@@ -41,48 +42,64 @@ def record_motion(motion: Motion, found: Scan, end: End, recorder: Recorder, pro
     The events are those of the scan, so that the steps are the same and a singular configuration is met in the
     same way: by a step from afar, never by creeping up to it.
     """
-    s = motion.scene.simulate
-    lost = found.bifurcation if end.bifurcated else None
-    stop = lost[0] if lost is not None else end.time
-    located = [
-        pose[0] for pose in (found.dead_point, found.bifurcation) if pose is not None and not found.driven
-    ]
-    at_event = stop is not None and stop in located
-    until = s.duration if stop is None or at_event else stop
-    if found.stopped is not None:
-        until = min(until, found.end)
-    grid = Grid.over(s.duration, s.samples)
-    target = until
-    if lost is not None:
-        # the way from the threshold on was travelled by extrapolation; samples stop short of the pose
-        target = lost[0] - SHORT_OF * (lost[0] - found.clean_until)
-        grid = grid.up_to(int(target / grid.step) + 1)
-    driver = _driver(motion, found, stop if at_event else None)
-    driver.tick = lambda time: progress(time, until)
+    stretch = _stretch(motion, found, end)
+    driver = _driver(motion, found, stretch.event)
+    driver.tick = lambda time: progress(time, stretch.end)
 
     def emit(t: Array, x: Array) -> None:
         if found.driven:
             # close to the dead point the rates of the passive joints grow without bound: nothing to report there
             angle = motion.observer.singular_ratio(t, x)
             t, x = t[angle > NEAR_SINGULAR], x[angle > NEAR_SINGULAR]
-        recorder.observer.parameters = driver.parameters
         if len(t):
-            recorder.emit(t, x)
-        progress(float(t[-1]) if len(t) else target, target)
+            recorder.emit(t, x, driver.parameters)
+        progress(float(t[-1]) if len(t) else stretch.end, stretch.end)
 
     driver.start(0.0, motion.start)
     try:
-        driver.run(target, grid, emit)
+        driver.run(stretch.end, stretch.grid, emit)
     except NumericalError:
         if found.stopped is None:
             raise
-    recorder.observer.parameters = driver.parameters
-    if lost is not None:
-        recorder.emit(np.array([lost[0]]), lost[1][None, :].copy(), project=False, extra=True)
-        recorder.make_last_least_norm(lost[0])
+    if stretch.lost is not None:
+        time, state = stretch.lost
+        recorder.emit(np.array([time]), state[None, :].copy(), driver.parameters, project=False, extra=True)
+        recorder.make_last_least_norm(time)
     elif not found.driven:
-        recorder.keep_last_state(driver.time, driver.state)
+        recorder.keep_last_state(driver.time, driver.state, driver.parameters)
     return driver
+
+
+@record
+class _Stretch:
+    """What is recorded: samples of ``grid`` up to ``end`` [s].
+
+    event : time of the located pose that ends the run, None where it ends otherwise. lost : the pose in which the loops
+    lose rank, which becomes the last sample.
+    """
+
+    grid: Grid
+    end: float
+    event: float | None
+    lost: Pose | None
+
+
+def _stretch(motion: Motion, found: Scan, end: End) -> _Stretch:
+    """Return what is recorded of a motion, by what ends it."""
+    s = motion.scene.simulate
+    grid = Grid.over(s.duration, s.samples)
+    lost = found.bifurcation if end.bifurcated else None
+    stop = lost[0] if lost is not None else end.time
+    located = [] if found.driven else [pose[0] for pose in (found.dead_point, found.bifurcation) if pose]
+    event = stop if stop in located else None
+    until = s.duration if stop is None or event is not None else stop
+    if found.stopped is not None:
+        until = min(until, found.end)
+    if lost is not None:
+        # the way from the threshold on was travelled by extrapolation; samples stop short of the pose
+        until = lost[0] - SHORT_OF * (lost[0] - found.clean_until)
+        grid = grid.up_to(int(until / grid.step) + 1)
+    return _Stretch(grid, until, event, lost)
 
 
 def _driver(motion: Motion, found: Scan, stop: float | None) -> Driver:

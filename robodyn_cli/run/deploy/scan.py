@@ -177,7 +177,7 @@ def scan(
 
     multipliers : whether these are judged too.
     """
-    growth, dead = the(MultiplierGrowth, motion), the(DeadPoint, motion)
+    growth, dead = watcher_of(motion, MultiplierGrowth), watcher_of(motion, DeadPoint)
     rank = next((w for w in motion.watchers if isinstance(w, Bifurcation)), None)
     duration = motion.scene.simulate.duration
     driver = Driver.of(dataclasses.replace(motion, options=options), supervisor_for(motion.choice))
@@ -206,7 +206,7 @@ def scan(
     )  # fmt: skip
 
 
-def the(kind: type[W], motion: Motion) -> W:
+def watcher_of(motion: Motion, kind: type[W]) -> W:
     """Return the one watcher of a kind."""
     (found,) = (watcher for watcher in motion.watchers if isinstance(watcher, kind))
     return found

@@ -1,4 +1,4 @@
-"""Baumgarte's gains: which to take, and what happens over the whole plane of them.
+"""The choice of Baumgarte's gains, and a scan of the plane (alpha, beta).
 
 The gains are parameters of the compiled code, so any number of pairs runs on one compilation.
 """
@@ -25,16 +25,16 @@ from robodyn_cli.run.driver.motion import Gains, Motion
 from robodyn_cli.scene.types import Baumgarte
 from robodyn_cli.spatial.algebra import Array
 
-SAMPLES = 129
+SAMPLES = 129  # at which trial runs are compared
 FACTORS = tuple(2.0**k for k in range(-12, 3))  # c in alpha = beta = c / h that are tried, the smallest first
 LONGEST = 5_000  # steps of the trial runs: the gains of a long run are chosen on its first part
 TIGHTER = 1e-3  # tolerance of the run that the errors are measured against, over that of the trial
-TIGHTEST = 3e-14
+TIGHTEST = 3e-14  # tolerance
 
 
 @record
 class Outcome:
-    """What a pair of gains did.
+    """The result of a run with a pair of gains.
 
     drift : largest distance of the positions from the constraints, as the step that projection would take [rad, m].
     residual : largest residual of the loops [m]. error : largest error of any q. steps : it took. Infinite where

@@ -10,11 +10,10 @@ import math
 from collections.abc import Callable, Sequence
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.expr.graph import free_symbols
 from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.options import Options
-from robodyn_cli.model.model import UNKNOWN_GROUP
+from robodyn_cli.model.model import unknown_among
 from robodyn_cli.run.driver.method import choose
 from robodyn_cli.run.driver.motion import Choice, Gains, Motion, Watcher
 from robodyn_cli.run.driver.prepare import Setup, passive_coordinates, prepare
@@ -26,7 +25,7 @@ AUTOMATIC = "baumgarte"
 
 
 def follow_motion(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
-    """Return the watchers of a simulation: loss of rank (a stop, or a pose to pass), and contact states."""
+    """Return the watchers of a simulation: loss of rank (a stop, or a pose to pass), contact states, limits."""
     found: list[Watcher] = []
     contact = bool(problem.contact_joints)
     stops = problem.scene.simulate.singular == "stop"
@@ -35,7 +34,7 @@ def follow_motion(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
 
         found.append(RankLoss(problem) if stops else Passage(problem))
     found += contact_watchers(problem)
-    return [watcher for watcher in found if watcher.functions]
+    return [*(watcher for watcher in found if watcher.functions), *limit_watchers(problem)]
 
 
 def follow_changes(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
@@ -50,6 +49,16 @@ def contact_watchers(problem: Problem) -> list[Watcher]:
     from robodyn_cli.run.contact.states import ContactStates
 
     return [ContactStates(problem)]
+
+
+def limit_watchers(problem: Problem) -> list[Watcher]:
+    """Return the watcher of limits that no stop keeps, where joints have any."""
+    if not problem.scene.robot.limited:
+        return []
+    from robodyn_cli.run.driver.joint_limits import JointLimits
+
+    watcher = JointLimits(problem)
+    return [watcher] if watcher.limits else []
 
 
 def build_motion(
@@ -120,7 +129,7 @@ def options_for(scene: Scene) -> Options:
 
 def _choice(scene: Scene, setup: Setup, system: System, plan: bool) -> Choice:
     lacks = plan and not system.dynamics.any_size
-    if lacks and any(e.value[1] == UNKNOWN_GROUP for e in free_symbols(system.rates)):
+    if lacks and unknown_among(system.rates):
         return Choice(scene.simulate.integrator, "data are missing that the choice needs")
     start = system.join(setup.assembled.q, setup.assembled.v)
     return choose(scene, setup.problem, system, start, options_for(scene))

@@ -27,12 +27,15 @@ from robodyn_cli.run.driver.motion import Motion, Watcher
 from robodyn_cli.spatial.algebra import Array
 
 Emit = Callable[[Array, Array], None]
-STANDSTILL = 1_000  # steps
+STANDSTILL = 1_000  # steps without progress beside a discontinuity that end a run
 BLOCK = 65536  # samples that are handed on at a time
 
 
 class Supervisor(Protocol):
-    """Who may change the method on the way. steps : attempted in all, after which the run asks; None: never."""
+    """Decides on changes of the method on the way.
+
+    steps : number of steps, rejected ones included, after which the run asks it next; None: never.
+    """
 
     @property
     def steps(self) -> int | None: ...
@@ -126,6 +129,11 @@ class Driver:
     def parameters(self) -> Array:
         """The parameters p at present."""
         return self.integrator.p.copy()
+
+    @property
+    def log(self) -> list[dict[str, Any]]:
+        """What has happened on the way, as the watchers tell it."""
+        return [event for watcher in self.watchers for event in watcher.log]
 
     @property
     def repartitions(self) -> int:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Collection
 
 import numpy as np
 
 from robodyn_cli.algorithms.aba import factor_joint
+from robodyn_cli.algorithms.crba import crba
 from robodyn_cli.algorithms.kinematics import slice_q, transforms
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr.graph import is_number
@@ -17,23 +19,27 @@ from robodyn_cli.spatial.inertia import ArticulatedInertia
 
 SINGULAR = 1e-12
 NEARLY = 1e-6
+LIGHT = 1e-4  # of a typical inertia: a prescribed joint that feels less costs digits
 
 
 @record
-class Lightest:
-    """The joint that feels the least inertia of what it carries.
-
-    share : inertia felt with the joints beyond it free, over that with them locked; 0 where it carries nothing.
-    """
+class Felt:
+    """The inertia that a joint feels: ``free`` with the joints beyond it free, ``locked`` with them locked."""
 
     joint: str
-    share: float
-    carries: bool
+    free: float
+    locked: float
+
+    @property
+    def share(self) -> float:
+        """The first over the second; 0 where the joint carries nothing."""
+        return max(self.free / self.locked, 0.0) if self.locked > 0.0 else 0.0
 
 
 @np.errstate(all="ignore")
-def lightest_joint(model: Model, q: Array) -> Lightest | None:
-    """Return the joint whose pivot of the mass matrix at q is smallest; None where that cannot be told.
+def inertias_felt(model: Model, q: Array) -> list[Felt] | None:
+    """Return what the joints' coordinates feel at q, from the leaves on, the first singular one last; None where that
+    cannot be told.
 
     The pivots of M, leaves eliminated first, are the articulated inertias about the joints. They are compared
     with the composite inertias, which are the diagonal of M.
@@ -41,19 +47,16 @@ def lightest_joint(model: Model, q: Array) -> Lightest | None:
     X = transforms(model, q.tolist())
     free = [ArticulatedInertia.from_rigid(b.inertia) for b in model.bodies]
     locked = list(free)
-    found = Lightest("", 1.0, True)
+    found: list[Felt] = []
     for k in reversed(range(len(model.bodies))):
         body = model.bodies[k]
         here = slice_q(body, q.tolist())
-        S = body.joint.S(here)
-        for s in columns(S):
-            felt, carried = ((inertia @ s).dot(s) + body.armature for inertia in (free[k], locked[k]))
-            if not (is_number(felt) and is_number(carried) and np.isfinite(float(carried))):
+        for s in columns(body.joint.S(here)):
+            one, other = ((inertia @ s).dot(s) + body.armature for inertia in (free[k], locked[k]))
+            if not (is_number(one) and is_number(other) and np.isfinite(float(other))):
                 return None
-            share = float(felt) / float(carried) if carried > 0.0 else 0.0
-            if share < found.share:
-                found = Lightest(body.joint_name, max(share, 0.0), bool(carried > 0.0))
-        if found.share < SINGULAR:
+            found.append(Felt(body.joint_name, float(one), float(other)))
+        if any(x.share < SINGULAR for x in found):
             return found
         if body.parent != BASE:
             _, rest = factor_joint(body, here, free[k])
@@ -62,32 +65,63 @@ def lightest_joint(model: Model, q: Array) -> Lightest | None:
     return found
 
 
-def refuse_singular(model: Model, q: Array, prescribed: Collection[str] = ()) -> None:
-    """Refuse a start at which the accelerations are not determined by the mass matrix; ``prescribed`` are joints.
+def lightest_joint(model: Model, q: Array) -> Felt | None:
+    """Return the joint that feels the least part of what it carries; None where that cannot be told."""
+    found = inertias_felt(model, q)
+    return min(found, key=lambda felt: felt.share, default=None) if found else None
+
+
+def braces(model: Model, q: Array, prescribed: Collection[str] = ()) -> dict[int, float]:
+    """Return inertias that prescribed joints need beside those of the scene, by velocity coordinate.
+
+    Where such a joint feels no inertia, or next to none, M has no inverse, or a bad one, and still nothing is
+    undetermined: its acceleration is given. An inertia of any size, whose force the equations take off again, makes M
+    regular (see ``equations/constraints.py``).
 
     Raises
     ------
-    NumericalError : the mass matrix is singular; the message names the joint.
+    NumericalError : the mass matrix is singular because of another joint, whose acceleration it does not determine;
+        the message names the joint.
     """
-    found = lightest_joint(model, q)
-    if found is None or found.share >= SINGULAR:
-        return
-    name = found.joint
-    if not found.carries:
-        what = f"joint {name!r} moves nothing that has inertia about it or along it"
+    found: dict[int, float] = {}
+    simple = {b.joint_name: k for k, b in enumerate(model.bodies) if b.joint.nv == 1}
+    typical = _typical(model, q) if prescribed else 0.0
+    while felt := inertias_felt(model, q):
+        able = [x for x in felt if x.joint in prescribed and x.joint in simple]
+        light = [x for x in able if x.share < SINGULAR or x.free < LIGHT * typical]
+        if not light:
+            if (worst := min(felt, key=lambda x: x.share)).share < SINGULAR:
+                raise _singular(worst)
+            break
+        place = simple[light[0].joint]
+        body = model.bodies[place]
+        found[body.v] = typical
+        heavier = dataclasses.replace(body, armature=body.armature + typical)
+        model = dataclasses.replace(
+            model, bodies=(*model.bodies[:place], heavier, *model.bodies[place + 1 :])
+        )
+    return found
+
+
+def _typical(model: Model, q: Array) -> float:
+    """Return the mean of the entries on the diagonal of M at q that are not zero, 1 where there is none."""
+    diagonal = np.diag(np.array(crba(model, q.tolist()), dtype=float))
+    diagonal = diagonal[diagonal > 0.0]
+    return float(diagonal.mean()) if len(diagonal) else 1.0
+
+
+def _singular(found: Felt) -> NumericalError:
+    if not found.locked > 0.0:
+        what = f"joint {found.joint!r} moves nothing that has inertia about it or along it"
         advice = "give its link a mass or an inertia, or the joint a rotor_inertia"
     else:
-        what = f"joint {name!r} feels no inertia, because the joints beyond it can take all of its motion"
+        what = (
+            f"joint {found.joint!r} feels no inertia, because the joints beyond it can take all of its motion"
+        )
         advice = "give its link an inertia, or start in another configuration"
-    if name in prescribed:
-        raise NumericalError(
-            f"the mass matrix is singular at t = 0: {what}; the multipliers are computed with its inverse. Its "
-            "motion is prescribed, so a rotor_inertia of any size changes nothing but the force that drives it",
-            time=0.0, joint=name, status="singular_mass_matrix",
-        )  # fmt: skip
-    raise NumericalError(
+    return NumericalError(
         f"the mass matrix is singular at t = 0: {what}, so its acceleration is not determined; {advice}",
-        time=0.0, joint=name, status="singular_mass_matrix",
+        time=0.0, joint=found.joint, status="singular_mass_matrix",
     )  # fmt: skip
 
 

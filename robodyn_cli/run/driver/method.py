@@ -1,4 +1,4 @@
-"""The choice of the integrator, and who may change it on the way."""
+"""The choice of the method of integration, at the start and on the way."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from robodyn_cli.run.driver.motion import Choice
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 
-LARGEST = 12  # velocities up to which an exact Jacobian is worth its code
+LARGEST = 12  # velocities up to which an exact Jacobian is worth compiling
 FAST_DECAYS = 2e3  # decays of the fastest mode within the run from which on stiffness is looked into
 TRIAL = 0.02  # part of the run over which two methods are compared
 
@@ -62,7 +62,7 @@ def choose(scene: Scene, problem: Problem, system: System, start: Array, options
 
 
 def supervisor_for(choice: Choice) -> Supervisor | None:
-    """Return who may change the method on the way; None where it was asked for, or nothing can damp."""
+    """Return what may change the method on the way; None where the scene names a method, or nothing can damp."""
     if not choice.may_change:
         return None
     from robodyn_cli.run.driver.stiffness import StiffnessWatch

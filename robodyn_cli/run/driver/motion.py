@@ -129,7 +129,7 @@ class Motion:
         """The state x (nx,) at t = 0."""
         return self.system.join(self.assembled.q, self.assembled.v)
 
-    def apart(self, system: System | None = None) -> Motion:
+    def with_own_watchers(self, system: System | None = None) -> Motion:
         """Return the motion with watchers of its own, and with another ``system`` of the same events."""
         twins = {id(w): w.again() or copy.copy(w) for w in self.watchers}
         watched = (system or self.system).watched_by(lambda e: twins.get(id(e.owner), e.owner))

@@ -8,7 +8,7 @@ from robodyn_cli.equations.dependence import Dependence
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError
 from robodyn_cli.record import record
-from robodyn_cli.run.driver.mass_matrix import refuse_singular
+from robodyn_cli.run.driver.mass_matrix import braces
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import RANK_TOLERANCE, Assembled, assemble
@@ -54,12 +54,12 @@ def prepare(scene: Scene, watch: Stopwatch | None = None, neutral: bool = False)
             check_formulas(problem, assembled.q, assembled.v)
             if not assembled.redundant:
                 check_formulas_ahead(problem, assembled.q, assembled.v)
-        refuse_singular(problem.model, assembled.q, problem.scene.prescribed or ())
-    if assembled.redundant:
+        needed = braces(problem.model, assembled.q, scene.prescribed)
+    if assembled.redundant or needed:
         with watch.stage("equations"):
-            groups = dependent_rows(problem, assembled)
-            keep = None if groups else assembled.independent
-            problem = Problem(scene, keep_rows=keep, model=problem.model, dependent=groups)
+            groups = dependent_rows(problem, assembled) if assembled.redundant else ()
+            keep = assembled.independent if assembled.redundant and not groups else None
+            problem = Problem(scene, keep_rows=keep, model=problem.model, dependent=groups, braces=needed)
     return Setup(problem, assembled)
 
 

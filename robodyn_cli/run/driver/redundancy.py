@@ -1,4 +1,4 @@
-"""Rows that were left out because they say things twice: whether they do so all along the motion."""
+"""Redundant constraint rows, left out since they follow from others at the start: do they hold along the motion?"""
 
 from __future__ import annotations
 
@@ -9,21 +9,22 @@ from robodyn_cli.errors import GeometryError
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.record import record
 from robodyn_cli.run.observation.recorder import Recorder
-from robodyn_cli.solve.assembly import Assembled, mechanism_size
+from robodyn_cli.solve.assembly import Assembled
+from robodyn_cli.solve.closure import mechanism_size
 
 OPEN = 1e-6  # rad, or part of the size of the mechanism, from which on a constraint is violated
 
 
 @record
 class Redundant:
-    """Largest residual of the rows that were left out, and the error where they are violated."""
+    """Largest residual of the redundant rows, and the error where they are violated."""
 
     residual: float
     violated: GeometryError | None = None
 
 
 def check_redundant(problem: Problem, assembled: Assembled, recorder: Recorder) -> Redundant:
-    """Look at the residuals of the rows that were left out, along the samples."""
+    """Evaluate the residuals of the redundant rows along the samples."""
     whole = Problem(problem.scene, model=problem.model)
     # combined rows are solved together, so each may be the one that opens
     named = problem.constraints.names if problem.dependent else assembled.redundant

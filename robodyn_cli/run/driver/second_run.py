@@ -23,19 +23,17 @@ from robodyn_cli.run.observation.recorder import Recorder
 from robodyn_cli.spatial.algebra import Array
 
 Tick = Callable[[float], None] | None
-# the second run: so many times the steps, so that both together take less than three times the first, unless a
-# tolerance so much tighter does it with fewer
-MORE_STEPS = 1.9
-MOST_STEPS = 4
-TIGHTER = 50.0
+MORE_STEPS = 1.9  # times the steps of the first run: both together take less than three times its time
+MOST_STEPS = 4  # times the steps of the first run, at which the second is given up
+TIGHTER = 50.0  # times, at most: a tolerance so much tighter is enough even where it takes fewer steps
 TIGHTEST_RTOL = 1e-14  # not below what double precision can resolve
 FINEST_RTOL = 1e-12  # below it, methods of high order are at rounding, where a tighter tolerance says nothing
-SHORTER = 0.6
+SHORTER = 0.6  # times the mean step of the first run, where a tighter tolerance says nothing
 HIGH_ORDER = 7
-NOT_MEANINGFUL = (
-    1e-2  # part of its range beyond which an estimate of a quantity says no more than that it is lost
-)
+NOT_MEANINGFUL = 1e-2  # part of the range of a quantity above which its error means that its digits are lost
 AT_ROUNDING = 100.0  # times the rounding floor
+NEAR_ROUNDING = 1e3  # times the rounding of the state: below it what rounds the accelerations is looked at
+HALF_UNIT = 1.1e-16
 
 
 def tighter(options: Options, mean_step: float, method: str) -> tuple[Options, str]:
@@ -193,19 +191,20 @@ def estimate_error(motion: Motion, first: FirstRun, recorder: Recorder, tick: Ti
     other_q, other_qd, _ = motion.system.split(states[: len(q)])
     scale = remainder(first.method, first.steps, second.steps)
     dq, dv = scale * np.abs(other_q - q), scale * np.abs(other_qd - qd)
-    largest = float(max(dq.max(initial=0.0), dv.max(initial=0.0)))
-    floor = rounding_floor(q, qd, first.steps)
-    at_rounding = bool(largest < AT_ROUNDING * floor)
+    found_q, found_v = float(dq.max(initial=0.0)), float(dv.max(initial=0.0))
+    floor = rounding_floor(motion, recorder, len(q), first.steps, max(found_q, found_v))
+    q_max, qd_max = max(found_q, floor.q), max(found_v, floor.qd)
+    at_rounding = bool(max(found_q, found_v) < AT_ROUNDING * max(floor.q, floor.qd))
     lost = _lost(dq, q) | _lost(dv, qd)
     time = float(recorder.array("time")[int(np.argmax(lost))])
     return ErrorEstimate(
         method=f"difference from a second integration with {second.how}",
-        q_max=float(dq.max(initial=0.0)),
-        qd_max=float(dv.max(initial=0.0)),
-        state_max=largest,
+        q_max=q_max,
+        qd_max=qd_max,
+        state_max=max(q_max, qd_max),
         q_end=float(dq[-1].max(initial=0.0)),
         qd_end=float(dv[-1].max(initial=0.0)),
-        rounding_floor=floor,
+        rounding_floor=max(floor.q, floor.qd),
         steps=second.steps,
         at_rounding=at_rounding,
         meaningful_until=time if lost.any() and not at_rounding else ABSENT,
@@ -228,7 +227,33 @@ def remainder(method: str, steps: int, more: int) -> float:
     return float(1.0 / (1.0 - min(left, 0.5)))
 
 
-def rounding_floor(q: Array, qd: Array, steps: int) -> float:
-    """Return the error that rounding alone is expected to leave: eps times the state, growing as sqrt(steps)."""
-    size = max(float(np.abs(q).max(initial=0.0)), float(np.abs(qd).max(initial=0.0)))
-    return 1.1e-16 * size * max(1.0, steps) ** 0.5
+@record
+class Floor:
+    """Errors that rounding is expected to leave, of positions and of rates."""
+
+    q: float
+    qd: float
+
+
+def rounding_floor(motion: Motion, recorder: Recorder, samples: int, steps: int, found: float) -> Floor:
+    """Return the errors that rounding alone is expected to leave over so many samples and steps.
+
+    The state's own rounding grows as sqrt(steps). Where an estimate ``found`` is not far above that, what constants and
+    the conditioning of the equations do to the accelerations counts too: delta(v-dot) over the run in the rates, and
+    over the time in which rates change in the positions. Both runs may share it, so that their difference hides it.
+    """
+    q, qd, qdd = (recorder.array(path)[:samples] for path in ("q", "qd", "qdd"))
+    largest_q, largest_v = float(np.abs(q).max(initial=0.0)), float(np.abs(qd).max(initial=0.0))
+    walk = HALF_UNIT * max(1.0, steps) ** 0.5
+    floor = Floor(walk * largest_q, walk * largest_v)
+    if found > NEAR_ROUNDING * max(floor.q, floor.qd):
+        return floor
+    from robodyn_cli.run.observation.rounding import acceleration_rounding
+
+    time = recorder.array("time")[:samples]
+    off = acceleration_rounding(motion.problem, time, q, qd)
+    if off is None:
+        return floor
+    duration = float(time[-1] - time[0])
+    change = min(duration, largest_v / max(float(np.abs(qdd).max(initial=0.0)), 1e-300))
+    return Floor(max(floor.q, off * duration * change), max(floor.qd, off * duration))

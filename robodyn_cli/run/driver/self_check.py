@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from robodyn_cli.run.driver.redundancy import Redundant
 
 EPS = float(np.finfo(float).eps)
-BEYOND = 1e3  # times what tolerance and rounding explain
-STEADY = 1e-6  # stands in the place of rtol where a step is fixed
-MANY = 1e3  # steps
+BEYOND = 1e3  # times what tolerance and rounding explain: a larger error of the energy ends the run
+STEADY = 1e-6  # in place of rtol where the step is fixed
+MANY = 1e3  # steps from which on errors add up
 
 
 @record
@@ -80,7 +80,18 @@ def motion_warnings(run: Run) -> list[str]:
         from robodyn_cli.run.driver.start import start_warnings
 
         warnings += start_warnings(motion.problem, motion.assembled.q, motion.passive)
-    return warnings + shortened_steps(run)
+    return [*warnings, *beyond_limits(run), *shortened_steps(run)]
+
+
+def beyond_limits(run: Run) -> list[str]:
+    """Return warnings about limits of acceleration and jerk that samples are beyond; a watcher locates the others."""
+    scene, recorder = run.motion.scene, run.recorder
+    if not scene.robot.limited or not recorder.samples:
+        return []
+    from robodyn_cli.run.observation.joint_limits import limit_warnings, limited_joints
+
+    joints = limited_joints(scene, run.motion.problem.model)
+    return limit_warnings(joints, recorder.array("time"), {"qdd": recorder.array("qdd")})
 
 
 def energy_out_of_balance(run: Run) -> NumericalError | None:

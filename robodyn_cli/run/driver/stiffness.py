@@ -1,7 +1,8 @@
-"""Stiffness on the way: a run goes on with an implicit method when its motion turns stiff, and back when it calms.
+"""Stiffness on the way: a run changes to an implicit method when its motion turns stiff, and back when it no longer is.
 
-Looked at is, every so many steps, whether the fastest decay is of the size of the pace; if so, both methods go the same
-short way from the present state, and the cheaper one goes on. Looks cost a small part of what the run has cost itself.
+Every so many steps the fastest decay of the linearised equations is compared with the length of the steps. Where it may
+be what limits them, both methods go the same short way from the present state, and the cheaper one goes on. Such
+trials take a small part of the cost of the run.
 """
 
 from __future__ import annotations
@@ -21,33 +22,33 @@ from robodyn_cli.record import record
 from robodyn_cli.run.driver.driver import Driver, MethodChange
 from robodyn_cli.spatial.algebra import Array
 
-# what an evaluation costs: eight lanes at once, and those with their share of the linear algebra
+# relative cost of an evaluation: of eight states at once, and with its share of the linear algebra
 COST = {DEFAULT: 1.4, STIFF: 3.0}
-FIRST_LOOK = 300  # steps of the run before it is looked at, and between looks at least
-LONGEST = 10_000  # steps between looks at most; in between they are half as long apart as the run so far
-WORTH = 2_000  # steps that the rest of the run takes at this pace, below which it is not worth a look
-MOST = 20_000  # steps of a trial at the start
+FIRST_LOOK = 300  # steps of the run before the first check, and between checks at least
+LONGEST = 10_000  # steps between checks at most; else a check comes when the run has grown by half
+WORTH = 2_000  # steps that the rest of the run takes at this rate, below which no check is worth its cost
+MOST = 20_000  # steps of a trial at the start, at most
 TRIAL_STEPS = 20  # of the other method
-PART = 0.05  # of the cost of the run so far, and of the rest of it at this pace, that a trial may take
+PART = 0.05  # of the cost of the run so far, or of the rest of it at this rate, that trials may take
 BETTER = 1.5  # times cheaper over the same way is what the other method has to be
-# The default method is held to steps of a few times the fastest decay time. Where that is what it does while nothing
-# else asks for such steps, the motion is stiff.
-STIFF_PACE = 0.1  # part of the rate of its steps above which the fastest decay may be what asks for them
-LEAST = 2.0  # what a decay asks of the default method, in units of cost
+# A fast decay limits the default method to steps of a few times its time constant. Where nothing else limits the steps
+# as much, the motion is stiff.
+STIFF_PACE = 0.1  # steps per second times this: a faster decay [1/s] may be what limits the steps
+LEAST = 2.0  # cost of following one decay time by the default method, at least
 
 
 class StiffnessWatch:
-    """Asks, every so many steps, whether the other method would do better.
+    """Checks, every so many steps, whether the other method would do better.
 
-    steps : of the run, rejected ones too, after which it is to ask next.
+    steps : of the run, rejected ones too, after which the next check is due.
     """
 
     def __init__(self) -> None:
         self.steps = FIRST_LOOK
-        self.cost = 0.0  # of the run up to the last look
+        self.cost = 0.0  # of the run up to the last check
         self.spent = 0.0  # on trials
         self._entries: list[Scalar] | None = None
-        self._seen = (0.0, 0, 0)  # time, steps and evaluations there
+        self._seen = (0.0, 0, 0)  # time, steps and evaluations at the last check
 
     def reconsider(self, driver: Driver) -> MethodChange | None:
         """Return the change to make, None to go on as it is."""
@@ -57,9 +58,8 @@ class StiffnessWatch:
         paid = COST[driver.method] * (driver.counters.evaluations - evaluations)
         self.cost += paid
         self.steps = driver.attempts + min(max(FIRST_LOOK, driver.attempts // 2), LONGEST)
-        rest = (
-            (driver.end - driver.time) / went if went > 0.0 else 0.0
-        )  # in units of the way since the last look
+        # the rest of the run, in units of the way since the last check
+        rest = (driver.end - driver.time) / went if went > 0.0 else 0.0
         each = paid / taken
         if rest * taken < WORTH or not self._affordable(2.0 * BETTER * TRIAL_STEPS * each, rest * paid):
             return None

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @record
 class Assembly:
-    """What closing the loops at t = 0 has left [m, m/s], and rows that say nothing new, or nothing."""
+    """Residuals of the loops at t = 0 [m, m/s]; rows that follow from others, and rows that vanish identically."""
 
     position_residual: float
     velocity_residual: float
@@ -58,6 +58,26 @@ class MethodKeys:
 
 
 @record
+class FinalState:
+    """The last state of a run: time [s], positions [rad or m] and rates [rad/s or m/s] by joint."""
+
+    time: float
+    q: dict[str, float]
+    qd: dict[str, float]
+
+    @staticmethod
+    def of(run: Run) -> FinalState:
+        """Return the state that the driver has come to."""
+        model = run.motion.problem.model
+        q, v, _ = run.motion.system.split(run.driver.state)
+        return FinalState(
+            run.driver.time,
+            dict(zip(model.q_names, q.tolist())),
+            dict(zip(model.v_names, v.tolist())),
+        )
+
+
+@record
 class MotionSummary:
     """Keys of the summary of every integrated motion, in their order.
 
@@ -84,6 +104,7 @@ class MotionSummary:
     switches: list[MethodKeys] | Absent
     transitions: dict[str, int] | Absent = ABSENT
     passed: list[float] | Absent = ABSENT
+    final: FinalState | Absent = ABSENT
 
 
 def motion_summary(run: Run, judgement: Judgement, estimate: ErrorEstimate | None) -> MotionSummary:
@@ -111,6 +132,7 @@ def motion_summary(run: Run, judgement: Judgement, estimate: ErrorEstimate | Non
         warnings=[*judgement.warnings, *estimate_warnings(estimate)] or ABSENT,
         baumgarte=motion.gains or ABSENT,
         switches=[MethodKeys(c.time, c.to, c.decay_time) for c in driver.changes] or ABSENT,
+        final=FinalState.of(run),
     )
     for watcher in driver.watchers:
         summary = dataclasses.replace(summary, **watcher.facts(driver.time))

@@ -12,7 +12,7 @@ from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.inverse.program import InverseProgram, Sampled, parts
+from robodyn_cli.run.inverse.program import InverseProgram, Sampled, expressions_of
 from robodyn_cli.run.mechanism.motion import Planned, plan_motion, with_led_point
 from robodyn_cli.run.observation.evaluation import SampleFunction, without_idle_unknowns
 from robodyn_cli.scene import types as sc
@@ -34,7 +34,7 @@ def build_inverse(scene: sc.Scene) -> InverseProgram:
     problem = open_problem(with_led_point(scene), "inverse dynamics")
     _refuse_passive_joints(problem)
     duration = scene.trajectory.duration if scene.trajectory is not None else 0.0
-    return OpenChain(problem, duration, **parts(problem))
+    return OpenChain(problem, duration, **expressions_of(problem))
 
 
 @record

@@ -6,16 +6,15 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.forces.element import half_turn_warning
-from robodyn_cli.forces.limits import Limits
 from robodyn_cli.model.model import Model
 from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.inverse.program import InverseProgram, Sampled
 from robodyn_cli.run.inverse.summary import ErrorEstimate, JointFigures
 from robodyn_cli.run.mechanism.motion import Planned
+from robodyn_cli.run.observation.rounding import largest_difference
 from robodyn_cli.run.observation.units import TORQUE
 from robodyn_cli.solve.quadrature import integrate, integrate_positive, root_mean_square
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.motion import JointMotion
 
 
 def joint_figures(model: Model, sampled: Sampled) -> dict[str, JointFigures]:
@@ -47,32 +46,6 @@ def joint_figures(model: Model, sampled: Sampled) -> dict[str, JointFigures]:
     return figures
 
 
-def beyond_limits(problem: Problem, times: Array, motion: JointMotion) -> list[str]:
-    """Return a warning for each joint that the motion takes beyond its limits.
-
-    The torque of a compliant stop acts there; a rigid stop is ignored.
-    """
-    model, found = problem.model, []
-    for joint in problem.scene.robot.joints:
-        limits = next((force for _, force in joint.forces if isinstance(force, Limits)), None)
-        if limits is None or joint.name not in model.q_names:
-            continue
-        column = model.q_names.index(joint.name)
-        q, unit = motion.q[:, column], model.q_units[column]
-        what = "its rigid stop is ignored" if limits.rigid else "the torques press on its stop"
-        for side, limit, over in (
-            ("lower", limits.lower, None if limits.lower is None else limits.lower - q),
-            ("upper", limits.upper, None if limits.upper is None else q - limits.upper),
-        ):
-            if over is not None and over.max() > 1e-12 * max(1.0, abs(limit or 0.0)):
-                at = int(np.argmax(over))
-                found.append(
-                    f"the motion leaves the limits of joint {joint.name!r}: {q[at]:.6g} {unit} "
-                    f"at t = {times[at]:.6g} s, {side} {limit:.6g} {unit}; {what}"
-                )
-    return found
-
-
 def half_turns(problem: Problem, sampled: Sampled) -> list[str]:
     """Return a warning for each force between bodies whose angle jumps at half a turn along the motion."""
     jumps = problem.elements.half_turns
@@ -95,7 +68,7 @@ def path_error(planned: Planned, sampled: Sampled) -> float | Absent:
 def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) -> ErrorEstimate:
     """Return the errors of an inverse run.
 
-    ik_residual : see ``path_error``. round_trip : see there.
+    ik_residual : see ``path_error``. round_trip, torque_rounding : see there.
     energy_balance : work of actuators and losses, less the change of kinetic and potential energy [J]; it is as
         large as the errors of rates, torques and quadrature together. energy_balance_relative : over the largest
         energy turned over.
@@ -110,6 +83,7 @@ def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) 
     loops = sampled.loops
     return ErrorEstimate(
         ik_residual=path_error(planned, sampled) if loops is None else ABSENT,
+        torque_rounding=torque_rounding(program, sampled),
         round_trip=round_trip(program, sampled),
         energy_balance=balance,
         energy_balance_relative=balance / turned if balance else 0.0,
@@ -117,6 +91,15 @@ def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) 
         closure=ABSENT if loops is None else planned.residuals,
         virtual_work_residual=ABSENT if loops is None else loops.shared.residual,
     )
+
+
+def torque_rounding(program: InverseProgram, sampled: Sampled) -> float | None:
+    """Return how far rounding may have put the torque of any actuator off [N m or N], at a few samples.
+
+    None where that cannot be told.
+    """
+    found = program.torques_by_draw(sampled)
+    return None if found is None else largest_difference(found)
 
 
 def _halved(power: Array, work: Array, h: float) -> float | Absent:

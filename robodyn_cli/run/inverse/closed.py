@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError
+from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.loops.base import Row
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.inverse.program import InverseProgram, Loops, Outputs, Sampled, parts
+from robodyn_cli.run.inverse.program import InverseProgram, Loops, Outputs, Sampled, expressions_of
 from robodyn_cli.run.inverse.sharing import refuse_gears, share_load
 from robodyn_cli.run.mechanism.guided_motion import guided_motion
 from robodyn_cli.run.mechanism.loop_conditions import Lead, lead_of, velocity_places
 from robodyn_cli.run.mechanism.motion import Planned, with_led_point
 from robodyn_cli.run.mechanism.report import add_rows
 from robodyn_cli.run.observation.evaluation import SampleFunction
+from robodyn_cli.run.observation.singular_values import singular_values
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.load_sharing import accelerations
+from robodyn_cli.solve.load_sharing import LostRank, TooFewActuators, accelerations, share
 from robodyn_cli.spatial.algebra import Array
 
 
@@ -38,8 +42,8 @@ def build_closed(scene: Scene) -> ClosedLoops:
     lead = lead_of(problem)
     duration, actuated = motion_duration(scene), actuated_joints(problem, lead)
     rows = problem.constraints.loop_rows
-    found = parts(problem)
-    found["beside"] |= _loop_outputs(problem, rows)
+    found = expressions_of(problem)
+    found["others"] |= _loop_outputs(problem, rows)
     return ClosedLoops(problem, duration, **found, lead=lead, actuated=actuated, rows=rows)
 
 
@@ -86,6 +90,17 @@ class ClosedLoops(InverseProgram):
         loops = Loops(psi, shared, planned.residuals, self.actuated, driven)
         return Sampled(times, motion, shared.terms, arrays, planned.counters, loops)
 
+    def _shared_by(self) -> list[Scalar]:
+        return self.others["psi"]
+
+    def _shared(self, loads: Mapping[str, Array], by: Array, sampled: Sampled) -> Array | None:
+        assert sampled.loops is not None
+        psi = by.reshape(len(by), len(self.rows), self.problem.model.nv)
+        try:
+            return share(psi, sampled.loops.driven, loads).tau
+        except (LostRank, TooFewActuators):
+            return None
+
     def forward(self, sampled: Sampled) -> tuple[Array, Array]:
         # solves for the free motion with M and h, which the torques did not use
         assert sampled.loops is not None
@@ -112,7 +127,8 @@ class ClosedLoops(InverseProgram):
             "constraints/velocity_residual": velocity,
         }
         add_rows(result, self.rows, found, not sampled.loops.shared.unique_multipliers)
-        result.add("singularity/psi", np.linalg.svd(psi, compute_uv=False))
+        for path, data in singular_values(psi).items():
+            result.add(path, data)
 
 
 def motion_duration(scene: Scene) -> float:

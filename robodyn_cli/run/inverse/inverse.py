@@ -11,7 +11,6 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, Residual, Termination
 from robodyn_cli.run.inverse.build import build_inverse
 from robodyn_cli.run.inverse.checks import (
-    beyond_limits,
     error_estimate,
     half_turns,
     joint_figures,
@@ -99,6 +98,17 @@ def _at_rest(problem: Problem, planned: Planned) -> Planned:
     return with_rest(problem, planned)
 
 
+def _beyond_limits(problem: Problem, sampled: Sampled) -> list[str]:
+    """Return a warning for each limit of a joint that the motion, or the torque that it needs, is beyond."""
+    if not problem.scene.robot.limited:
+        return []
+    from robodyn_cli.run.observation.joint_limits import limit_warnings, limited_joints
+
+    motion = sampled.motion
+    rates = {"qd": motion.qd, "qdd": motion.qdd, "tau": sampled.tau}
+    return limit_warnings(limited_joints(problem.scene, problem.model), sampled.times, rates, motion.q)
+
+
 def _rest_warnings(problem: Problem, planned: Planned) -> list[str]:
     if not any(body.forces for body in problem.model.bodies):
         return []
@@ -156,7 +166,7 @@ def summarise(
         termination=Termination("end of the trajectory", float(sampled.times[-1])),
         samples=len(sampled.times),
         warnings=[
-            *beyond_limits(problem, sampled.times, sampled.motion),
+            *_beyond_limits(problem, sampled),
             *half_turns(problem, sampled),
             *_rest_warnings(problem, planned),
         ]

@@ -17,6 +17,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.run.mechanism.motion import Planned
 from robodyn_cli.run.observation.evaluation import SampleFunction, without_idle_unknowns
 from robodyn_cli.run.observation.places import place_outputs
+from robodyn_cli.run.observation.rounding import Rounded, few
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import JointMotion
 
@@ -77,6 +78,16 @@ class Sampled:
                 total = total - self.arrays[f"torque_terms/{name}"]
         return total
 
+    def inputs(self, places: Array) -> dict[str, Array]:
+        """Return the symbols' values at some samples, by group."""
+        motion = self.motion
+        return {
+            "t": self.times[places, None],
+            "q": motion.q[places],
+            "v": motion.qd[places],
+            "a": motion.qdd[places],
+        }
+
     @property
     def step(self) -> float:
         """Time between samples [s]."""
@@ -90,20 +101,20 @@ class InverseProgram(ABC):
     problem : equations of the scene; the point that the trajectory leads is among its points.
     duration : of the motion [s].
     terms : of the load on actuators (and loops), by name: their sum is the generalised force (nv,) [N m or N].
-    beside : energies, power, bias, and the rows of the loops, by name. places : points, frames and outlines.
+    others : energies, power, bias, and the rows of the loops, by name. places : points, frames and outlines.
     """
 
     problem: Problem
     duration: float
     terms: Outputs
-    beside: Outputs
+    others: Outputs
     places: Outputs
 
     @property
     def outputs(self) -> Outputs:
         """All expressions that are evaluated at samples, by result path where they are datasets."""
         terms = {f"torque_terms/{name}": term for name, term in self.terms.items()}
-        return {**terms, **self.beside, **self.places}
+        return {**terms, **self.others, **self.places}
 
     def loads(self, arrays: Mapping[str, Array]) -> dict[str, Array]:
         """Return the terms (T, nv) by name from the evaluated arrays."""
@@ -136,6 +147,30 @@ class InverseProgram(ABC):
 
         None where the mass matrix is singular.
         """
+
+    def torques_by_draw(self, sampled: Sampled) -> Array | None:
+        """Return torques (draw, T, nv) at a few samples, as they are and as rounding might make them.
+
+        None where actuators would lose their hold by a change of the last digits.
+        """
+        places = few(len(sampled.times))
+        entries = [x for term in self.terms.values() for x in term]
+        found = Rounded([*entries, *self._shared_by()])(sampled.inputs(places))
+        draws, samples, _ = found.shape
+        split = np.split(found, [len(entries)], axis=2)
+        terms = split[0].reshape(draws * samples, len(self.terms), -1)
+        loads = dict(zip(self.terms, np.moveaxis(terms, 1, 0)))
+        tau = self._shared(loads, split[1].reshape(draws * samples, -1), sampled)
+        return None if tau is None else tau.reshape(draws, samples, -1)
+
+    def _shared_by(self) -> list[Scalar]:
+        """Return the expressions beside the terms that decide how actuators share the load."""
+        return []
+
+    def _shared(self, loads: Mapping[str, Array], by: Array, sampled: Sampled) -> Array | None:
+        """Return the torques (T, nv) that bear loads (T, nv) by name, shared as expressions ``by`` (T, n) decide."""
+        total: Array = np.sum(list(loads.values()), axis=0)
+        return total
 
     @abstractmethod
     def row_multipliers(self, sampled: Sampled) -> Array | None:
@@ -186,7 +221,7 @@ def energies(problem: Problem, terms: Outputs) -> Outputs:
     return {name: without_idle_unknowns(entries, needed) for name, entries in found.items()}
 
 
-def parts(problem: Problem) -> dict[str, Outputs]:
+def expressions_of(problem: Problem) -> dict[str, Outputs]:
     """Return the expressions of every program, as fields of ``InverseProgram``."""
     terms = torque_terms(problem)
-    return {"terms": terms, "beside": energies(problem, terms), "places": place_outputs(problem)}
+    return {"terms": terms, "others": energies(problem, terms), "places": place_outputs(problem)}

@@ -15,6 +15,7 @@ DEFINITIONS = {
     "energy_net": "integral of the mechanical power",
     "integrals": "polynomials of degree 5 through the samples",
     "round_trip": "accelerations of forward after inverse dynamics, difference over the largest",
+    "torque_rounding": "how far rounding may have put any torque off, cancellation included [N m or N]",
     "energy_balance": "work of actuators and losses less the change of kinetic and potential energy [J]",
     "energy_quadrature": "largest change of an energy when every second sample is left out [J]",
 }
@@ -48,6 +49,7 @@ class ErrorEstimate:
     round_trip: float | None
     energy_balance: float
     energy_balance_relative: float
+    torque_rounding: float | None
     energy_quadrature: float | Absent = ABSENT
     closure: dict[str, float] | Absent = ABSENT
     virtual_work_residual: float | Absent = ABSENT

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.expr.graph import Scalar, free_symbols
+from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.kernels.program import unknown_data
-from robodyn_cli.model.model import UNKNOWN_GROUP
+from robodyn_cli.model.model import unknown_among
 from robodyn_cli.record import record
 from robodyn_cli.run.mechanism.summary import Balanced, Held
 from robodyn_cli.spatial.algebra import Array
@@ -35,6 +35,5 @@ def refuse_unknown(entries: Sequence[Scalar]) -> None:
     ------
     SceneError
     """
-    missing = [s.value[0] for s in free_symbols(entries) if s.value[1] == UNKNOWN_GROUP]
-    if missing:
+    if missing := unknown_among(entries):
         raise unknown_data(missing)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.algorithms.kinematics import slice_q, slice_v
+from robodyn_cli.algorithms.kinematics import position_rates
 from robodyn_cli.equations.contact_joints import moving_freely
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError
@@ -39,11 +39,7 @@ class _RestForces:
         entries: list[Scalar] = []
         for j in range(model.nv):
             unit: list[Any] = [1.0 if k == j else 0.0 for k in range(model.nv)]
-            rates: list[Any] = [0.0] * model.nq
-            for body in model.bodies:
-                moved = body.joint.velocity_map(slice_q(body, problem.q), slice_v(body, unit))
-                rates[body.q : body.q + body.joint.nq] = list(moved)
-            entries += directional(held, problem.q, rates)
+            entries += directional(held, problem.q, position_rates(model, problem.q, unit))
         refuse_unknown(load)
         self._slopes = entries
         self._load, self._stiffness = Evaluator(load), Evaluator(without_idle_unknowns(entries, load))

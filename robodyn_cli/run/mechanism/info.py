@@ -24,6 +24,7 @@ from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.driver.prepare import Setup, prepare
 from robodyn_cli.run.mechanism.state_text import state_overrides
 from robodyn_cli.run.observation.places import quaternions, world_pose
+from robodyn_cli.run.observation.units import joint_columns
 from robodyn_cli.scene.load import load_scene
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array, Transform
@@ -211,9 +212,9 @@ class Numbers:
         problem = self.problem
         result = Result.of("info", problem.scene)
         result.add("time", np.zeros(1))
-        for name, outline in problem.model.outlines.items():
-            corners = [self.array(problem.world_point(corner)) for corner in outline]
-            result.add(f"skeleton/{name}", np.array(corners)[None])
+        columns = joint_columns(problem.model)
+        for path, values in (("q", self.q), ("qd", self.v)):
+            result.add(path, values[None], long_name=path, **columns[path].described())
         for name, frame in problem.model.points.items():
             result.add(f"points/{name}", self.array(problem.world_point(frame))[None])
         return result

@@ -29,6 +29,7 @@ from robodyn_cli.run.mechanism.summary import (
 from robodyn_cli.run.observation.evaluation import SampleFunction
 from robodyn_cli.run.observation.finite import refuse_result
 from robodyn_cli.run.observation.places import add_places, place_outputs, point_motion
+from robodyn_cli.run.observation.singular_values import singular_values
 from robodyn_cli.run.observation.units import add_motion
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
@@ -64,7 +65,7 @@ def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwat
     progress(float(times[-1]), float(times[-1]))
     mobile = mobility(problem, psi_of(problem, arrays)) if problem.constraints.of_loops else None
     result = report(problem, planned, led, arrays)
-    result.summarise(summarise(planned, result, mobile), seconds=watch.report())
+    result.summarise(summarise(problem, planned, result, mobile), seconds=watch.report())
     refuse_result(result)
     return result.unless(planned.stopped)
 
@@ -140,9 +141,10 @@ def report(problem: Problem, planned: Planned, led: tuple[str, ...], arrays: Map
     rows = problem.constraints.loop_rows
     if rows:
         add_rows(result, rows, {"constraints/position_residual": arrays["eta"]})
-        psi = psi_of(problem, arrays)
-        result.add("singularity/psi", np.linalg.svd(psi, compute_uv=False))
-        _add_passive(result, psi, [k for k, name in enumerate(problem.model.v_names) if name not in led])
+        passive = [k for k, name in enumerate(problem.model.v_names) if name not in led]
+        leads = len(passive) < problem.model.nv
+        for path, data in singular_values(psi_of(problem, arrays), passive if leads else ()).items():
+            result.add(path, data)
     if scene.kinematics.transmission is not None:
         result.add("transmission_angle", transmission_angle(result, scene.kinematics.transmission))
     return result
@@ -152,16 +154,6 @@ def psi_of(problem: Problem, arrays: Mapping[str, Array]) -> Array:
     """Return Psi of the loops (T, m, nv)."""
     psi = arrays["psi"]
     return psi.reshape(len(psi), len(problem.constraints.of_loops), problem.model.nv)
-
-
-def _add_passive(result: Result, psi: Array, passive: list[int]) -> None:
-    """Add singular values and determinant of the block of Psi (T, m, nv) of the joints that are not led."""
-    if not passive or len(passive) == psi.shape[2]:
-        return
-    block = psi[:, :, passive]
-    result.add("singularity/passive", np.linalg.svd(block, compute_uv=False))
-    if block.shape[1] == block.shape[2]:
-        result.add("singularity/determinant", np.linalg.det(block))
 
 
 def transmission_angle(result: Result, points: tuple[str, ...]) -> Array:
@@ -174,7 +166,19 @@ def transmission_angle(result: Result, points: tuple[str, ...]) -> Array:
     return angle
 
 
-def summarise(planned: Planned, result: Result, mobile: Mobility | None) -> KinematicsSummary:
+def _beyond_limits(problem: Problem, planned: Planned) -> list[str]:
+    """Return a warning for each limit of a joint that the motion is beyond."""
+    if not problem.scene.robot.limited:
+        return []
+    from robodyn_cli.run.observation.joint_limits import limit_warnings, limited_joints
+
+    motion, joints = planned.motion, limited_joints(problem.scene, problem.model)
+    return limit_warnings(joints, planned.times, {"qd": motion.qd, "qdd": motion.qdd}, motion.q)
+
+
+def summarise(
+    problem: Problem, planned: Planned, result: Result, mobile: Mobility | None
+) -> KinematicsSummary:
     """Return the summary of a run."""
     times, stopped = planned.times, planned.stopped
     whole = Termination("end of the motion", float(times[-1]))
@@ -182,6 +186,7 @@ def summarise(planned: Planned, result: Result, mobile: Mobility | None) -> Kine
         termination=whole if stopped is None else stopped.termination,
         mobility=ABSENT if mobile is None else mobile,
         samples=len(times),
+        warnings=_beyond_limits(problem, planned) or ABSENT,
         joints=_joint_ranges(result),
         points=_point_paths(result),
         singular_ratio=_singular_ratio(result),

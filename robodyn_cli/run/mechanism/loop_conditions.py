@@ -6,20 +6,20 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from robodyn_cli.algorithms.kinematics import slice_q
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations
 from robodyn_cli.expr.rebuild import Evaluator
+from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
-from robodyn_cli.solve.assembly import mechanism_size
+from robodyn_cli.run.observation.evaluation import compiling
+from robodyn_cli.solve.closure import mechanism_size
 from robodyn_cli.solve.point_kinematics import PointKinematics
-from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.spatial.algebra import Array, dot
 from robodyn_cli.trajectories.motion import JointSpace, TaskSpace
 
-# seconds: to interpret an operation; to compile at all, and per operation
-INTERPRETED, COMPILING, COMPILED = 2e-7, 35e-3, 80e-6
+INTERPRETED = 2e-7  # seconds that an operation on plain numbers takes
 # the given motion at times (T,): values, rates and accelerations (T, k)
 Asked = Callable[[Array], tuple[Array, Array, Array]]
 
@@ -87,10 +87,11 @@ def refuse_quasi(model: Model, names: Sequence[str]) -> None:
 
 
 class LoopConditions:
-    """Loops, prescribed joints and the lead as conditions on numbers (see ``solve.guided.Conditions``)."""
+    """Loops, prescribed joints and the lead as conditions on numbers (see ``solve.guided.MotionConditions``)."""
 
     def __init__(self, problem: Problem, lead: Lead, times: Array) -> None:
         model = self.model = problem.model
+        self.manifold = Manifold(model)
         self.lead = lead
         rows = problem.constraints.rows
         self.size = mechanism_size(model)
@@ -112,10 +113,7 @@ class LoopConditions:
             J += point.J
             for i in range(lead.components):
                 rate = point.J_rate[i * model.nv : (i + 1) * model.nv]
-                total: Scalar = 0.0
-                for x, v in zip(rate, problem.v):
-                    total = total + x * v
-                bias.append(total)
+                bias.append(dot(rate, problem.v))
                 names.append(f"{lead.point}.{'xyz'[i]}")
                 lengths.append(True)
         self.names = tuple(names)
@@ -156,11 +154,7 @@ class LoopConditions:
         return c, b
 
     def step(self, q: Array, dq: Array) -> Array:
-        out = q.copy()
-        for body in self.model.bodies:
-            moved = body.joint.integrate(slice_q(body, q), dq[body.v : body.v + body.joint.nv])
-            out[body.q : body.q + body.joint.nq] = np.array(body.joint.normalise(moved), dtype=float)
-        return out
+        return self.manifold.normalise(self.manifold.integrate(q, dq))
 
 
 def _single(model: Model, entries: Sequence[Scalar], calls: int) -> Callable[[Array, Array, float], Array]:
@@ -168,25 +162,21 @@ def _single(model: Model, entries: Sequence[Scalar], calls: int) -> Callable[[Ar
     varying = [k for k, e in enumerate(entries) if isinstance(e, Expr)]
     constant = np.array([0.0 if isinstance(e, Expr) else float(e) for e in entries])
     operations = count_operations([entries[k] for k in varying])
-    if not varying or operations * calls * INTERPRETED < COMPILING + operations * COMPILED:
+    if not varying or operations * calls * INTERPRETED < compiling(operations):
         evaluator = Evaluator(entries)
 
         def interpreted(q: Array, v: Array, t: float) -> Array:
             return np.array(evaluator({"q": q.tolist(), "v": v.tolist(), "t": [t], "p": []}), dtype=float)
 
         return interpreted
-    from robodyn_cli.kernels.samples import SampleKernel
+    from robodyn_cli.kernels.samples import SampleKernel, of_one_sample
 
     kernel = SampleKernel({"out": [entries[k] for k in varying]}, ("t", "q", "v"))
-    # one sample fills all lanes of arrays that are in place already
-    lanes = {"t": np.zeros(kernel.lanes)} | {
-        name: np.zeros((kernel.lanes, n), order="F") for name, n in (("q", model.nq), ("v", model.nv))
-    }
+    here = of_one_sample(kernel, t=1, q=model.nq, v=model.nv)
 
     def compiled(q: Array, v: Array, t: float) -> Array:
-        lanes["t"][:], lanes["q"][:], lanes["v"][:] = t, q, v
         out = constant.copy()
-        out[varying] = kernel.evaluate(kernel.lanes, lanes)["out"][0]
+        out[varying] = here(t=t, q=q, v=v)["out"]
         return out
 
     return compiled

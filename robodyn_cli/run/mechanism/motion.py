@@ -6,8 +6,6 @@ import dataclasses
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError, SceneError, SingularConfigurationError
 from robodyn_cli.record import record
@@ -98,17 +96,14 @@ def point_task(problem: Problem) -> PointTask:
 
 def compile_point(kinematics: PointKinematics) -> PointFunction:
     """Return a point's kinematics as a compiled function, quick on single samples too."""
-    from robodyn_cli.kernels.samples import SampleKernel
+    from robodyn_cli.kernels.samples import SampleKernel, of_one_sample
 
     kernel = SampleKernel(kinematics.outputs(), ("q", "v"))
-    # a single sample fills all lanes of arrays that are already in place
-    lanes_q, lanes_v = (np.zeros((kernel.lanes, kinematics.nv), order="F") for _ in range(2))
+    single = of_one_sample(kernel, q=kinematics.nv, v=kinematics.nv)
 
     def function(q: Array, v: Array) -> tuple[Array, Array, Array]:
         if len(q) > 1:
             return kinematics.unpack(kernel.evaluate(len(q), {"q": q, "v": v}))
-        lanes_q[:], lanes_v[:] = q, v
-        found = kernel.evaluate(kernel.lanes, {"q": lanes_q, "v": lanes_v})
-        return kinematics.unpack({name: array[:1] for name, array in found.items()})
+        return kinematics.unpack({name: array[None] for name, array in single(q=q[0], v=v[0]).items()})
 
     return function

@@ -103,6 +103,7 @@ class KinematicsSummary:
     termination: Termination | dict[str, Any]
     mobility: Mobility | Absent
     samples: int
+    warnings: list[str] | Absent
     joints: dict[str, JointRange]
     points: dict[str, PointPath]
     singular_ratio: SingularRatio | Absent

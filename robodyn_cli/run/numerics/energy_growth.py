@@ -8,10 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.record import record
 from robodyn_cli.run.numerics.spectrum import Spectrum
-from robodyn_cli.run.numerics.trial import Budget, Reference, Solution, solve
+from robodyn_cli.run.numerics.trial import Budget, Reference, Solution, ran_out, solve, step_of
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 
@@ -109,18 +108,10 @@ def growth(scene: Scene, method: str, duration: float, budget: Budget) -> Growth
 
     The step of a method without step control stays what it is over the duration of the scene.
     """
-    changed = dataclasses.replace(scene.simulate, duration=duration)
-    step = scene.simulate.step
-    if step is None and method in registry and not registry[method].adaptive:
-        step = 1e-3 * scene.simulate.duration
-    done = solve(
-        dataclasses.replace(scene, simulate=changed),
-        budget,
-        integrator=method,
-        step=step,
-        error_estimate=False,
+    step = step_of(scene.simulate, method)
+    return _growth(
+        method, solve(scene, budget, integrator=method, step=step, duration=duration, error_estimate=False)
     )
-    return _growth(method, done)
 
 
 def growths(scene: Scene, methods: Sequence[str], duration: float, budget: Budget) -> list[Growth]:
@@ -140,8 +131,7 @@ def growths(scene: Scene, methods: Sequence[str], duration: float, budget: Budge
 def _growth(method: str, done: Solution) -> Growth:
     status = "ok"
     if done.error is not None:
-        slow = done.error.details.get("status") in ("max_steps", "too_slow")
-        status = "too_slow" if slow else "stopped"
+        status = "too_slow" if ran_out(done.error) else "stopped"
     message = done.error.message if done.error is not None else ""
     if done.result is None:
         return Growth(method, status, np.zeros(0), np.zeros(0), 0.0, 0, done.seconds, message)

@@ -22,6 +22,7 @@ from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.method import LARGEST
 from robodyn_cli.run.driver.motion import Motion
+from robodyn_cli.run.numerics.trial import Deadline, ran_out
 from robodyn_cli.scene.types import Baumgarte
 
 LONGEST = 400_000  # steps after which a run counts as too slow
@@ -49,17 +50,6 @@ class Entry:
     lock_time: float | Absent | None = ABSENT
 
 
-def deadline(seconds: float) -> Callable[[float], None]:
-    """Return a callback that ends an integration when its time is up."""
-    end = time.perf_counter() + seconds
-
-    def tick(t: float) -> None:
-        if time.perf_counter() > end:
-            raise NumericalError(f"not done after {seconds:g} s, stopped at t = {t:.6g} s", status="too_slow")
-
-    return tick
-
-
 def supported(method: str, system: System) -> bool:
     """Tell whether a method can do a system."""
     if registry[method].needs_jacobian and system.nv > LARGEST:
@@ -71,7 +61,7 @@ def in_formulation(motion: Motion, stabilisation: str | Baumgarte) -> Motion:
     """Return the motion with its loops kept closed in another way, and with watchers of its own."""
     functions = [function for watcher in motion.watchers for function in watcher.functions]
     system = build_system(motion.problem, stabilisation, functions, work=False)
-    other = motion.apart(system)
+    other = motion.with_own_watchers(system)
     for watcher in other.watchers:
         watcher.follow(other)
     return other
@@ -80,7 +70,7 @@ def in_formulation(motion: Motion, stabilisation: str | Baumgarte) -> Motion:
 def driver_of(motion: Motion, method: str, options: Options, seconds: float) -> Driver:
     """Return the driver of a run that is to be over after so many seconds."""
     driver = Driver(motion.system, method, options, motion.watchers)
-    driver.tick = deadline(seconds)
+    driver.tick = Deadline(seconds)
     return driver
 
 
@@ -109,8 +99,7 @@ def run_entry(
     except SingularConfigurationError:
         entry.status = "diverged"
     except NumericalError as error:
-        slow = error.details.get("status") in ("max_steps", "too_slow")
-        entry.status = "too_slow" if slow else "diverged"
+        entry.status = "too_slow" if ran_out(error) else "diverged"
     return entry
 
 

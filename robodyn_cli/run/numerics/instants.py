@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 
@@ -74,9 +73,6 @@ def step_ends(scene: Scene, ref: Reference, most: int) -> tuple[Array, Array, Ar
     driver = Driver(motion.system, method, options, motion.watchers, looks)
     driver.start(0.0, motion.start)
     driver.run(ref.until, Grid(ref.until, 0.0, 0), lambda t, x: None)
-    kept: Any = (
-        np.unique(np.linspace(0, len(looks.times) - 1, most).round().astype(int)) if looks.times else []
-    )
-    states = np.array([looks.states[k] for k in kept]).reshape(len(kept), motion.system.size)
-    q, v, _ = motion.system.split(states)
-    return np.array([looks.times[k] for k in kept]), q, v
+    kept = np.unique(np.linspace(0, len(looks.times) - 1, most).round().astype(int))
+    q, v, _ = motion.system.split(np.array(looks.states)[kept])
+    return np.array(looks.times)[kept], q, v

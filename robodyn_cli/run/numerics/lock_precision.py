@@ -10,16 +10,14 @@ from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.record import record
 from robodyn_cli.run.deploy.lock import TRUSTED
-from robodyn_cli.run.deploy.scan import DeadPoint, the
+from robodyn_cli.run.deploy.scan import DeadPoint, watcher_of
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.numerics.entries import LONGEST, SECONDS, Entry, driver_of, supported
 from robodyn_cli.run.numerics.trial import tight
 from robodyn_cli.scene.types import Scene
 
-AGREED = (
-    1e-7  # relative agreement of two families about the time of a lock, without which there is no reference
-)
+AGREED = 1e-7  # relative agreement about the time of a lock, without which there is no reference
 
 
 @record
@@ -41,7 +39,7 @@ def run_to_lock(driver: Driver, motion: Motion) -> float | None:
     """Run a driver that has started until its mechanism locks; return when [s], None where it does not."""
     duration = motion.scene.simulate.duration
     driver.run(duration, Grid(duration, 0.0, 0), lambda t, x: None)
-    found = the(DeadPoint, motion).found
+    found = watcher_of(motion, DeadPoint).found
     return found[0][0] if found else None
 
 

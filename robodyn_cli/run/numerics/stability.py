@@ -1,4 +1,4 @@
-"""Numerical stability of a scene: its spectrum, what limits the step, what every method makes of it."""
+"""Numerical stability of a scene: its spectrum, stability limits of the step, errors of every method."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ import numpy as np
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.formulations.build import build_system
-from robodyn_cli.integration_methods import REPRESENTATIVES
+from robodyn_cli.integration_methods import FIXED_STEP, REPRESENTATIVES
 from robodyn_cli.integrators.methods.stability_region import limits
-from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT
@@ -33,15 +32,21 @@ from robodyn_cli.run.numerics.stability_summary import (
     StabilitySummary,
     StepLimit,
 )  # fmt: skip
-from robodyn_cli.run.numerics.trial import Budget, Reference, Trial, attempts, reference
+from robodyn_cli.run.numerics.trial import (
+    Budget,
+    Reference,
+    Trial,
+    attempts,
+    methods_tried,
+    reference,
+    step_of,
+)
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 
-STIFF = (
-    1e4  # decays of the fastest mode within the run from which on implicit methods make the better reference
-)
+STIFF = 1e4  # decays of the fastest mode within a run from which on implicit methods give the reference
 FIXED = "rk4"  # the textbook's setting for Baumgarte's gains: a fixed step
 
 
@@ -88,7 +93,7 @@ def stability(
     with watch.stage("spectrum"):
         found = along(setup, ref) or first
     with watch.stage("methods"):
-        trials = attempts(scene, ref, effort.trial, quick_methods() if quick else None)
+        trials = attempts(scene, ref, effort.trial, methods_tried(quick))
     progress(2, stages)
     with watch.stage("energy"):
         energy = follow_energy(scene, ref, found, trials, effort)
@@ -115,11 +120,6 @@ def stability(
     store.add_trials(result, trials)
     store.add_energy(result, energy)
     return result
-
-
-def quick_methods() -> list[str]:
-    """Return the methods of a quick report: one of each family."""
-    return ["auto", *(name for name in registry if name in REPRESENTATIVES)]
 
 
 def find_reference(scene: Scene, setup: Setup, effort: Effort) -> tuple[Reference | None, Spectrum | None]:
@@ -179,9 +179,9 @@ def step_limits(found: Spectrum | None) -> list[StepLimit]:
 def gain_planes(scene: Scene, effort: Effort) -> dict[str, GainPlane]:
     """Run over the plane of Baumgarte's gains, by the method of the scene (``own``) and by fixed steps (``fixed``)."""
     s = scene.simulate
-    fixed = dataclasses.replace(s, integrator=FIXED, step=s.step or 1e-3 * s.duration)
+    fixed = dataclasses.replace(s, integrator=FIXED, step=step_of(s, FIXED))
     runs = {"own": scene}
-    if s.integrator not in registry or registry[s.integrator].adaptive:
+    if s.integrator not in FIXED_STEP:
         runs["fixed"] = dataclasses.replace(scene, simulate=fixed)
     return {name: gain_plane(one, effort) for name, one in runs.items()}
 

@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 GRAVITY = "[0, -9.81, 0]"
 HANGING = "{q: {theta1: -90 deg, theta2: 45 deg}}"
 FALLING = "{q: {theta1: 0, theta2: 45 deg}}"  # sinks slowly against its damper while the spring is fast
-RAISED = (
-    "{q: {theta1: 80 deg, theta2: 45 deg}}"  # the second link falls onto a stop at 1 rad, bounces and rests
-)
+# the second link falls onto a stop at 1 rad, bounces and rests
+RAISED = "{q: {theta1: 80 deg, theta2: 45 deg}}"
 LECTURE_ARM = """\
 robot:
   convention: standard

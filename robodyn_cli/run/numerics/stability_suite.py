@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError, RobodynError
-from robodyn_cli.integration_methods import REPRESENTATIVES
-from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.record import mutable_record, record
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import as_keys
@@ -17,7 +15,7 @@ from robodyn_cli.run.driver.prepare import prepare
 from robodyn_cli.run.numerics.spectrum import Spectrum
 from robodyn_cli.run.numerics.stability import STIFF, along, at_start
 from robodyn_cli.run.numerics.stability_cases import CASES, Case
-from robodyn_cli.run.numerics.trial import Budget, Reference, Trial, attempts, reference
+from robodyn_cli.run.numerics.trial import Budget, Reference, Trial, attempts, methods_tried, reference
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.load import load_scene_text
@@ -96,7 +94,7 @@ def suite(
         termination={"reason": "all cases run"},
         quick=quick,
         missed=sum(bool(v.complaints) for v in verdicts),
-        methods=methods_of(quick),
+        methods=methods_tried(quick),
         cases=[v.as_dict() for v in verdicts],
     )
     result = Result("stability", "Stability suite" + (", quick" if quick else ""), "ok", "")
@@ -145,14 +143,9 @@ def run_case(case: Case, quick: bool) -> Verdict:
         ref = reference(scene, reference_budget, stiff)
         if ref is not None:
             found = along(prepare(scene), ref) or found
-    trials = attempts(scene, ref, trial_budget, methods_of(quick))
+    trials = attempts(scene, ref, trial_budget, methods_tried(quick))
     complaints = judge(case, trials, ref)
     return Verdict(case, text, ref, found, trials, complaints, watch.report()["total"])
-
-
-def methods_of(quick: bool) -> list[str]:
-    """Return the methods that the suite runs."""
-    return ["auto", *(name for name in registry if not quick or name in REPRESENTATIVES)]
 
 
 def _spectrum(scene: Scene) -> tuple[Spectrum | None, bool]:

@@ -1,4 +1,4 @@
-"""What each method of integration does with a scene, against a reference that proves itself."""
+"""The error of each method of integration on a scene, against a reference that two methods agree on."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError, NumericalError, RobodynError, SingularConfigurationError
-from robodyn_cli.integration_methods import METHODS, REFERENCES, STIFF_REFERENCES
+from robodyn_cli.integration_methods import METHODS, REFERENCES, REPRESENTATIVES, STIFF_REFERENCES
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.record import mutable_record, record
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.simulate import simulate
-from robodyn_cli.scene.types import Scene
+from robodyn_cli.scene.types import Scene, SimulateOptions
 from robodyn_cli.spatial.algebra import Array
 
 SAMPLES = 257  # instants at which solutions are compared
@@ -23,7 +23,7 @@ INACCURATE = 1e-3  # an error above this part of the range of its quantity is a 
 AGREED = 1e-5  # agreement of the references, relative to the range, beyond which nothing is judged
 LOOSER = 100.0  # times the tolerance of a second run by the same method, where no other gets through
 SMALL = 1e-3  # a quantity that ranges over less than this part of the largest of its kind is judged by that
-HONEST = 0.1  # an estimate below this part of the true error would hide it
+HONEST = 0.1  # part of the true error that an estimate must reach
 
 
 def tight(name: str) -> float:
@@ -39,21 +39,26 @@ class Budget:
     seconds: float = 20.0
 
 
-class _Watch:
-    """Progress callback that ends a run whose time is up; time counts from its first call, compiling apart."""
+class Deadline:
+    """Callback that ends a run whose time is up; time counts from its first call, so that compiling does not count."""
 
-    def __init__(self, budget: Budget) -> None:
+    def __init__(self, seconds: float) -> None:
         self.end: float | None = None
-        self.seconds = budget.seconds
+        self.seconds = seconds
 
-    def __call__(self, done: float, total: float) -> None:
+    def __call__(self, done: float, total: float = 0.0) -> None:
         if self.end is None:
             self.end = time.perf_counter() + self.seconds
         if time.perf_counter() > self.end:
             raise NumericalError(
-                f"not done after {self.seconds:g} s of computing, stopped at t = {done:.6g} of {total:.6g} s",
+                f"not done after {self.seconds:g} s of computing, stopped at t = {done:.6g} s",
                 time=done, status="too_slow",
             )  # fmt: skip
+
+
+def ran_out(error: RobodynError) -> bool:
+    """Tell whether a run ended because its steps or its time were used up."""
+    return error.details.get("status") in ("max_steps", "too_slow")
 
 
 @mutable_record
@@ -79,15 +84,20 @@ class Solution:
         return np.concatenate([self.result["q"], self.result["qd"]], axis=1)
 
 
+def step_of(s: SimulateOptions, method: str) -> float | None:
+    """Return the step of a method without step control [s]: the scene's own, else a part of its duration."""
+    fixed = method in METHODS and METHODS[method].fixed_step
+    return 1e-3 * s.duration if fixed and s.step is None else s.step
+
+
 def solve(scene: Scene, budget: Budget, **options: Any) -> Solution:
     """Simulate a scene with other options of ``simulate``; what stops it comes back instead of being raised."""
     steps = min(budget.steps, int(options.pop("max_steps", budget.steps)))
     changed = dataclasses.replace(scene.simulate, samples=SAMPLES, max_steps=steps, **options)
-    if changed.step is None and changed.integrator in registry and not registry[changed.integrator].adaptive:
-        changed = dataclasses.replace(changed, step=1e-3 * changed.duration)
+    changed = dataclasses.replace(changed, step=step_of(changed, changed.integrator))
     began = time.perf_counter()
     try:
-        result = simulate(dataclasses.replace(scene, simulate=changed), progress=_Watch(budget))
+        result = simulate(dataclasses.replace(scene, simulate=changed), progress=Deadline(budget.seconds))
         return Solution(result, None, time.perf_counter() - began)
     except RobodynError as error:
         return Solution(
@@ -254,8 +264,7 @@ def _status(error: RobodynError) -> str:
         return "stable"  # the motion ends there; whether it really does is for the reference to say
     if isinstance(error, CapabilityError):
         return "unsupported"
-    slow = error.details.get("status") in ("max_steps", "too_slow")
-    return "too_slow" if slow else "diverged"
+    return "too_slow" if ran_out(error) else "diverged"
 
 
 def judge(trial: Trial, done: Solution, ref: Reference | None) -> Trial:
@@ -283,13 +292,13 @@ def judge(trial: Trial, done: Solution, ref: Reference | None) -> Trial:
     return trial
 
 
-def attempts(
-    scene: Scene, ref: Reference | None, budget: Budget, names: Sequence[str] | None = None
-) -> list[Trial]:
-    """Run ``auto`` and every registered method."""
+def methods_tried(quick: bool) -> list[str]:
+    """Return the methods that a report tries: ``auto`` and all, or with ``quick`` one of each family."""
+    return ["auto", *(name for name in registry if not quick or name in REPRESENTATIVES)]
+
+
+def attempts(scene: Scene, ref: Reference | None, budget: Budget, names: Sequence[str]) -> list[Trial]:
+    """Run these methods."""
     # what auto does is judged, so a busy machine must not make it slow
     patient = dataclasses.replace(budget, steps=20 * budget.steps, seconds=max(budget.seconds, 60.0))
-    return [
-        attempt(scene, name, ref, patient if name == "auto" else budget)
-        for name in (names or ("auto", *registry))
-    ]
+    return [attempt(scene, name, ref, patient if name == "auto" else budget) for name in names]

@@ -14,7 +14,7 @@ from robodyn_cli.integration_methods import EXTREMES, REFERENCES
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.options import Options
-from robodyn_cli.record import record
+from robodyn_cli.record import mutable_record, record
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.driver.baumgarte import GainStudy
@@ -148,7 +148,7 @@ def best_at(entries: Sequence[Entry], levels: Sequence[float]) -> list[Best]:
         ]
         if able:
             best = min(able, key=lambda e: e.run_time_s or np.inf)
-            table.append(Best(level, **fields_of(best)))
+            table.append(Best(**fields_of(best), level=level))
     return table
 
 
@@ -282,22 +282,11 @@ def motion_measure(motion: Motion) -> Measure:
 
 
 # -- the runs and the report --------------------------------------------------------------------------------
-@record
-class Best:
-    """The run that reaches a level of error in the least time; see ``Entry``."""
+@mutable_record
+class Best(Entry):
+    """The run that reaches a ``level`` of error in the least time."""
 
-    level: float
-    method: str
-    formulation: str
-    tolerance: float | None
-    step: float | None
-    error: float | None
-    run_time_s: float | None
-    compile_time_s: float
-    evaluations: int
-    steps: int
-    status: str
-    lock_time: float | Absent | None = ABSENT
+    level: float = 0.0
 
 
 @record

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from robodyn_cli.expr.calculus import substitute
-from robodyn_cli.expr.graph import Expr, Scalar, count_operations, free_symbols, reachable
-from robodyn_cli.expr.rebuild import apply
+from robodyn_cli.expr.graph import Expr, Scalar, count_operations, free_symbols
+from robodyn_cli.expr.rebuild import Interpreter
 from robodyn_cli.kernels.program import Program, make_program, unknown_data
 from robodyn_cli.model.model import UNKNOWN_GROUP
 from robodyn_cli.run.observation.finite import refuse_sampled
@@ -20,14 +19,19 @@ Outputs = Mapping[str, Sequence[Scalar]]
 
 # measured: a numpy operation costs about 1.3 us and 2 ns a sample, compiling 35 ms (half of it the import)
 # and 80 us an operation; a compiled operation is too cheap to count
-_CALL, _ENTRY = 1.3e-6, 2e-9
-_COMPILER, _OPERATION = 35e-3, 80e-6
+CALL, ENTRY = 1.3e-6, 2e-9
+COMPILER, OPERATION = 35e-3, 80e-6
 BLOCK = 2048  # samples interpreted at a time, so that the intermediate results stay in the cache
+
+
+def compiling(operations: int) -> float:
+    """Return the time that compiling so many operations takes [s]."""
+    return COMPILER + OPERATION * operations
 
 
 def worth_compiling(operations: int, samples: int) -> bool:
     """Tell whether compiling so many operations takes less time than interpreting them at so many samples."""
-    return operations * (_CALL + _ENTRY * samples) > _COMPILER + _OPERATION * operations
+    return operations * (CALL + ENTRY * samples) > compiling(operations)
 
 
 class SampleFunction:
@@ -118,36 +122,3 @@ def without_idle_unknowns(outputs: Sequence[Scalar], needed: Iterable[Scalar]) -
     used = {s.index for s in free_symbols(needed)}
     idle = {s.index: 0.0 for s in found if s.index not in used}
     return substitute(list(outputs), dict(idle)) if idle else list(outputs)
-
-
-class Interpreter:
-    """Expressions as a sequence of numpy operations that drops each result after its last use.
-
-    So the live arrays stay in the cache, which is three times as fast as keeping all.
-    """
-
-    def __init__(self, outputs: Sequence[Scalar]) -> None:
-        self.outputs = list(outputs)
-        kept = {e.index for e in self.outputs if isinstance(e, Expr)}
-        seen: set[int] = set()
-        self.steps: list[tuple[Expr, list[int]]] = []
-        for node in reversed(reachable(self.outputs)):
-            last = {a.index for a in node.args} - seen - kept
-            seen |= last
-            self.steps.append((node, list(last)))
-        self.steps.reverse()
-
-    def __call__(self, inputs: Mapping[str, Array]) -> list[Any]:
-        """Return the outputs from inputs by group; entry ``position`` of a group is a row of samples."""
-        value: dict[int, Any] = {}
-        for node, done in self.steps:
-            if node.op == "sym":
-                _, group, position = node.value
-                value[node.index] = inputs[group][position]
-            elif node.op == "const":
-                value[node.index] = node.value
-            else:
-                value[node.index] = apply(node, [value[a.index] for a in node.args])
-            for index in done:
-                del value[index]
-        return [value[e.index] if isinstance(e, Expr) else e for e in self.outputs]

@@ -15,16 +15,15 @@ from functools import cached_property
 
 import numpy as np
 
-from robodyn_cli.algorithms.kinematics import slice_q
+from robodyn_cli.algorithms.kinematics import moved
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
-from robodyn_cli.spatial.algebra import Array, vector
+from robodyn_cli.spatial.algebra import Array
 
-VANISHED = (
-    1e-9  # of the largest singular value; the rank may also fall at a singular pose that the motion passes
-)
+# part of the largest singular value below which one counts as zero: the rank also falls at a singular pose on the way
+VANISHED = 1e-9
 
 
 def equations_of(problem: Problem) -> dict[str, Sequence[Scalar]]:
@@ -103,8 +102,4 @@ class LeastNorm:
     @cached_property
     def _step(self) -> SampleKernel:
         problem = self.problem
-        q: list[Scalar] = list(problem.q)
-        for body in problem.model.bodies:
-            step = vector(problem.a[body.v : body.v + body.joint.nv])
-            q[body.q : body.q + body.joint.nq] = body.joint.integrate(slice_q(body, problem.q), step)
-        return SampleKernel({"q": q}, ("q", "a"))
+        return SampleKernel({"q": moved(problem.model, problem.q, problem.a)}, ("q", "a"))

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.expr.graph import Expr, Scalar, free_symbols, is_nonzero
+from robodyn_cli.expr.graph import Expr, Scalar, is_nonzero
 from robodyn_cli.formulations.system import System
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.loops.base import Row
-from robodyn_cli.model.model import BASE, STATE_GROUPS, UNKNOWN_GROUP
+from robodyn_cli.model.model import BASE, STATE_GROUPS, unknown_among
 from robodyn_cli.record import record
 from robodyn_cli.run.observation.places import FORCES, place_dataset, place_outputs, point_motion
 from robodyn_cli.run.observation.units import joint_columns
@@ -70,7 +70,7 @@ def _potential(problem: Problem) -> Scalar:
     that its gradient does not depend on, such as the height of the centre of mass of a cart on level ground.
     """
     energy = problem.potential
-    if all(symbol.value[1] != UNKNOWN_GROUP for symbol in free_symbols([energy])):
+    if not unknown_among([energy]):
         return energy
     from robodyn_cli.expr.calculus import jacobian
     from robodyn_cli.run.observation.evaluation import without_idle_unknowns
@@ -282,15 +282,10 @@ class Observer:
         loops = constraints.of_loops
         if not loops:
             return {}
+        from robodyn_cli.run.observation.singular_values import singular_values
+
         psi = flat.reshape(len(flat), len(constraints.rows), self.problem.model.nv)[:, loops, :]
-        rank = self.problem.loop_rank  # the others are zero in every pose
-        data = {"singularity/psi": np.linalg.svd(psi, compute_uv=False)[:, :rank]}
-        if self.passive:
-            block = psi[:, :, list(self.passive)]
-            data["singularity/passive"] = np.linalg.svd(block, compute_uv=False)[:, :rank]
-            if block.shape[1] == block.shape[2]:
-                data["singularity/determinant"] = np.linalg.det(block)
-        return data
+        return singular_values(psi, self.passive, self.problem.loop_rank)
 
     def singular_ratio(self, t: Array, x: Array) -> Array:
         """Return the smallest singular value of the passive block over the largest of Psi (T,)."""

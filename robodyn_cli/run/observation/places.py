@@ -86,9 +86,8 @@ def quaternions(R: Array) -> Array:
     """
     diagonal = np.diagonal(R, axis1=1, axis2=2)
     trace = diagonal.sum(axis=1)
-    squares = (
-        np.concatenate([trace[:, None], 2.0 * diagonal - trace[:, None]], axis=1) + 1.0
-    )  # 4 w^2, 4 x^2, ...
+    # 4 w^2, 4 x^2, 4 y^2, 4 z^2
+    squares = np.concatenate([trace[:, None], 2.0 * diagonal - trace[:, None]], axis=1) + 1.0
     products = np.zeros((len(R), 4, 4))  # 4 times each product of two components
     products[:, range(4), range(4)] = squares
     for i in range(3):

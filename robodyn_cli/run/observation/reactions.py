@@ -10,11 +10,12 @@ import numpy as np
 from robodyn_cli.algorithms.kinematics import Pose, motions, poses
 from robodyn_cli.algorithms.reactions import Reactions, reactions
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
-from robodyn_cli.model.model import BASE, UNKNOWN_GROUP, Model
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.model.model import BASE, Model, unknown_among
 from robodyn_cli.model.placement import axis_frame
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
+from robodyn_cli.results.wrenches import magnitude
 from robodyn_cli.run.observation.evaluation import SampleFunction
 from robodyn_cli.scene import types as sc
 from robodyn_cli.scene.points import point_link
@@ -50,7 +51,7 @@ class ReactionSamples:
         self.missing: dict[str, list[str]] = {}
         outputs: dict[str, list[Scalar]] = {}
         for path, (entries, meaning) in self._entries(model, found).items():
-            known = [k for k, e in enumerate(entries) if not _unknown(e)]
+            known = [k for k, e in enumerate(entries) if not unknown_among([e])]
             if len(known) < len(NAMES):
                 self.missing[path] = [NAMES[k] for k in range(len(NAMES)) if k not in known]
             if known:
@@ -135,22 +136,11 @@ def figures(data: Mapping[str, Array], names: Mapping[str, tuple[str, ...]]) -> 
     """Return the largest force and moment of each joint and closure [N, N m]."""
     found: dict[str, dict[str, float]] = {}
     for path, array in data.items():
-        force = [k for k, name in enumerate(names[path]) if name.startswith("f")]
-        moment = [k for k, name in enumerate(names[path]) if name.startswith("m")]
-        found[path.split("/")[-1]] = {
-            "peak_force": _largest(array[:, force]), "peak_moment": _largest(array[:, moment])
-        }  # fmt: skip
+        force, moment = (magnitude(array, names[path], letter).max(initial=0.0) for letter in "fm")
+        found[path.split("/")[-1]] = {"peak_force": float(force), "peak_moment": float(moment)}
     return found
-
-
-def _largest(vectors: Array) -> float:
-    return float(np.sqrt((vectors**2).sum(axis=1)).max(initial=0.0))
 
 
 def _turned(axes: Matrix, wrench: Wrench) -> list[Scalar]:
     turned = wrench.rotated(axes)
     return [*turned.f, *turned.n]
-
-
-def _unknown(entry: Scalar) -> bool:
-    return isinstance(entry, Expr) and any(s.value[1] == UNKNOWN_GROUP for s in free_symbols([entry]))

@@ -46,8 +46,12 @@ class Recorder:
         return Recorder(observer, writer, 1 if writer is None else -(-samples // KEPT_IN_MEMORY))
 
     @np.errstate(all="ignore")  # a run that blows up reports its last states, infinite ones too
-    def emit(self, t: Array, x: Array, project: bool = True, extra: bool = False) -> None:
-        """Observe and keep a block of states; ``extra`` marks one off the uniform grid, which is always kept."""
+    def emit(self, t: Array, x: Array, p: Array, project: bool = True, extra: bool = False) -> None:
+        """Observe and keep states x (T, nx) at times t (T,), all with the parameters p.
+
+        project : put them back onto the constraints first. extra : off the uniform grid, and kept in any case.
+        """
+        self.observer.parameters = p
         data = self.observer.observe(t, x, project)
         if self.not_finite is None:
             self.not_finite = self._not_finite(t, data)
@@ -77,10 +81,10 @@ class Recorder:
         for path, block in data.items():
             self.blocks.setdefault(path, []).append(block)
 
-    def keep_last_state(self, time: float, state: Array) -> None:
-        """Record the last state (nx,) that a run came to, if it lies beyond the last sample."""
+    def keep_last_state(self, time: float, state: Array, p: Array) -> None:
+        """Record the last state (nx,) that a run came to, with its parameters, if it lies beyond the last sample."""
         if time > self.last_time and np.all(np.isfinite(state)):
-            self.emit(np.array([time]), state[None, :], extra=True)
+            self.emit(np.array([time]), state[None, :], p, extra=True)
 
     def _not_finite(self, t: Array, data: dict[str, Array]) -> NumericalError | None:
         """Return the error of the first number of a block that is not finite, with its formula where there is one."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.model.build import build_model
-from robodyn_cli.model.model import PARAMETER_GROUP, UNKNOWN_GROUP, Model
+from robodyn_cli.model.model import PARAMETER_GROUP, UNKNOWN_GROUP, Model, unknown_among
 from robodyn_cli.scene import types as sc
 
 TENSOR = ("xx", "yy", "zz", "xy", "xz", "yz")
@@ -15,7 +15,7 @@ TENSOR = ("xx", "yy", "zz", "xy", "xz", "yz")
 def unknown_data(model: Model, outputs: Sequence[Scalar]) -> tuple[list[str], list[str]]:
     """Return the data of the bodies that the scene does not give: those that the outputs need, and the others."""
     unknown = [e.value[0] for e in model.graph.nodes if e.op == "sym" and e.value[1] == UNKNOWN_GROUP]
-    needed = {e.value[0] for e in free_symbols(outputs) if e.value[1] == UNKNOWN_GROUP}
+    needed = unknown_among(outputs)
     return [n for n in unknown if n in needed], [n for n in unknown if n not in needed]
 
 

@@ -104,7 +104,9 @@ def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
     if ledger.counted:
         idle = idle_constants(
             problem.scene,
-            lambda model: subject.outputs(Problem(problem.scene, model=model, dependent=problem.dependent)),
+            lambda model: subject.outputs(
+                Problem(problem.scene, model=model, dependent=problem.dependent, braces=problem.braces)
+            ),
         )
     equations = Equations(ledger.here, problem, Plane(ledger.here.model), tuple(idle), tuple(spare))
     for term in itertools.chain(*(terms(equations) for terms in MECHANISM), subject.terms(equations)):
@@ -145,7 +147,13 @@ def _ledger(subject: Subject, total: int) -> tuple[Ledger, int]:
     """Return the ledger of the subject's equations, and the operations of code for any scene."""
     problem = subject.problem
     rows = problem.constraints.names if subject.redundant and not problem.dependent else None
-    here = Variant(problem.scene, build_model(problem.scene), rows=rows, dependent=problem.dependent)
+    here = Variant(
+        problem.scene,
+        build_model(problem.scene),
+        rows=rows,
+        dependent=problem.dependent,
+        braces=problem.braces,
+    )
 
     def count(variant: Variant) -> int:
         return count_operations(subject.outputs(variant.problem()))

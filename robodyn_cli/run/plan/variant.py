@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any
 
 from robodyn_cli.algorithms.rnea import rnea
+from robodyn_cli.equations.braces import Braces, with_force
 from robodyn_cli.equations.dependence import Dependence
 from robodyn_cli.equations.problem import Constraints, Problem
 from robodyn_cli.expr.graph import Graph
@@ -44,6 +45,7 @@ class Variant:
 
     velocity_terms, accelerations : whether the rigid bodies' equations contain qd and qdd. rows : names of the
     constraint rows to keep (all by default). dependent : rows that are combined. still : joints that are kept at zero.
+    braces : inertias that prescribed joints need beside their own.
     """
 
     scene: sc.Scene
@@ -53,6 +55,7 @@ class Variant:
     rows: tuple[str, ...] | None = None
     dependent: tuple[Dependence, ...] = ()
     still: tuple[str, ...] = ()
+    braces: Braces | None = None
 
     def with_scene(self, **changes: Any) -> Variant:
         return dataclasses.replace(self, scene=dataclasses.replace(self.scene, **changes))
@@ -81,7 +84,9 @@ class VariantProblem(Problem):
     """The equations with a variant's changes; for the scene as it is, exactly those of ``Problem``."""
 
     def __init__(self, variant: Variant) -> None:
-        super().__init__(variant.scene, model=variant.model, dependent=variant.dependent)
+        super().__init__(
+            variant.scene, model=variant.model, dependent=variant.dependent, braces=variant.braces
+        )
         self.variant = variant
         for name in variant.still:
             body = self.model.body_of(name)
@@ -94,7 +99,8 @@ class VariantProblem(Problem):
 
     @cached_property
     def bias(self) -> Vector:
-        return self._rigid_bodies(zeros(self.model.nv))
+        h = self._rigid_bodies(zeros(self.model.nv))
+        return with_force(h, self.braces, self.all_constraints)
 
     @cached_property
     def inverse_dynamics(self) -> Vector:

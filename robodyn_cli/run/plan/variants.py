@@ -96,7 +96,7 @@ ELEMENTS = (
     Element("gear losses", "gear", "no gear has an efficiency"),
     Element(
         "joint stops", "limits", "no joint has any",
-        general=lambda s: Limits(s.one(), s.one(), Stop(stiffness=s.one(), damping=s.one())),
+        general=lambda s: Limits(s.one(), s.one(), stop=Stop(stiffness=s.one(), damping=s.one())),
     ),
 )  # fmt: skip
 

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import legendre
 
-from robodyn_cli.algorithms.kinematics import slice_q, slice_v
+from robodyn_cli.algorithms.kinematics import moved, position_rates, slice_q
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.integrators.methods.gauss_tables import gauss_table
 from robodyn_cli.kernels.samples import SampleKernel
@@ -54,7 +54,7 @@ class Equations:
     def __init__(self, problem: Problem, work: bool = False) -> None:
         rows, nv = problem.constraints, problem.model.nv
         self.nv, self.m = nv, len(rows.rows)
-        # those of loops and of prescribed joints together: both bind the motion
+        # rows of loops and of prescribed joints together: both constrain the motion
         self.rank = len(problem.independent_rows.rows)
         self.loops, self.loop_rank = rows.of_loops, problem.loop_rank
         geometry = {"eta": rows.eta, "psi": list(problem.psi.ravel())}
@@ -63,7 +63,7 @@ class Equations:
             "f": list(problem.applied - problem.bias),
             "gamma": rows.gamma,
             "eta_t": rows.eta_t,
-            "qd": _position_rates(problem),
+            "qd": position_rates(problem.model, problem.q, problem.v),
             "power": [problem.applied_power] if work else [],
         }
         self.work = work
@@ -99,27 +99,18 @@ class Equations:
         return self._values(self.shift, np.zeros(len(q)), q, dq)["q"]
 
 
-def _position_rates(problem: Problem) -> list[Any]:
-    """Return q-dot (nq,)."""
-    rates: list[Any] = [0.0] * problem.model.nq
-    for body in problem.model.bodies:
-        own = body.joint.velocity_map(slice_q(body, problem.q), slice_v(body, problem.v))
-        rates[body.q : body.q + body.joint.nq] = own
-    return rates
-
-
 def _moved(problem: Problem) -> list[Any]:
-    """Return q (nq,) after a step that stands in place of v, on the joints' manifolds."""
-    q: list[Any] = [0.0] * problem.model.nq
+    """Return q (nq,) after a step, given in place of v, on the joints' manifolds."""
+    q = moved(problem.model, problem.q, problem.v)
     for body in problem.model.bodies:
-        moved = body.joint.integrate(slice_q(body, problem.q), slice_v(body, problem.v))
-        q[body.q : body.q + body.joint.nq] = body.joint.normalise(moved) if body.joint.quasi else moved
+        if body.joint.quasi:
+            q[body.q : body.q + body.joint.nq] = body.joint.normalise(slice_q(body, q))
     return q
 
 
 @record
-class Frames:
-    """At each node, r combinations of the rows that are independent there, and the directions E that they leave free.
+class Bases:
+    """At each node: r independent combinations of the constraint rows, and the directions E that they leave free.
 
     combination : (n, r, m). free : (n, nv - r, nv).
     """
@@ -128,10 +119,10 @@ class Frames:
     free: Array
 
     @staticmethod
-    def at(psi: Array, rank: int) -> Frames:
-        """Return the frames of Psi (n, m, nv) by singular value decomposition."""
+    def at(psi: Array, rank: int) -> Bases:
+        """Return the bases of Psi (n, m, nv) by singular value decomposition."""
         U, _, Vt = np.linalg.svd(psi)
-        return Frames(np.swapaxes(U[:, :, :rank], 1, 2), Vt[:, rank:])
+        return Bases(np.swapaxes(U[:, :, :rank], 1, 2), Vt[:, rank:])
 
     def inverse(self, psi: Array) -> Array:
         """Return the inverse (n, nv, nv) of the rows W Psi and E together."""
@@ -155,25 +146,25 @@ class Collocation:
         self.times = start.time + length * self.c
 
     # -- the curve ------------------------------------------------------------------------------------
-    def guess(self, history: Sequence[State]) -> tuple[Array, Array, Frames]:
-        """Extrapolate from node to node, closing the loops at each: q (n, nq), v (n, nv) and frames."""
+    def guess(self, history: Sequence[State]) -> tuple[Array, Array, Bases]:
+        """Extrapolate from node to node, closing the loops at each: q (n, nq), v (n, nv) and the bases."""
         times = [s.time for s in history]
         known_q, known_v = [s.q for s in history], [s.v for s in history]
-        frames = []
+        bases = []
         for t in self.times.tolist():
             q, v = extrapolated(times, known_q, t)[None], extrapolated(times, known_v, t)[None]
             at = np.array([t])
-            frame = Frames.at(self.equations.constraints(at, q)[1], self.equations.rank)
-            q = self.closed(at, q, frame)
-            frames.append(frame)
+            base = Bases.at(self.equations.constraints(at, q)[1], self.equations.rank)
+            q = self.closed(at, q, base)
+            bases.append(base)
             times.append(t)
             known_q.append(q[0])
             known_v.append(v[0])
         n = self.n
-        frame = Frames(*(np.concatenate([getattr(f, k) for f in frames]) for k in ("combination", "free")))
-        return np.array(known_q[-n:]), np.array(known_v[-n:]), frame
+        base = Bases(*(np.concatenate([getattr(f, k) for f in bases]) for k in ("combination", "free")))
+        return np.array(known_q[-n:]), np.array(known_v[-n:]), base
 
-    def closed(self, t: Array, q: Array, frames: Frames) -> Array:
+    def closed(self, t: Array, q: Array, bases: Bases) -> Array:
         """Return q (n, nq) on the constraints, moved across E only.
 
         Raises
@@ -183,7 +174,7 @@ class Collocation:
         last = np.inf
         for _ in range(CLOSING):
             eta, psi = self.equations.constraints(t, q)
-            dq = -frames.step(frames.inverse(psi), eta)
+            dq = -bases.step(bases.inverse(psi), eta)
             size = float(np.abs(dq).max())
             if not np.isfinite(size) or (size > 0.5 * last and size > 1e-7):
                 raise NotSmooth("the loops do not close beside the pose")
@@ -197,32 +188,32 @@ class Collocation:
         return q
 
     # -- the motion -----------------------------------------------------------------------------------
-    def rates(self, q: Array, v: Array, z: Array, frames: Frames) -> tuple[Array, Array, Array, Array]:
+    def rates(self, q: Array, v: Array, z: Array, bases: Bases) -> tuple[Array, Array, Array, Array]:
         """Return v put on the constraints, q-dot, v-dot and z-dot at the nodes."""
         e, n = self.equations, self.n
         _, psi = e.constraints(self.times, q)
         found = e._values(e.rates, self.times, q, v, z)
-        inverse = frames.inverse(psi)
+        inverse = bases.inverse(psi)
         drift = np.einsum("nij,nj->ni", psi, v) + found["eta_t"]
-        v = v - frames.step(inverse, drift)
+        v = v - bases.step(inverse, drift)
         found = e._values(e.rates, self.times, q, v, z)
         M = found["M"].reshape(n, e.nv, e.nv)
-        bound = -frames.step(inverse, found["gamma"])
+        bound = -bases.step(inverse, found["gamma"])
         N = inverse[:, :, e.rank :]
         Nt = np.swapaxes(N, 1, 2)
         force = found["f"] - np.einsum("nij,nj->ni", M, bound)
         free = np.linalg.solve(Nt @ M @ N, (Nt @ force[:, :, None]))[:, :, 0]
         a = bound + np.einsum("nij,nj->ni", N, free)
-        return v, found["qd"], a, self._work_rate(found, inverse, frames, np.einsum("nij,nj->ni", M, a))
+        return v, found["qd"], a, self._work_rate(found, inverse, bases, np.einsum("nij,nj->ni", M, a))
 
-    def _work_rate(self, found: dict[str, Array], inverse: Array, frames: Frames, Ma: Array) -> Array:
+    def _work_rate(self, found: dict[str, Array], inverse: Array, bases: Bases, Ma: Array) -> Array:
         """Return z-dot (n, nz): the power of what is applied, and -lambda eta_t of rows that depend on time."""
         if not self.equations.work:
             return np.zeros((self.n, 0))
         power = found["power"][:, 0] if "power" in found else np.zeros(self.n)
         if np.any(found["eta_t"] != 0.0):
             given = np.einsum("nji,nj->ni", inverse[:, :, : self.equations.rank], Ma - found["f"])
-            power = power - np.einsum("nr,nrm,nm->n", given, frames.combination, found["eta_t"])
+            power = power - np.einsum("nr,nrm,nm->n", given, bases.combination, found["eta_t"])
         return power[:, None]
 
     def solve(self, history: Sequence[State]) -> Leap:
@@ -232,15 +223,15 @@ class Collocation:
         ------
         NotSmooth : no smooth branch leads over the pose.
         """
-        q, v, frames = self.guess(history)
+        q, v, bases = self.guess(history)
         z = np.repeat(self.start.z[None], self.n, axis=0)
         size = 1.0 + float(np.abs(q).max())
         A, h, s = self.A, self.length, self.start
         last, self.rounds = np.inf, 0
         for self.rounds in range(1, ROUNDS + 1):
-            v, qd, a, zd = self.rates(q, v, z, frames)
+            v, qd, a, zd = self.rates(q, v, z, bases)
             new_v, z = s.v + h * (A @ a), s.z + h * (A @ zd)
-            new_q = self.closed(self.times, s.q + h * (A @ qd), frames)
+            new_q = self.closed(self.times, s.q + h * (A @ qd), bases)
             change = float(np.abs(new_q - q).max()) + h * float(np.abs(new_v - v).max())
             q, v = new_q, new_v
             if not np.isfinite(change) or change > 1e3 * size:
@@ -251,7 +242,7 @@ class Collocation:
         else:
             raise NotSmooth(f"the motion over the pose does not settle (change {change:.1g})")
         self.change = change
-        v, qd, a, zd = self.rates(q, v, z, frames)
+        v, qd, a, zd = self.rates(q, v, z, bases)
         return Leap(s, h, *(self._series(x) for x in (qd, a, zd)))
 
     def _series(self, x: Array) -> Array:

@@ -29,9 +29,7 @@ from robodyn_cli.spatial.algebra import Array
 
 NEAR = 0.03  # ratio of singular values at the highest threshold
 RUNGS = 8
-LOWER = (
-    1 / 16
-)  # of the closeness, which falls with the square of the distance, from one threshold to the next
+LOWER = 1 / 16  # one threshold of the closeness over the one before: a quarter of the distance, squared
 OTHER_NODES, OTHER_REACH = 20, 0.3  # of a leap in a second integration, which must not repeat its error
 
 

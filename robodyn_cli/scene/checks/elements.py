@@ -6,7 +6,7 @@ from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.scene.checks.check import Check
 from robodyn_cli.scene.points import BASE, point_link, point_problem
 from robodyn_cli.scene.text.nodes import Path
-from robodyn_cli.scene.types import Robot, Scene
+from robodyn_cli.scene.types import Coupler, Robot, Scene
 
 
 def check_loops(scene: Scene, check: Check) -> None:
@@ -23,15 +23,20 @@ def check_loops(scene: Scene, check: Check) -> None:
                 check.fail((*path, "between"), f"both points are on {first!r}; a loop joins two links")
 
 
-def check_couplers(scene: Scene, check: Check) -> None:
+def couplers_of(scene: Scene) -> dict[Path, Coupler]:
+    """Return the couplers of the robot and of the scene by their places; they are the couplers of the checked scene."""
+    robot: dict[Path, Coupler] = {("robot", "couplers", k): x for k, x in enumerate(scene.robot.couplers)}
+    return robot | {("couplers", k): x for k, x in enumerate(scene.couplers)}
+
+
+def check_couplers(scene: Scene, couplers: dict[Path, Coupler], check: Check) -> None:
     """Joints exist and have one coordinate; coefficients are not zero; names appear once, among loops too."""
-    paths: list[Path] = [("couplers", k) for k in range(len(scene.couplers))]
-    names = [coupler.name for coupler in scene.couplers]
-    check.unique(names, "coupler", [(*path, "name") for path in paths])
+    names = [coupler.name for coupler in couplers.values()]
+    check.unique(names, "coupler", [(*path, "name") for path in couplers])
     kinds = {joint.name: joint.type for joint in scene.robot.joints}
     joints = [name for name, kind in kinds.items() if kind in joint_types and joint_types[kind].nq == 1]
     loops = [loop.name for loop in scene.loops]
-    for path, coupler in zip(paths, scene.couplers):
+    for path, coupler in couplers.items():
         with check:
             if coupler.name in loops:
                 check.fail((*path, "name"), f"{coupler.name!r} is the name of a loop already")

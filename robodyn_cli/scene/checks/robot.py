@@ -10,7 +10,7 @@ from robodyn_cli.joints.base import Joint as JointKind
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.scene.checks.check import Check
 from robodyn_cli.scene.points import BASE, BUILT_IN, joint_of, spot_problem
-from robodyn_cli.scene.robot_types import DH, Joint, Robot
+from robodyn_cli.scene.robot_types import DH, Joint, Orientation, Robot
 from robodyn_cli.scene.text.nodes import Path
 from robodyn_cli.schema.describe import describe
 
@@ -62,8 +62,20 @@ def check_robot(robot: Robot, check: Check) -> Robot:
             message = "key 'com_frame' is missing: with standard D-H the link frame is not at the joint"
             with check:
                 check.fail(path, f"{message}; allowed: joint, link")
+    _check_orientations(robot, check)
     _check_points(robot, check)
     return robot
+
+
+def _check_orientations(robot: Robot, check: Check) -> None:
+    places: dict[Path, Orientation | None] = {(*ROBOT, "base"): robot.base}
+    places |= {(*ROBOT, "joints", k, "origin"): joint.origin for k, joint in enumerate(robot.joints)}
+    places |= {(*ROBOT, "frames", name): frame for name, frame in robot.frames.items()}
+    for path, given in places.items():
+        if given is not None and not given.plain:
+            from robodyn_cli.scene.checks.orientation import check_orientation
+
+            check_orientation(given, check, path)
 
 
 def _connect(robot: Robot, check: Check, joints: list[Path], links: list[Path]) -> Robot:
@@ -154,7 +166,7 @@ def _check_keys(joint: Joint, kind: JointKind, check: Check, path: Path) -> None
         check.fail((*path, _dh_given(joint)), message, at_key=True)
     taken = (*kind.needs, *kind.takes)
     if joint.axis is not None and "axis" not in taken and kind.nv > 0:
-        message = f"a {joint.type} joint has no axis; turn its frame by origin.rpy"
+        message = f"a {joint.type} joint has no axis; turn its frame by 'origin'"
         check.fail((*path, "axis"), message, at_key=True)
     for name in _OF_SOME:
         if name in kind.needs and getattr(joint, name) is None:

@@ -11,7 +11,13 @@ from robodyn_cli.integration_methods import FIXED_STEP
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.record import record
 from robodyn_cli.scene.checks.check import Check
-from robodyn_cli.scene.checks.elements import check_couplers, check_forces, check_loops, check_moving_points
+from robodyn_cli.scene.checks.elements import (
+    check_couplers,
+    check_forces,
+    check_loops,
+    check_moving_points,
+    couplers_of,
+)
 from robodyn_cli.scene.checks.robot import check_robot, columns, moving
 from robodyn_cli.scene.points import BASE, point_problem
 from robodyn_cli.scene.text.nodes import Node, Path, Scalar, find
@@ -40,7 +46,8 @@ class _SceneNames:
 def check_scene(scene: Scene, check: Check) -> Scene:
     """Return the scene with the robot's connections filled in; ``check.found`` holds all errors."""
     robot = check_robot(scene.robot, check)
-    scene = dataclasses.replace(scene, robot=robot)
+    couplers = couplers_of(scene)
+    scene = dataclasses.replace(scene, robot=robot, couplers=tuple(couplers.values()))
     joints = {joint.name for joint in robot.joints}
     for name in scene.parameters:
         with check:
@@ -48,7 +55,7 @@ def check_scene(scene: Scene, check: Check) -> Scene:
                 message = f"{name!r} is a joint already; choose another name"
                 check.fail(("parameters", name), message, at_key=True)
     check_loops(scene, check)
-    check_couplers(scene, check)
+    check_couplers(scene, couplers, check)
     check_moving_points(scene, check)
     check_forces(scene, check)
     _check_drives(scene, check)

@@ -19,10 +19,10 @@ _ESCAPED = "[^\x20-\x7e\xa0-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010
 
 def emit(node: Node) -> str:
     """Return the YAML text of a tree: keys in the order of the file, numbers with all their digits."""
-    return "\n".join(_block(node)) + "\n"
+    return "\n".join(block(node)) + "\n"
 
 
-def _block(node: Node) -> list[str]:
+def block(node: Node) -> list[str]:
     """Return the lines of a node in block style; what is simple and short stays on one line."""
     if isinstance(node, Mapping) and node.entries:
         lines = []
@@ -33,13 +33,13 @@ def _block(node: Node) -> list[str]:
                 lines.append(f"{name}: {flow}")
             else:
                 lines.append(f"{name}:")
-                lines.extend("  " + line for line in _block(value))
+                lines.extend("  " + line for line in block(value))
         return lines
     if isinstance(node, Sequence) and node.items:
         lines = []
         for item in node.items:
             flow = _short(item, 2)
-            inner = [flow] if flow is not None else _block(item)
+            inner = [flow] if flow is not None else block(item)
             lines.append(f"- {inner[0]}")
             lines.extend("  " + line for line in inner[1:])
         return lines

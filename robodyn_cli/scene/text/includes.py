@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import os
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.scene.text.faults import Faults
@@ -26,6 +27,9 @@ from robodyn_cli.scene.text.nodes import (
 from robodyn_cli.scene.text.scalars import resolve
 from robodyn_cli.scene.text.yaml_nodes import compose, read_text
 from robodyn_cli.schema.fields import (
+    ATTACH,
+    INCLUDE,
+    PREFIX,
     CsvFile,
     Either,
     Inline,
@@ -36,9 +40,12 @@ from robodyn_cli.schema.fields import (
     Section,
     Tagged,
     Vector,
+    key_name,
 )
 
-INCLUDE = "include"
+if TYPE_CHECKING:
+    from robodyn_cli.scene.urdf.read import Urdf
+
 MAX_CHAIN = 20
 
 
@@ -73,7 +80,7 @@ def child_kind(kind: Kind | None, step: str) -> Kind | None:
     """Return what a section, list or map expects under one step of a path, or None if it does not know it."""
     if isinstance(kind, Section):
         for field in dataclasses.fields(kind.cls):
-            if field.name == step and not isinstance(field.metadata.get("kind"), Inline):
+            if key_name(field) == step and not isinstance(field.metadata.get("kind"), Inline):
                 return field.metadata.get("kind")
             if isinstance(field.metadata.get("kind"), Inline) and step in field.metadata["kind"].registry():
                 return Section(field.metadata["kind"].registry()[step])
@@ -88,6 +95,7 @@ class Includer:
     def __init__(self, faults: Faults) -> None:
         self.faults = faults
         self.sources: list[str] = []
+        self.urdfs: list[Urdf] = []
 
     def open_root(self, path: str) -> Node:
         """Return the tree of the scene file itself."""
@@ -144,22 +152,36 @@ class Includer:
         if not isinstance(kind, OrFile):
             return node
         if isinstance(node, Scalar) and isinstance(node.value, str):
-            return self.found(kind, self.include(node, path), path)
+            return self.found(kind, self.include(kind, node, path), path)
         if isinstance(node, Mapping) and node.get(INCLUDE) is not None:
             name = node.get(INCLUDE)
             if not isinstance(name, Scalar) or not isinstance(name.value, str):
                 raise located(name or node, dotted((*path, INCLUDE)), "must be the path of a YAML file")
-            base = self.found(kind, self.include(name, path), path)
+            base = self.found(kind, self.include(kind, name, path), path)
             if not isinstance(base, Mapping):
                 raise located(base, dotted(path), "an included file must contain a map")
-            for key, value in node.entries:
-                if key.text != INCLUDE:
-                    base = base.replaced(key, value)
-            return base
+            node = self.with_own_keys(kind, base, node, path)
+        if kind.robot and isinstance(node, Mapping) and node.get(ATTACH) is not None:
+            from robodyn_cli.scene.text.attach import with_attachments
+
+            node = with_attachments(node, path, lambda part, where: self.found(kind, part, where))
         return node
 
-    def include(self, node: Scalar, path: Path) -> Node:
-        """Return the tree of the YAML file that a scalar names."""
+    @staticmethod
+    def with_own_keys(kind: OrFile, base: Mapping, node: Mapping, path: Path) -> Mapping:
+        """Return an included map with the keys that stand beside ``include``."""
+        own = [(key, value) for key, value in node.entries if key.text != INCLUDE]
+        if kind.robot and node.get(PREFIX) is not None:
+            from robodyn_cli.scene.text.attach import prefix_of, with_prefix
+
+            base = with_prefix(base, prefix_of(node, path))
+            own = [(key, value) for key, value in own if key.text != PREFIX]
+        for key, value in own:
+            base = base.replaced(key, value)
+        return base
+
+    def include(self, kind: OrFile, node: Scalar, path: Path) -> Node:
+        """Return the tree of the YAML file, or of the URDF where ``kind`` allows one, that a scalar names."""
         name, real = self.locate(node)
         chain = [source.name for source in node.source.chain()][::-1]
         if any(source.real == real for source in node.source.chain()):
@@ -168,7 +190,19 @@ class Includer:
             raise located(node, dotted(path), f"includes are nested more than {MAX_CHAIN} deep")
         text = read_text(self.opened(node), node, dotted(path), name)
         self.sources.append(name)
-        return compose(text, Source(name, os.path.dirname(name) or ".", real, node.source), self.faults, path)
+        source = Source(name, os.path.dirname(name) or ".", real, node.source)
+        if _is_xml(text):
+            if not kind.robot:
+                raise located(node, dotted(path), f"{name!r} is XML; allowed: the path of a YAML file")
+            return self.urdf(text, source)
+        return compose(text, source, self.faults, path)
+
+    def urdf(self, text: str, source: Source) -> Node:
+        """Return the tree of a robot in a URDF text."""
+        from robodyn_cli.scene.urdf.read import read_urdf
+
+        self.urdfs.append(read_urdf(text, source, self.faults))
+        return self.urdfs[-1].tree.root
 
     def locate(self, node: Scalar) -> tuple[str, str]:
         """Return the path to show and the resolved path of the file that a scalar names."""
@@ -201,6 +235,12 @@ class Includer:
         entries = [(k, v) for k, v in section.entries if k.text != key]
         entries += [(scalar(columns, kind.columns), columns), (scalar(rows, kind.rows), rows)]
         return mapping(section, entries)
+
+
+def _is_xml(text: str) -> bool:
+    """Tell XML from YAML, in which a merge key may come first."""
+    start = text.lstrip()
+    return start.startswith("<") and not start.startswith("<<")
 
 
 def _table(text: str, source: Source, key: str) -> tuple[Sequence, Sequence]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from robodyn_cli.errors import SceneError
@@ -97,9 +97,10 @@ class Mapping(Node):
         return mapping(self, [(k, v) for k, v in self.entries if k.text != key])
 
 
-def sequence(place: Node, items: list[Node]) -> Sequence:
+def sequence(place: Node, items: Iterable[Node]) -> Sequence:
     """Return a list at the place of another node."""
-    return Sequence(place.source, place.line, place.column, tuple(items), 1 + sum(x.size for x in items))
+    found = tuple(items)
+    return Sequence(place.source, place.line, place.column, found, 1 + sum(x.size for x in found))
 
 
 def mapping(place: Node, entries: list[tuple[Scalar, Node]]) -> Mapping:

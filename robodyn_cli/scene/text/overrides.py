@@ -1,4 +1,4 @@
-"""``--set key.path=value``: replace or remove values in the tree before it is read."""
+"""``--set key.path=value``: replace or remove values in the tree before it is read; ``+=`` appends to a list."""
 
 from __future__ import annotations
 
@@ -21,16 +21,18 @@ from robodyn_cli.scene.text.nodes import (
 from robodyn_cli.scene.text.yaml_nodes import compose
 from robodyn_cli.schema.fields import Kind, ListOf, Section
 
-HELP = "allowed: key.path=value, list items by index or by name, as in robot.joints.theta1.a=0.5"
+HELP = (
+    "allowed: key.path=value, list items by index or by name, as in robot.joints.theta1.a=0.5, or list+=item"
+)
 
 
 def apply(root: Node, kind: Kind, override: str, directory: str, includer: Includer) -> Node:
-    """Return the tree with one value set, or removed where the value is null.
+    """Return the tree with one value set, removed where the value is null, or appended to a list.
 
     Parameters
     ----------
     root, kind : the tree and what it is.
-    override : ``key.path=value``; the value is YAML 1.2.
+    override : ``key.path=value``, or ``key.path+=value`` for lists; the value is YAML 1.2.
     directory : where relative paths in the value start.
     includer : loads the files that the path leads through.
     """
@@ -39,6 +41,7 @@ def apply(root: Node, kind: Kind, override: str, directory: str, includer: Inclu
     source = Source(label, directory, positions=False)
     place = Scalar(source, 1, 1, "", None)
     key, sign, text = override.partition("=")
+    appends, key = key.endswith("+"), key.removesuffix("+")
     steps = key.strip().split(".")
     if not sign:
         raise located(place, "", f"has no '='; {HELP}")
@@ -49,20 +52,21 @@ def apply(root: Node, kind: Kind, override: str, directory: str, includer: Inclu
             place, key.strip(), "has no value; write null to remove a key, '\"\"' for an empty text"
         )
     value = compose(text.strip(), source, includer.faults, tuple(steps), empty=True)
-    return _Setter(place, value, includer).set(root, kind, steps, ())
+    return _Setter(place, value, includer, appends).set(root, kind, steps, ())
 
 
 class _Setter:
-    def __init__(self, place: Scalar, value: Node, includer: Includer) -> None:
+    def __init__(self, place: Scalar, value: Node, includer: Includer, appends: bool) -> None:
         self.place = place
         self.value = value
         self.includer = includer
-        self.removes = isinstance(value, Scalar) and value.value is None
+        self.appends = appends
+        self.removes = isinstance(value, Scalar) and value.value is None and not appends
 
     def set(self, node: Node, kind: Kind | None, steps: list[str], done: Path) -> Node:
         """Return ``node`` with the value at ``steps`` below it replaced."""
         if not steps:
-            return self.value
+            return self.appended(node, kind, done) if self.appends else self.value
         if kind is not None:
             node = self.includer.here(kind, node, done)
             kind = concrete(kind, node)
@@ -92,6 +96,18 @@ class _Setter:
             return node if new is old else node.replaced(key, new)
         what = f"is {describe_node(node)}" if done else f"the scene is {describe_node(node)}"
         raise self.error(done, f"{what}, so it has no key {shown(step)}")
+
+    def appended(self, node: Node, kind: Kind | None, done: Path) -> Node:
+        """Return a list with the value behind its items; a list that is not there has none."""
+        if kind is not None:
+            node = self.includer.here(kind, node, done)
+        empty = (isinstance(node, Scalar) and node.value is None) or (
+            isinstance(node, Mapping) and not node.entries
+        )
+        if isinstance(node, Sequence) or (empty and isinstance(kind, ListOf)):
+            items = node.items if isinstance(node, Sequence) else ()
+            return sequence(self.place, [*items, self.value])
+        raise self.error(done, f"is {describe_node(node)}, so nothing can be appended; allowed: a list")
 
     def without(self, node: Mapping, kind: Kind | None, step: str, done: Path) -> Node:
         """Return a map without a key; a known key that is absent needs no removal."""

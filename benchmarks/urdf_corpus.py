@@ -1,0 +1,117 @@
+"""Every robot of the package example-robot-data, read by robodyn and by Pinocchio: differences of their equations.
+
+    pip download --no-deps example-robot-data -d DIR && unzip DIR/*.whl '*.urdf' -d DIR
+    python benchmarks/urdf_corpus.py DIR [--json FILE]
+
+For each URDF below DIR at a random state: torques of inverse dynamics, accelerations of forward dynamics, mass matrix
+and the frames of all links, as the largest difference over the largest entry. Damping and friction against
+b v + f sign(v). Torques of joints that lead mimics, by the command ``inverse``, against Pinocchio's torques projected
+onto the coupling. Read: the least time of several to read the file and check the scene. A dash is nothing to compare.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import measure
+
+measure.single_thread()
+sys.path.insert(0, str(measure.ROOT))
+
+from robodyn_cli.errors import RobodynError  # noqa: E402
+from robodyn_cli.scene.load import load_urdf  # noqa: E402
+from tests.urdf_robots import compare  # noqa: E402
+
+BOUND = 1e-10
+FIGURES = ("torques", "mass", "frames", "acceleration", "residual", "drag", "coupled")
+REPEATS = 5
+
+
+def row_of(name: str, path: Path) -> dict[str, Any]:
+    """Return the figures of one robot, or why it is refused."""
+    row: dict[str, Any] = {"robot": name}
+    try:
+        times = []
+        for _ in range(REPEATS):
+            start = time.perf_counter()
+            load_urdf(path)
+            times.append(time.perf_counter() - start)
+        found = compare(path)
+    except RobodynError as error:
+        return row | {"refused": error.message.replace(str(path), path.name)}
+    figures = {name: getattr(found, name) for name in FIGURES}
+    return row | {
+        "joints": found.joints,
+        "mimics": found.mimics,
+        **figures,
+        "singular": found.singular,
+        "read_ms": 1e3 * min(times),
+    }
+
+
+def robots(folder: Path) -> dict[str, Path]:
+    """Return the files below a folder by their names, and by their folder too where two have the same."""
+    found: dict[str, Path] = {}
+    for path in sorted(folder.rglob("*.urdf"), key=lambda path: path.stem.lower()):
+        name = path.stem if path.stem not in found else f"{path.stem} ({path.parents[1].name})"
+        found[name] = path
+    return found
+
+
+def cell(value: Any) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.1e}" if isinstance(value, float) else str(value)
+
+
+def within(row: dict[str, Any]) -> bool:
+    """Tell whether all figures are within the bound; forward dynamics also where only the residual is.
+
+    Fingers of some grams on arms of many kilograms make mass matrices whose inverse loses digits in any program.
+    """
+    exact = ("torques", "mass", "frames", "drag", "coupled", "residual")
+    return all(row[name] is None or row[name] <= BOUND for name in exact)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, help="folder with the URDF files, at any depth")
+    parser.add_argument("--json", help="file for the figures")
+    parsed = parser.parse_args()
+    measure.print_machine()
+    print()
+    rows = [row_of(name, path) for name, path in robots(parsed.folder).items()]
+    read = [row for row in rows if "refused" not in row]
+    header = ["robot", "joints", "mimics", *FIGURES, "read [ms]"]
+    table = [header]
+    for row in read:
+        table.append(
+            [
+                row["robot"],
+                cell(row["joints"]),
+                cell(row["mimics"]),
+                *(cell(row[f]) for f in FIGURES),
+                f"{row['read_ms']:.0f}",
+            ]
+        )
+    print(measure.table(table))
+    for row in read:
+        if row["singular"]:
+            print(
+                f"\n{row['robot']}: no forward dynamics, because joint {row['singular']!r} moves nothing with inertia"
+            )
+    for row in rows:
+        if "refused" in row:
+            print(f"{row['robot']}: refused: {row['refused']}")
+    good = sum(within(row) for row in read)
+    print(f"{good} of {len(rows)} robots within {BOUND:g}, {len(rows) - len(read)} refused")
+    measure.write_json(parsed.json, rows)
+    sys.exit(0 if good == len(read) else 1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,77 @@
+"""``robodyn import``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.options import Quiet, Strict, file, utf8
+
+
+def command(
+    urdf: Annotated[
+        Path,
+        typer.Argument(metavar="FILE.urdf", help="Robot to read.", callback=file, show_default=False),
+    ],
+    robot: Annotated[
+        Path | None,
+        typer.Argument(metavar="[ROBOT.yaml]", help="File to write; default: FILE.yaml.", show_default=False),
+    ] = None,
+    packages: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--package",
+            metavar="NAME=DIR",
+            parser=utf8,
+            help="Folder of a package of meshes; others are looked for beside FILE.urdf and above it.",
+        ),
+    ] = None,
+    strict: Strict = False,
+    quiet: Quiet = False,
+) -> int:
+    """Write a URDF as a robot in YAML, never over another file; return the exit code."""
+    from robodyn_cli.errors import SceneError
+    from robodyn_cli.model.consistency import physical_warnings
+    from robodyn_cli.results.atomic import write_new
+    from robodyn_cli.scene.load import load_urdf
+    from robodyn_cli.scene.urdf.meshes import missing_meshes
+    from robodyn_cli.scene.urdf.write import robot_yaml
+
+    console = Console(quiet=quiet)
+    folders = _folders(packages or ())
+    found, scene = load_urdf(urdf)
+    for text in scene.notes:
+        console.note(f"robodyn: {text}")
+    warnings = physical_warnings(scene)
+    for text in warnings:
+        console.note(f"robodyn: warning: {text}")
+    missing = missing_meshes(found.robot, str(urdf), folders)
+    if missing:
+        what = "a mesh is" if len(missing) == 1 else f"{len(missing)} meshes are"
+        console.note(f"robodyn: {what} not there, which matters for pictures only. The first: {missing[0]}")
+    if strict and warnings:
+        raise SceneError(f"{urdf}: {warnings[0]} (an error because of --strict)", warnings=warnings)
+    path = robot or urdf.with_suffix(".yaml")
+    write_new(path, robot_yaml(found))
+    moving = sum(joint.type != "fixed" for joint in scene.robot.joints)
+    console.say(
+        f"{path}: {len(scene.robot.links)} links, {moving} joints that move. In a scene: robot: {path.name}"
+    )
+    return 0
+
+
+def _folders(packages: Sequence[str]) -> dict[str, str]:
+    """Return the folders of packages by name."""
+    from robodyn_cli.errors import CapabilityError
+
+    found = {}
+    for text in packages:
+        name, sign, folder = text.partition("=")
+        if not (name and sign and Path(folder).is_dir()):
+            raise CapabilityError(f"--package {text!r}; allowed: NAME=DIR with an existing folder")
+        found[name] = folder
+    return found

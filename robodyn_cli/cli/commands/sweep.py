@@ -1,0 +1,236 @@
+"""``robodyn sweep``."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.options import (
+    AsJson,
+    NoPlots,
+    OutDir,
+    Overrides,
+    PlotFormat,
+    PlotNames,
+    Quiet,
+    SceneFile,
+    drawings,
+    number,
+    utf8,
+)
+from robodyn_cli.cli.runner import begun, default_directory, output, publish, show, store
+from robodyn_cli.cli.words import number as shown
+from robodyn_cli.cli.words import table
+from robodyn_cli.errors import SceneError
+from robodyn_cli.exit_codes import FAILED
+
+if TYPE_CHECKING:
+    from robodyn_cli.expr.variation import Variation
+
+MOST_CASES = 8  # shown on the terminal
+
+
+def _sampler(word: str) -> str:
+    from robodyn_cli.scene.types import SAMPLERS
+
+    if word not in SAMPLERS:
+        raise typer.BadParameter(f"{word!r}; allowed: {', '.join(SAMPLERS)}")
+    return word
+
+
+def command(
+    scene: SceneFile,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option("--vary", metavar="KEY=SPEC", parser=utf8,
+                     help="Key of the scene and what it varies over, e.g. robot.links.link1.mass='normal(13, 5 %)'."),
+    ] = None,
+    n: Annotated[
+        int | None,
+        typer.Option("-n", metavar="N", parser=number("a whole number >= 1", lambda n: n >= 1, int),
+                     help="Samples of the distributions."),
+    ] = None,
+    sampler: Annotated[
+        str | None,
+        typer.Option("--sampler", metavar="random|sobol|latin", parser=_sampler, help="How samples are drawn.")
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option("--seed", metavar="S", parser=number("a whole number >= 0", lambda n: n >= 0, int),
+                     help="Seed of the samples. [default: 0]"),
+    ] = None,
+    of: Annotated[
+        list[str] | None,
+        typer.Option("--of", metavar="KEY", help="Output: a key of the summary, as in expect, e.g. lock.time."),
+    ] = None,
+    least_yield: Annotated[
+        float | None,
+        typer.Option("--yield", metavar="P", parser=number("a number from 0 to 1", lambda p: 0.0 <= p <= 1.0),
+                     help="Share of runs that must hold what the scene expects; below it the exit code is 1."),
+    ] = None,
+    indices: Annotated[bool, typer.Option("--indices", help="Sobol indices, from N (keys + 2) runs.")] = False,
+    jobs: Annotated[
+        int | None,
+        typer.Option("--jobs", "-j", metavar="N", parser=number("a whole number >= 1", lambda n: n >= 1, int),
+                     help="Processes at a time. [default: one per core]"),
+    ] = None,
+    out: OutDir = None,
+    overrides: Overrides = None,
+    no_plots: NoPlots = False,
+    plots: PlotNames = None,
+    format_: PlotFormat = "png",
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> int:  # fmt: skip
+    """Run the study; return 0 even where runs failed, 1 below the yield."""
+    from robodyn_cli.run.study.report import earlier_rows, report
+    from robodyn_cli.run.study.study import Asked, forget_log, options_of, prepare, run_study
+    from robodyn_cli.scene.load import load_scene
+
+    console = Console(as_json, quiet)
+    target, settings = out or default_directory(scene, "sweep"), tuple(overrides or ())
+    options = options_of(
+        load_scene(scene, settings).study, vary=_variations(vary) if vary else None, n=n, sampler=sampler,
+        seed=seed, of=tuple(of) if of else None, least_yield=least_yield,
+    )  # fmt: skip
+    with output(target, scene, console) as directory:
+        study = prepare(Asked(scene, settings, options, indices))
+        with begun(directory, console):
+            progress = Progress(console)
+            done = earlier_rows(study, directory.path)
+            rows = run_study(study, directory.path, jobs or _cores(), done, progress)
+            result = report(study, rows, progress.seconds)
+            store(result, directory)
+            publish(result, directory, drawings(no_plots, plots, format_))
+            forget_log(directory.path)
+    show(result, directory, console, describe)
+    return _judge(result.summary, options.least_yield, console)
+
+
+class Progress:
+    """Shows how many runs are done, and the time left."""
+
+    def __init__(self, console: Console) -> None:
+        self.console = console
+        self.start = time.perf_counter()
+        self.before: int | None = None  # runs of an earlier study
+
+    @property
+    def seconds(self) -> float:
+        return time.perf_counter() - self.start
+
+    def __call__(self, done: int, runs: int) -> None:
+        if self.before is None:
+            self.before = done
+            if done:
+                self.console.note(f"robodyn: {done} of {runs} runs are there from an earlier study")
+        now = done - self.before
+        left = self.seconds / now * (runs - done) if now else None
+        self.console.count(done, runs, left)
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _variations(texts: Sequence[str]) -> dict[str, Variation]:
+    """Return what each key varies over.
+
+    Raises
+    ------
+    SceneError : a text is not KEY=SPEC, or names a key that another one names.
+    """
+    from robodyn_cli.expr.variation import FORMS, parse_variation
+
+    found: dict[str, Variation] = {}
+    for text in texts:
+        key, sign, spec = (part.strip() for part in text.partition("="))
+        if not sign or not key:
+            raise SceneError(f"--vary {text}: is not KEY=SPEC; {FORMS}")
+        if key in found:
+            raise SceneError(f"--vary {key}: is given twice")
+        try:
+            found[key] = parse_variation(spec)
+        except SceneError as error:
+            raise SceneError(f"--vary {key}: {error.message}") from error
+    return found
+
+
+def _judge(summary: Mapping[str, Any], least: float | None, console: Console) -> int:
+    """Return the exit code: 1 where fewer runs than asked for hold what is expected."""
+    held = summary.get("yield")
+    if least is None or held is None or held["share"] >= least:
+        return 0
+    console.error(f"the yield is {held['share']:.4g}; asked for was {least:g} (--yield)")
+    return FAILED
+
+
+def describe(summary: Mapping[str, Any]) -> str:
+    """Return the summary of a study for the terminal."""
+    lines = [summary["title"]]
+    drawn = f", {summary['sampler']} samples, seed {summary['seed']}" if "sampler" in summary else ""
+    lines.append(
+        f"  study              {summary['runs']} runs of {summary['of']}{drawn}, {summary['seconds']:.3g} s"
+    )
+    for key, given in summary["inputs"].items():
+        unit = f" {given['unit']}" if given["unit"] not in ("", "1") else ""
+        lines.append(f"  varied             {key}: {given['spec']}{unit}")
+    failed = summary["failed"]
+    codes = ", ".join(f"{count} with exit code {code}" for code, count in summary["failures"].items())
+    lines.append(f"  failed             {_share(failed)}" + (f"; {codes}" if codes else ""))
+    if (held := summary.get("yield")) is not None:
+        lines.append(f"  yield              {_share(held)} hold what the scene expects")
+    lines += _spreads(summary["results"])
+    lines += _influences(summary)
+    for case in summary["cases"][:MOST_CASES]:
+        lines += [f"  run {case['run']}: {case['why']}", f"    {case['command']}"]
+    return "\n".join(lines)
+
+
+def _share(share: Mapping[str, float]) -> str:
+    return (
+        f"{100 * share['share']:.4g} % of the runs ({100 * share['low']:.3g} to {100 * share['high']:.3g} %)"
+    )
+
+
+def _spreads(results: Mapping[str, Any]) -> list[str]:
+    rows = [["output", "mean", "sd", "5 %", "50 %", "95 %", "as it stands"]]
+    for key, found in results.items():
+        if found is None:
+            rows.append([key, *["-"] * 6])
+            continue
+        quantiles = (found["quantiles"][level] for level in ("5 %", "50 %", "95 %"))
+        figures = (
+            found["mean"],
+            found["sd"],
+            *quantiles,
+            found["nominal"],
+        )
+        rows.append([key, *(shown(x) for x in figures)])
+    return [table(rows)]
+
+
+def _influences(summary: Mapping[str, Any]) -> list[str]:
+    lines = []
+    for key, found in summary["influence"].items():
+        indices = (summary.get("sobol_indices") or {}).get(key)
+        if not found or len(found) < 2:
+            continue
+        head = ["influence on " + key, "5 to 95 %", "rank correlation"]
+        rows = [[*head, "Sobol first", "total"] if indices else head]
+        for name, one in found.items():
+            row = [name, f"{one['swing']:+.4g}", f"{one['rank_correlation']:+.3f}"]
+            if indices:
+                row += [_index(indices[name], "first"), _index(indices[name], "total")]
+            rows.append(row)
+        lines.append(table(rows))
+    return lines
+
+
+def _index(found: Mapping[str, float], order: str) -> str:
+    return f"{found[order]:.3f} ({found[order + '_low']:.3f} to {found[order + '_high']:.3f})"

@@ -1,0 +1,149 @@
+"""Links as bodies: which places each takes in, boxes of their inertia, centres of mass."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from robodyn_cli.model.build import moved_link, parent_link
+from robodyn_cli.model.model import BASE, Body, FixedFrame, Model
+from robodyn_cli.report.drawing.expressions import Expressions
+from robodyn_cli.report.drawing.record import Part
+from robodyn_cli.report.style import COLOURS
+from robodyn_cli.scene.points import point_link
+from robodyn_cli.scene.types import Robot, Scene
+from robodyn_cli.spatial.algebra import Array, vector
+
+GROUND = "base"
+FREE = 6  # velocities of a body that nothing holds
+GREY = "#9a9a9a"
+# black and grey are those of outlines and of the ground
+LINK_COLOURS = tuple(colour for colour in COLOURS if colour not in ("#000000", "#7F7F7F"))
+CORNERS = tuple(itertools.product((-0.5, 0.5), repeat=3))
+FACES = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))
+
+
+def colour_of(place: int) -> str:
+    """Return the colour of the link, or the trail, at a place in the order of the scene."""
+    return LINK_COLOURS[place % len(LINK_COLOURS)]
+
+
+def carriers(robot: Robot) -> dict[str, str]:
+    """Return, for each link, the moving link or the ground that carries it: itself, or what fixed joints hold it to."""
+    fixed = {
+        moved_link(robot, k): parent_link(robot, k)
+        for k, joint in enumerate(robot.joints)
+        if joint.type == "fixed"
+    }
+    found: dict[str, str] = {}
+    for link in [GROUND, *(link.name for link in robot.links)]:
+        carrier = link
+        while carrier in fixed:
+            carrier = fixed[carrier]
+        found[link] = carrier
+    return found
+
+
+class Links:
+    """The links of a scene with the places that each takes in."""
+
+    def __init__(self, scene: Scene, model: Model, expressions: Expressions) -> None:
+        self.scene, self.model, self.expressions = scene, model, expressions
+        self.carrier = carriers(scene.robot)
+        moving = [b.name for b in model.bodies]
+        self.spots: dict[str, list[int]] = {GROUND: [], **{name: [] for name in moving}}
+        for name, outline in model.outlines.items():
+            for frame in outline:
+                self.add(name, frame)
+        for body in model.bodies:
+            if body.parent == BASE and body.joint.nv < FREE:
+                self.add(GROUND, FixedFrame(BASE, body.X_tree.r, body.X_tree.E.T))
+        for loop in model.loops:
+            for reference, frame in zip(loop.element.between, (loop.first, loop.second)):
+                self.add(point_link(scene.robot, reference), frame)
+        for force in model.forces:
+            for reference, frame in zip(force.element.references, force.ends):
+                self.add(self.link_of(reference), frame)
+
+    def link_of(self, reference: str) -> str:
+        """Return the link that a reference of a force to a point or a frame is on."""
+        frames = self.scene.robot.frames
+        return frames[reference].link if reference in frames else point_link(self.scene.robot, reference)
+
+    def add(self, link: str, frame: FixedFrame) -> None:
+        """Let a link take in a place."""
+        number = self.expressions.vertex(frame.body, frame.p)
+        spots = self.spots.setdefault(self.carrier.get(link, link), [])
+        if number is not None and number not in spots:
+            spots.append(number)
+
+    def parts(self) -> tuple[list[Part], list[int], list[int]]:
+        """Return the links and their boxes, the centres of mass, and those that stand for a body without extent."""
+        parts = [Part("ground", GROUND, tuple(self.spots[GROUND]), GREY)]
+        masses: list[int] = []
+        bobs: list[int] = []
+        carried = {body.parent for body in self.model.bodies}
+        barred = any(len(self.spots[body.name]) > 1 for body in self.model.bodies)
+        for place, body in enumerate(self.model.bodies):
+            spots, colour = self.spots[body.name], colour_of(place)
+            centres = self._centres(body)
+            # nothing but its centre of mass says where the body at the end of a chain is
+            alone = len(spots) <= 1 and place not in carried
+            boxes = self._boxes(body) if _turns_freely(body) or (alone and not barred) else []
+            if alone:
+                spots += [centre for centre in centres if centre not in spots]
+                bobs += [] if boxes else centres or spots
+            parts.append(Part("link", body.name, tuple(spots), colour))
+            parts += [Part("solid", body.name, box, colour) for box in boxes]
+            masses += [centre for centre in centres if centre not in spots]
+        return parts, masses, bobs
+
+    def _centres(self, body: Body) -> list[int]:
+        """Return the centres of mass of the links that a body is made of, where they are given."""
+        found = []
+        for part in body.parts:
+            if _numbers([part.m, *part.c]) and part.m > 0.0:
+                number = self.expressions.vertex(self.model.bodies.index(body), part.frame.point(part.c))
+                found += [] if number is None else [number]
+        return found
+
+    def _boxes(self, body: Body) -> list[tuple[int, ...]]:
+        """Return the corners of cuboids with the masses and inertias of a body's links, where these are given."""
+        boxes = []
+        index = self.model.bodies.index(body)
+        for part in body.parts:
+            if not _numbers([part.m, *part.c, *part.I_com.flat]) or not part.m > 0.0:
+                continue
+            corners = cuboid(float(part.m), np.array(part.I_com, dtype=float))
+            if corners is None:
+                continue
+            places = [part.frame.point(part.c + vector(corner)) for corner in corners.tolist()]
+            numbers = [self.expressions.vertex(index, place) for place in places]
+            boxes.append(tuple(number for number in numbers if number is not None))
+        return [box for box in boxes if len(box) == len(CORNERS)]
+
+
+def cuboid(m: float, inertia: Array) -> Array | None:
+    """Return the corners (8, 3) of the cuboid with mass m [kg] and inertia (3, 3) about its centre [kg m^2].
+
+    From I_1 = m (b^2 + c^2) / 12 and its like about the principal axes: a^2 = 6 (I_2 + I_3 - I_1) / m. None for a
+    point.
+    """
+    if not np.isfinite(inertia).all():
+        return None
+    moments, axes = np.linalg.eigh(inertia)
+    squares = 6.0 * (moments.sum() - 2.0 * moments) / m
+    if not squares.max() > 0.0:
+        return None
+    sides = np.sqrt(np.maximum(squares, 0.0))
+    corners: Array = (np.array(CORNERS) * sides) @ axes.T
+    return corners
+
+
+def _turns_freely(body: Body) -> bool:
+    return body.joint.v_units.count("rad") == 3
+
+
+def _numbers(entries: list[object]) -> bool:
+    return all(isinstance(x, float) for x in entries)

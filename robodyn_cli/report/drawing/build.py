@@ -1,0 +1,151 @@
+"""From a stored result to its drawing: the scene in it says what there is, its samples where it is."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import CapabilityError, RobodynError
+from robodyn_cli.report.decimate import finite
+from robodyn_cli.report.drawing.bodies import Links, colour_of
+from robodyn_cli.report.drawing.expressions import Expressions
+from robodyn_cli.report.drawing.instants import evenly
+from robodyn_cli.report.drawing.joints import Connections
+from robodyn_cli.report.drawing.loads import arrows, loads
+from robodyn_cli.report.drawing.paths import STILL, moving_paths
+from robodyn_cli.report.drawing.record import Drawing, Trail
+from robodyn_cli.results.moments import lock_time
+from robodyn_cli.results.result import Result
+from robodyn_cli.scene.load import load_scene_text
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.spatial.algebra import Array
+
+NEVER = math.inf
+THIN = 0.1  # of the drawing's size: a mechanism that extends less along an axis is drawn flat
+TRAIL = 2000  # places of a path
+
+
+@functools.lru_cache(maxsize=2)  # a result is asked whether it can be drawn, and then drawn
+def scene_of(text: str) -> Scene:
+    """Return the scene that is stored in a result.
+
+    Raises
+    ------
+    CapabilityError : this version cannot read it.
+    """
+    try:
+        return load_scene_text(text)
+    except RobodynError as error:
+        raise CapabilityError(f"the scene stored in the result cannot be read: {error.message}") from error
+
+
+def can_draw(result: Result) -> bool:
+    """Tell whether a result has poses and the scene that they are of."""
+    try:
+        require_poses(result)
+    except CapabilityError:
+        return False
+    return True
+
+
+def require_poses(result: Result) -> None:
+    """Refuse a result of which no mechanism can be drawn.
+
+    Raises
+    ------
+    CapabilityError : the result has no poses, or its scene cannot be read by this version.
+    """
+    if "q" not in result or "time" not in result or not len(result["q"]):
+        raise CapabilityError(
+            f"a result of '{result.command}' has no poses to draw; allowed: a result of inverse, simulate, deploy, "
+            "kinematics, statics or assemble"
+        )
+    scene_of(result.scene_text)
+
+
+def gravity_of(result: Result) -> Array:
+    """Return gravity (3,) in the world [m/s^2] by the scene of a result that can be drawn."""
+    return np.array(scene_of(result.scene_text).gravity, dtype=float)
+
+
+def make_drawing(result: Result, samples: Sequence[int] | Array | None = None) -> Drawing:
+    """Return the drawing of a result at some of its samples, by default at all.
+
+    Raises
+    ------
+    CapabilityError : the result has no poses, or its scene cannot be read by this version.
+    """
+    require_poses(result)
+    chosen = np.arange(len(result.time)) if samples is None else np.asarray(samples)
+    rates = result["qd"][chosen] if "qd" in result else None
+    return drawing_of(result, result.time[chosen], result["q"][chosen], rates, chosen)
+
+
+def drawing_of(
+    result: Result, t: Array, q: Array, v: Array | None = None, samples: Array | None = None
+) -> Drawing:
+    """Return the drawing of a result's scene at times t (T,), positions q (T, nq) and rates v (T, nv; 0 by default).
+
+    samples : where in the result these are, if they are samples of it; then loads and paths are drawn too.
+    """
+    scene = scene_of(result.scene_text)
+    problem = Problem(scene)
+    model = problem.model
+    if q.shape[1] != model.nq:
+        raise CapabilityError(f"the result has {q.shape[1]} joint coordinates, its scene {model.nq}")
+    expressions = Expressions(problem)
+    links = Links(scene, model, expressions)
+    parts, masses, bobs = links.parts()
+    connections = Connections(scene, model, links, expressions)
+    acting = loads(result, expressions, samples)
+    locked = lock_time(result)
+    latch = connections.latch(NEVER if locked is None else locked)
+    vertices, axes, forces = expressions.evaluate(t, q, np.zeros((len(t), model.nv)) if v is None else v)
+    drawing = Drawing(
+        times=t,
+        vertices=finite(vertices),
+        axes=finite(axes),
+        parts=(*parts, *connections.parts),
+        pins=tuple(connections.pins),
+        masses=tuple(masses),
+        bobs=tuple(bobs),
+        arrows=arrows(acting, axes, forces),
+        trails=_trails(result) if samples is not None else (),
+        latch=latch,
+        gravity=np.array(scene.gravity, dtype=float),
+    )
+    return dataclasses.replace(drawing, flat=flat_axis(drawing))
+
+
+def _trails(result: Result) -> tuple[Trail, ...]:
+    """Return the paths of the named points that move."""
+    found = []
+    for place, (name, path) in enumerate(moving_paths(result).items()):
+        keep = evenly(len(path), TRAIL)
+        found.append(Trail(name, result.time[keep], path[keep], colour_of(place)))
+    return tuple(found)
+
+
+def flat_axis(drawing: Drawing) -> int | None:
+    """Return the world's axis across the plane of a planar mechanism: nothing moves along it and little extends.
+
+    A mechanism that turns about other axes only by chance (a pendulum of a ball joint swinging in a plane) counts as
+    planar: that is how it is seen best. z comes first, then y.
+    """
+    points = drawing.vertices
+    if not np.isfinite(points).all(axis=(1, 2)).any():
+        return None
+    points = points[np.isfinite(points).all(axis=(1, 2))]
+    for axis in (2, 1, 0):
+        others = [k for k in range(3) if k != axis]
+        size = float(np.ptp(points[:, :, others].reshape(-1, 2), axis=0).max(initial=0.0))
+        along = points[:, :, axis]
+        moved = float(np.ptp(along, axis=0).max(initial=0.0))
+        if moved <= STILL * size and float(np.ptp(along)) <= THIN * size:
+            return axis
+    return None

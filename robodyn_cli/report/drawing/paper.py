@@ -1,0 +1,137 @@
+"""A view of a drawing as an artist on axes: limits, labels, and the drawing itself."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+
+from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.drawing import symbols
+from robodyn_cli.report.drawing.painter import Painted
+from robodyn_cli.report.drawing.stroke import GRID, INK, Stroke
+from robodyn_cli.report.drawing.strokes import strokes
+from robodyn_cli.report.drawing.view import View
+from robodyn_cli.report.ticks import number
+from robodyn_cli.spatial.algebra import Array
+
+WIDTH = 5.9  # of the axes of a sheet [inch]
+BELOW, APART = 0.45, 0.62  # room above and between the views along the axes [inch]
+CORNER = 24.0  # of the cross of axes, from the edges [pt]
+REACH = 15.0  # of its arms [pt]
+
+
+def height_of(view: View, width: float, least: float = 2.0, most: float = 5.2) -> float:
+    """Return the height that suits a view on axes of a width, in inches."""
+    low, high = view.extent
+    extent = high - low
+    return float(np.clip(width * extent[1] / extent[0], least, most))
+
+
+def set_up(ax: Axes, view: View, scale: bool = True) -> None:
+    """Fit a view into axes: with numbered axes where it is along one of the world's and ``scale``, else with none."""
+    box = ax.get_position()
+    width, height = np.asarray(ax.figure.bbox.size) / float(ax.figure.dpi) * 72.0
+    view.fit(box.width * width, box.height * height)
+    ax.set_xlim(view.low[0], view.high[0])
+    ax.set_ylim(view.low[1], view.high[1])
+    ax.set_aspect("auto")
+    labels = view.camera.labels
+    if scale and labels is not None:
+        ax.set_xlabel(labels[0])
+        ax.set_ylabel(labels[1])
+        return
+    ax.set_xticks([])
+    ax.set_yticks([])
+    ax.grid(False)
+    for spine in ax.spines.values():
+        spine.set_visible(False)
+
+
+def room_below(views: list[View]) -> float:
+    """Return the height that views side by side take below a drawing [inch]; 0 without any."""
+    return BELOW + _height_below(views) if views else 0.0
+
+
+def _height_below(views: list[View]) -> float:
+    return max(height_of(view, _width_below(views), 0.9, 1.9) for view in views)
+
+
+def _width_below(views: list[View]) -> float:
+    return (WIDTH - (len(views) - 1) * APART) / len(views)
+
+
+def axes_below(sheet: Sheet, views: list[View]) -> list[Axes]:
+    """Return axes for views side by side, set up; the first axes of the sheet, tall enough for both, make room."""
+    if not views:
+        return []
+    width, total = sheet.figure.get_size_inches()
+    high, wide, box = _height_below(views), _width_below(views), sheet.ax.get_position()
+    more = room_below(views) / total
+    sheet.ax.set_position((box.x0, box.y0 + more, box.width, box.height - more))
+    found = []
+    for place, view in enumerate(views):
+        left = box.x0 + place * (wide + APART) / width
+        ax = sheet.figure.add_axes((left, box.y0, wide / width, high / total))
+        set_up(ax, view)
+        for axis in (ax.xaxis, ax.yaxis):
+            axis.set_major_locator(MaxNLocator(4))
+        found.append(ax)
+    return found
+
+
+def put(ax: Axes, view: View, k: int, before: list[Stroke] | None = None, grid: bool = True) -> Any:
+    """Add the drawing at its k-th instant to axes that are set up; ``before`` lies below it."""
+    found = ax.add_artist(Painted([*(before or []), *strokes(view, k, grid)]))
+    if not view.flat:
+        cross_of_axes(ax, view)
+    return found
+
+
+def ground(ax: Axes, view: View) -> None:
+    """Draw the ground grid of a view in space, and the directions of the world's axes."""
+    ax.add_artist(Painted([Stroke(symbols.joined(view.grid(0)), GRID, 0.7)])).set_zorder(0)
+    cross_of_axes(ax, view)
+
+
+def cross_of_axes(ax: Axes, view: View) -> None:
+    """Show the directions of the world's axes in the lower left corner."""
+    centre = view.low + CORNER * view.pt
+    for name, axis in zip("xyz", np.eye(3)):
+        arm = REACH * view.pt * np.array([axis @ view.camera.right, axis @ view.camera.up])
+        if np.hypot(*arm) < 3.0 * view.pt:
+            continue
+        shaft, head = symbols.arrow(centre, arm, 5.0 * view.pt)
+        ax.add_artist(Painted([Stroke(shaft, INK, 1.0), Stroke(head, INK, 0.5, INK, True)]))
+        place = centre + 1.45 * arm
+        ax.text(place[0], place[1], name, ha="center", va="center", fontsize=8, color=INK, clip_on=False)
+
+
+def where(view: View) -> str:
+    """Return from where a view is seen, in words."""
+    labels = view.camera.labels
+    return "in perspective" if labels is None else f"in the {labels[0][0]}-{labels[1][0]} plane"
+
+
+def caption(view: View, grid: bool = True) -> str:
+    """Return what the marks of a view mean: its grid and its arrows."""
+    words = [f"grid {number(view.pitch)} m"] if grid else []
+    largest = max(
+        (float(np.linalg.norm(np.nan_to_num(a.force), axis=1).max(initial=0.0)) for a in view.drawing.arrows),
+        default=0.0,
+    )
+    if largest > 0.0:
+        words.append(f"longest arrow {number(largest)} N")
+    return ", ".join(words)
+
+
+def outlines(view: View, k: int) -> dict[str, Array]:
+    """Return the line (n, 2) of each link at an instant, for names beside it."""
+    found = {}
+    for part in view.drawing.links:
+        points = view.corners[k, list(part.vertices), :2]
+        if len(points) and np.isfinite(points).all():
+            found[part.name] = symbols.hull(points) if len(points) > 2 else points
+    return found

@@ -1,0 +1,133 @@
+"""What there is to draw of a mechanism, in numbers: the one description that stills and movies are painted from."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import cached_property
+
+import numpy as np
+
+from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
+
+
+@record
+class Part:
+    """Something with an outline: vertices by their numbers.
+
+    kind : ``link`` (filled between all its vertices), ``ground`` (the link that stands still), ``solid`` (a box of the
+    body's inertia), ``bar``, ``rope``, ``rail`` (what a slider slides on), ``spring``, ``damper``, ``coil``,
+    ``bushing``. aside : 1 or -1 for two that lie side by side between the same places.
+    """
+
+    kind: str
+    name: str
+    vertices: tuple[int, ...]
+    colour: str
+    aside: int = 0
+
+
+@record
+class Pin:
+    """A joint or a closure at a vertex, with its axes by their numbers.
+
+    kind : ``hinge``, ``slide``, ``sleeve`` (turns and slides), ``cross``, ``ball``, ``table`` (slides in a plane),
+    ``weld``. colour : of what slides. grounded : whether it hangs on the ground. wound : whether a spring or damper
+    acts about its axis.
+    """
+
+    kind: str
+    name: str
+    vertex: int
+    axes: tuple[int, ...]
+    colour: str
+    grounded: bool = False
+    wound: bool = False
+
+
+@record
+class Arrow:
+    """A force at a vertex, (T, 3) in the world [N]."""
+
+    name: str
+    vertex: int
+    force: Array
+    reaction: bool
+
+
+@record
+class Trail:
+    """The path of a named point: times (K,) [s] and places (K, 3) [m]."""
+
+    name: str
+    times: Array
+    points: Array
+    colour: str
+
+
+@record
+class Latch:
+    """A latch across a joint: vertices on its first link, of the joint, on its second link; it closes at a time [s]."""
+
+    vertices: tuple[int, int, int]
+    closes: float
+
+
+@record
+class Drawing:
+    """A mechanism at T instants.
+
+    times : (T,) [s]. vertices : (T, N, 3) in the world [m]. axes : (T, M, 3), unit vectors of joints' axes. masses :
+    vertices that are centres of mass. bobs : those that stand for a body without extent. gravity : (3,) [m/s^2].
+    flat : index of the world's axis along which nothing moves and little extends; None in space.
+    """
+
+    times: Array
+    vertices: Array
+    axes: Array
+    parts: tuple[Part, ...]
+    pins: tuple[Pin, ...]
+    masses: tuple[int, ...]
+    bobs: tuple[int, ...]
+    arrows: tuple[Arrow, ...]
+    trails: tuple[Trail, ...]
+    latch: Latch | None
+    gravity: Array
+    flat: int | None = None
+
+    @property
+    def links(self) -> tuple[Part, ...]:
+        """The moving links, in the order of the scene."""
+        return tuple(part for part in self.parts if part.kind == "link")
+
+    @cached_property
+    def everything(self) -> Array:
+        """All places that the drawing takes in (..., 3), those of trails included; not finite ones left out."""
+        clouds = [self.vertices.reshape(-1, 3), *(trail.points for trail in self.trails)]
+        points = np.concatenate(clouds)
+        return points[np.isfinite(points).all(axis=1)]
+
+    @cached_property
+    def size(self) -> float:
+        """Largest extent [m]; 1 where nothing has any."""
+        points = self.everything
+        extent = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
+        return extent if 0.0 < extent < math.inf else 1.0
+
+    @cached_property
+    def up(self) -> Array:
+        """Direction against gravity (3,); z without gravity."""
+        g = float(np.linalg.norm(self.gravity))
+        return -self.gravity / g if g > 0.0 else np.array([0.0, 0.0, 1.0])
+
+    def at(self, chosen: list[int]) -> Drawing:
+        """Return the drawing at some of its instants."""
+        arrows = tuple(dataclasses.replace(arrow, force=arrow.force[chosen]) for arrow in self.arrows)
+        return dataclasses.replace(
+            self,
+            times=self.times[chosen],
+            vertices=self.vertices[chosen],
+            axes=self.axes[chosen],
+            arrows=arrows,
+        )

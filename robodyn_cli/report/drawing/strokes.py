@@ -1,0 +1,218 @@
+"""The strokes of a drawing at an instant: ground, paths, bodies, joints, loads, each on its layer."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robodyn_cli.report.drawing import symbols
+from robodyn_cli.report.drawing.bodies import FACES
+from robodyn_cli.report.drawing.pins import pin_strokes
+from robodyn_cli.report.drawing.record import Part
+from robodyn_cli.report.drawing.stroke import FAINT, INK, PAPER, Stroke, body, mixed
+from robodyn_cli.report.drawing.stroke import GRID as LINES
+from robodyn_cli.report.drawing.view import View
+from robodyn_cli.report.style import ALARM
+from robodyn_cli.spatial.algebra import Array
+
+GRID, SHADOW, GROUND, TRAIL, BODY, ON_TOP, LATCH, LOAD = range(8)
+PUSH, REACTION = ALARM, "#CC79A7"
+
+
+def strokes(view: View, k: int, grid: bool = True) -> list[Stroke]:
+    """Return the strokes of the k-th instant in the order in which they are painted."""
+    found: list[Stroke] = []
+    if grid and (lines := view.grid(k)):
+        found.append(Stroke(symbols.joined(lines), LINES, 0.7, layer=GRID))
+    if not view.flat:
+        found += _shadows(view, k)
+    found += _trails(view, k)
+    width = view.link_width
+    for place, part in enumerate(view.drawing.parts):
+        found += _part(view, k, part, width, place)
+    found += _masses(view, k, width)
+    found += pin_strokes(view, k, width, BODY if not view.flat else ON_TOP)
+    found += _latch(view, k, width)
+    found += _arrows(view, k)
+    return sorted(found, key=lambda stroke: (stroke.layer, stroke.depth))
+
+
+def silhouette(view: View, k: int) -> list[Array]:
+    """Return the outline (n, 2) of each link and bar at an instant: what a faint pose consists of."""
+    found = []
+    for part in view.drawing.parts:
+        if part.kind in ("link", "bar"):
+            points = view.corners[k, list(part.vertices), :2]
+            if np.isfinite(points).all():
+                corners = _outline(points, view.pt)
+                found.append(np.concatenate([corners, corners[:1]]) if len(corners) > 2 else corners)
+    return found
+
+
+def _outline(points: Array, pt: float) -> Array:
+    """Return the corners of a link: of its hull, or both ends where that is thinner than a printer's point."""
+    corners = symbols.hull(points)
+    if len(corners) <= 2:
+        return corners
+    centre = corners - corners.mean(axis=0)
+    _, _, axes = np.linalg.svd(centre, full_matrices=False)
+    if np.ptp(centre @ axes[1]) > pt:
+        return corners
+    along = centre @ axes[0]
+    return corners[[int(np.argmin(along)), int(np.argmax(along))]]
+
+
+def _part(view: View, k: int, part: Part, width: float, place: int) -> list[Stroke]:
+    corners = view.corners[k, list(part.vertices)]
+    if not len(corners) or not np.isfinite(corners).all():
+        return []
+    points, depth = corners[:, :2], float(corners[:, 2].mean())
+    if view.flat:
+        depth = 1e-3 * place
+    if part.kind == "link":
+        if len(points) == 1:
+            return []
+        return body(_outline(points, view.pt), part.colour, width, BODY, depth)
+    if part.kind == "solid":
+        return _solid(corners, part.colour, depth, view.flat)
+    if part.kind == "ground":
+        return _ground(points, view) if len(points) > 1 else []
+    if part.aside and (along := symbols.direction(points[1] - points[0])) is not None:
+        points = points + 6.0 * part.aside * view.pt * np.array([-along[1], along[0]])
+    return _connector(part.kind, points[0], points[1], view.pt, depth)
+
+
+def _connector(kind: str, a: Array, b: Array, pt: float, depth: float) -> list[Stroke]:
+    """Return what joins two places: a bar, a rail, a rope, a spring, a damper."""
+    line = np.array([a, b])
+    if kind == "bar":
+        return body(line, "#7F7F7F", 3.6, BODY, depth)
+    if kind == "rail":
+        return [Stroke(line, "#a9a9a9", 2.0, layer=BODY, depth=depth - 1e-6)]
+    if kind == "rope":
+        return [Stroke(line, INK, 1.0, layer=BODY, depth=depth, dashed=True)]
+    if kind == "damper":
+        return [Stroke(symbols.dashpot(a, b, 8.0 * pt), INK, 1.1, layer=ON_TOP, depth=depth)]
+    if kind == "coil":
+        return [Stroke(symbols.coil(b, 8.0 * pt), INK, 1.0, layer=ON_TOP, depth=depth)]
+    if kind == "bushing":
+        square = symbols.block(0.5 * (a + b), np.array([1.0, 0.0]), 9.0 * pt, 9.0 * pt)
+        return [Stroke(square, INK, 1.0, "#c9c9c9", True, ON_TOP, depth)]
+    return [Stroke(symbols.zigzag(a, b, 9.0 * pt), INK, 1.1, layer=ON_TOP, depth=depth)]
+
+
+def _solid(corners: Array, colour: str, depth: float, flat: bool) -> list[Stroke]:
+    """Return a box: the faces that look to the eye, lighter where they face upwards in the drawing."""
+    edge = mixed(colour, INK, 0.35)
+    if flat:
+        return [
+            Stroke(
+                symbols.hull(corners[:, :2]), edge, 0.8, mixed(colour, PAPER, 0.75), True, BODY, depth - 1e-4
+            )
+        ]
+    found = []
+    for face in FACES:
+        rows = corners[list(face)]
+        centre = rows.mean(axis=0) - corners.mean(axis=0)
+        if centre[2] > 0.0:
+            reach = float(np.linalg.norm(centre)) or 1.0
+            shade = mixed(colour, PAPER, 0.5 + 0.3 * float(centre[1]) / reach)
+            found.append(Stroke(rows[:, :2], edge, 0.8, shade, True, BODY, depth + 1e-6 * float(centre[2])))
+    return found
+
+
+def _ground(points: Array, view: View) -> list[Stroke]:
+    """Return the link that stands still: faint, for it is there wherever the paper is."""
+    corners = _outline(points, view.pt)
+    closed = len(corners) > 2 and not view.flat
+    return [Stroke(corners, "#c4c4c4", 1.6, "#efefef" if closed else None, closed, GROUND, dashed=view.flat)]
+
+
+def _shadows(view: View, k: int) -> list[Stroke]:
+    """Return the shadows of links on the ground, straight below them."""
+    found = []
+    for part in view.drawing.parts:
+        if part.kind in ("link", "solid", "bar"):
+            below = view.on_ground(view.drawing.vertices[k, list(part.vertices)])
+            points = view.project(below, k)[:, :2]
+            if len(points) > 1 and np.isfinite(points).all():
+                corners = _outline(points, view.pt)
+                closed = len(corners) > 2
+                found.append(Stroke(corners, FAINT, 3.0, FAINT if closed else None, closed, SHADOW))
+    return found
+
+
+def _trails(view: View, k: int) -> list[Stroke]:
+    """Return the paths of points: faint as a whole, and in colour as far as they have come."""
+    found = []
+    now = view.drawing.times[k]
+    for trail in view.drawing.trails:
+        path = view.project(trail.points, k)[:, :2]
+        faint = mixed(trail.colour, PAPER, 0.65)
+        found.append(Stroke(path, faint, 0.9, layer=TRAIL, depth=0.0))
+        passed = path[trail.times <= now]
+        if len(passed) > 1:
+            found.append(Stroke(passed, trail.colour, 1.3, layer=TRAIL, depth=1.0))
+    return found
+
+
+def _masses(view: View, k: int, width: float) -> list[Stroke]:
+    """Return marks of centres of mass, and discs for bodies without extent."""
+    found = []
+    # in space bodies in front hide it, its own does not
+    layer, bias = (ON_TOP, 0.0) if view.flat else (BODY, 0.02 * view.drawing.size)
+    colours = {vertex: part.colour for part in view.drawing.links for vertex in part.vertices}
+    sliders = {pin.vertex for pin in view.drawing.pins if pin.kind in ("slide", "sleeve", "table")}
+    for vertex in view.drawing.bobs:
+        if vertex in sliders:  # its block is the body
+            continue
+        x, y, depth = view.corners[k, vertex]
+        if np.isfinite(x + y):
+            colour = colours.get(vertex, INK)
+            disc = symbols.circle(np.array([x, y]), (0.55 * width + 2.5) * view.pt)
+            edge, fill = mixed(colour, INK, 0.35), mixed(colour, PAPER, 0.5)
+            found.append(Stroke(disc, edge, 0.9, fill, True, layer, depth + bias))
+    radius = float(np.clip(0.36 * width, 1.6, 3.2)) * view.pt
+    for vertex in view.drawing.masses:
+        x, y, depth = view.corners[k, vertex]
+        if np.isfinite(x + y):
+            centre = np.array([x, y])
+            found.append(Stroke(symbols.circle(centre, radius), INK, 0.6, PAPER, True, layer, depth + bias))
+            found.append(Stroke(symbols.quartered(centre, radius), INK, 0.0, INK, True, layer, depth + bias))
+    return found
+
+
+def _latch(view: View, k: int, width: float) -> list[Stroke]:
+    """Return the latch: a hook on its first link, and once it is closed a plate across the joint."""
+    latch = view.drawing.latch
+    if latch is None:
+        return []
+    a, joint, b = view.corners[k, list(latch.vertices), :2]
+    if not np.isfinite([a, joint, b]).all():
+        return []
+    reach = (2.0 * width + 4.0) * view.pt
+    arms = [
+        joint + reach * d
+        for d in (symbols.direction(a - joint), symbols.direction(b - joint))
+        if d is not None
+    ]
+    closed = view.drawing.times[k] >= latch.closes * (1.0 - 1e-12)
+    colour = ALARM if closed else mixed(INK, PAPER, 0.3)
+    plate = symbols.joined([np.array([joint, arm]) for arm in (arms if closed else arms[:1])])
+    found = [Stroke(plate, colour, max(0.45 * width, 2.0), layer=LATCH)]
+    for arm in arms if closed else arms[:1]:
+        found.append(Stroke(symbols.circle(arm, 0.3 * width * view.pt), colour, 0.8, PAPER, True, LATCH, 1.0))
+    if closed:
+        found.append(Stroke(symbols.circle(joint, 1.3 * width * view.pt), ALARM, 1.4, None, True, LATCH, 2.0))
+    return found
+
+
+def _arrows(view: View, k: int) -> list[Stroke]:
+    found = []
+    for arrow, (tail, vector) in zip(view.drawing.arrows, view.tips(k)):
+        if not np.isfinite([tail, vector]).all() or not np.hypot(*vector) > 2.0 * view.pt:
+            continue
+        colour = REACTION if arrow.reaction else PUSH
+        shaft, head = symbols.arrow(tail, vector, 7.0 * view.pt)
+        found.append(Stroke(shaft, colour, 1.5, layer=LOAD))
+        found.append(Stroke(head, colour, 0.6, colour, True, LOAD))
+    return found

@@ -1,0 +1,128 @@
+"""Frames of a movie as pixels: what stands still is drawn once, what moves is painted over it."""
+
+from __future__ import annotations
+
+import bisect
+import textwrap
+from collections.abc import Iterator
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from robodyn_cli.report import style
+from robodyn_cli.report.drawing import paper
+from robodyn_cli.report.drawing.build import make_drawing
+from robodyn_cli.report.drawing.camera import Camera, default_camera
+from robodyn_cli.report.drawing.painter import paint
+from robodyn_cli.report.drawing.record import Drawing
+from robodyn_cli.report.drawing.strokes import strokes
+from robodyn_cli.report.drawing.view import View
+from robodyn_cli.report.movie.plan import Plan
+from robodyn_cli.report.ticks import number
+from robodyn_cli.results.moments import Moment, moments
+from robodyn_cli.results.result import Result
+from robodyn_cli.spatial.algebra import Array
+
+DPI = 100
+WIDTH = 6.4  # [inch]
+TITLE, FOOT = 0.42, 0.3  # rooms above and below the drawing [inch]
+LEAST, MOST = 2.2, 5.2  # height of the drawing [inch]
+SHOWN_FOR = 1.0  # seconds of the movie for which a moment is told
+
+
+class Frames:
+    """The frames of a movie: RGBA arrays (height, width, 4) of bytes, height and width even.
+
+    Parameters
+    ----------
+    follow : name of the point that stays in the middle, None for a camera that stands still.
+    """
+
+    def __init__(self, result: Result, plan: Plan, follow: str | None = None) -> None:
+        self.plan = plan
+        self.drawing = make_drawing(result, plan.samples)
+        places = None if follow is None else result[f"points/{follow}"][plan.samples]
+        self.view = View(self.drawing, _camera(self.drawing, places), places)
+        self.moments = moments(result)
+        self._times = [moment.time for moment in self.moments]
+        height = paper.height_of(self.view, WIDTH, LEAST, MOST)
+        total = round((height + TITLE + FOOT) * DPI / 2) * 2 / DPI
+        self.figure = Figure(figsize=(WIDTH, total), dpi=DPI)
+        self.canvas: Any = FigureCanvasAgg(self.figure)
+        self.ax = self.figure.add_axes((0.0, FOOT / total, 1.0, 1.0 - (TITLE + FOOT) / total))
+        paper.set_up(self.ax, self.view, scale=False)
+        if not self.view.flat:
+            paper.cross_of_axes(self.ax, self.view)
+        self._still(result, total, follow)
+
+    def _still(self, result: Result, total: float, follow: str | None) -> None:
+        """Add the words that do not change, and those that do, which are drawn with each frame."""
+        title = textwrap.shorten(result.title or result.command, 62, placeholder=" ...")
+        self.figure.text(0.02, 1.0 - 0.12 / total, title, fontsize=11, fontweight="bold", va="top")
+        words = [paper.caption(self.view)]
+        words += [f"speed {number(self.plan.speed)}"] if self.plan.speed != 1.0 else []
+        words += [f"follows {follow}"] if follow is not None else []
+        foot: dict[str, Any] = {"fontsize": 8.5, "color": style.GREY, "va": "bottom"}
+        self.figure.text(0.98, 0.1 / total, ", ".join(words), ha="right", **foot)
+        self.told = self.figure.text(0.02, 0.1 / total, "", ha="left", **{**foot, "color": style.ALARM})
+        self.clock = self.figure.text(0.98, 1.0 - 0.12 / total, "", fontsize=11, ha="right", va="top")
+
+    def __len__(self) -> int:
+        """Return the number of different pictures; the last one is to stay for ``plan.held`` frames more."""
+        return len(self.drawing.times)
+
+    @cached_property
+    def _background(self) -> Any:
+        """What stands still, drawn once."""
+        for moving in (self.told, self.clock):
+            moving.set_visible(False)
+        self.canvas.draw()
+        background = self.canvas.copy_from_bbox(self.figure.bbox)
+        for moving in (self.told, self.clock):
+            moving.set_visible(True)
+        return background
+
+    def picture(self, k: int) -> Array:
+        """Return the k-th picture, (height, width, 4) bytes; it is overwritten by the next one."""
+        self.canvas.restore_region(self._background)
+        renderer = self.canvas.get_renderer()
+        paint(renderer, strokes(self.view, k), self.ax.transData, self.ax.bbox)
+        self._write(k, renderer)
+        return np.asarray(self.canvas.buffer_rgba())
+
+    def __iter__(self) -> Iterator[Array]:
+        """Yield the pictures one after another."""
+        return (self.picture(k) for k in range(len(self)))
+
+    def _write(self, k: int, renderer: Any) -> None:
+        """Write the time, and what has just happened."""
+        time = float(self.drawing.times[k])
+        self.clock.set_text(f"t = {time:.{self._digits}f} s")
+        last = bisect.bisect_right(self._times, time * (1.0 + 1e-12)) - 1
+        shown = [m for m in self.moments[: last + 1] if self._fresh(m, time)]
+        self.told.set_text("; ".join(dict.fromkeys(m.text for m in shown[-3:])))
+        self.clock.draw(renderer)
+        self.told.draw(renderer)
+
+    def _fresh(self, moment: Moment, time: float) -> bool:
+        """Tell whether a moment is told: for a while, and a lock for good."""
+        return (
+            moment.kind in ("lock", "latch", "overload") or time - moment.time <= SHOWN_FOR * self.plan.speed
+        )
+
+    @property
+    def _digits(self) -> int:
+        """Digits of the clock behind the point: as many as a frame moves."""
+        step = self.plan.speed / self.plan.fps
+        return int(np.clip(np.ceil(-np.log10(step)), 0, 9))
+
+
+def _camera(drawing: Drawing, places: Array | None) -> Camera:
+    """Return the usual camera; one that follows a point has no numbered axes."""
+    camera = default_camera(drawing)
+    if places is None:
+        return camera
+    return Camera(camera.right, camera.up, camera.back, camera.target, camera.distance)

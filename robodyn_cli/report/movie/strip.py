@@ -1,0 +1,47 @@
+"""A strip of stills, for papers: some instants side by side, at one scale."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.report import style
+from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.drawing import paper
+from robodyn_cli.report.drawing.build import make_drawing
+from robodyn_cli.report.drawing.camera import default_camera
+from robodyn_cli.report.drawing.instants import along_motion, evenly
+from robodyn_cli.report.drawing.view import View
+from robodyn_cli.report.ticks import number
+from robodyn_cli.results.result import Result
+
+STILLS, ACROSS = 6, 3
+WIDTH, BETWEEN = 5.9, 0.15  # of all stills side by side, and between them [inch]
+
+
+def draw_strip(result: Result, follow: str | None = None) -> Any:
+    """Return a figure of some instants equally far apart along the motion."""
+    samples = evenly(len(result.time), 400)
+    drawing = make_drawing(result, samples)
+    chosen = along_motion(drawing, STILLS)
+    poses = drawing.at(chosen)
+    places = None if follow is None else result[f"points/{follow}"][samples[np.array(chosen)]]
+    view = View(poses, default_camera(drawing), places)
+    across = min(ACROSS, len(chosen))
+    wide = (WIDTH - (across - 1) * BETWEEN) / across
+    height = paper.height_of(view, wide, 0.8, 2.0 * wide)
+    sheet = Sheet(
+        result,
+        paper.caption(view),
+        panels=len(chosen),
+        across=across,
+        height=height,
+        gap=0.3,
+        between=BETWEEN,
+    )
+    for k, ax in enumerate(sheet.axes):
+        paper.set_up(ax, view, scale=False)
+        paper.put(ax, view, k)
+        ax.set_title(f"t = {number(float(poses.times[k]), 4)} s", fontsize=style.FONT_SIZE, loc="left", pad=3)
+    return sheet.figure

@@ -1,0 +1,43 @@
+"""What the drawings of a study share: its inputs and outputs, and their panels."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.results.result import Result
+from robodyn_cli.spatial.algebra import Array
+
+MOST_PANELS = 8  # outputs beyond these are in the file alone
+
+
+def inputs(result: Result) -> dict[str, Array]:
+    """Return the values of the keys that vary, by key, one a run."""
+    return {name: v.data for name, v in result.group("inputs").items() if np.ptp(v.data) > 0.0}
+
+
+def outputs(result: Result) -> dict[str, Array]:
+    """Return the outputs that runs have, by key, one a run; nan where a run has none."""
+    found = {name: v.data for name, v in result.group("outputs").items()}
+    return {name: data for name, data in list(found.items())[:MOST_PANELS] if np.any(np.isfinite(data))}
+
+
+def axis_label(result: Result, key: str) -> str:
+    """Return the name of a key that varies, with its unit."""
+    units = result.variables[f"inputs/{key}"].units
+    return f"{key} [{units}]" if units not in ("", "1") else key
+
+
+def panels(result: Result, subtitle: str, names: list[str], height: float = 2.2, **layout: Any) -> Sheet:
+    """Return a sheet with a panel for each output, two side by side unless ``layout`` says otherwise."""
+    layout = {"across": 1 if len(names) == 1 else 2, "height": height, "gap": 0.62, **layout}
+    return Sheet(result, subtitle, panels=len(names), **layout)
+
+
+def runs_text(result: Result) -> str:
+    """Return how many runs there are, and how many failed."""
+    code = result["runs/exit_code"]
+    failed = int(np.count_nonzero(code))
+    return f"{len(code)} runs" + (f", {failed} failed" if failed else "")

@@ -1,0 +1,122 @@
+"""The limits of joints, and where a sampled motion passes them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from robodyn_cli.forces.limits import Limits
+from robodyn_cli.model.model import Model
+from robodyn_cli.record import record
+from robodyn_cli.run.observation.units import TORQUE
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.spatial.algebra import Array
+
+# a motion that stays on a limit passes it by rounding
+ROUNDING = 1e-12
+
+
+@record
+class LimitedJoint:
+    """A joint that moves, and its limits; ``place`` : of its coordinate in q, ``velocity`` : in v; ``unit`` : of q."""
+
+    name: str
+    limits: Limits
+    place: int
+    velocity: int
+    unit: str
+
+
+def limited_joints(scene: Scene, model: Model) -> list[LimitedJoint]:
+    """Return the joints with limits in the order of the scene."""
+    found = []
+    for joint in scene.robot.joints:
+        limits = next((force for _, force in joint.forces if isinstance(force, Limits)), None)
+        if limits is not None and joint.name in model.q_names:
+            place = model.q_names.index(joint.name)
+            velocity = model.v_names.index(joint.name)
+            found.append(LimitedJoint(joint.name, limits, place, velocity, model.q_units[place]))
+    return found
+
+
+@record
+class Bound:
+    """One limit: ``over`` (T,) is positive where the motion is beyond it, and ``values`` (T,) are what is limited."""
+
+    name: str
+    limit: float
+    values: Array
+    over: Array
+    unit: str
+    times: Array
+
+    @property
+    def passed(self) -> bool:
+        """Whether the motion is beyond it at any sample, by more than rounding."""
+        return bool(self.over.size) and bool(self.over.max() > ROUNDING * max(1.0, abs(self.limit)))
+
+    def sentence(self, joint: str) -> str:
+        """Return what is passed, from when, and by how much."""
+        beyond = self.over > ROUNDING * max(1.0, abs(self.limit))
+        first, worst = int(np.argmax(beyond)), int(np.argmax(self.over))
+        return (
+            f"joint {joint!r} is beyond its {self.name} limit of {self.limit:.6g} {self.unit} from "
+            f"t = {self.times[first]:.6g} s; {self.values[worst]:.6g} {self.unit} at t = {self.times[worst]:.6g} s"
+        )
+
+
+def position_bounds(joint: LimitedJoint, times: Array, q: Array) -> Iterator[Bound]:
+    """Yield the limits of position; ``q`` (T, nq)."""
+    x, limits = q[:, joint.place], joint.limits
+    if limits.lower is not None:
+        yield Bound("lower", limits.lower, x, limits.lower - x, joint.unit, times)
+    if limits.upper is not None:
+        yield Bound("upper", limits.upper, x, x - limits.upper, joint.unit, times)
+
+
+def rate_bounds(joint: LimitedJoint, times: Array, rates: Mapping[str, Array]) -> Iterator[Bound]:
+    """Yield the limits of speed, acceleration, jerk and effort, as far as ``rates`` has them: ``qd``, ``qdd`` and
+    ``tau`` (T, nv).
+
+    The jerk between two samples is the mean: somewhere between them it is as large, or larger.
+    """
+    unit = joint.unit
+    columns = {name: values[:, joint.velocity] for name, values in rates.items()}
+    if "qdd" in columns:
+        columns["jerk"] = np.diff(columns["qdd"]) / np.diff(times)
+    for name, column, what in (
+        ("speed", "qd", f"{unit}/s"),
+        ("acceleration", "qdd", f"{unit}/s^2"),
+        ("jerk", "jerk", f"{unit}/s^3"),
+        ("effort", "tau", TORQUE[unit]),
+    ):
+        limit = getattr(joint.limits, name)
+        if limit is not None and column in columns:
+            values = columns[column]
+            yield Bound(name, limit, values, np.abs(values) - limit, what, times)
+
+
+def limit_warnings(
+    joints: Sequence[LimitedJoint], times: Array, rates: Mapping[str, Array], q: Array | None = None
+) -> list[str]:
+    """Return a warning for each limit that a motion passes at its samples, with joint and time.
+
+    Parameters
+    ----------
+    times : (T,). rates : see ``rate_bounds``. q : positions (T, nq), where they are to be looked at.
+    """
+    found = []
+    for joint in joints:
+        for bound in position_bounds(joint, times, q) if q is not None else ():
+            if bound.passed:
+                found.append(bound.sentence(joint.name) + _stop(joint.limits))
+        found += [b.sentence(joint.name) for b in rate_bounds(joint, times, rates) if b.passed]
+    return found
+
+
+def _stop(limits: Limits) -> str:
+    """Return what becomes of stops along a given motion."""
+    if not limits.acts:
+        return ""
+    return "; its rigid stop is ignored" if limits.rigid else "; the torques press on its stop"

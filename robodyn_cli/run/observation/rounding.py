@@ -1,0 +1,120 @@
+"""What rounding does to figures: they are computed again with every number and every result slightly off.
+
+Each constant, input and result of an operation is changed by a random part of one unit of rounding. What that makes of
+the outputs is how they may be off, cancellations and conditioning included (Vignes 1993, "A stochastic arithmetic for
+reliable scientific computation"). The changes are enlarged, so that the rounding of this computation itself does not
+count, and the differences divided by the same.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.fixed import Fixed
+from robodyn_cli.expr.graph import Expr, Scalar, free_symbols, reachable
+from robodyn_cli.expr.rebuild import APPLY, apply
+from robodyn_cli.model.model import PARAMETER_GROUP
+from robodyn_cli.spatial.algebra import Array
+
+UNIT = 2.0**-53
+ENLARGED = 2.0**13
+DRAWS = 4
+PATTERNS = 61  # of changes, which nodes take in turn
+LARGE = 50_000  # operations
+SHORT = 1024.0  # numbers with so few binary places are exact
+EXACT = frozenset({"neg", "abs", "sign", "min", "max", "where"})
+
+
+class Rounded:
+    """Expressions at a few samples, as they are (draw 0), and as rounding might make them (draws 1 to DRAWS).
+
+    Numbers of the scene count as exact; what is computed of them, while the graph is built, does not.
+    """
+
+    def __init__(self, outputs: Sequence[Scalar]) -> None:
+        self.outputs = list(outputs)
+        self.nodes = reachable(self.outputs)
+
+    def __call__(self, inputs: Mapping[str, Array]) -> Array:
+        """Return the outputs (draw, sample, output) at inputs (T, n) by group."""
+        samples = len(next(iter(inputs.values())))
+        factors = itertools.cycle(1.0 + ENLARGED * UNIT * _changes(PATTERNS, samples))
+        numbers: dict[int, Any] = {}
+        value: dict[int, Any] = {}
+        with np.errstate(all="ignore"):
+            for node in self.nodes:
+                if node.op == "sym":
+                    _, group, position = node.value
+                    value[node.index] = inputs[group][:, position] * next(factors)
+                elif node.op == "const":
+                    value[node.index] = _number(node.value, numbers, factors)
+                else:
+                    found = apply(node, [value[a.index] for a in node.args])
+                    value[node.index] = found if node.op in EXACT else found * next(factors)
+            columns = [
+                value[e.index] if isinstance(e, Expr) else _number(e, numbers, factors) for e in self.outputs
+            ]
+        return np.stack([np.broadcast_to(x, (DRAWS + 1, samples)) for x in columns], axis=-1)
+
+
+def _number(x: float, known: dict[int, Any], factors: Iterator[Array]) -> Any:
+    """Return a number of the graph as rounding might make it; ``known`` keeps those of the scene, by identity."""
+    if not isinstance(x, Fixed):
+        return x if float(x * SHORT).is_integer() else x * next(factors)
+    stack = [x]
+    while stack:
+        top = stack[-1]
+        computed = top.op not in ("literal", "entry")
+        inputs = [a for a in top.args if isinstance(a, Fixed)] if computed else []
+        if missing := [a for a in inputs if id(a) not in known]:
+            stack += missing
+            continue
+        stack.pop()
+        if id(top) in known:
+            continue
+        if not computed:
+            known[id(top)] = float(top) if top.op == "literal" else float(top) * next(factors)
+            continue
+        found = APPLY[top.op](*(known[id(a)] if isinstance(a, Fixed) else a for a in top.args))
+        known[id(top)] = found if top.op in EXACT else found * next(factors)
+    return known[id(x)]
+
+
+def _changes(patterns: int, samples: int) -> Array:
+    """Return numbers between -1 and 1 without order (pattern, draw, sample), zero in draw 0; the same in each run."""
+    count = np.arange(1.0, 1.0 + patterns * (DRAWS + 1) * samples).reshape(patterns, DRAWS + 1, samples)
+    found = 2.0 * np.modf(np.abs(np.sin(12.9898 * count)) * 43758.5453)[0] - 1.0
+    found[:, 0] = 0.0
+    return found
+
+
+def largest_difference(found: Array) -> float | None:
+    """Return how far draws (draw, ...) of a figure lie from draw 0 at most; None if not finite."""
+    largest = float(np.abs(found[1:] - found[0]).max(initial=0.0)) / ENLARGED
+    return largest if np.isfinite(largest) else None
+
+
+def few(samples: int, most: int = 9) -> Array:
+    """Return indices of a few samples out of many, the first and the last among them."""
+    places: Array = np.unique(np.linspace(0, samples - 1, min(samples, most)).round().astype(int))
+    return places
+
+
+def acceleration_rounding(problem: Problem, times: Array, q: Array, v: Array) -> float | None:
+    """Return how far rounding may have put any acceleration off along a motion q (T, nq), v (T, nv).
+
+    None where that is not to be told at little cost: parameters that change on the way, very large equations.
+    """
+    accelerations = list(problem.forward.qdd)
+    if any(symbol.value[1] == PARAMETER_GROUP for symbol in free_symbols(accelerations)):
+        return None
+    program = Rounded(accelerations)
+    if len(program.nodes) > LARGE:
+        return None
+    places = few(len(times))
+    return largest_difference(program({"t": times[places, None], "q": q[places], "v": v[places]}))

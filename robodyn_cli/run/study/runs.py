@@ -1,0 +1,217 @@
+"""One run of a study: values in, outputs out; and many of them, in processes side by side."""
+
+from __future__ import annotations
+
+import concurrent.futures as futures
+import contextlib
+import math
+import multiprocessing
+import signal
+import time
+from collections import deque
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from typing import Any
+
+from robodyn_cli.errors import RobodynError
+from robodyn_cli.exit_codes import INTERNAL
+from robodyn_cli.record import record
+from robodyn_cli.results.result import Result
+from robodyn_cli.run.batch.criteria import exit_code, judge, lookup_number
+from robodyn_cli.run.commands import execute
+from robodyn_cli.run.progress import no_progress
+from robodyn_cli.run.stopwatch import Stopwatch
+from robodyn_cli.scene.load import Family
+from robodyn_cli.scene.types import Scene
+
+FEWEST_IN_PROCESSES = 16  # a process takes as long to start as some ten runs take
+LONGEST_CHUNK = 64  # runs that a process is given at a time
+SECONDS_OF_CHUNK = 0.5  # about
+
+Values = tuple[float, ...]
+
+
+@record
+class Row:
+    """What one run gave.
+
+    code : exit code that the command would have. outputs, errors : numbers, nan where a run has none. holds : whether
+    all of ``expect`` holds. reason : why a run failed.
+    """
+
+    values: Values
+    code: int
+    outputs: tuple[float, ...]
+    errors: tuple[float, ...]
+    holds: bool
+    reason: str
+    seconds: float
+
+
+@record
+class Task:
+    """What all runs of a study share: the scene, its command, the keys that vary, the outputs."""
+
+    path: str
+    overrides: tuple[str, ...]
+    command: str
+    keys: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+
+class Runner:
+    """Runs the scenes of a study one after another."""
+
+    def __init__(self, task: Task) -> None:
+        self.task = task
+        self.family = Family(task.path, task.overrides)
+
+    def scene(self, values: Sequence[float]) -> Scene:
+        """Return the scene with these values.
+
+        Raises
+        ------
+        SceneError : a value is not allowed there.
+        """
+        return self.family.scene([setting(key, x) for key, x in zip(self.task.keys, values)])
+
+    def one(self, values: Values) -> Row:
+        """Return what the run with these values gives; whatever ends it is part of the row."""
+        return self.with_summary(values)[0]
+
+    def with_summary(self, values: Values) -> tuple[Row, Mapping[str, Any]]:
+        """Return what a run gives, and its summary."""
+        start = time.perf_counter()
+        summary: Mapping[str, Any] = {}
+        reason, code, holds = "", INTERNAL, False
+        try:
+            scene = self.scene(values)
+            summary, code = self._summary(scene)
+            holds = all(o.holds for o in judge(scene.expect, summary))
+            error = summary.get("error")
+            reason = "" if code == 0 else str(error["message"] if error else summary["termination"]["reason"])
+        except RobodynError as error:
+            code, reason = error.exit_code, error.message
+        except Exception as error:  # a fault of the program in one run leaves the others as they are
+            reason = f"{type(error).__name__}: {error}"
+        outputs = tuple(number_of(summary, key) for key in self.task.outputs)
+        errors = tuple(error_of(summary, key) for key in self.task.outputs)
+        return Row(values, code, outputs, errors, holds, reason, time.perf_counter() - start), summary
+
+    def _summary(self, scene: Scene) -> tuple[dict[str, Any], int]:
+        """Return the summary of a run, which may have failed on the way, and its exit code."""
+        try:
+            result = execute(self.task.command, scene, no_progress, Stopwatch())
+        except RobodynError as error:
+            if not isinstance(error.result, Result):
+                raise
+            failed = {"kind": type(error).__name__, "message": error.message, "exit_code": error.exit_code}
+            return {**error.result.summary, **error.result.head, "error": failed}, error.exit_code
+        summary = {**result.summary, **result.head}
+        return summary, exit_code(summary)
+
+
+def setting(key: str, value: float) -> str:
+    """Return the option of ``--set`` that gives a key a value; it reads back as the same number."""
+    whole = value.is_integer() and abs(value) < 2**53
+    return f"{key}={int(value)}" if whole else f"{key}={value!r}"
+
+
+def number_of(summary: Mapping[str, Any], key: str) -> float:
+    """Return a number of a summary; nan where it has none there."""
+    value = lookup_number(summary, key)
+    return math.nan if value is None else value
+
+
+def error_of(summary: Mapping[str, Any], key: str) -> float:
+    """Return the estimated error of a number of a summary, where the summary tells one."""
+    beside = lookup_number(summary, f"{key}_error")
+    if beside is None and key.startswith(("final.q.", "final.qd.")):
+        beside = lookup_number(summary, f"error_estimate.{key.split('.')[1]}_end")
+    return math.nan if beside is None else beside
+
+
+# -- side by side ---------------------------------------------------------------------------------------
+_runner: Runner | None = None  # of this process
+
+
+def _begin(task: Task) -> None:
+    """Prepare a process for the runs of a study; interrupts are left to the process that began it."""
+    global _runner
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _runner = Runner(task)
+
+
+def _run_chunk(points: Sequence[Values]) -> list[Row]:
+    assert _runner is not None
+    return [_runner.one(values) for values in points]
+
+
+def run_all(task: Task, points: Sequence[Values], jobs: int) -> Iterator[Row]:
+    """Yield the rows of all points, in the order in which they are done.
+
+    Parameters
+    ----------
+    jobs : processes; with one, or for a few points, this process runs them itself.
+    """
+    if jobs == 1 or len(points) < FEWEST_IN_PROCESSES:
+        runner = Runner(task)
+        yield from (runner.one(values) for values in points)
+        return
+    waiting, suspects = deque(points), deque[Values]()
+    while waiting or suspects:
+        # what was being run as a process died is run again one by one, to find the run that does it
+        if suspects:
+            lost = yield from _in_processes(task, suspects, 1)
+            yield from (_killed(values, task) for values in lost)
+        else:
+            suspects.extend((yield from _in_processes(task, waiting, jobs)))
+
+
+def _in_processes(task: Task, waiting: deque[Values], jobs: int) -> Generator[Row, None, list[Values]]:
+    """Run points in processes, taking them from the queue; return those that were lost with a process."""
+    alone = jobs == 1
+    size = 1
+    flying: dict[futures.Future[list[Row]], list[Values]] = {}
+    with _pool(task, jobs) as pool:
+        try:
+            while waiting or flying:
+                while waiting and len(flying) < (1 if alone else 2 * jobs):
+                    chunk = [waiting.popleft() for _ in range(min(size, len(waiting)))]
+                    flying[pool.submit(_run_chunk, chunk)] = chunk
+                # without a time limit an interrupt would not be seen on every system
+                done, _ = futures.wait(flying, timeout=0.2, return_when=futures.FIRST_COMPLETED)
+                for future in done:
+                    rows = future.result()
+                    del flying[future]
+                    yield from rows
+                    size = 1 if alone else _next_size(rows[-1].seconds, len(waiting), jobs)
+        except BrokenProcessPool:
+            return [values for chunk in flying.values() for values in chunk]
+    return []
+
+
+@contextlib.contextmanager
+def _pool(task: Task, jobs: int) -> Iterator[futures.ProcessPoolExecutor]:
+    """Give a pool of processes; where the block is left early, end them at once."""
+    context = multiprocessing.get_context("spawn")
+    pool = futures.ProcessPoolExecutor(jobs, context, _begin, (task,))
+    try:
+        yield pool
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        for process in multiprocessing.active_children():
+            process.terminate()
+        raise
+    pool.shutdown()
+
+
+def _next_size(seconds: float, left: int, jobs: int) -> int:
+    """Return how many runs to give a process at a time, from how long one took."""
+    fitting = int(SECONDS_OF_CHUNK / max(seconds, 1e-6))
+    return max(1, min(fitting, LONGEST_CHUNK, left // (4 * jobs) + 1))
+
+
+def _killed(values: Values, task: Task) -> Row:
+    none = (math.nan,) * len(task.outputs)
+    return Row(values, INTERNAL, none, none, False, "the process of this run was ended from outside", 0.0)

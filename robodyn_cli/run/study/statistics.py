@@ -1,0 +1,164 @@
+"""What the runs of a study say together: spread, failures, yield, influence of each key."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from robodyn_cli.record import record
+from robodyn_cli.results.summary import ABSENT, Absent
+from robodyn_cli.run.study.design import Design
+from robodyn_cli.spatial.algebra import Array
+
+LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)  # quantiles
+CONFIDENCE = 0.95  # of all intervals
+
+
+@record
+class Spread:
+    """How an output spreads over the runs that have it.
+
+    runs : their number. mean_error : standard error of the mean, for samples. largest_error : of the errors that runs
+    estimate, where they do. nominal : value of the scene as it stands.
+    """
+
+    runs: int
+    mean: float
+    sd: float
+    quantiles: dict[str, float]
+    minimum: float
+    maximum: float
+    nominal: float | None
+    mean_error: float | Absent = ABSENT
+    largest_error: float | Absent = ABSENT
+
+
+@record
+class Share:
+    """A share of runs with its confidence interval (Clopper and Pearson)."""
+
+    share: float
+    low: float
+    high: float
+    confidence: float = CONFIDENCE
+
+
+@record
+class Influence:
+    """What a key does to an output, by a linear fit over all keys.
+
+    swing : change of the output as the key goes from its 5 % to its 95 % quantile. rank_correlation : Spearman's.
+    """
+
+    swing: float
+    rank_correlation: float
+
+
+@record
+class Index:
+    """Shares of an output's variance: by a key alone, and with all its interactions; with confidence intervals."""
+
+    first: float
+    first_low: float
+    first_high: float
+    total: float
+    total_low: float
+    total_high: float
+
+
+def spread(values: Array, errors: Array, nominal: float, sampled: bool) -> Spread | None:
+    """Return how an output spreads; None where no run has it. sampled : whether the runs are random samples."""
+    there = values[np.isfinite(values)]
+    if not there.size:
+        return None
+    sd = float(there.std(ddof=1)) if there.size > 1 else 0.0
+    known = errors[np.isfinite(errors)]
+    return Spread(
+        int(there.size),
+        float(there.mean()),
+        sd,
+        {f"{100 * level:g} %": float(q) for level, q in zip(LEVELS, np.quantile(there, LEVELS))},
+        float(there.min()),
+        float(there.max()),
+        nominal if math.isfinite(nominal) else None,
+        mean_error=sd / math.sqrt(there.size) if sampled else ABSENT,
+        largest_error=float(known.max()) if known.size else ABSENT,
+    )
+
+
+def share(count: int, runs: int) -> Share:
+    """Return the share of runs and the interval that holds its true value with 95 % confidence."""
+    from scipy.special import betaincinv
+
+    tail = (1.0 - CONFIDENCE) / 2.0
+    low = float(betaincinv(count, runs - count + 1, tail)) if count else 0.0
+    high = float(betaincinv(count + 1, runs - count, 1.0 - tail)) if count < runs else 1.0
+    return Share(count / runs, low, high)
+
+
+def influences(design: Design, output: Array) -> dict[str, Influence]:
+    """Return the influence of each key that takes several values, the largest first; none for too few runs."""
+    fit = np.isfinite(output)
+    moving = [k for k in range(len(design.keys)) if np.ptp(design.values[:, k]) > 0.0]
+    if np.count_nonzero(fit) < len(moving) + 2:
+        return {}
+    x, y = design.values[fit][:, moving], output[fit]
+    slopes = np.linalg.lstsq(np.column_stack([x - x.mean(axis=0), np.ones(len(x))]), y, rcond=None)[0][:-1]
+    low, high = np.quantile(x, (0.05, 0.95), axis=0)
+    ranks = _ranks(y)
+    found = {
+        design.keys[key]: Influence(float(slope * (b - a)), _correlation(_ranks(x[:, k]), ranks))
+        for k, (key, slope, a, b) in enumerate(zip(moving, slopes, low, high))
+    }
+    return dict(sorted(found.items(), key=lambda item: -abs(item[1].swing)))
+
+
+def _ranks(x: Array) -> Array:
+    """Return ranks, equal values with their mean rank."""
+    _, which, counts = np.unique(x, return_inverse=True, return_counts=True)
+    ends = np.cumsum(counts)
+    return np.asarray(ends - (counts - 1) / 2.0)[which]
+
+
+def _correlation(a: Array, b: Array) -> float:
+    a, b = a - a.mean(), b - b.mean()
+    size = math.sqrt(float(a @ a) * float(b @ b))
+    return float(a @ b) / size if size else 0.0
+
+
+def sobol(design: Design, output: Array) -> dict[str, Index] | None:
+    """Return Sobol's indices of an output; None where a run has no value or the output does not vary.
+
+    Source: Saltelli et al. 2010, as ``scipy.stats.sobol_indices`` has it, with its bootstrap.
+    """
+    from scipy.stats import sobol_indices
+
+    k = len(design.keys)
+    n = len(output) // (k + 2)
+    if not np.all(np.isfinite(output)) or np.ptp(output) == 0.0:
+        return None
+    blocks = output.reshape(k + 2, n)
+    func = {"f_A": blocks[0][None], "f_B": blocks[1][None], "f_AB": blocks[2:, None, :]}
+    found = sobol_indices(func=func, n=n)
+    first, total = np.atleast_1d(found.first_order.squeeze()), np.atleast_1d(found.total_order.squeeze())
+    spreads = found.bootstrap(confidence_level=CONFIDENCE)
+    sides = [
+        np.atleast_1d(np.squeeze(side))
+        for order in (spreads.first_order, spreads.total_order)
+        for side in (order.confidence_interval.low, order.confidence_interval.high)
+    ]
+    return {
+        key: Index(
+            *(float(x) for x in (first[i], sides[0][i], sides[1][i], total[i], sides[2][i], sides[3][i]))
+        )
+        for i, key in enumerate(design.keys)
+    }
+
+
+def extremes(output: Array) -> Sequence[int]:
+    """Return the runs with the smallest and the largest value."""
+    if not np.any(np.isfinite(output)):
+        return []
+    return list(dict.fromkeys((int(np.nanargmin(output)), int(np.nanargmax(output)))))

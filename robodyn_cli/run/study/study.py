@@ -1,0 +1,184 @@
+"""A study: many runs of one scene with other values of some keys, and what they say together."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from robodyn_cli.commands import SCENE_COMMANDS
+from robodyn_cli.errors import SceneError
+from robodyn_cli.expr.variation import Variation
+from robodyn_cli.record import record
+from robodyn_cli.results.provenance import sha256
+from robodyn_cli.run.batch.criteria import lookup, refuse_unknown
+from robodyn_cli.run.study.design import Design, make_design
+from robodyn_cli.run.study.log import LOG_NAME, Log
+from robodyn_cli.run.study.runs import Row, Runner, Task, Values, number_of, run_all, setting
+from robodyn_cli.scene.load import Family
+from robodyn_cli.scene.types import StudyOptions
+from robodyn_cli.scene.units import unit_of
+from robodyn_cli.version import __version__
+
+COMMANDS = tuple(name for name in SCENE_COMMANDS if name not in ("stability", "assemble"))
+NO_NUMBERS = ("wall_time_s", "counters", "run_id")
+
+
+@record
+class Asked:
+    """A study as it was asked for.
+
+    options : of the scene's section ``study``, with what the command line says in its place. overrides :
+    ``key.path=value`` texts for all runs. indices : whether to compute Sobol's indices.
+    """
+
+    path: Path
+    overrides: tuple[str, ...]
+    options: StudyOptions
+    indices: bool = False
+
+
+@record
+class Study:
+    """A study that makes sense, before it runs.
+
+    units : by key that varies. nominal : the run of the scene as it stands. text : of the scene.
+    """
+
+    asked: Asked
+    task: Task
+    design: Design
+    units: dict[str, str]
+    nominal: Row
+    title: str
+    text: str
+    expects: bool
+
+    @property
+    def digest(self) -> str:
+        """What rows of an earlier study must share with this one to stand for its own."""
+        task = self.task
+        return sha256("\n".join([__version__, self.text, task.command, *task.keys, "", *task.outputs]))
+
+    def repeat(self, values: Sequence[float]) -> str:
+        """Return the command that repeats a run."""
+        settings = [
+            *self.asked.overrides,
+            *(setting(key, x) for key, x in zip(self.task.keys, values)),
+        ]
+        options = " ".join(f"--set {_quoted(text)}" for text in settings)
+        return f"robodyn {self.task.command} {self.asked.path} {options}"
+
+
+def _quoted(text: str) -> str:
+    return "'" + text.replace("'", "'\\''") + "'" if any(c in text for c in " '\"$&|;<>()*?[]{}\\`") else text
+
+
+def options_of(given: StudyOptions, **own: Any) -> StudyOptions:
+    """Return the options of a scene with those of the command line in their place; None leaves one as it is."""
+    changed = {name: value for name, value in own.items() if value is not None}
+    return dataclasses.replace(given, **changed)
+
+
+def prepare(asked: Asked) -> Study:
+    """Check a study, and run its scene once as it stands.
+
+    Raises
+    ------
+    SceneError : the scene is wrong, names no command, or a key does not exist or takes no such numbers; an output
+        is not in the summary; the study makes no sense.
+    """
+    family = Family(asked.path, asked.overrides)
+    scene, options = family.own, asked.options
+    if scene.command not in COMMANDS:
+        what = "is missing" if scene.command is None else f"is {scene.command}"
+        raise SceneError(
+            f"{asked.path}: key 'command' {what}: it says what each run does; allowed: {', '.join(COMMANDS)}"
+        )
+    design = make_design(options, asked.indices)
+    for key, variation in options.vary.items():
+        _check_key(family, key, variation)
+    wanted = options.of or tuple(key for key, e in scene.expect.items() if e.numeric and key != "exit_code")
+    task = Task(str(asked.path), asked.overrides, scene.command, design.keys, wanted)
+    nominal = _run_nominal(task)
+    units = {key: unit_of(family.root, key) for key in design.keys}
+    return Study(
+        asked, task, design, units, nominal, scene.title or scene.command, scene.text, bool(scene.expect)
+    )
+
+
+def _check_key(family: Family, key: str, variation: Variation) -> None:
+    """Refuse a key that the scene does not have, or that takes no such numbers."""
+    x = variation.example
+    text = f"{key}={math.degrees(x)!r} deg" if variation.degrees else setting(key, x)
+    try:
+        family.scene([text])
+    except SceneError as error:
+        message = error.message.replace(f"--set {text}", f"--vary {key}={variation.text}", 1)
+        raise SceneError(message, key=key) from error
+
+
+def _run_nominal(task: Task) -> Row:
+    """Return the run of the scene as it stands.
+
+    Raises
+    ------
+    SceneError : no output is named, or the summary of this run does not have one, or it is no number.
+    """
+    plain = dataclasses.replace(task, keys=())
+    runner = Runner(plain)
+    row, summary = runner.with_summary(())
+    if not summary:
+        raise SceneError(f"the scene as it stands does not run: {row.reason}")
+    if not task.outputs:
+        known = ", ".join(_numbers(summary))
+        raise SceneError(
+            f"{task.path}: no output is named; give --of KEY, or study.of; numbers here: {known}"
+        )
+    for key in task.outputs:
+        refuse_unknown(summary, key, "study.of")
+        value = lookup(summary, key)
+        if row.code == 0 and value is not None and math.isnan(number_of(summary, key)):
+            raise SceneError(f"study.of: {key!r} is {value!r}, which is not a number")
+    return row
+
+
+def _numbers(facts: Mapping[str, Any], path: str = "") -> list[str]:
+    found = []
+    for name, value in facts.items():
+        if isinstance(value, Mapping) and name not in NO_NUMBERS:
+            found += _numbers(value, f"{path}{name}.")
+        elif isinstance(value, (int, float)) and not isinstance(value, bool):
+            found.append(f"{path}{name}")
+    return found
+
+
+def run_study(
+    study: Study, directory: Path, jobs: int, done: Mapping[Values, Row], tell: Callable[[int, int], None]
+) -> list[Row]:
+    """Run all points of a study and return their rows in its order.
+
+    Parameters
+    ----------
+    directory : where the file of unfinished rows lies. done : rows of an earlier study of the same scene, by values.
+    tell : is told how many of how many runs are done.
+    """
+    points: list[Values] = [tuple(row) for row in study.design.values.tolist()]
+    with Log(directory / LOG_NAME, study.digest) as log:
+        rows = {**done, **log.rows}
+        missing = list(dict.fromkeys(values for values in points if values not in rows))
+        tell(len(points) - len(missing), len(points))
+        for count, row in enumerate(run_all(study.task, missing, jobs), 1):
+            rows[row.values] = row
+            log.add(row)
+            tell(len(points) - len(missing) + count, len(points))
+    return [rows[values] for values in points]
+
+
+def forget_log(directory: Path) -> None:
+    """Remove the rows of a study that is finished and stored."""
+    with contextlib.suppress(OSError):
+        (directory / LOG_NAME).unlink()

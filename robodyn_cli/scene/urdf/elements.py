@@ -1,0 +1,239 @@
+"""The links and joints of a URDF file as typed data; everything that dynamics needs, nothing else."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+from robodyn_cli.errors import did_you_mean
+from robodyn_cli.record import record
+from robodyn_cli.scene.text.faults import Faults
+from robodyn_cli.scene.text.nodes import shown
+from robodyn_cli.scene.urdf.xml import Element
+
+JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
+ZERO = (0.0, 0.0, 0.0)
+X_AXIS = (1.0, 0.0, 0.0)  # the format's default
+_INERTIA = ("xx", "xy", "xz", "yy", "yz", "zz")
+_SHAPES = ("visual", "collision")
+
+
+@record
+class Pose:
+    """An ``origin``: position [m], and orientation as ``rpy`` [rad] or as a ``quaternion`` (w, x, y, z)."""
+
+    xyz: tuple[float, ...] = ZERO
+    rpy: tuple[float, ...] = ZERO
+    quaternion: tuple[float, ...] | None = None
+
+
+@record
+class Inertial:
+    """Mass [kg], and the inertia [kg m^2] about the origin of ``pose``, the centre of mass, in its axes."""
+
+    element: Element
+    mass: float
+    pose: Pose
+    inertia: dict[str, float]
+
+
+@record
+class UrdfLink:
+    """A link; ``shapes`` : how many it is drawn and tested with; ``meshes`` : their files, as the URDF names them."""
+
+    element: Element
+    name: str
+    inertial: Inertial | None
+    shapes: int
+    meshes: tuple[tuple[Element, str], ...]
+
+    @property
+    def massless(self) -> bool:
+        return self.inertial is None or (
+            self.inertial.mass == 0.0 and not any(self.inertial.inertia.values())
+        )
+
+
+@record
+class Mimic:
+    """q = multiplier q_joint + offset."""
+
+    element: Element
+    joint: str
+    multiplier: float
+    offset: float
+
+
+@record
+class UrdfJoint:
+    """A joint; ``limits`` : lower, upper, effort and velocity, as far as they are written."""
+
+    element: Element
+    name: str
+    type: str
+    parent: str
+    child: str
+    pose: Pose
+    axis: tuple[float, ...]
+    limits: dict[str, float]
+    damping: float
+    friction: float
+    mimic: Mimic | None
+
+
+@record
+class UrdfRobot:
+    """A robot; ``ignored`` : how many elements of each kind say nothing about dynamics."""
+
+    element: Element
+    name: str
+    links: tuple[UrdfLink, ...]
+    joints: tuple[UrdfJoint, ...]
+    ignored: Counter[str]
+
+
+def read_elements(root: Element, faults: Faults) -> UrdfRobot:
+    """Return the links and joints of a robot; those with errors are reported and left out.
+
+    Raises
+    ------
+    SceneError : the root element is no ``robot``; xacro.
+    """
+    _refuse_xacro(root)
+    if root.tag != "robot":
+        raise root.error(f"the root element is <{root.tag}>; allowed: <robot>, of a URDF file")
+    links: list[UrdfLink] = []
+    joints: list[UrdfJoint] = []
+    for child in root.children:
+        with faults:
+            if child.tag == "link":
+                links.append(_link(child))
+            elif child.tag == "joint":
+                joints.append(_joint(child))
+    ignored = Counter(child.tag for child in root.children if child.tag not in ("link", "joint"))
+    return UrdfRobot(root, root.attributes.get("name", "").strip(), tuple(links), tuple(joints), ignored)
+
+
+def _refuse_xacro(root: Element) -> None:
+    pending = [root]
+    while pending:
+        element = pending.pop()
+        if element.tag.startswith("xacro:"):
+            name = element.place.source.name.removesuffix(".xacro").removesuffix(".urdf")
+            raise element.error(
+                f"<{element.tag}> is a macro of xacro, which is not run here; run it first: "
+                f"xacro {element.place.source.name} > {name}.urdf"
+            )
+        pending += reversed(element.children)
+
+
+def _link(element: Element) -> UrdfLink:
+    name = element.text("name", "a link")
+    what = f"link {name!r}"
+    shapes = [shape for tag in _SHAPES for shape in element.all(tag)]
+    meshes = [mesh for shape in shapes for geometry in shape.all("geometry") for mesh in geometry.all("mesh")]
+    return UrdfLink(
+        element,
+        name,
+        _inertial(element, what),
+        len(shapes),
+        tuple((mesh, mesh.attributes.get("filename", "")) for mesh in meshes),
+    )
+
+
+def _inertial(link: Element, what: str) -> Inertial | None:
+    found = link.one("inertial", what)
+    if found is None:
+        return None
+    mass, inertia = found.one("mass", what), found.one("inertia", what)
+    if mass is None or inertia is None:
+        raise found.error(f"{what}: <inertial> needs <mass value=...> and <inertia ixx=... ... izz=...>")
+    value = mass.number("value", what)
+    if value < 0.0:
+        raise mass.error(f"{what}: mass is negative (value {value:g}); allowed: a number >= 0 [kg]")
+    moments = {k: inertia.number(f"i{k}", what) for k in _INERTIA}
+    return Inertial(found, value, _pose(found, what), moments)
+
+
+def _pose(element: Element, what: str) -> Pose:
+    origin = element.one("origin", what)
+    if origin is None:
+        return Pose()
+    xyz = tuple(origin.numbers("xyz", what, 3, ZERO))
+    if "quat_xyzw" in origin.attributes:
+        if "rpy" in origin.attributes:
+            raise origin.error(f"{what}: <origin> has rpy and quat_xyzw; allowed: one of them")
+        x, y, z, w = origin.numbers("quat_xyzw", what, 4)
+        if abs(math.hypot(x, y, z, w) - 1.0) > 1e-3:
+            raise origin.error(
+                f"{what}: quat_xyzw has length {math.hypot(x, y, z, w):.6g}; allowed: 1, to three digits"
+            )
+        return Pose(xyz, quaternion=(w, x, y, z))
+    return Pose(xyz, tuple(origin.numbers("rpy", what, 3, ZERO)))
+
+
+def _joint(element: Element) -> UrdfJoint:
+    name = element.text("name", "a joint")
+    what = f"joint {name!r}"
+    kind = element.text("type", what)
+    if kind not in JOINT_TYPES:
+        hint = did_you_mean(kind, JOINT_TYPES)
+        raise element.error(f"{what}: unknown type {shown(kind)}{hint}; allowed: {', '.join(JOINT_TYPES)}")
+    ends = []
+    for tag in ("parent", "child"):
+        end = element.one(tag, what)
+        if end is None:
+            raise element.error(f"{what} needs <{tag} link=...>")
+        ends.append(end.text("link", what))
+    damping, friction = _dynamics(element, what)
+    return UrdfJoint(
+        element,
+        name,
+        kind,
+        ends[0],
+        ends[1],
+        _pose(element, what),
+        _axis(element, what, kind),
+        _limits(element, what),
+        damping,
+        friction,
+        _mimic(element, what),
+    )
+
+
+def _axis(element: Element, what: str, kind: str) -> tuple[float, ...]:
+    axis = element.one("axis", what)
+    if axis is None or kind in ("fixed", "floating"):
+        return X_AXIS
+    found = tuple(axis.numbers("xyz", what, 3, X_AXIS))
+    if not any(found):
+        raise axis.error(
+            f"{what}: the axis is zero (value {shown(axis.attributes['xyz'])}); allowed: a direction"
+        )
+    return found
+
+
+def _limits(element: Element, what: str) -> dict[str, float]:
+    limit = element.one("limit", what)
+    names = ("lower", "upper", "effort", "velocity")
+    return {} if limit is None else {k: limit.number(k, what) for k in names if k in limit.attributes}
+
+
+def _dynamics(element: Element, what: str) -> tuple[float, float]:
+    """Return damping and friction, both >= 0."""
+    found = element.one("dynamics", what)
+    if found is None:
+        return 0.0, 0.0
+    values = {k: found.number(k, what, 0.0) for k in ("damping", "friction")}
+    for k, value in values.items():
+        if value < 0.0:
+            raise found.error(f"{what}: {k} is negative (value {value:g}); allowed: a number >= 0")
+    return values["damping"], values["friction"]
+
+
+def _mimic(element: Element, what: str) -> Mimic | None:
+    found = element.one("mimic", what)
+    if found is None:
+        return None
+    leader = found.text("joint", f"{what}: mimic")
+    return Mimic(found, leader, found.number("multiplier", what, 1.0), found.number("offset", what, 0.0))

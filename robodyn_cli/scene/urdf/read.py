@@ -1,0 +1,75 @@
+"""Read a URDF file: XML, elements, structure, mimics, and the tree that stands for ``robot`` in a scene."""
+
+from __future__ import annotations
+
+from robodyn_cli.record import record
+from robodyn_cli.scene.text.faults import Faults
+from robodyn_cli.scene.text.nodes import Source
+from robodyn_cli.scene.urdf.elements import UrdfRobot, read_elements
+from robodyn_cli.scene.urdf.mimic import Relation, relations
+from robodyn_cli.scene.urdf.structure import check_structure, moving_links
+from robodyn_cli.scene.urdf.tree import RobotTree, robot_tree
+from robodyn_cli.scene.urdf.xml import parse_xml
+
+
+@record
+class Urdf:
+    """A URDF file that was read, under the name ``file``.
+
+    notes : what the file leaves open. warnings : what makes its equations doubtful; without the file's name.
+    """
+
+    file: str
+    robot: UrdfRobot
+    tree: RobotTree
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def read_urdf(text: str, source: Source, faults: Faults) -> Urdf:
+    """Return the robot of a URDF text.
+
+    Parameters
+    ----------
+    faults : takes all errors but the last, which is raised.
+
+    Raises
+    ------
+    SceneError : the file is no URDF, or what it says is not allowed.
+    """
+    robot, relation = _checked(text, source, faults)
+    return Urdf(source.name, robot, robot_tree(robot, relation), _notes(robot), _warnings(robot))
+
+
+def _checked(text: str, source: Source, faults: Faults) -> tuple[UrdfRobot, dict[str, Relation]]:
+    own = Faults()
+    robot = None
+    found: dict[str, Relation] = {}
+    with own:
+        robot = read_elements(parse_xml(text, source), own)
+    if robot is not None and not own.found:
+        check_structure(robot, own)
+    if robot is not None and not own.found:
+        with own:
+            found = relations({joint.name: joint for joint in robot.joints})
+    if robot is None or own.found:
+        for error in own.found[:-1]:
+            faults.report(error)
+        raise own.found[-1]
+    return robot, found
+
+
+def _notes(robot: UrdfRobot) -> tuple[str, ...]:
+    massless = [link.name for link in robot.links if link.massless]
+    return (f"massless links: {', '.join(massless)}",) if massless else ()
+
+
+def _warnings(robot: UrdfRobot) -> tuple[str, ...]:
+    moving = moving_links(robot)
+    hollow = [link.name for link in robot.links if link.massless and link.shapes and link.name in moving]
+    drag = [j.name for j in robot.joints if j.type in ("floating", "planar") and (j.damping or j.friction)]
+    texts = {
+        "links that have a shape but no mass, and move as if they weighed nothing": hollow,
+        "damping and friction of joints with several coordinates, which are left out": drag,
+    }
+    return tuple(f"{what}: {', '.join(names)}" for what, names in texts.items() if names)

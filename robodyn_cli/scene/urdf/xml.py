@@ -1,0 +1,125 @@
+"""XML read into elements that know their line and column; what could harm or hide something is refused.
+
+expat alone keeps the place of an element and lets us refuse document types, with which entities are defined (bombs,
+files of the machine), and deep nesting, on which readers recurse.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any
+from xml.parsers import expat
+
+from robodyn_cli.errors import SceneError
+from robodyn_cli.record import mutable_record
+from robodyn_cli.scene.text.nodes import Scalar, Source, located, shown
+
+MAX_DEPTH = 50
+_NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
+
+
+@mutable_record
+class Element:
+    """An element of XML: its tag, attributes and children, and its place."""
+
+    tag: str
+    attributes: dict[str, str]
+    place: Scalar
+    children: list[Element]
+
+    def all(self, tag: str) -> list[Element]:
+        """Return the children with a tag."""
+        return [child for child in self.children if child.tag == tag]
+
+    def one(self, tag: str, what: str) -> Element | None:
+        """Return the child with a tag, None if there is none; ``what`` names this element in messages.
+
+        Raises
+        ------
+        SceneError : there are several.
+        """
+        found = self.all(tag)
+        if len(found) > 1:
+            raise found[1].error(f"{what} has a second <{tag}>; allowed: one")
+        return found[0] if found else None
+
+    def text(self, name: str, what: str) -> str:
+        """Return an attribute that must be there."""
+        found = self.attributes.get(name, "").strip()
+        if not found:
+            raise self.error(f"{what}: <{self.tag}> needs the attribute {name!r}")
+        return found
+
+    def numbers(
+        self, name: str, what: str, size: int, default: tuple[float, ...] | None = None
+    ) -> list[float]:
+        """Return the ``size`` numbers of an attribute, separated by blanks; without a default it must be there."""
+        if name not in self.attributes and default is not None:
+            return list(default)
+        words = self.attributes.get(name, "").split()
+        values = [float(word) if _NUMBER.fullmatch(word) else math.nan for word in words]
+        if name in self.attributes and len(values) == size and all(math.isfinite(x) for x in values):
+            return values
+        wanted = "a finite number" if size == 1 else f"{size} finite numbers, separated by blanks"
+        given = shown(self.attributes[name]) if name in self.attributes else "nothing"
+        hint = "; '${' is an expression of xacro, which must run first" if "${" in given else ""
+        raise self.error(f"{what}: {name} of <{self.tag}> is {given}; allowed: {wanted}{hint}")
+
+    def number(self, name: str, what: str, default: float | None = None) -> float:
+        """Return the number of an attribute; without a default it must be there."""
+        return self.numbers(name, what, 1, None if default is None else (default,))[0]
+
+    def error(self, message: str) -> SceneError:
+        """Return the error at the place of this element."""
+        return located(self.place, "", message)
+
+
+def parse_xml(text: str, source: Source) -> Element:
+    """Return the root element of a text.
+
+    Raises
+    ------
+    SceneError : broken XML, a document type (entities), nesting deeper than ``MAX_DEPTH``.
+    """
+    return _Parser(source).parse(text)
+
+
+class _Parser:
+    def __init__(self, source: Source) -> None:
+        self.source = source
+        self.open: list[Element] = []
+        self.root: Element | None = None
+        self.expat: Any = expat.ParserCreate("utf-8")
+        self.expat.StartElementHandler = self.start
+        self.expat.EndElementHandler = self.end
+        self.expat.StartDoctypeDeclHandler = self.refuse_document_type
+
+    def parse(self, text: str) -> Element:
+        try:
+            self.expat.Parse(text.encode("utf-8"), True)
+        except expat.ExpatError as error:
+            place = Scalar(self.source, error.lineno, error.offset + 1, "", None)
+            raise located(place, "", f"this is not XML: {expat.ErrorString(error.code)}") from None
+        assert self.root is not None  # expat refuses a text without an element
+        return self.root
+
+    def here(self) -> Scalar:
+        return Scalar(self.source, self.expat.CurrentLineNumber, self.expat.CurrentColumnNumber + 1, "", None)
+
+    def start(self, tag: str, attributes: dict[str, str]) -> None:
+        element = Element(tag, attributes, self.here(), [])
+        if len(self.open) >= MAX_DEPTH:
+            raise element.error(f"elements are nested more than {MAX_DEPTH} deep")
+        if self.open:
+            self.open[-1].children.append(element)
+        else:
+            self.root = element
+        self.open.append(element)
+
+    def end(self, tag: str) -> None:
+        self.open.pop()
+
+    def refuse_document_type(self, *declared: Any) -> None:
+        message = "a document type (<!DOCTYPE>) can define entities that grow without end or read other files"
+        raise located(self.here(), "", f"{message}; allowed: XML without one")

@@ -1,0 +1,295 @@
+"""The description of a drawing: what there is and where, from which side, and the strokes that show it."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from robodyn_cli import assemble, deploy, inverse, kinematics, load_scene, load_scene_text, simulate, statics
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.report.drawing import paper, symbols
+from robodyn_cli.report.drawing.bodies import cuboid
+from robodyn_cli.report.drawing.build import make_drawing
+from robodyn_cli.report.drawing.camera import along_axis, default_camera
+from robodyn_cli.report.drawing.instants import along_motion, evenly, nearest
+from robodyn_cli.report.drawing.record import Drawing
+from robodyn_cli.report.drawing.stroke import mixed
+from robodyn_cli.report.drawing.strokes import BODY, LATCH, TRAIL, strokes
+from robodyn_cli.report.drawing.view import View
+from robodyn_cli.results.result import Result
+
+RUN = {"inverse": inverse, "simulate": simulate, "deploy": deploy, "kinematics": kinematics, "statics": statics,
+       "assemble": assemble}  # fmt: skip
+SCENES = sorted(path for path in Path("configs").rglob("*.yaml") if path.parent.name != "robots")
+QUICK = (
+    "four_bar_kinematics",
+    "puma560_hold",
+    "spinning_top",
+    "spatial_slider_crank",
+    "slider_crank",
+    "andrews",
+)
+
+
+@pytest.fixture(autouse=True)
+def no_warnings() -> Iterator[None]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", category=DeprecationWarning, module="matplotlib|pyparsing")
+        yield
+
+
+def result_of(name: str) -> Result:
+    path = next(path for path in SCENES if path.stem == name)
+    scene = load_scene(path, ["simulate.error_estimate=false", "simulate.samples=41"])
+    return RUN[scene.command or "simulate"](scene)
+
+
+def painted(view: View, k: int) -> np.ndarray:
+    """Return the pixels of a view on plain paper."""
+    figure = Figure(figsize=(4, 3), dpi=50)
+    canvas = FigureCanvasAgg(figure)
+    ax = figure.add_axes((0, 0, 1, 1))
+    paper.set_up(ax, view, scale=False)
+    paper.put(ax, view, k)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3]
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_links_pass_through_the_recorded_outlines_and_points(name: str) -> None:
+    """The recorded outlines and points come from the run's own compiled kinematics."""
+    result = result_of(name)
+    drawing = make_drawing(result)
+    size = drawing.size
+    for link, item in result.group("skeleton").items():
+        part = next((p for p in drawing.links if p.name == link), None)
+        if part is None:
+            continue
+        corners = drawing.vertices[:, list(part.vertices)]
+        gaps = np.linalg.norm(item.data[:, :, None] - corners[:, None], axis=-1).min(axis=2)
+        assert gaps.max() < 1e-9 * size, link
+    for trail in drawing.trails:
+        assert np.allclose(trail.points[-1], result[f"points/{trail.name}"][-1], atol=1e-9 * size)
+
+
+def test_a_ternary_link_is_a_plate_and_a_spring_in_a_joint_a_coil() -> None:
+    drawing = make_drawing(result_of("four_bar_kinematics"))
+    assert {p.name: len(p.vertices) for p in drawing.links} == {"arm": 2, "bar": 3, "swing": 2}
+    assert [pin.kind for pin in drawing.pins] == ["hinge"] * 4
+    assert {pin.name for pin in drawing.pins if pin.grounded} == {"crank", "rocker"}
+    plate = next(s for s in strokes(fitted(drawing), 0) if s.closed and s.layer == BODY)
+    assert len(plate.points) == 3
+    held = make_drawing(result_of("balanced_four_bar"))
+    assert [pin.wound for pin in held.pins] == [pin.name == "crank" for pin in held.pins]
+    assert {arrow.name for arrow in held.arrows} == {"crank", "coupler", "rocker", "pin"}
+
+
+def fitted(drawing: Drawing) -> View:
+    view = View(drawing, default_camera(drawing))
+    view.fit(400.0, 300.0)
+    return view
+
+
+EVERYTHING = """
+schema: 1
+gravity: [0, 0, -9.81]
+robot:
+  joints:
+    - {name: slide, type: prismatic, axis: [0, 0, 1], parent: base, link: a, spring: {stiffness: 50}, damper: {damping: 1}}
+    - {name: ball, type: spherical, parent: a, link: b, origin: {xyz: [0.4, 0, 0]}}
+    - {name: cross, type: universal, parent: base, link: c, origin: {xyz: [0, 1, 0]}}
+    - {name: free, type: floating, parent: base, link: d}
+    - {name: plate, type: planar, parent: base, link: e}
+    - {name: screw, type: helical, axis: [1, 0, 0], pitch: 0.1, parent: base, link: f}
+    - {name: sleeve, type: cylindrical, axis: [0, 1, 0], parent: base, link: g}
+  links:
+    - {name: a, mass: 1, com: [0, 0, 0.1], inertia: {xx: 0.01, yy: 0.02, zz: 0.03}}
+    - {name: b, mass: 1, com: [0.1, 0.2, 0], inertia: {xx: 0.01, yy: 0.02, zz: 0.025}}
+    - {name: c, mass: 1, com: [0.1, 0, 0.2], inertia: {xx: 0.01, yy: 0.02, zz: 0.025}}
+    - {name: d, mass: 2, com: [0, 0, 0.1], inertia: {xx: 0.1, yy: 0.1, zz: 0.1}}
+    - {name: e, mass: 2, com: [0, 0.1, 0.1], inertia: {xx: 0.1, yy: 0.1, zz: 0.1}}
+    - {name: f, mass: 2, com: [0, 0.1, 0.1], inertia: {xx: 0.1, yy: 0.1, zz: 0.1}}
+    - {name: g, mass: 2, com: [0, 0.1, 0.1], inertia: {xx: 0.1, yy: 0.1, zz: 0.1}}
+  points: {hook: {link: b, at: [0.3, 0, 0]}, wall: {link: base, at: [0, 0, 1]}, tip: {link: d, at: [0, 0, 0.3]}}
+forces:
+  - {name: s, type: spring, between: [wall, hook], stiffness: 10, damping: 1, length: 0.2}
+  - {name: r, type: constant_force, between: [hook, tip], force: 2}
+  - {name: t, type: torsional_spring, between: [a.origin, b.origin], stiffness: 0.1}
+  - {name: h, type: bushing, between: [c.origin, e.origin], stiffness: [1, 1, 1, 0, 0, 0]}
+  - {name: push, type: force, at: tip, force: ["3*cos(t)", 0, 1]}
+  - {name: turned, type: wrench, at: hook, force: [0, 0, 2], frame: body}
+initial: {q: {slide: 0.1, ball: {rpy: [0.1, 0, 0]}, cross: [0.1, 0.2], free: {x: 0.5, y: 0.1, z: 0.3, rpy: [0, 0, 0]},
+  plate: [0.1, 0, 0.2], screw: 0.3, sleeve: [0.1, 0.2]}}
+simulate: {duration: 0.2, samples: 21, error_estimate: false}
+"""
+
+
+def everything() -> Result:
+    return simulate(load_scene_text(EVERYTHING))
+
+
+def test_every_kind_of_joint_and_force_is_drawn() -> None:
+    result = everything()
+    drawing = make_drawing(result)
+    assert {pin.name: pin.kind for pin in drawing.pins} == {
+        "slide": "slide", "ball": "ball", "cross": "cross", "plate": "table", "screw": "hinge", "sleeve": "sleeve",
+    }  # fmt: skip
+    kinds = {(part.kind, part.name) for part in drawing.parts}
+    assert {("spring", "slide"), ("damper", "slide"), ("spring", "s"), ("damper", "s")} <= kinds
+    assert {("rope", "r"), ("coil", "t"), ("bushing", "h"), ("rail", "screw"), ("rail", "sleeve")} <= kinds
+    sides = [part.aside for part in drawing.parts if part.name == "s"]
+    assert sorted(sides) == [-1, 1], "spring and damper lie side by side"
+    push = next(arrow for arrow in drawing.arrows if arrow.name == "push")
+    expected = np.stack([3.0 * np.cos(result.time), 0.0 * result.time, np.ones(len(result.time))], axis=1)
+    assert np.allclose(push.force, expected, atol=1e-12)
+    turned = next(arrow for arrow in drawing.arrows if arrow.name == "turned")
+    assert (
+        np.allclose(np.linalg.norm(turned.force, axis=1), 2.0) and np.ptp(turned.force, axis=0).max() > 1e-3
+    )
+    assert drawing.flat is None
+    pixels = painted(fitted(drawing), len(drawing.times) - 1)
+    assert (pixels != 255).any(axis=2).mean() > 0.02
+
+
+def test_arrows_are_to_one_scale_and_reactions_keep_their_axes() -> None:
+    """Forces on a link of a four-bar in balance sum to its weight, whatever axes they were recorded in."""
+    scene = next(path for path in SCENES if path.stem == "balanced_four_bar")
+    for axes in ("world", "joint"):
+        drawing = make_drawing(statics(load_scene(scene, [f"outputs.reaction_axes={axes}"])))
+        force = {arrow.name: arrow.force[0] for arrow in drawing.arrows}
+        assert force["coupler"] + force["pin"] == pytest.approx([0.0, 3.0 * 9.81, 0.0], abs=1e-9)
+        view = fitted(drawing)
+        lengths = {a.name: np.hypot(*v) for a, (_, v) in zip(drawing.arrows, view.tips(0))}
+        sizes = {name: np.linalg.norm(f) for name, f in force.items()}
+        ratios = [lengths[name] / sizes[name] for name in sizes]
+        assert ratios == pytest.approx([ratios[0]] * len(ratios))
+
+
+def test_a_planar_mechanism_is_flat_and_a_tower_that_turns_is_not() -> None:
+    assert make_drawing(result_of("four_bar_kinematics")).flat == 2
+    assert make_drawing(result_of("spinning_top")).flat is None
+    tower = """
+schema: 1
+gravity: [0, 0, -9.81]
+robot:
+  joints: [{name: turn, type: revolute, axis: [0, 0, 1]}]
+  links: [{name: tower, mass: 1, com: [0.1, 0, 1], inertia: {xx: 1, yy: 1, zz: 1}}]
+  points: {top: {link: tower, at: [0.2, 0, 2]}}
+initial: {q: {turn: 0}, qd: {turn: 1}}
+simulate: {duration: 1, samples: 11, error_estimate: false}
+"""
+    assert make_drawing(simulate(load_scene_text(tower))).flat is None
+
+
+# -- camera ---------------------------------------------------------------------------------------------------
+def test_the_projection_is_that_of_a_pinhole() -> None:
+    """The line from the eye through a point meets the plane through the target at the point's projection."""
+    drawing = make_drawing(result_of("spinning_top"))
+    camera = default_camera(drawing)
+    frame = np.stack([camera.right, camera.up, camera.back])
+    assert np.allclose(frame @ frame.T, np.eye(3), atol=1e-12) and np.linalg.det(frame) > 0.0
+    eye = camera.target + camera.distance * camera.back
+    rng = np.random.default_rng(3)
+    for p in camera.target + 0.3 * drawing.size * rng.normal(size=(20, 3)):
+        s = camera.distance / ((eye - p) @ camera.back)
+        hit = eye + s * (p - eye)
+        x, y, depth = camera.project(p)
+        assert camera.target + x * camera.right + y * camera.up == pytest.approx(hit, abs=1e-9)
+        assert depth == pytest.approx((p - camera.target) @ camera.back)
+    assert camera.up @ drawing.up > 0.5
+    assert np.isnan(camera.project(eye + camera.back)[:2]).all()
+
+
+@pytest.mark.parametrize(("axis", "shown"), [(0, (1, 2)), (1, (0, 2)), (2, (0, 1))])
+def test_views_along_axes_keep_the_coordinates_of_the_world(axis: int, shown: tuple[int, int]) -> None:
+    p = np.array([1.0, 2.0, 3.0])
+    camera = along_axis(axis)
+    assert camera.project(p)[:2] == pytest.approx(p[list(shown)])
+    assert camera.labels == tuple(f"{'xyz'[k]} [m]" for k in shown)
+
+
+def test_everything_stays_in_the_picture_at_equal_scales() -> None:
+    drawing = make_drawing(result_of("slider_crank"))
+    view = View(drawing, default_camera(drawing))
+    for width, height in ((400.0, 100.0), (100.0, 400.0), (300.0, 300.0)):
+        view.fit(width, height)
+        span = view.high - view.low
+        assert span[0] / width == pytest.approx(span[1] / height) == pytest.approx(view.pt)
+        places = view.corners[..., :2]
+        assert (places >= view.low).all() and (places <= view.high).all()
+
+
+# -- strokes --------------------------------------------------------------------------------------------------
+def test_hull_and_cuboid() -> None:
+    rng = np.random.default_rng(0)
+    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
+    inside = rng.uniform(0.05, 0.95, (40, 2))
+    assert {tuple(p) for p in symbols.hull(np.concatenate([inside, square]))} == {tuple(p) for p in square}
+    assert len(symbols.hull(np.array([[0, 0], [2, 2], [1, 1.0]]))) == 2
+    m, sides = 3.0, np.array([0.2, 0.5, 0.9])
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    moments = m / 12.0 * (np.sum(sides**2) - sides**2)
+    corners = cuboid(m, turn @ np.diag(moments) @ turn.T)
+    assert corners is not None
+    assert np.sort(np.ptp(corners @ turn, axis=0)) == pytest.approx(sides)
+    assert cuboid(1.0, np.zeros((3, 3))) is None
+
+
+def test_the_latch_closes_at_the_lock_and_paths_grow() -> None:
+    scene = load_scene(
+        next(p for p in SCENES if p.stem == "four_bar_deploy"), ["simulate.error_estimate=false"]
+    )
+    result = deploy(scene)
+    drawing = make_drawing(result, evenly(len(result.time), 60))
+    assert drawing.latch is not None and drawing.latch.closes == result.summary["lock"]["time"]
+    view = fitted(drawing)
+    before, after = (
+        [s.colour for s in strokes(view, k) if s.layer == LATCH] for k in (10, len(drawing.times) - 1)
+    )
+    assert len(after) > len(before) > 0 and set(before).isdisjoint(after)
+    passed = [
+        max(len(s.points) for s in strokes(view, k) if s.layer == TRAIL and s.depth > 0.0)
+        for k in (10, 30, 59)
+    ]
+    assert passed[0] < passed[1] < passed[2]
+    still, moved = painted(view, 10), painted(view, 40)
+    assert (still != moved).any()
+
+
+def test_instants_follow_the_motion() -> None:
+    drawing = make_drawing(result_of("slider_crank"))
+    chosen = along_motion(drawing, 5)
+    assert chosen[0] == 0 and chosen[-1] == len(drawing.times) - 1 and len(chosen) <= 5
+    times = np.array([0.0, 1.0, 1.0, 2.5])
+    assert times[nearest(times, np.array([-1.0, 0.4, 0.6, 2.0, 9.0]))].tolist() == [0.0, 0.0, 1.0, 2.5, 2.5]
+    assert nearest(np.array([3.0]), np.array([0.0, 9.0])).tolist() == [0, 0]
+
+
+def test_places_that_are_no_numbers_are_left_out() -> None:
+    result = result_of("slider_crank")
+    for value in (math.nan, math.inf, 1e300):
+        result["q"][:] = value
+        painted(fitted(make_drawing(result)), 0)
+
+
+def test_results_without_poses_say_so() -> None:
+    result = Result("stability", "", "ok", "")
+    with pytest.raises(CapabilityError, match="a result of 'stability' has no poses to draw"):
+        make_drawing(result)
+    result.add("time", np.zeros(1))
+    result.add("q", np.zeros((1, 2)))
+    with pytest.raises(CapabilityError, match="scene stored in the result cannot be read"):
+        make_drawing(result)
+
+
+def test_mixed_colours() -> None:
+    assert mixed("#000000", "#ffffff", 0.5) == "#808080"
+    assert mixed("#102030", "#ffffff", 0.0) == "#102030"

@@ -1,0 +1,370 @@
+"""Studies: what keys vary over, their points, runs side by side, going on, statistics."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray
+from typer.testing import CliRunner
+
+from robodyn_cli.cli.app import app
+from robodyn_cli.errors import SceneError
+from robodyn_cli.expr.variation import parse_variation
+from robodyn_cli.results.hdf5 import read
+from robodyn_cli.run.study.design import make_design
+from robodyn_cli.run.study.statistics import influences, share, sobol
+from robodyn_cli.scene.load import load_scene
+from robodyn_cli.scene.types import Correlation, StudyOptions
+
+# a falling point mass with drag-free motion has a closed form: z = v t - g t^2 / 2
+FALL = """
+schema: 1
+command: simulate
+gravity: [0, 0, -9.81]
+robot:
+  joints: [{name: z, type: prismatic, parent: base, axis: [0, 0, 1]}]
+  links: [{name: ball, mass: 2.0}]
+initial: {q: {z: 0}, qd: {z: 1.0}}
+simulate: {duration: 1.0, samples: 3, rtol: 1e-10, atol: 1e-12}
+expect: {final.q.z: -5 .. -3}
+"""
+PENDULUM = """
+schema: 1
+command: simulate
+gravity: [0, -9.81, 0]
+robot:
+  joints: [{name: theta, type: revolute, parent: base, axis: [0, 0, 1]}]
+  links: [{name: rod, mass: 1.3, com: [0.4, 0, 0], inertia: {zz: 0.02}}]
+initial: {q: {theta: 20 deg}}
+simulate: {duration: 1, samples: 11}
+"""
+
+
+@pytest.fixture
+def fall(tmp_path: Path) -> Path:
+    path = tmp_path / "fall.yaml"
+    path.write_text(FALL)
+    return path
+
+
+def sweep(*words: object) -> Any:
+    return CliRunner().invoke(app, ["sweep", *map(str, words)])
+
+
+def stored(path: Path) -> tuple[Any, dict[str, Any]]:
+    return read(path / "result.h5"), json.loads((path / "summary.json").read_text())
+
+
+# -- what a key varies over -----------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    "text, values",
+    [
+        ("[1, 2.5, 1e3]", (1.0, 2.5, 1e3)),
+        ("linspace(0, 1, 5)", (0.0, 0.25, 0.5, 0.75, 1.0)),
+        ("linspace(3, 3, 1)", (3.0,)),
+        ("logspace(1, 1000, 4)", (1.0, 10.0, 100.0, 1000.0)),
+        ("[0 deg, 90 deg]", (0.0, math.pi / 2)),
+        ("[pi/2, max(1, 2)]", (math.pi / 2, 2.0)),
+    ],
+)
+def test_a_grid_has_the_values_that_are_written(text: str, values: tuple[float, ...]) -> None:
+    assert parse_variation(text).values == pytest.approx(values, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    "text, part",
+    [
+        ("", "no range"),
+        ("5", "no range"),
+        ("[]", "no values"),
+        ("linspace(0, 1)", "three numbers"),
+        ("linspace(0, 1, 2.5)", "whole number"),
+        ("linspace(0, 1, 1e12)", "whole number"),
+        ("logspace(-1, 1, 3)", "same sign"),
+        ("uniform(2, 1)", "not below"),
+        ("triangular(0, 3, 1)", "low <= mode <= high"),
+        ("normal(0, 5 %)", "no scale"),
+        ("normal(1, -1)", "> 0"),
+        ("normal(1)", "takes 2 numbers"),
+        ("cauchy(0, 1)", "no range"),
+        ("[1, x]", "finite number"),
+        ("[1, 1/0]", "allowed"),
+    ],
+)
+def test_what_is_no_range_is_refused_with_the_forms(text: str, part: str) -> None:
+    with pytest.raises(SceneError) as error:
+        parse_variation(text)
+    assert part in error.value.message
+
+
+def options(n: int | None = None, sampler: str = "random", **vary: str) -> StudyOptions:
+    return StudyOptions(vary={k: parse_variation(v) for k, v in vary.items()}, n=n, sampler=sampler)
+
+
+def test_a_grid_is_every_combination_and_samples_stand_at_each_of_its_points() -> None:
+    design = make_design(options(n=3, a="[1, 2]", u="uniform(0, 1)", b="[5, 6, 7]"))
+    assert design.keys == ("a", "u", "b") and design.values.shape == (18, 3)
+    pairs = [(a, b) for a, _, b in design.values]
+    combinations = [(a, b) for a in (1, 2) for b in (5, 6, 7)]
+    assert sorted(set(pairs)) == combinations and all(pairs.count(p) == 3 for p in combinations)
+    draws = design.values[:3, 1]
+    assert len(set(draws)) == 3 and np.all(design.values[3:6, 1] == draws)
+
+
+@pytest.mark.parametrize("sampler", ["random", "sobol", "latin"])
+def test_samples_have_the_quantiles_of_their_distributions(sampler: str) -> None:
+    design = make_design(
+        options(n=4096, sampler=sampler, u="uniform(-1, 3)", t="triangular(0, 1, 4)", z="normal(10, 5 %)")
+    )
+    u, t, z = design.values.T
+    levels = np.array([0.1, 0.5, 0.9])
+    # closed forms: cumulative distributions (x+1)/4; x^2/4 below the mode, 1 - (4-x)^2/12 above; erf
+    assert np.quantile(u, levels) == pytest.approx(-1 + 4 * levels, abs=0.1)
+    assert np.mean(t <= 1.0) == pytest.approx(0.25, abs=0.03)
+    assert np.mean(t <= 2.0) == pytest.approx(1 - 4 / 12, abs=0.03)
+    assert np.mean(np.abs(z - 10) <= 0.5) == pytest.approx(math.erf(math.sqrt(0.5)), abs=0.03)
+
+
+@pytest.mark.parametrize("sampler", ["random", "sobol"])
+def test_more_samples_begin_with_those_that_were_there(sampler: str) -> None:
+    few, many = (
+        make_design(options(n=n, sampler=sampler, a="normal(0, 1)", b="uniform(0, 1)")) for n in (7, 50)
+    )
+    assert np.array_equal(many.values[:7], few.values)
+
+
+def test_samples_are_correlated_as_asked() -> None:
+    given = StudyOptions(
+        vary={k: parse_variation("normal(0, 1)") for k in "abc"},
+        n=20_000,
+        correlation=(Correlation(("a", "b"), 0.8), Correlation(("b", "c"), -0.5)),
+    )
+    found = np.corrcoef(make_design(given).values.T)
+    assert found == pytest.approx(np.array([[1, 0.8, 0], [0.8, 1, -0.5], [0, -0.5, 1]]), abs=0.03)
+
+
+@pytest.mark.parametrize(
+    "given, part",
+    [
+        (StudyOptions(), "nothing varies"),
+        (options(u="uniform(0, 1)"), "number of samples"),
+        (options(n=5, a="[1, 2]"), "nothing is drawn"),
+        (options(**dict.fromkeys("abcd", "linspace(0, 1, 1000)")), "at most"),
+    ],
+)
+def test_a_study_that_makes_no_sense_is_refused(given: StudyOptions, part: str) -> None:
+    with pytest.raises(SceneError, match=part):
+        make_design(given)
+
+
+# -- statistics -----------------------------------------------------------------------------------------
+def test_the_share_and_its_interval_are_those_of_the_binomial() -> None:
+    from scipy.stats import binomtest
+
+    for count, runs in ((0, 10), (3, 10), (10, 10), (450, 1000)):
+        mine, theirs = share(count, runs), binomtest(count, runs).proportion_ci(0.95, "exact")
+        assert (mine.share, mine.low, mine.high) == pytest.approx((count / runs, theirs.low, theirs.high))
+
+
+def test_influence_is_that_of_a_linear_function() -> None:
+    design = make_design(options(n=500, a="uniform(0, 1)", b="uniform(0, 10)", c="normal(5, 1)"))
+    found = influences(design, design.values @ [3.0, -2.0, 0.0] + 7.0)
+    assert list(found) == ["b", "a", "c"]
+    assert found["b"].swing == pytest.approx(-18.0, abs=0.6) and found["c"].swing == pytest.approx(
+        0.0, abs=1e-9
+    )
+    assert found["b"].rank_correlation < -0.95
+
+
+def test_sobol_indices_are_those_of_the_ishigami_function() -> None:
+    """Closed forms: Ishigami and Homma (1990)."""
+    given = options(n=4096, sampler="sobol", **dict.fromkeys(("x", "y", "z"), "uniform(-pi, pi)"))
+    design = make_design(given, indices=True)
+    assert len(design.values) == 4096 * 5
+    x, y, z = design.values.T
+    a, b = 7.0, 0.1
+    found = sobol(design, np.sin(x) + a * np.sin(y) ** 2 + b * z**4 * np.sin(x))
+    V = a**2 / 8 + b * math.pi**4 / 5 + b**2 * math.pi**8 / 18 + 0.5
+    first = [0.5 * (1 + b * math.pi**4 / 5) ** 2 / V, a**2 / 8 / V, 0.0]
+    beyond = 8 * b**2 * math.pi**8 / 225 / V
+    assert found is not None
+    for one, s, t in zip(found.values(), first, [first[0] + beyond, first[1], beyond]):
+        assert one.first == pytest.approx(s, abs=0.02) and one.total == pytest.approx(t, abs=0.02)
+        assert one.first_low <= one.first <= one.first_high
+
+
+# -- the command ----------------------------------------------------------------------------------------
+def test_the_outputs_of_each_run_are_those_of_the_command_alone(fall: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    done = sweep(fall, "--vary", "initial.qd.z=linspace(0, 2, 3)", "--vary", "gravity.2=[-9.81, -1.62]",
+                 "--of", "final.q.z", "--of", "final.qd.z", "--out", out)  # fmt: skip
+    assert done.exit_code == 0, done.output
+    result, summary = stored(out)
+    v, g = result["inputs/initial.qd.z"], result["inputs/gravity.2"]
+    assert result["outputs/final.q.z"] == pytest.approx(v + g / 2, abs=1e-9)
+    assert result["outputs/final.qd.z"] == pytest.approx(v + g, abs=1e-9)
+    error = np.abs(result["outputs/final.q.z"] - v - g / 2)
+    assert np.all(result["errors/final.q.z"] >= 0.0) and np.all(error < 1e-9)
+    assert summary["runs"] == 6 and summary["failures"] == {}
+    # between -5 and -3 m: -4.905 + v with 0 <= v <= 2, so v = 0 and 1 under the gravity of the earth
+    assert summary["yield"]["share"] == pytest.approx(2 / 6)
+    one = subprocess.run(
+        [sys.executable, "-m", "robodyn_cli", *summary["cases"][0]["command"].split()[1:], "--json", "--no-plots",
+         "--out", str(tmp_path / "one")], capture_output=True, check=True)  # fmt: skip
+    run = summary["cases"][0]["run"]
+    assert json.loads(one.stdout)["final"]["q"]["z"] == result["outputs/final.q.z"][run]
+    with xarray.open_datatree(out / "result.h5", engine="h5netcdf") as tree:
+        assert tree["outputs"]["final.q.z"].dims == ("run",)
+
+
+def test_a_run_that_fails_is_a_row_and_the_others_go_on(fall: Path, tmp_path: Path) -> None:
+    done = sweep(
+        fall, "--vary", "robot.links.ball.mass=[1, -1, 3]", "--of", "final.q.z", "--out", tmp_path / "out"
+    )
+    assert done.exit_code == 0, done.output
+    result, summary = stored(tmp_path / "out")
+    assert result["runs/exit_code"].tolist() == [0, 2, 0] and summary["failures"] == {"2": 1}
+    assert np.isnan(result["outputs/final.q.z"][1]) and np.isfinite(result["outputs/final.q.z"][[0, 2]]).all()
+    assert any("too small" in case["why"] for case in summary["cases"])
+
+
+def test_processes_give_the_same_bits_as_one(tmp_path: Path) -> None:
+    path = tmp_path / "pendulum.yaml"
+    path.write_text(PENDULUM)
+    words = ["--vary", "robot.links.rod.mass=normal(1.3, 10 %)", "--vary", "initial.q.theta=uniform(5 deg, 60 deg)",
+             "-n", "20", "--of", "final.q.theta"]  # fmt: skip
+    alone, several = tmp_path / "alone", tmp_path / "several"
+    assert sweep(path, *words, "--jobs", 1, "--out", alone).exit_code == 0
+    command = [
+        sys.executable,
+        "-m",
+        "robodyn_cli",
+        "sweep",
+        str(path),
+        *words,
+        "--jobs",
+        "2",
+        "--out",
+        str(several),
+    ]
+    subprocess.run(command, check=True, capture_output=True)
+    a, b = stored(alone)[0], stored(several)[0]
+    for name in ("inputs/robot.links.rod.mass", "outputs/final.q.theta", "errors/final.q.theta"):
+        assert np.array_equal(a[name], b[name])
+
+
+def test_a_study_grows_and_keeps_the_runs_that_are_there(
+    fall: Path, tmp_path: Path, monkeypatch: Any
+) -> None:
+    from robodyn_cli.run.study import runs
+
+    count = []
+    one = runs.Runner.one
+    monkeypatch.setattr(runs.Runner, "one", lambda self, values: (count.append(values), one(self, values))[1])
+    words = [fall, "--vary", "initial.qd.z=normal(1, 0.1)", "--of", "final.q.z", "--out", tmp_path / "out"]
+    assert sweep(*words, "-n", 4).exit_code == 0 and len(count) == 4
+    first = stored(tmp_path / "out")[0]["outputs/final.q.z"]
+    assert sweep(*words, "-n", 9).exit_code == 0 and len(count) == 9
+    assert np.array_equal(stored(tmp_path / "out")[0]["outputs/final.q.z"][:4], first)
+    # another scene shares no runs
+    assert sweep(*words, "-n", 9, "--set", "gravity.2=-1").exit_code == 0 and len(count) == 18
+
+
+def test_a_study_that_was_killed_goes_on_where_it_was(fall: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "robodyn_cli", "sweep", str(fall), "--vary", "initial.qd.z=normal(1, 0.1)",
+               "-n", "3000", "--of", "final.q.z", "--out", str(out), "--jobs", "1", "--no-plots"]  # fmt: skip
+    process = subprocess.Popen(command, stderr=subprocess.PIPE)
+    log = out / "unfinished.jsonl"
+    limit = time.monotonic() + 60
+    while time.monotonic() < limit and not (log.exists() and log.stat().st_size > 3000):
+        time.sleep(0.02)
+    process.kill()
+    process.communicate()
+    lines = log.read_text().splitlines()
+    assert len(lines) > 5 and not (out / "result.h5").exists()
+    log.write_text(log.read_text() + "[[0.5], 0, [1.0")  # a line that was being written
+    command[command.index("3000")] = str(len(lines) + 5)
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert f"{len(lines) - 1} of {len(lines) + 5} runs are there" in done.stderr
+    result, _ = stored(out)
+    assert result["outputs/final.q.z"] == pytest.approx(result["inputs/initial.qd.z"] - 9.81 / 2, abs=1e-9)
+    assert not log.exists()
+
+
+def test_the_yield_that_is_asked_for_decides_the_exit_code(fall: Path, tmp_path: Path) -> None:
+    words = [fall, "--vary", "initial.qd.z=[0, 1, 2]", "--of", "final.q.z", "--out", tmp_path / "out"]
+    assert sweep(*words, "--yield", 0.6).exit_code == 0
+    low = sweep(*words, "--yield", 0.7)
+    assert low.exit_code == 1 and "yield is 0.6667" in low.output
+
+
+def test_the_scene_can_say_what_it_studies(fall: Path, tmp_path: Path) -> None:
+    fall.write_text(
+        FALL
+        + "study: {vary: {initial.qd.z: 'uniform(0, 1)', gravity.2: [-1, -2]}, n: 3, seed: 4, of: [final.q.z], "
+        "sampler: latin, yield: 0}\n"
+    )
+    assert load_scene(fall).study.least_yield == 0.0
+    done = sweep(fall, "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    summary = stored(tmp_path / "out")[1]
+    assert summary["runs"] == 6 and summary["sampler"] == "latin" and summary["seed"] == 4
+
+
+@pytest.mark.parametrize(
+    "words, part",
+    [
+        (["--vary", "robot.links.bull.mass=[1]"], "no item named 'bull'"),
+        (["--vary", "robot.links.ball.mas=[1]"], "unknown key 'mas'"),
+        (["--vary", "robot.links.ball.mass=[20 deg]"], "not an angle"),
+        (["--vary", "robot.links.ball.mass"], "not KEY=SPEC"),
+        (["--vary", "gravity.2=[1]", "--vary", "gravity.2=[2]"], "given twice"),
+        (["--vary", "gravity.2=[1]", "--of", "final.q.y"], "no such key"),
+        (["--vary", "gravity.2=[1]", "--of", "status"], "not a number"),
+        (["--vary", "gravity.2=uniform(0, 1)"], "-n N"),
+        (["--vary", "gravity.2=uniform(0, 1)", "-n", "0"], "whole number >= 1"),
+        (
+            ["--vary", "gravity.2=linspace(1, 2, 1000)", "--vary", "initial.qd.z=linspace(1, 2, 1000000)"],
+            "at most",
+        ),
+        (["--vary", "gravity.2=[1]", "--sampler", "dice"], "random, sobol, latin"),
+        ([], "nothing varies"),
+    ],
+)
+def test_a_wrong_study_is_refused_before_anything_runs(
+    fall: Path, tmp_path: Path, words: list[str], part: str
+) -> None:
+    done = sweep(fall, *words, "--out", tmp_path / "out")
+    assert done.exit_code == 2 and part in done.output, done.output
+    assert not os.path.exists(tmp_path / "out")
+
+
+def test_drawings_fit_the_study(fall: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    words = [fall, "--of", "final.q.z", "--out", out]
+    cases = {
+        "study_response": ["--vary", "gravity.2=linspace(-9, -1, 4)"],
+        "study_map": ["--vary", "gravity.2=linspace(-9, -1, 3)", "--vary", "initial.qd.z=linspace(0, 1, 4)"],
+        "study_histograms": [
+            "--vary",
+            "gravity.2=uniform(-9, -1)",
+            "--vary",
+            "initial.qd.z=normal(1, 5 %)",
+            "-n",
+            "24",
+        ],
+    }
+    for name, vary in cases.items():
+        assert sweep(*words, *vary).exit_code == 0
+        drawn = {path.stem for path in out.glob("*.png")}
+        assert name in drawn and len(drawn & set(cases)) == 1
