@@ -59,5 +59,8 @@ COMMANDS: dict[str, Command] = {
     "work-precision": Command("Error against run time, for every method."),
 }
 
+# kinds of files that plots are drawn as
+PLOT_FORMATS = ("png", "svg", "pdf")
+
 # the commands that a scene may name
 SCENE_COMMANDS: tuple[str, ...] = tuple(name for name, command in COMMANDS.items() if command.run)

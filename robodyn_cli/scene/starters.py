@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+from robodyn_cli.errors import CapabilityError, did_you_mean
 from robodyn_cli.record import record
 
 _ARM = """\
@@ -254,3 +255,17 @@ STARTERS = {
         "[0, 0, 0]",
     ),
 }
+
+
+def find_starter(kind: str) -> Starter:
+    """Return the starter of a kind.
+
+    Raises
+    ------
+    CapabilityError : there is no such kind.
+    """
+    if kind not in STARTERS:
+        raise CapabilityError(
+            f"unknown kind {kind!r}{did_you_mean(kind, STARTERS)}; allowed: {', '.join(STARTERS)}"
+        )
+    return STARTERS[kind]

@@ -3,40 +3,69 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import Quiet
+from robodyn_cli.cli.options import Quiet, utf8
+
+if TYPE_CHECKING:
+    from robodyn_cli.robots.collection import Robot
+    from robodyn_cli.scene.starters import Starter
 
 
 def command(
     kind: Annotated[
-        str,
+        str | None,
         typer.Argument(
-            metavar="KIND",
+            metavar="[KIND]",
             show_default=False,
             help="inverse, joint, waypoints, table, path, simulate, body, loop, mechanism, kinematics, statics, "
-            "assemble or deploy.",
+            "assemble or deploy; none with --from.",
         ),
-    ],
+    ] = None,
     file: Annotated[
         Path | None,
         typer.Argument(metavar="[FILE]", help="File to write; default: KIND.yaml.", show_default=False),
     ] = None,
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            "--from",
+            metavar="ROBOT",
+            parser=utf8,
+            help="A robot with the sources of its constants in place of KIND: planar_2r, planar_3r, scara, puma560, "
+            "seven_joint_arm, cart_pole, furuta_pendulum, delta, five_bar, slider_crank, watt_six_bar, scissor_mast "
+            "or stewart_platform.",
+        ),
+    ] = None,
     quiet: Quiet = False,
 ) -> int:
     """Write a starter, never over another file; return the exit code."""
-    from robodyn_cli.errors import CapabilityError, did_you_mean
+    from robodyn_cli.errors import CapabilityError
     from robodyn_cli.results.atomic import write_new
-    from robodyn_cli.scene.starters import STARTERS
 
-    console = Console(quiet=quiet)
-    if kind not in STARTERS:
-        hint = did_you_mean(kind, STARTERS)
-        raise CapabilityError(f"unknown kind {kind!r}{hint}; allowed: {', '.join(STARTERS)}")
-    starter, path = STARTERS[kind], file or Path(f"{kind}.yaml")
-    write_new(path, starter.text(str(path)))
-    console.say(f"{path}: {starter.title}. Run it: robodyn {starter.command} {path}")
+    if robot is not None and file is None and kind is not None:
+        file, kind = Path(kind), None
+    if (kind is None) == (robot is None):
+        raise CapabilityError(
+            "needs either the kind of a scene or --from with a robot; see 'robodyn new --help'"
+        )
+    found = _robot(robot) if robot is not None else _starter(str(kind))
+    path = file or Path(f"{robot or kind}.yaml")
+    write_new(path, found.text(str(path)))
+    Console(quiet=quiet).say(f"{path}: {found.title}. Run it: robodyn {found.command} {path}")
     return 0
+
+
+def _robot(name: str) -> Robot | Starter:
+    from robodyn_cli.robots.collection import find_robot
+
+    return find_robot(name)
+
+
+def _starter(kind: str) -> Robot | Starter:
+    from robodyn_cli.scene.starters import find_starter
+
+    return find_starter(kind)

@@ -71,6 +71,8 @@ def command(
     quiet: Quiet = False,
 ) -> int:
     """Run the batch, print a line for each scene, write the reports; return the worst exit code."""
+    from robodyn_cli.results.summary import as_keys
+    from robodyn_cli.run.batch.report_records import BatchReport
     from robodyn_cli.run.batch.reports import tally, write_reports
 
     start, console = time.perf_counter(), Console(as_json, quiet)
@@ -94,8 +96,7 @@ def command(
         write_reports(entries, junit, markdown)
     code = worst(e.exit_code for e in entries)
     console.say(f"{tally(entries)}; {time.perf_counter() - start:.2f} s")
-    status = "ok" if code == 0 else "failed"
-    console.data({"status": status, "exit_code": code, "scenes": [e.as_dict() for e in entries]})
+    console.data(as_keys(BatchReport.of(entries, code)))
     return code
 
 
