@@ -46,6 +46,7 @@ COMMANDS: dict[str, Command] = {
     "check": Command("Check a result against what its scene expects."),
     "compare": Command("Compare two results dataset by dataset."),
     "import": Command("Write the robot of a URDF file as YAML."),
+    "export": Command("Write a result as CSV, Parquet, MATLAB or NumPy files."),
     "info": Command("Tree, frames, M, C, G and Jacobians at a state."),
     "new": Command("Write a commented scene to begin with."),
     "plot": Command("Draw stored results again, several over one another."),
