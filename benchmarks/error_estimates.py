@@ -100,7 +100,7 @@ def judge(scene: str, method: str, setting: float, done: Any, ref: Reference) ->
     cost = seconds["total"] / (seconds["total"] - seconds.get("error_estimate", 0.0))
     note = ""
     if not whole:
-        note = "chaotic"
+        note = "reference ends"
     elif true < 100.0 * floor or true < doubt:
         note = "at rounding"
     elif true > 1e-2 * float(ranges.max()):

@@ -42,11 +42,13 @@ COMMANDS: dict[str, Command] = {
     ),
     "plan": Command("What a scene needs, what is left out, and operations."),
     "animate": Command("Make a movie of a result, or a strip of stills."),
+    "cache": Command("Show how much compiled code is kept, or clear it."),
     "check": Command("Check a result against what its scene expects."),
     "compare": Command("Compare two results dataset by dataset."),
     "import": Command("Write the robot of a URDF file as YAML."),
     "info": Command("Tree, frames, M, C, G and Jacobians at a state."),
     "new": Command("Write a commented scene to begin with."),
+    "plot": Command("Draw stored results again, several over one another."),
     "run": Command("Run many scenes, each by its own command; check them."),
     "schema": Command("Print the JSON Schema of scenes, for editors."),
     "stability": Command(

@@ -34,7 +34,7 @@ def four_bar_system() -> tuple[Any, np.ndarray]:
     from robodyn_cli.run.singular.singularity import passive_determinant
 
     setup = prepare(load_scene(CONFIGS / "four_bar_deploy.yaml"))
-    determinant = passive_determinant(setup.problem, passive_coordinates(setup.problem) or [])
+    determinant = passive_determinant(setup.problem, passive_coordinates(setup.problem))
     system = build_system(
         setup.problem, events=(EventFunction("dead_point", determinant, owner=Stopping()),), work=False
     )

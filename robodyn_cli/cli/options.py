@@ -7,9 +7,14 @@ import os
 import stat
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from robodyn_cli.errors import did_you_mean
+
+if TYPE_CHECKING:
+    from robodyn_cli.report.registry import Drawings
 
 
 def utf8(value: str) -> str:
@@ -86,6 +91,56 @@ Overrides = Annotated[
         metavar="KEY=VALUE",
         parser=utf8,
         help="Override a key of the scene, e.g. simulate.rtol=1e-12.",
+    ),
+]
+
+
+def plot_list(words: str) -> tuple[str, ...]:
+    """Return the names of plots in a list with commas.
+
+    Raises
+    ------
+    BadParameter : there is no such plot.
+    """
+    from robodyn_cli.report.registry import plot_names
+
+    names, known = tuple(word.strip() for word in words.split(",")), plot_names()
+    for name in names:
+        if name not in known:
+            hint = did_you_mean(name, known)
+            raise typer.BadParameter(f"no plot {name!r}{hint}; allowed: {', '.join(known)}")
+    return names
+
+
+def plot_format(word: str) -> str:
+    """Return the kind of file that plots are drawn as.
+
+    Raises
+    ------
+    BadParameter : there is no such kind.
+    """
+    from robodyn_cli.report.registry import SUFFIXES
+
+    if word not in SUFFIXES:
+        raise typer.BadParameter(f"{word!r}; allowed: {', '.join(SUFFIXES)}")
+    return word
+
+
+def drawings(no_plots: bool, plots: Any, format_: str) -> Drawings | None:
+    """Return which plots a command draws; None for none."""
+    from robodyn_cli.report.registry import Drawings
+
+    return None if no_plots else Drawings(plots, format_)
+
+
+PlotNames = Annotated[
+    Any,
+    typer.Option("--plots", metavar="NAME,...", parser=plot_list, help="Draw these plots. [default: all]"),
+]
+PlotFormat = Annotated[
+    str,
+    typer.Option(
+        "--format", metavar="KIND", parser=plot_format, help="Kind of file of plots: png, svg or pdf."
     ),
 ]
 NoPlots = Annotated[bool, typer.Option("--no-plots", help="Draw nothing.")]

@@ -15,6 +15,7 @@ from robodyn_cli.exit_codes import OF_STATUS, REPLACING
 from robodyn_cli.record import record
 
 if TYPE_CHECKING:
+    from robodyn_cli.report.registry import Drawings
     from robodyn_cli.results.hdf5.writer import ResultWriter
     from robodyn_cli.results.output_dir import OutputDirectory
     from robodyn_cli.results.result import Result
@@ -33,15 +34,15 @@ def default_directory(scene: Path, command: str) -> Path:
 class SceneRun:
     """A command on a scene, as it was asked for on the command line.
 
-    out : None for the default directory. overrides : ``key.path=value`` texts. options : what the command has of its
-    own, as its function in ``run/`` takes it (``quick`` of ``stability``).
+    out : None for the default directory. overrides : ``key.path=value`` texts. drawings : None for none. options : what
+    the command has of its own, as its function in ``run/`` takes it (``quick`` of ``stability``).
     """
 
     command: str
     scene: Path
     out: Path | None = None
     overrides: Sequence[str] = ()
-    no_plots: bool = False
+    drawings: Drawings | None = None
     strict: bool = False
     options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
@@ -67,7 +68,7 @@ def run_scene(job: SceneRun, console: Console, describe: Describe) -> int:
                 raise
             with watch.stage("write"):
                 store(result, directory, writer)
-            publish(result, directory, job.no_plots, watch)
+            publish(result, directory, job.drawings, watch)
     if failure is not None:
         console.note(f"results until then: {directory.path}")
         _show_data(directory, console)
@@ -111,14 +112,14 @@ def begun(directory: OutputDirectory, console: Console) -> Iterator[None]:
 
 
 def publish(
-    result: Result, directory: OutputDirectory, no_plots: bool, watch: Stopwatch | None = None
+    result: Result, directory: OutputDirectory, drawings: Drawings | None, watch: Stopwatch | None = None
 ) -> None:
     """Draw a result that is written, and replace an earlier run's files by those of this one."""
     from robodyn_cli.report.registry import draw_all
 
-    if not no_plots:
+    if drawings is not None:
         with watch.stage("plots") if watch is not None else contextlib.nullcontext():
-            draw_all(result, directory.new)
+            draw_all(result, directory.new, drawings)
     if watch is not None:
         result.summary["wall_time_s"] = watch.report()
     directory.replace_old(result.summary)
@@ -126,8 +127,10 @@ def publish(
 
 def show(result: Result, directory: OutputDirectory, console: Console, describe: Describe) -> None:
     """Print the summary of a result: as JSON where that is asked for, else in words, with what lies where."""
+    from robodyn_cli.results.moments import moment_lines
+
     _show_data(directory, console)
-    console.say(describe(result.summary))
+    console.say("\n".join([describe(result.summary), *moment_lines(result)]))
     console.say(f"results: {directory.path}  ({', '.join(directory.outputs)})")
 
 

@@ -8,20 +8,24 @@ import sys
 import threading
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.cli import interrupts
 from robodyn_cli.cli.main import prepare_process
 from robodyn_cli.exit_codes import INTERRUPTED
 
+if TYPE_CHECKING:
+    from robodyn_cli.report.registry import Drawings
+
 
 def command_line(
-    no_plots: bool, overrides: Sequence[str], command: str, scene: Path, directory: Path
+    drawings: Drawings | None, overrides: Sequence[str], command: str, scene: Path, directory: Path
 ) -> list[str]:
     """Return the command line of a worker; files in the current directory cannot shadow modules."""
     package = str(Path(__file__).parents[2])
     code = f"import sys; sys.path[0] = {package!r}; from robodyn_cli.cli.worker import main; main()"
     job = {"command": command, "scene": str(scene), "out": str(directory), "overrides": list(overrides),
-           "no_plots": no_plots}  # fmt: skip
+           "drawings": None if drawings is None else [drawings.names, drawings.suffix]}  # fmt: skip
     return [sys.executable, "-c", code, json.dumps(job)]
 
 
@@ -32,11 +36,13 @@ def main() -> None:
     interrupts.end(_run(**json.loads(sys.argv[1])))
 
 
-def _run(command: str, scene: str, out: str, overrides: list[str], no_plots: bool) -> int:
+def _run(command: str, scene: str, out: str, overrides: list[str], drawings: list[Any] | None) -> int:
     from robodyn_cli.cli.console import Console, guarded
     from robodyn_cli.cli.runner import SceneRun, run_scene
+    from robodyn_cli.report.registry import Drawings
 
-    job = SceneRun(command, Path(scene), Path(out), overrides, no_plots)
+    drawn = None if drawings is None else Drawings(drawings[0] and tuple(drawings[0]), drawings[1])
+    job = SceneRun(command, Path(scene), Path(out), overrides, drawn)
     return guarded(lambda: run_scene(job, Console(as_json=True, quiet=True), lambda summary: ""))()
 
 

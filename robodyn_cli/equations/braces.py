@@ -7,10 +7,13 @@ it, and -b_j a_j takes that off again: with b_j in M and -b_j a_j in h, motion a
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
-from robodyn_cli.equations.constraints import Constraints
 from robodyn_cli.expr.graph import is_nonzero
 from robodyn_cli.spatial.algebra import Matrix, Vector
+
+if TYPE_CHECKING:
+    from robodyn_cli.equations.constraints import Constraints
 
 Braces = Mapping[int, float]  # b_j by velocity coordinate
 
@@ -24,7 +27,7 @@ def with_inertia(M: Matrix, braces: Braces) -> Matrix:
 
 def with_force(h: Vector, braces: Braces, constraints: Constraints) -> Vector:
     """Return h - b a with the accelerations a that ``constraints`` prescribe."""
-    for i in constraints.prescribed if braces else ():
+    for i in constraints.prescribed:
         row = constraints.rows[i]
         for k, x in enumerate(row.psi):
             if k in braces and is_nonzero(x):

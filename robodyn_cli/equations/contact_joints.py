@@ -10,12 +10,15 @@ part of the equations and is switched on and off by its parameter, so one compil
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from robodyn_cli.expr.graph import Expr
-from robodyn_cli.forces.friction import Friction
-from robodyn_cli.forces.limits import Limits
 from robodyn_cli.model.model import PARAMETER_GROUP, Body, Model
 from robodyn_cli.record import record
+
+if TYPE_CHECKING:
+    from robodyn_cli.forces.friction import Friction
+    from robodyn_cli.forces.limits import Limits
 
 FIELDS = ("hold", "direction", "low", "high")
 UNBOUNDED = 1e300  # a bound beyond every multiplier
@@ -82,9 +85,9 @@ def _contacts(body: Body) -> tuple[Friction | None, Limits | None]:
     """Return the set-valued friction and the rigid stops of a joint."""
     friction = limits = None
     for force in body.forces:
-        if isinstance(force.element, Friction) and force.element.set_valued:
+        if getattr(force.element, "set_valued", False):
             friction = force.element
-        if isinstance(force.element, Limits) and force.element.rigid:
+        if getattr(force.element, "rigid", False):
             limits = force.element
     return friction, limits
 

@@ -96,8 +96,6 @@ def _uncombined(every: Constraints, found: Sequence[Combination]) -> list[int]:
 
 def independent_rows(every: Constraints, found: Sequence[Combination]) -> Constraints:
     """Return rows with the rank of all: the combinations, then the rows that depend on no others."""
-    if not found:
-        return every
     rows: list[Row] = []
     for k, c in enumerate(found, start=1):
         rows += combined([every.rows[i] for i in c.rows], c.W, f"combination{k}")
@@ -108,8 +106,6 @@ def independent_rows(every: Constraints, found: Sequence[Combination]) -> Constr
 
 def multipliers_of_rows(every: Constraints, found: Sequence[Combination], lam: Vector) -> Vector:
     """Return the multipliers of all rows (m,) from those of ``independent_rows``: W^T lambda."""
-    if not found:
-        return lam
     out = zeros(len(every.rows))
     place = 0
     for c in found:

@@ -4,24 +4,30 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar, is_nonzero
-from robodyn_cli.forces.friction import Friction
-from robodyn_cli.forces.gear import Gear
-from robodyn_cli.model.model import Body, Model
+from robodyn_cli.model.model import Body, JointForce, Model
 from robodyn_cli.spatial.algebra import Values, Vector
+
+if TYPE_CHECKING:
+    from robodyn_cli.forces.gear import Gear
+
+
+def depends_on_load(force: JointForce) -> bool:
+    """Tell whether a force follows from the load on the joint, as losses of a gear do, and not from q and v alone."""
+    return hasattr(force.element, "torque_of_load")
 
 
 def geared(model: Model) -> list[tuple[Body, Gear]]:
     """Return the bodies whose joints have gears with losses."""
-    return [(b, f.element) for b in model.bodies for f in b.forces if isinstance(f.element, Gear)]
+    return [(b, f.element) for b in model.bodies for f in b.forces if depends_on_load(f)]
 
 
 def _on_motor(body: Body) -> bool:
     """Tell whether the joint's friction acts on the motor's side of the gear."""
-    return any(isinstance(f.element, Friction) and f.element.side == "motor" for f in body.forces)
+    return any(getattr(f.element, "side", "joint") == "motor" for f in body.forces)
 
 
 def losses_of_load(

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from robodyn_cli.equations.contact_joints import ContactJoint
+from robodyn_cli.equations.gears import depends_on_load
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Expr, Scalar
-from robodyn_cli.forces.gear import Gear
 from robodyn_cli.model.model import Body, JointForce, Model
 from robodyn_cli.spatial.algebra import Values, Vector, zeros
 
@@ -37,7 +37,7 @@ class JointForces:
         terms: dict[str, Vector] = {}
         for body in self.model.bodies:
             for force in body.forces:
-                if isinstance(force.element, Gear):  # depends on the load: see ``gears``
+                if depends_on_load(force):  # see ``gears``
                     continue
                 term = terms.setdefault(force.element.term, zeros(self.model.nv))
                 term[body.v] = term[body.v] + self.torque(body, force, smooth)
@@ -48,7 +48,7 @@ class JointForces:
         found: list[tuple[int, Scalar]] = []
         for body in self.model.bodies:
             for force in body.forces:
-                if isinstance(force.element, Gear):
+                if depends_on_load(force):
                     continue
                 if force.element.dissipative:
                     found.append((body.v, self.torque(body, force, smooth)))

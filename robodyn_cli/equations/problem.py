@@ -9,40 +9,35 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from robodyn_cli.algorithms.aba import ArticulatedFactor
-from robodyn_cli.algorithms.constraints import LoopRows, Multipliers, solve_with_multipliers, vanishes
 from robodyn_cli.algorithms.crba import crba
 from robodyn_cli.algorithms.energy import gravity_energy, kinetic_energy, spring_energy
 from robodyn_cli.algorithms.kinematics import Pose, moved, poses, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
-from robodyn_cli.equations.constraints import Constraints as Constraints
-from robodyn_cli.equations.constraints import coordinate_row
 from robodyn_cli.equations.contact_joints import ContactJoint, contact_joints
-from robodyn_cli.equations.dependence import (
-    Combination,
-    Dependence,
-    combinations,
-    independent_rows,
-    multipliers_of_rows,
-)
 from robodyn_cli.equations.elements import Elements
 from robodyn_cli.equations.gears import geared, losses_of_drive, losses_of_load
 from robodyn_cli.equations.joint_forces import JointForces
-from robodyn_cli.equations.switching import Switching
 from robodyn_cli.expr.functions import interpolate
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations, is_nonzero
 from robodyn_cli.expr.rebuild import numbers
-from robodyn_cli.loops.base import Row
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.model.places import with_places
 from robodyn_cli.scene import types as sc
-from robodyn_cli.spatial.algebra import Array, Matrix, Transform, Values, Vector, dot, zeros
+from robodyn_cli.spatial.algebra import Array, Matrix, Transform, Values, Vector, zeros
+
+if TYPE_CHECKING:
+    from robodyn_cli.algorithms.constraints import Multipliers
+    from robodyn_cli.equations.constraints import Constraints
+    from robodyn_cli.equations.dependence import Combination, Dependence
+    from robodyn_cli.equations.switching import Switching
+    from robodyn_cli.loops.base import Row
 
 CANCELLATION = 1e3  # so many units of rounding may be lost in a difference of moments of inertia
 DENSE_LIMIT = 12  # velocities up to which the factored mass matrix is tried: it grows with their cube
@@ -122,10 +117,14 @@ class Problem:
 
         return with_inertia(M, self.braces)
 
+    def newton_euler(self, v: Values, a: Values, gravity: Vector | None) -> Vector:
+        """Return M a + C v + G for rates v and accelerations a (nv,)."""
+        return rnea(self.rigid, self.q, v, a, gravity, self.X)
+
     @cached_property
     def bias(self) -> Vector:
         """h = C v + G."""
-        h = rnea(self.rigid, self.q, self.v, zeros(self.model.nv), self.gravity, self.X)
+        h = self.newton_euler(self.v, zeros(self.model.nv), self.gravity)
         if not self.braces:
             return h
         from robodyn_cli.equations.braces import with_force
@@ -135,18 +134,17 @@ class Problem:
     @cached_property
     def inverse_dynamics(self) -> Vector:
         """M a + C v + G."""
-        return rnea(self.rigid, self.q, self.v, self.a, self.gravity, self.X)
+        return self.newton_euler(self.v, self.a, self.gravity)
 
     def rigid_terms(self) -> dict[str, Vector]:
         """Return M a, C v and G separately: ``inertia``, ``coriolis`` and, where there is gravity, ``gravity``."""
-        nv = self.model.nv
-        rest = zeros(nv)
+        rest = zeros(self.model.nv)
         terms = {
-            "inertia": rnea(self.rigid, self.q, rest, self.a, None, self.X),
-            "coriolis": rnea(self.rigid, self.q, self.v, rest, None, self.X),
+            "inertia": self.newton_euler(rest, self.a, None),
+            "coriolis": self.newton_euler(self.v, rest, None),
         }
         if self.gravity is not None:
-            terms["gravity"] = rnea(self.rigid, self.q, rest, rest, self.gravity, self.X)
+            terms["gravity"] = self.newton_euler(rest, rest, self.gravity)
         return terms
 
     # -- torques --------------------------------------------------------------------------------------
@@ -175,6 +173,8 @@ class Problem:
     @cached_property
     def switching(self) -> Switching:
         """Where the equations switch, along the motion and in time."""
+        from robodyn_cli.equations.switching import Switching
+
         return Switching(self)
 
     @cached_property
@@ -250,6 +250,9 @@ class Problem:
     @cached_property
     def all_constraints(self) -> Constraints:
         """Rows of the loop closures, then of couplers, then of prescribed joints."""
+        from robodyn_cli.algorithms.constraints import LoopRows, vanishes
+        from robodyn_cli.equations.constraints import Constraints, coordinate_row
+
         rows: list[Row] = []
         dropped: list[str] = []
         closures = LoopRows(self.model, self.X, self.q, self.v, self.gravity)
@@ -273,10 +276,6 @@ class Problem:
             rows.append(coordinate_row(f"prescribed.{name}", self.model, self.q, {name: 1.0}, target, kind))
         return Constraints(tuple(rows), tuple(dropped), tuple(range(first, len(rows))))
 
-    @property
-    def constraint_rows(self) -> tuple[Row, ...]:
-        return self.constraints.rows
-
     @cached_property
     def psi(self) -> Matrix:
         return self.constraints.psi(self.model.nv)
@@ -284,16 +283,28 @@ class Problem:
     @cached_property
     def combinations(self) -> list[Combination]:
         """Combinations of the rows that depend on each other; their numbers are parameters p."""
+        if not self.dependent:
+            return []
+        from robodyn_cli.equations.dependence import combinations
+
         return combinations(self.graph, self.dependent, self.constraints.names, len(self.model.parameters))
 
     @cached_property
     def independent_rows(self) -> Constraints:
         """The rows that the equations are solved with: combinations of dependent rows, then the other rows."""
+        if not self.combinations:
+            return self.constraints
+        from robodyn_cli.equations.dependence import independent_rows
+
         return independent_rows(self.constraints, self.combinations)
 
     def moved(self, dq: Values) -> list[Scalar]:
         """Return q - dq (nq,) for a step dq (nv,), along the joints' manifolds."""
         return moved(self.model, self.q, [-x for x in dq])
+
+    @property
+    def constraint_rows(self) -> tuple[Row, ...]:
+        return self.constraints.rows
 
     @property
     def loop_rank(self) -> int:
@@ -332,6 +343,8 @@ class Problem:
 
     def solution(self, gamma: Sequence[Scalar]) -> tuple[Multipliers, list[Scalar]]:
         """Return accelerations and multipliers for ``gamma`` of the independent rows, and those of held joints."""
+        from robodyn_cli.algorithms.constraints import Multipliers, solve_with_multipliers
+
         f = self.applied - self.bias
         held = self.contact_joints
         if not self.has_multipliers:
@@ -347,9 +360,12 @@ class Problem:
         for joint in held:
             # rounding must not set a held joint in motion
             found.qdd[joint.v] = found.qdd[joint.v] * (1.0 - joint.hold)
-        rows = len(gamma)
-        lam = multipliers_of_rows(self.constraints, self.combinations, found.lam[:rows])
-        return Multipliers(found.qdd, lam), list(found.lam[rows:])
+        lam, holding = found.lam[: len(gamma)], list(found.lam[len(gamma) :])
+        if self.combinations:
+            from robodyn_cli.equations.dependence import multipliers_of_rows
+
+            lam = multipliers_of_rows(self.constraints, self.combinations, lam)
+        return Multipliers(found.qdd, lam), holding
 
     def ways_to_accelerations(self, f: Values) -> dict[str, Vector]:
         """Return M^-1 f (nv,) of the open tree by the ways that may suit its size."""
@@ -373,23 +389,6 @@ class Problem:
         """Gravity (zero at the base's origin), joint springs and forces between bodies."""
         own = gravity_energy(self.model, self.q, self.gravity, self.X) + spring_energy(self.model, self.q)
         return own + self.elements.potential
-
-    @cached_property
-    def applied_power(self) -> Scalar:
-        """Power of actuators, damping and forces between bodies that have no potential."""
-        total: Scalar = dot(self.actuator_torques, self.v)
-        for place, torque in self.dissipated:
-            total = total + torque * self.v[place]
-        return total + self.elements.power
-
-    @cached_property
-    def power(self) -> Scalar:
-        """Power of all forces without a potential: ``applied_power`` and prescribed motion."""
-        total = self.applied_power
-        for i in self.constraints.rheonomic:
-            # Psi^T lambda does work at the rate -lambda eta_t on a row that depends on time
-            total = total - self.forward.lam[i] * self.constraints.rows[i].eta_t
-        return total
 
     # -- places ---------------------------------------------------------------------------------------
     def world_point(self, frame: FixedFrame) -> Vector:

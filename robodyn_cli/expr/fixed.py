@@ -13,12 +13,13 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, TypeGuard
 from weakref import WeakValueDictionary
 
 # Of the larger term: a smaller sum is what rounding leaves of a zero. The inputs themselves are not known better.
 CANCELLED = 1e-15
+ROUNDED = 1e-25  # of the largest result of a function that computes with 32 digits
 
 
 class Fixed(float):
@@ -110,13 +111,44 @@ def literal(value: float, place: str) -> float:
 def derived(function: Callable[[Sequence[float]], Sequence[float]], inputs: Sequence[float]) -> list[float]:
     """Return what a function of numbers gives, each entry as a number that is computed from the inputs."""
     found = function([float(x) for x in inputs])
+    # a zero that other numbers do not share is no structure, such as the difference of two equal moments of inertia
+    varied = [
+        float(x) * (1.0 + 0.1 * math.sin(k + 1)) if isinstance(x, Fixed) else x for k, x in enumerate(inputs)
+    ]
+    others = function(varied)
+    least = ROUNDED * max([abs(x) for x in (*found, *others)], default=0.0)
     whole = (function, tuple(inputs))
-    return [_made("entry", (whole, k), float(x)) if x else 0.0 for k, x in enumerate(found)]
+    return [
+        _made("entry", (whole, k), float(x)) if abs(x) > least or abs(y) > least else 0.0
+        for k, (x, y) in enumerate(zip(found, others))
+    ]
 
 
 def is_plain(x: Any, value: float) -> bool:
     """Tell whether ``x`` is this number as structure, not a number of the scene that happens to have its value."""
     return not isinstance(x, Fixed) and bool(x == value)
+
+
+def places(numbers: Iterable[object]) -> list[str]:
+    """Return the places in the scene of all numbers that these are computed from, in order."""
+    found: set[str] = set()
+    seen: set[int] = set()
+    pending: list[object] = list(numbers)
+    while pending:
+        x = pending.pop()
+        if not isinstance(x, Fixed) or id(x) in seen:
+            continue
+        seen.add(id(x))
+        if x.op == "literal":
+            found.add(x.args[0])
+        else:
+            pending.extend(x.args[0][1] if x.op == "entry" else x.args)
+    return sorted(found)
+
+
+def is_negated(x: Any) -> TypeGuard[Fixed]:
+    """Tell whether a number of the scene is the negative of another; signs are kept outside of tables."""
+    return isinstance(x, Fixed) and x.op == "neg"
 
 
 def applied(op: str, function: Callable[..., float], *args: float) -> float:
@@ -156,8 +188,12 @@ def _binary(op: str, a: Any, b: Any) -> Any:
             return b if op == "add" else -b
         if is_plain(b, 0.0):
             return a
+        if is_negated(b):
+            return a - b.args[0] if op == "add" else a + b.args[0]
+        if is_negated(a):
+            return b - a.args[0] if op == "add" else -(a.args[0] + b)
         total = x + y if op == "add" else x - y
-        if abs(total) <= CANCELLED * max(abs(x), abs(y)):
+        if math.isfinite(total) and abs(total) <= CANCELLED * max(abs(x), abs(y)):
             return 0.0
         return _made(op, _sorted(op, a, b), total)
     if op == "mul":
@@ -172,6 +208,11 @@ def _binary(op: str, a: Any, b: Any) -> Any:
         return a
     elif op == "div" and is_plain(a, 0.0) and y:
         return 0.0
+    if op != "pow":
+        for k, z in enumerate((a, b)):
+            if is_negated(z) or (not isinstance(z, Fixed) and z < 0.0):
+                positive = z.args[0] if is_negated(z) else -z
+                return -(_binary(op, positive, b) if k == 0 else _binary(op, a, positive))
     value = _PLAIN[op](x, y)
     return (
         _made(op, _sorted(op, a, b), value) if isinstance(value, float) and not math.isnan(value) else value

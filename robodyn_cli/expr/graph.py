@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any, Union
 
-from robodyn_cli.expr.fixed import Fixed, is_plain
+from robodyn_cli.expr.fixed import Fixed, is_negated, is_plain
 
 Scalar = Union[float, "Expr"]
 
@@ -157,9 +157,8 @@ class Graph:
             return self.sub(a, b.args[0])
         if a.op == "neg":
             return self.sub(b, a.args[0])
-        if a is b:
-            return self.mul(2.0, a)
-        return self._binary("add", a, b)
+        factor, x = _like_terms(a, b, 1.0)
+        return self._binary("add", a, b) if x is None else self.mul(factor, x)
 
     def sub(self, a: Scalar, b: Scalar) -> Scalar:
         """Return a - b."""
@@ -182,7 +181,8 @@ class Graph:
             return self.add(a, b.args[0])
         if a.op == "neg":
             return self.neg(self.add(a.args[0], b))
-        return self._binary("sub", a, b)
+        factor, x = _like_terms(a, b, -1.0)
+        return self._binary("sub", a, b) if x is None else self.mul(factor, x)
 
     def neg(self, a: Scalar) -> Scalar:
         """Return -a."""
@@ -193,10 +193,10 @@ class Graph:
         if a.op == "sub":
             x, y = a.args
             return self.add(y, -x.value) if x.op == "const" else self._binary("sub", y, x)
-        if a.op == "mul" and a.args[0].op == "const":
-            return self.mul(-a.args[0].value, a.args[1])
-        if a.op == "mul" and a.args[1].op == "const":
-            return self.mul(-a.args[1].value, a.args[0])
+        if a.op == "mul":
+            factor, rest = _split_product(a)
+            if not isinstance(factor, Fixed) and not is_plain(factor, 1.0):
+                return self.mul(-factor, rest)
         return self._node("neg", (a,))
 
     def mul(self, a: Scalar, b: Scalar) -> Scalar:
@@ -212,6 +212,8 @@ class Graph:
                 return a
             if is_plain(b, -1.0):
                 return self.neg(a)
+            if is_negated(b):
+                return self.neg(self.mul(b.args[0], a))
             if a.op == "neg":
                 return self.mul(-b, a.args[0])
             if a.op == "mul":
@@ -313,6 +315,19 @@ def _split_product(a: Expr) -> tuple[float, Expr]:
         if y.op == "const":
             return y.value, x
     return 1.0, a
+
+
+def _like_terms(a: Expr, b: Expr, sign: float) -> tuple[float, Expr | None]:
+    """Return c and x with a + sign b = c x, None for x where the terms differ by more than a number.
+
+    Two moments of inertia that happen to be equal do not cancel: that they are is no structure.
+    """
+    (factor, x), (other, y) = _split_product(a), _split_product(b)
+    if x is not y:
+        return 0.0, None
+    total = factor + sign * other
+    known = not isinstance(factor, Fixed) and not isinstance(other, Fixed)
+    return (total, x) if total or known else (0.0, None)
 
 
 def reachable(outputs: Iterable[Scalar]) -> list[Expr]:

@@ -87,6 +87,54 @@ class Evaluator:
         return [value[e.index] if isinstance(e, Expr) else e for e in self.outputs]
 
 
+class Values:
+    """Values of expressions at one point, each node evaluated once however many calls ask for it.
+
+    Parameters
+    ----------
+    inputs : a number for each position by symbol group. A symbol of another group, and all that depends on it, has the
+    value None.
+    """
+
+    def __init__(self, inputs: Mapping[str, Sequence[float]]) -> None:
+        self._inputs = inputs
+        self._value: dict[int, float | None] = {}
+
+    def of(self, outputs: Sequence[Scalar]) -> list[float | None]:
+        """Return the values of expressions of one graph, infinity or NaN where there is none."""
+        with np.errstate(all="ignore"):
+            return [self._of(e) if isinstance(e, Expr) else float(e) for e in outputs]
+
+    def _of(self, e: Expr) -> float | None:
+        value, stack = self._value, [e]
+        while stack:
+            node = stack[-1]
+            if node.index not in value:
+                waiting = [a for a in node.args if a.index not in value]
+                if waiting:
+                    stack += waiting
+                    continue
+                value[node.index] = self._result(node)
+            stack.pop()
+        return value[e.index]
+
+    def _result(self, node: Expr) -> float | None:
+        """Return the value of a node whose arguments have theirs."""
+        if node.op == "sym":
+            _, group, position = node.value
+            return float(self._inputs[group][position]) if group in self._inputs else None
+        if node.op == "const":
+            return float(node.value)
+        known = [self._value[a.index] for a in node.args]
+        args = [x for x in known if x is not None]
+        if len(args) < len(known):
+            return None
+        try:
+            return float(apply(node, args))
+        except (ArithmeticError, ValueError):  # plain numbers raise where arrays have an infinity or no value
+            return float(apply(node, [np.atleast_1d(x) for x in args])[0])
+
+
 def renamed(outputs: Sequence[Scalar], inputs: Mapping[str, Mapping[int, Scalar]]) -> list[Scalar]:
     """Return the outputs with expressions in the place of symbols, which may live in another graph.
 

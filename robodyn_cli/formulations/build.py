@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from robodyn_cli.equations.contact_joints import moving_freely
+from robodyn_cli.equations.power import powers, total
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar, is_nonzero
 from robodyn_cli.formulations.events import EventFunction, EventKind, Passing
@@ -47,7 +48,7 @@ def build_system(
     expanded : give expressions in any case, for callers that analyse them.
     """
     name = formulation_of(problem, stabilisation, expanded)
-    z_rate = work_rate(problem) if work else ()
+    doers, z_rate = _work(problem) if work else ((), ())
     found = FORMULATIONS[name](problem, z_rate, stabilisation)
     partition = found.partition or _row_combinations(problem)
     own = (*discontinuities(problem), *(partition.functions if partition is not None else ()))
@@ -61,6 +62,7 @@ def build_system(
         breakpoints=problem.switching.breakpoints,
         partition=partition,
         parameters=moving_freely(problem.contact_joints),
+        work_done_by=doers,
         forms=found.forms,
     )
     layout = Layout.of(problem.model, len(z_rate))
@@ -78,11 +80,12 @@ def formulation_of(problem: Problem, stabilisation: str | Baumgarte, expanded: b
     return "baumgarte" if isinstance(stabilisation, Baumgarte) else stabilisation
 
 
-def work_rate(problem: Problem) -> tuple[Scalar, ...]:
-    """Return the power of actuators and damping, () where nothing drives or brakes."""
-    power = problem.power
-    impacts = any(joint.stops for joint in problem.contact_joints)  # they take energy at once
-    return (power,) if is_nonzero(power) or impacts else ()
+def _work(problem: Problem) -> tuple[tuple[str, ...], tuple[Scalar, ...]]:
+    """Return what does work or takes energy, but for gravity and springs, and its power; none where nothing does."""
+    found = {name: power for name, power in powers(problem).items() if is_nonzero(power)}
+    if any(joint.stops for joint in problem.contact_joints):
+        found["impacts on rigid stops"] = 0.0  # they take energy at once
+    return tuple(found), (total(found.values()),) if found else ()
 
 
 def is_rolled(problem: Problem) -> bool:

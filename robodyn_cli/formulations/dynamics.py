@@ -18,16 +18,17 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.decision import Decision
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Function, Int, Value
+from robodyn_cli.kernels.lower import LANES as LANES
 from robodyn_cli.kernels.lower import Programs
 from robodyn_cli.kernels.program import Program, make_program
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.record import record
 
-LANES = 8  # the most that an integrator evaluates at once
 Groups = Mapping[str, Any]
 Numbers = NDArray[np.float64]
 
@@ -54,9 +55,16 @@ class Emission(Protocol):
 
 
 class Dynamics(Protocol):
-    """The rates of a system. ``any_size``: the code serves systems of any number of velocities."""
+    """The rates of a system.
+
+    any_size : the code serves systems of any number of velocities.
+    """
 
     any_size: bool
+
+    @property
+    def decision(self) -> Decision | None:
+        """Why the rates have another shape than straight-line code."""
 
     @property
     def program(self) -> Program:
@@ -98,6 +106,7 @@ class Expanded:
     acceleration: tuple[Scalar, ...]
     z_rate: tuple[Scalar, ...] = ()
     any_size = False
+    decision = None
 
     @cached_property
     def program(self) -> Program:

@@ -62,7 +62,7 @@ class Jump(Outcome):
 
     state: Array
     parameters: Array | None = None
-    sides: Mapping[int, float] | None = None
+    sides: Mapping[int, float] = dataclasses.field(default_factory=dict)
     step: float = math.inf
 
 
@@ -112,6 +112,12 @@ class EventFunction:
     direction: int = 0
     kind: EventKind = EventKind.MARK
     owner: Owner | None = None
+
+    def crosses(self, before: float, after: float) -> bool:
+        """Tell whether a change from ``before`` to ``after`` counts; zero belongs to neither side."""
+        rising = before < 0.0 < after
+        falling = before > 0.0 > after
+        return (rising and self.direction >= 0) or (falling and self.direction <= 0)
 
     @property
     def is_discontinuity(self) -> bool:

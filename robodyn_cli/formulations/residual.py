@@ -17,6 +17,7 @@ from functools import cached_property
 from robodyn_cli.algorithms.crba import crba
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
+from robodyn_cli.decision import Decision
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.kernels.program import Program, make_program
@@ -79,6 +80,17 @@ class Residual:
     def correction(self) -> Program:
         outputs: dict[str, Sequence[Scalar]] = {"d": list(self.corrections), "z": self.z_rate}
         return make_program({k: v for k, v in outputs.items() if len(v)}, INPUTS)
+
+    def decision(self, direct: Program) -> Decision:
+        """Return why corrections are made instead of evaluating ``direct``."""
+        taken = "corrections by inverse dynamics"
+        operations = {
+            taken: self.correction.operations,
+            "forward dynamics": direct.operations,
+            "factors of the mass matrix, once": self.factors.operations,
+        }
+        reason = "fewer operations over the rounds of a step"
+        return Decision("accelerations in the stages", taken, reason, operations)
 
     def pays(self, direct: Program, rounds: int) -> bool:
         """Tell whether ``rounds`` corrections with factors made once take fewer operations than ``direct`` as often."""

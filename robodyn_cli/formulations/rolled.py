@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from robodyn_cli.algorithms.aba import aba
+from robodyn_cli.decision import RATES, Decision
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar, is_nonzero
@@ -36,6 +37,7 @@ class Rolled:
     """
 
     any_size = True
+    shape = "loops over the bodies"
 
     def __init__(self, model: Model, forces: Sequence[Scalar], z_rate: Sequence[Scalar] = ()) -> None:
         self.model = model
@@ -59,9 +61,30 @@ class Rolled:
         return self.program.inputs.get("p", 0)
 
     @property
+    def inputs(self) -> dict[str, int]:
+        """Sizes of what is read."""
+        return {"q": self.plan.nq, "v": self.plan.nv, **self.program.inputs}
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Sizes of the outputs."""
+        return {"a": self.plan.nv, **({"z": len(self.z_rate)} if self.z_rate else {})}
+
+    @property
+    def numbers(self) -> tuple[Scalar, ...]:
+        """Numbers of the scene that are read."""
+        return (*self.plan.numbers, *self.program.numbers)
+
+    @property
     def operations(self) -> int:
         """Operations of one evaluation."""
-        return self.plan.bodies * self.plan.recursion.operations + self.program.operations
+        return self.plan.operations + self.program.operations
+
+    @property
+    def decision(self) -> Decision:
+        """Why the rates go by loops."""
+        reason = f"{self.model.nv} joints: straight-line code would take longer to compile than to run"
+        return Decision(RATES, self.shape, reason, {self.shape: self.operations})
 
     def expressions(self) -> tuple[tuple[Scalar, ...], tuple[Scalar, ...]]:
         raise CapabilityError(

@@ -96,6 +96,7 @@ class System:
 
     breakpoints : times at which the right-hand side or its slope jumps; steps end there.
     parameters : values of p that a run starts with, but for those that the ``partition`` chooses.
+    work_done_by : what does the work whose rate is among the z-dot; none where that is not integrated.
     layout : None where q, v, z are the mechanism's.
     forms : the same motion in forms that some methods use instead of the rates.
     """
@@ -109,6 +110,7 @@ class System:
     breakpoints: tuple[float, ...] = ()
     parameters: tuple[float, ...] = ()
     partition: Partition | None = None
+    work_done_by: tuple[str, ...] = ()
     layout: Layout | None = None
     forms: Forms | None = None
 
@@ -223,6 +225,17 @@ class System:
         from robodyn_cli.formulations.index3 import first_order_step
 
         return first_order_step(self.rates, self.nv)
+
+    @property
+    def programs(self) -> dict[str, Program]:
+        """The programs of the stepping loop beside the rates, by what they are for."""
+        found = {
+            "positions back on the joints' manifolds": self.normal_form,
+            "projection of positions": self.positions,
+            "projection of velocities": self.velocities,
+            "events": self.switching,
+        }
+        return {name: program for name, program in found.items() if program is not None}
 
     @property
     def index3(self) -> Index3 | None:

@@ -16,6 +16,7 @@ import tempfile
 import time
 from pathlib import Path
 
+from robodyn_cli.errors import OutputError
 from robodyn_cli.kernels.report import REPORT
 
 MOST_BYTES = 64 << 20  # kept in all; the oldest files go first
@@ -119,6 +120,22 @@ def contents(folder: Path) -> list[tuple[Path, os.stat_result]]:
         with contextlib.suppress(OSError):
             found.append((path, path.lstat()))
     return sorted(found, key=lambda pair: pair[1].st_mtime)
+
+
+def remove_all(folder: Path) -> int:
+    """Remove all objects and return how many; a run that uses one of them has it in memory.
+
+    Raises
+    ------
+    OutputError : one cannot be removed.
+    """
+    objects = contents(folder)
+    for path, _ in objects:
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            raise OutputError(f"cannot remove {path}: {error.strerror}") from error
+    return len(objects)
 
 
 def sweep(folder: Path, most_bytes: int | None = None) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from robodyn_cli.kernels.arrays import Array
-from robodyn_cli.kernels.ir import Function, Value
+from robodyn_cli.kernels.ir import Function, Int, Value
 from robodyn_cli.kernels.mathematics import operation, sincos
 from robodyn_cli.kernels.program import NUMBERS, TRIGONOMETRIC, Instruction, Program
 
@@ -16,8 +16,13 @@ if TYPE_CHECKING:
 Inputs = Mapping[str, Sequence[Value] | Array]  # a value for each position, by group; the table of numbers
 
 INLINE_LIMIT = 400  # operations; longer programs become functions
-LANES = 8
+LANES = 8  # the most that an integrator evaluates at once
 REGISTERS = "registers"  # argument of functions that evaluate programs: memory for those that are data
+
+
+def is_inlined(program: Program) -> bool:
+    """Tell whether a program's code goes where it is evaluated, instead of into a function of its own."""
+    return program.operations <= INLINE_LIMIT
 
 
 def _table(f: Function, x: Value, at: str, n: int, order: int) -> Value:
@@ -52,6 +57,24 @@ def _table(f: Function, x: Value, at: str, n: int, order: int) -> Value:
     return f.pack(results, x.width)
 
 
+class Loaded(Array):
+    """A program's table of numbers with its entries in registers.
+
+    Make it before the program's inputs are loaded: LLVM orders the factors of a product by where they come from, and
+    only with numbers first does it order them as it does constants, so that products of variables are shared.
+    """
+
+    def __init__(self, numbers: Sequence[Value] | Array, program: Program, width: int) -> None:
+        assert isinstance(numbers, Array)
+        super().__init__(numbers.f, numbers.base)
+        places = [i.value for i in program.instructions if i.op == "number"]
+        self.entries = {k: self.f.splat(numbers[k], width) for k in places}
+
+    def __getitem__(self, k: Int | int) -> Value:
+        assert isinstance(k, int)
+        return self.entries[k]
+
+
 class _Lowering:
     """State of one lowering: values so far, and sines and cosines waiting to share a vector."""
 
@@ -75,7 +98,7 @@ class _Lowering:
         return self.values[k] is not None or self.code[k].op == "number"
 
     def value(self, k: int) -> Value:
-        """Return an instruction's value. A number is loaded for each use: in registers it would displace others."""
+        """Return an instruction's value."""
         i = self.code[k]
         found = self.f.splat(self._numbers[i.value], self.width) if i.op == "number" else self.values[k]
         assert found is not None
@@ -213,11 +236,9 @@ def outline(name: str, program: Program, width: int, fused: bool, flags: str) ->
     arguments = [f"ptr noalias readonly %in.{g}" for g in read]
     arguments += [f"ptr noalias %out.{o}" for o in program.outputs]
     f = Function(name, arguments, internal=True, attributes="noinline", flags=flags)
-    inputs: dict[str, Sequence[Value] | Array] = {
-        g: [f.load(f.offset(f"%in.{g}", k * width), width, 8 * width) for k in range(n)]
-        for g, n in program.inputs.items()
-    }
-    inputs[NUMBERS] = Array(f, f"%in.{NUMBERS}")
+    inputs: dict[str, Sequence[Value] | Array] = {NUMBERS: Loaded(Array(f, f"%in.{NUMBERS}"), program, width)}
+    for g, n in program.inputs.items():
+        inputs[g] = [f.load(f.offset(f"%in.{g}", k * width), width, 8 * width) for k in range(n)]
     for output, values in lower(f, program, inputs, width, fused).items():
         for k, v in enumerate(values):
             f.store(f.splat(v, width), f.offset(f"%out.{output}", k * width), 8 * width)
@@ -244,7 +265,7 @@ class Programs:
 
         inputs : as of ``lower``, or arrays in memory.
         """
-        if program.operations <= INLINE_LIMIT:
+        if is_inlined(program):
             return lower(f, program, _values(f, program, inputs, width), width, self.fused)
         if self.interpreted and not program.has_tables:
             return self._interpret(f, program, inputs, width)
@@ -295,7 +316,7 @@ def _values(f: Function, program: Program, inputs: Inputs, width: int) -> Inputs
     """Load those inputs that are in memory, as far as they are used."""
     used = {i.value for i in program.instructions if i.op == "sym"}
     zero = f.constant(0.0, width)
-    found: dict[str, Sequence[Value] | Array] = {NUMBERS: inputs[NUMBERS]}
+    found: dict[str, Sequence[Value] | Array] = {NUMBERS: Loaded(inputs[NUMBERS], program, width)}
     for group, count in program.inputs.items():
         source = inputs[group]
         if isinstance(source, Array):

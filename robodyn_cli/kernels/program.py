@@ -71,6 +71,11 @@ class Program:
         return found
 
     @property
+    def sizes(self) -> dict[str, int]:
+        """Sizes of the outputs."""
+        return {name: len(entries) for name, entries in self.outputs.items()}
+
+    @property
     def has_tables(self) -> bool:
         """Whether values are looked up in tables, which machine code does and bytecode does not."""
         return any(i.op == "table" for i in self.instructions)

@@ -54,7 +54,7 @@ class RolledPlan:
 
     recursion : the steps, shared with every model of the same kinds and structure.
     serial : every body hangs on the one before.
-    tables : 64-bit words, see ``Header`` and ``Row``.
+    tables : 64-bit words, see ``Header`` and ``Row``. numbers : those in it that are needed.
 
     Raises
     ------
@@ -62,6 +62,7 @@ class RolledPlan:
     """
 
     def __init__(self, model: Model, recipe: str) -> None:
+        self.recipe = recipe
         order = depth_first(model)
         if not order:
             raise CapabilityError("rolled kernels need at least one moving body")
@@ -105,6 +106,24 @@ class RolledPlan:
             whole[k, Row.Q], whole[k, Row.V] = body.q, body.v
             rows[k, Row.CONSTANTS :] = _numbers(body, constants[k], needed[kind_of[k]])
         self.tables: Array = words
+        self.numbers: tuple[Scalar, ...] = tuple(
+            x for row, kind in zip(constants, kind_of) for k, x in enumerate(row) if k in needed[kind]
+        )
+
+    @property
+    def inputs(self) -> dict[str, int]:
+        """Sizes of what is read: positions, rates, and accelerations (inverse dynamics) or forces on the joints."""
+        return {"q": self.nq, "v": self.nv, "a" if self.recipe == "inverse" else "f": self.nv}
+
+    @property
+    def operations(self) -> int:
+        """Operations of one evaluation."""
+        return self.bodies * self.recursion.operations
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Sizes of the outputs."""
+        return {"out": self.nv}
 
     @property
     def digest(self) -> str:

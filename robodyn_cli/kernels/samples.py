@@ -18,7 +18,7 @@ from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.kernels.arrays import Array as Rows
 from robodyn_cli.kernels.compiler import compile_module, machine
 from robodyn_cli.kernels.ir import RELAXED, Function, Value, module
-from robodyn_cli.kernels.lower import lower
+from robodyn_cli.kernels.lower import Loaded, lower
 from robodyn_cli.kernels.program import NUMBERS, PARAMETERS, Program, make_program
 from robodyn_cli.spatial.algebra import Array
 
@@ -41,7 +41,7 @@ def write_sample_kernel(program: Program, lanes: int, fused: bool) -> str:
     with f.count(samples, step=lanes) as start:
         # the last block is moved back so that it ends at T; it repeats a few samples instead of needing masks
         t = f.select_int(f.compare_int("sgt", start + lanes, samples), samples - lanes, start)
-        inputs: dict[str, list[Value] | Rows] = {NUMBERS: Rows(f, f"%{NUMBERS}")}
+        inputs: dict[str, list[Value] | Rows] = {NUMBERS: Loaded(Rows(f, f"%{NUMBERS}"), program, lanes)}
         for place, (group, count) in enumerate(program.inputs.items()):
             address = f"%in.{place}"
             if group == PARAMETERS:

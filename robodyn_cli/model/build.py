@@ -127,7 +127,9 @@ def _com(link: sc.Link, values: _Values) -> Vector:
     )
 
 
-def build_model(scene: sc.Scene, symbolic: Sequence[str] = (), graph: Graph | None = None) -> Model:
+def build_model(
+    scene: sc.Scene, symbolic: Sequence[str] = (), graph: Graph | None = None, merge: bool = True
+) -> Model:
     """Build the model of a scene.
 
     Parameters
@@ -136,12 +138,13 @@ def build_model(scene: sc.Scene, symbolic: Sequence[str] = (), graph: Graph | No
     symbolic : constants (``links.link1.mass``, ``joints.theta1.a``, ``gravity.1``) to keep as parameters, in the
         order in which kernels take them.
     graph : where symbols live; a new one by default.
+    merge : links on fixed joints become parts of what carries them, instead of bodies of their own.
     """
     graph = graph or Graph()
     scene = with_places(scene)
     values = _Values(graph, symbolic)
     robot = scene.robot
-    placed, moving = _place_links(robot, values)
+    placed, moving = _place_links(robot, values, merge)
     gravity = vector([values.get(f"gravity.{k}", g) for k, g in enumerate(scene.gravity)])
     base = Transform.from_pose(orientation(robot.base), vector(robot.base.xyz))
     bodies = _number(robot, moving, values)
@@ -174,7 +177,7 @@ def build_model(scene: sc.Scene, symbolic: Sequence[str] = (), graph: Graph | No
     return model
 
 
-def _place_links(robot: sc.Robot, values: _Values) -> tuple[dict[str, _Placed], list[_Moving]]:
+def _place_links(robot: sc.Robot, values: _Values, merge: bool) -> tuple[dict[str, _Placed], list[_Moving]]:
     """Return where each link is, and the bodies that move; a link on a fixed joint is part of its parent's body."""
     links = {link.name: link for link in robot.links}
     placed: dict[str, _Placed] = {"base": _Placed(BASE, Transform.identity(), Transform.identity())}
@@ -185,7 +188,7 @@ def _place_links(robot: sc.Robot, values: _Values) -> tuple[dict[str, _Placed], 
         parent = placed[parent_link(robot, index)]
         X_joint, joint_frame, link_frame = joint_placement(robot, joint, values.get)
         X_tree = X_joint @ parent.link_frame
-        if joint_types[joint.type].nv == 0:
+        if merge and joint_types[joint.type].nv == 0:
             here = _Placed(parent.body, joint_frame @ X_tree, link_frame @ X_tree)
         else:
             here = _Placed(len(moving), joint_frame, link_frame)

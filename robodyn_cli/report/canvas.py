@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 import textwrap
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -28,7 +29,8 @@ from robodyn_cli.report.marks import (
     mark_moments,
     marker_of,
 )
-from robodyn_cli.results.atomic import discard, output_errors, temporary_path
+from robodyn_cli.results.atomic import written
+from robodyn_cli.results.marked import CREATOR, MARK
 from robodyn_cli.results.moments import moments
 from robodyn_cli.results.result import Result
 
@@ -172,22 +174,41 @@ def legend_shape(labels: tuple[str, ...] | list[str]) -> tuple[int, int]:
     return math.ceil(len(labels) / lines), lines
 
 
-def save_png(figure: Figure, target: Path) -> Path:
-    """Draw ``figure`` once and store it as ``target``, whole or not at all, marked as ours; return ``target``."""
-    canvas: Any = FigureCanvasAgg(figure)
-    temporary = temporary_path(target)
+def save(figure: Figure, target: Path) -> Path:
+    """Draw ``figure`` once and store it as ``target``, whole or not at all, marked as ours; return ``target``.
+
+    The suffix says how: ``.png``, ``.svg`` or ``.pdf``. The same figure gives the same bytes.
+    """
     with warnings.catch_warnings():
         # A title in a script that the font lacks shows boxes; that is no news for a user of the tool.
         warnings.filterwarnings("ignore", message="Glyph .* missing")
-        try:
-            with output_errors(target):
-                # The strongest compression costs as much as the drawing and saves a tenth.
-                canvas.print_png(
-                    temporary, metadata={"Software": "robodyn"}, pil_kwargs={"compress_level": 3}
-                )
-                # No sync: a drawing can be made again from the result, and a sync is as slow as a plot.
-                temporary.replace(target)
-        except BaseException:
-            discard(temporary)
-            raise
+        # No sync: a drawing can be made again from the result, and a sync is as slow as a plot.
+        with written(target) as temporary:
+            PRINTERS[target.suffix.lower()](figure, temporary)
     return target
+
+
+def _print_png(figure: Figure, path: Path) -> None:
+    # The strongest compression costs as much as the drawing and saves a tenth.
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.print_png(path, metadata={"Software": MARK}, pil_kwargs={"compress_level": 3})
+
+
+def _print_svg(figure: Figure, path: Path) -> None:
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    canvas: Any = FigureCanvasSVG(figure)
+    with rc_context({"svg.hashsalt": MARK}):
+        canvas.print_svg(path, metadata={"Creator": CREATOR, "Date": None})
+
+
+def _print_pdf(figure: Figure, path: Path) -> None:
+    from matplotlib.backends.backend_pdf import FigureCanvasPdf
+
+    canvas: Any = FigureCanvasPdf(figure)
+    canvas.print_pdf(path, metadata={"Creator": CREATOR, "CreationDate": None})
+
+
+PRINTERS: dict[str, Callable[[Figure, Path], None]] = {
+    ".png": _print_png, ".svg": _print_svg, ".pdf": _print_pdf
+}  # fmt: skip

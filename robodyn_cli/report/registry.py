@@ -11,6 +11,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 
 if TYPE_CHECKING:
@@ -48,9 +49,25 @@ ANALYSES: dict[str, tuple[str, ...]] = {
 }
 
 
+SUFFIXES = ("png", "svg", "pdf")
+
+
+@record
+class Drawings:
+    """Which plots are drawn, None for all that apply, and as which kind of file: one of ``SUFFIXES``."""
+
+    names: tuple[str, ...] | None = None
+    suffix: str = "png"
+
+
+def plot_names() -> list[str]:
+    """Return the names of all plots."""
+    return [*PLOTS, *(name for names in ANALYSES.values() for name in names)]
+
+
 def plot_files() -> list[str]:
     """Return the file names that ``draw_all`` may write."""
-    return [f"{name}.png" for name in (*PLOTS, *(name for names in ANALYSES.values() for name in names))]
+    return [f"{name}.{suffix}" for suffix in SUFFIXES for name in plot_names()]
 
 
 def applicable(result: Result) -> list[str]:
@@ -73,16 +90,19 @@ def draw(result: Result, name: str) -> Figure:
     return figure
 
 
-def draw_all(result: Result, directory: str | Path) -> list[Path]:
-    """Draw every plot that applies into ``directory``, each file atomically; return the files written."""
-    names = applicable(result)
+def draw_all(result: Result, directory: str | Path, drawings: Drawings | None = None) -> list[Path]:
+    """Draw the plots that apply, or those asked for, into ``directory``, each file atomically; return the files."""
+    drawings = drawings or Drawings()
+    names = [name for name in applicable(result) if drawings.names is None or name in drawings.names]
     if not names:
         return []
-    from robodyn_cli.report.canvas import save_png
+    from robodyn_cli.report.canvas import save
     from robodyn_cli.report.style import styled
 
     with styled():
-        return [save_png(_module(name).draw(result), Path(directory) / f"{name}.png") for name in names]
+        return [
+            save(_module(name).draw(result), Path(directory) / f"{name}.{drawings.suffix}") for name in names
+        ]
 
 
 def _module(name: str) -> ModuleType:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result, Variable
+from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.spatial.algebra import Array
 
 
@@ -43,6 +44,43 @@ class Comparison:
     def agrees(self) -> bool:
         """Whether nothing differs; datasets that only the new result has are no failure."""
         return all(item.verdict in ("equal", "extra") for item in self.differences)
+
+
+@record
+class DatasetReport:
+    """How one dataset compares, as reports have it: the worst sample where values were compared, else the detail."""
+
+    path: str
+    verdict: str
+    error: float | Absent = ABSENT
+    ratio: float | Absent = ABSENT
+    value: float | Absent = ABSENT
+    expected: float | Absent = ABSENT
+    time: float | Absent | None = ABSENT
+    column: str | Absent | None = ABSENT
+    detail: str | Absent = ABSENT
+
+    @staticmethod
+    def of(item: Difference) -> DatasetReport:
+        if item.verdict in ("equal", "differs"):
+            worst = item.error, item.ratio, item.value, item.expected, item.time, item.column or None
+            return DatasetReport(item.path, item.verdict, *worst)
+        return DatasetReport(item.path, item.verdict, detail=item.detail or ABSENT)
+
+
+@record
+class ComparisonReport:
+    """What ``compare --json`` prints: the fields are the documented keys."""
+
+    status: str
+    rtol: float
+    atol: float
+    datasets: Sequence[DatasetReport]
+
+    @staticmethod
+    def of(found: Comparison, rtol: float, atol: float) -> ComparisonReport:
+        rows = [DatasetReport.of(item) for item in found.differences]
+        return ComparisonReport("ok" if found.agrees else "failed", rtol, atol, rows)
 
 
 @record

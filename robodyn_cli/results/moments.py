@@ -21,6 +21,7 @@ WORDS = {
     "limit": "{name}",
 }
 LATCH = "latch closes"
+ROOM = 16  # characters that one more time and the end of a line take
 # those that end or change a run as a whole, and are told with their time
 DECISIVE = ("lock", "overload", "bifurcation", "limit")
 
@@ -44,6 +45,25 @@ def lock_time(result: Result) -> float | None:
     """Return the time of the lock in seconds, or None."""
     time = lock(result).get("time")
     return float(time) if isinstance(time, int | float) and math.isfinite(time) else None
+
+
+def moment_lines(result: Result, width: int = 80) -> list[str]:
+    """Return what happened how often and when, a line each, in the order in which it happened first.
+
+    What the summary of a command tells anyway is left out: locks and overloads.
+    """
+    times: dict[str, list[float]] = {}
+    for moment in moments(result):
+        if moment.kind not in ("lock", "latch", "overload"):
+            times.setdefault(moment.text, []).append(moment.time)
+    lines: list[str] = []
+    for text, when in times.items():
+        often = f", {len(when)} times" if len(when) > 1 else ""
+        line, told = f"  {'' if lines else 'moments':<19}{text}{often}: {when[0]:.6g}", 1
+        while told < len(when) and len(line) + ROOM <= width:
+            line, told = f"{line}, {when[told]:.6g}", told + 1
+        lines.append(line + (" ... s" if told < len(when) else " s"))
+    return lines
 
 
 def moments(result: Result) -> list[Moment]:

@@ -18,16 +18,13 @@ from robodyn_cli.results.atomic import (
     uninterrupted,
 )
 from robodyn_cli.results.lock import DirectoryLock
+from robodyn_cli.results.marked import SUFFIXES, is_ours
 from robodyn_cli.results.summary import read_summary, write_summary
 
 RESULT_NAME = "result.h5"
 SUMMARY_NAME = "summary.json"
 RUN_ID = "run_id"  # key of the summary and attribute of the result file: the same of one run
 SCENE_FILE = "scene_file"  # key of the summary: where the scene lies
-# The kind of file that a report leaves; anything else in an old list of outputs is not ours to remove.
-DRAWING_SUFFIX = ".png"
-# Text that every drawing of ours carries near its start (PNG keyword "Software").
-SIGNATURE = b"Software\x00robodyn"
 
 
 class OutputDirectory:
@@ -157,7 +154,7 @@ class OutputDirectory:
         listed = read_summary(self.path / SUMMARY_NAME).get("outputs", ())
         names = [name for name in listed if _is_drawing(name)] if isinstance(listed, list) else []
         # a list can name a file that somebody else has put there since
-        return [name for name in dict.fromkeys((*names, *self._drawings)) if self._is_ours(name)]
+        return [name for name in dict.fromkeys((*names, *self._drawings)) if is_ours(self.path / name)]
 
     def _move(self, name: str) -> None:
         target = self.path / name
@@ -174,17 +171,6 @@ class OutputDirectory:
         except OSError as error:
             raise output_error(path, error) from error
 
-    def _is_ours(self, name: str) -> bool:
-        """Tell whether a file carries robodyn's mark."""
-        path = self.path / name
-        try:
-            if not path.is_file():
-                return False
-            with open(path, "rb") as stream:
-                return SIGNATURE in stream.read(512)
-        except OSError:
-            return False
-
 
 def same_run(summary: Mapping[str, Any], attributes: Mapping[str, Any]) -> bool:
     """Tell whether a summary and the attributes of a result file are of one run."""
@@ -198,4 +184,4 @@ def _entries(directory: Path) -> list[Path]:
 
 def _is_drawing(name: Any) -> bool:
     """Tell whether an entry of an old list of outputs is the plain name of a drawing."""
-    return isinstance(name, str) and Path(name).name == name and name.endswith(DRAWING_SUFFIX)
+    return isinstance(name, str) and Path(name).name == name and name.endswith(SUFFIXES)

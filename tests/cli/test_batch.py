@@ -99,10 +99,10 @@ def test_another_version_runs_again(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     path, out = arm(tmp_path / "a.yaml", PASSES), tmp_path / "out"
     assert run(path, "--out", out)[0] == 0
     (entry,) = loaded([path], out)
-    assert batch_entries.finished(entry, drawn=False)
-    assert batch_entries.finished(entry, drawn=True) is None, "drawings were not made"
+    assert batch_entries.finished(entry, drawn=[])
+    assert batch_entries.finished(entry, drawn=[".png"]) is None, "drawings were not made"
     monkeypatch.setattr(batch_entries, "__version__", "999")
-    assert batch_entries.finished(entry, drawn=False) is None
+    assert batch_entries.finished(entry, drawn=[]) is None
 
 
 def test_failures_that_are_expected(tmp_path: Path) -> None:
@@ -175,7 +175,7 @@ def with_worker(tmp_path: Path, code: str, count: int = 3) -> list[Entry]:
             return command_line(True, [], command, path, directory)
         return [sys.executable, "-c", code]
 
-    list(Batch(scenes, 2, worker, drawn=False, force=False).run())
+    list(Batch(scenes, 2, worker, drawn=[], force=False).run())
     return scenes
 
 

@@ -87,7 +87,7 @@ def test_one_that_does_not_listen_is_ended(tmp_path: Path, monkeypatch: pytest.M
     deaf = "import signal, time; signal.signal(signal.SIGINT, signal.SIG_IGN); time.sleep(60)"
     scenes = loaded([arm(tmp_path / "a.yaml", PASSES)], tmp_path / "out")
     start = time.monotonic()
-    list(Batch(scenes, 1, lambda *_: [sys.executable, "-c", deaf], False, False, timeout=0.5).run())
+    list(Batch(scenes, 1, lambda *_: [sys.executable, "-c", deaf], [], False, timeout=0.5).run())
     assert scenes[0].exit_code == 3 and time.monotonic() - start < 10.0
 
 

@@ -18,8 +18,7 @@ from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime import engine
 from robodyn_cli.integrators.runtime import integrator as module
 from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
-from robodyn_cli.integrators.stepping import writer
-from robodyn_cli.kernels import compiler
+from robodyn_cli.kernels import compiler, lower
 from tests import systems
 from tests.methods import (
     ADAPTIVE,
@@ -875,8 +874,8 @@ def test_long_equations_are_called_and_give_the_same(method: str, monkeypatch: p
     body = dataclasses.replace(body, events=(EventFunction("middle", x),))
     grid = Grid(0.0, 0.02, 101)
     runs = []
-    for limit in (writer.INLINE_LIMIT, 0):
-        monkeypatch.setattr(writer, "INLINE_LIMIT", limit)
+    for limit in (lower.INLINE_LIMIT, 0):
+        monkeypatch.setattr(lower, "INLINE_LIMIT", limit)
         monkeypatch.setattr(compiler, "_loaded", {})
         runs.append(samples(body, method, (-1.0, 0.0, 0.0, 0.0), grid, **fine(method)))
     (_, inline, a), (_, called, b) = runs

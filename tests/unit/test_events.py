@@ -9,7 +9,7 @@ import pytest
 
 from robodyn_cli.expr import functions as f
 from robodyn_cli.formulations.events import Event, EventFunction, Stopping
-from robodyn_cli.integrators.event_location.events import Found, Root, crosses, first_roots
+from robodyn_cli.integrators.event_location.events import Found, Root, first_roots
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.integrator import Grid, Integrator
 from robodyn_cli.integrators.runtime.layout import Status
@@ -365,7 +365,7 @@ BOTH = EventFunction("both", 0.0)
     (1.0, -1.0, -1, True), (0.0, 1.0, 0, False), (-1.0, 0.0, 0, False), (1.0, 2.0, 0, False), (-1.0, np.nan, 0, False),
 ])  # fmt: skip
 def test_crossing(before: float, after: float, direction: int, expected: bool) -> None:
-    assert crosses(EventFunction("e", 0.0, direction), before, after) is expected
+    assert EventFunction("e", 0.0, direction).crosses(before, after) is expected
 
 
 CURVES = {

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robodyn_cli.errors import CapabilityError
+from robodyn_cli.errors import RobodynError, SceneError
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.integrator import Integrator
@@ -31,6 +31,7 @@ from robodyn_cli.scene.types import Scene
 from tests.mechanisms import BENNETT, SIX_BAR, SLIDER
 
 CONFIGS = Path(__file__).parents[2] / "configs"
+COMMAND = {"inverse": inverse, "simulate": simulate, "deploy": deploy}
 
 
 class BuiltError(Exception):
@@ -51,9 +52,9 @@ class Built:
                 inverse(scene)
                 return
             with pytest.raises(BuiltError):
-                {"simulate": simulate, "deploy": deploy}[command](scene)
-        self.system, method = self.integrated[0]
-        self.stepped = self._written(self.system, method)
+                COMMAND[command](scene)
+        self.system, self.method = self.integrated[0]
+        self.stepped = self._written(self.system, self.method)
 
     def _noting(self, make: Any) -> Any:
         def note(function: Any, *args: Any, **named: Any) -> None:
@@ -85,9 +86,10 @@ class Built:
 def check(scene: Scene, command: str) -> None:
     """Fail unless a plan says what the command builds."""
     if command != "inverse":
-        # the method by name, so that its choice integrates nothing
-        method = Forward(scene, command).motion.choice.method
-        scene = dataclasses.replace(scene, simulate=dataclasses.replace(scene.simulate, integrator=method))
+        # the method and Baumgarte's gains as chosen, so that their choice integrates nothing
+        motion = Forward(scene, command).motion
+        options = dataclasses.replace(motion.scene.simulate, integrator=motion.choice.method)
+        scene = dataclasses.replace(motion.scene, simulate=options)
     found = plan(scene, command)
     assert found["status"] == "ok"
     built = Built(scene, command)
@@ -99,6 +101,7 @@ def check(scene: Scene, command: str) -> None:
         return
     for function in built.functions:
         assert planned[function.program.digest[:12]]["engine"] in ("compiled", engine(function))
+    assert {c["choice"]: c["taken"] for c in found["choices"]}["integrator"] == built.method
     check_system(found, built.system, built.stepped)
 
 
@@ -154,14 +157,19 @@ CASES = [
 @pytest.mark.parametrize(("mechanism", "switch"), CASES)
 def test_mechanisms(mechanism: str, switch: str) -> None:
     scene = load_scene_text("schema: 1\n" + MECHANISMS[mechanism], overrides=[SWITCHES[switch]])
+    check_or_refuse(scene, "simulate")
+
+
+def check_or_refuse(scene: Scene, command: str) -> None:
+    """Fail unless a plan says what the command builds, or why the command refuses."""
     try:
-        plan(scene, "simulate")
-    except CapabilityError as error:  # such as independent coordinates of rows that depend on each other
-        with pytest.raises(CapabilityError) as refused:
-            simulate(scene)
+        plan(scene, command)
+    except RobodynError as error:  # such as independent coordinates of rows that depend on each other
+        with pytest.raises(type(error)) as refused:
+            COMMAND[command](scene)
         assert refused.value.message == error.message
         return
-    check(scene, "simulate")
+    check(scene, command)
 
 
 # -- random open chains --------------------------------------------------------------------------------------
@@ -184,14 +192,14 @@ EXTRAS: tuple[dict[str, Any], ...] = (
 TORQUES = ("3", "2*sin(t)", "-0.5*qd.{0}", "abs(q.{0})", "step(t - 0.01)")
 
 
-def random_chain(seed: int) -> str:
+def random_chain(seed: int, all_kinds: bool = True) -> str:
     """Return a random open chain as text."""
     rng = np.random.default_rng(seed)
     kinds = [kind for kind in joint_types if kind != "fixed"]
     joints, links, torques = [], [], {}
     q: dict[str, Any] = {}
     for k in range(int(rng.integers(1, 4))):
-        kind = str(rng.choice(kinds if rng.uniform() < 0.4 else ONE_AXIS))
+        kind = str(rng.choice(kinds if all_kinds and rng.uniform() < 0.4 else ONE_AXIS))
         axis = AXES.get(kind, {"axis": [0, 0, 1]})
         joint: dict[str, Any] = {"name": f"j{k}", "type": kind, "link": f"l{k}"} | axis
         if rng.uniform() < 0.7:
@@ -216,3 +224,79 @@ def random_chain(seed: int) -> str:
 @pytest.mark.parametrize("seed", range(24))
 def test_random_chains(seed: int) -> None:
     check(load_scene_text(random_chain(seed)), "simulate")
+
+
+@pytest.mark.parametrize("seed", range(100, 108))
+def test_random_motions(seed: int) -> None:
+    scene = json.loads(random_chain(seed, all_kinds=False))
+    moves = {joint["name"]: "0.3*sin(t)" for joint in scene["robot"]["joints"]}
+    scene["trajectory"] = {"type": "joint", "duration": 1, "q": moves}
+    scene.pop("initial")
+    scene["inverse"] = {"samples": 1 + 10 ** (seed % 6)}
+    check_or_refuse(load_scene_text(json.dumps(scene)), "inverse")
+
+
+# -- random mechanisms ---------------------------------------------------------------------------------------
+
+CLOSURES: tuple[dict[str, Any], ...] = (
+    {"type": "revolute", "axis": [0, 0, 1]},
+    {"type": "spherical"},
+    {"type": "point_on_line", "axis": [1, 0, 0]},
+    {"type": "distance", "length": 0.3},
+)
+STABILISATIONS = ("projection", "projection", "none", "independent", "baumgarte", {"alpha": 5.0, "beta": 5.0})
+
+
+def random_mechanism(seed: int) -> str:
+    """Return a random chain of revolute joints whose end is tied to the base where it happens to be."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(3, 5))
+    lengths, angles = rng.uniform(0.4, 1.0, count), rng.uniform(-0.9, 0.9, count)
+    joints, links, torques = [], [], {}
+    for k in range(count):
+        place = {"xyz": [float(lengths[k - 1]) if k else 0.0, 0.0, 0.0]}
+        joint = {"name": f"j{k}", "type": "revolute", "link": f"l{k}", "axis": [0, 0, 1], "origin": place}
+        joints.append(joint | (EXTRAS[int(rng.integers(len(EXTRAS)))] if rng.uniform() < 0.4 else {}))
+        inertia = {"xx": 0.1, "yy": 0.2, "zz": 0.2, "xy": 0.01}
+        links.append(
+            {"name": f"l{k}", "mass": 1.0, "com": [0.2, 0.1, 0.0], "com_frame": "joint", "inertia": inertia}
+        )
+        if rng.uniform() < 0.4:
+            torques[f"j{k}"] = str(rng.choice(TORQUES)).format(f"j{k}")
+    tip = lengths @ np.exp(1j * np.cumsum(angles))
+    closure = CLOSURES[int(rng.integers(len(CLOSURES)))]
+    anchor = [float(tip.real), float(tip.imag) + closure.get("length", 0.0), 0.0]
+    points = {"tip": {"link": f"l{count - 1}", "at": [float(lengths[-1]), 0.0, 0.0]},
+              "anchor": {"link": "base", "at": anchor}}  # fmt: skip
+    lean = [float(rng.choice([0.0, 0.4])), 0.0, 0.0]  # then no coordinate axis is normal to the plane
+    driven = {"j0": f"{angles[0]} + 0.2*t"} if rng.uniform() < 0.2 else {}
+    scene = {
+        "schema": 1,
+        "gravity": [0.0, -9.81, 0.0],
+        "robot": {"joints": joints, "links": links, "points": points, "base": {"rpy": lean}},
+        "loops": [{"name": "pin", "between": ["tip", "anchor"], **closure}],
+        "torques": {name: formula for name, formula in torques.items() if name not in driven},
+        "prescribed": driven,
+        "initial": {"q": {f"j{k}": float(x) for k, x in enumerate(angles)}},
+        "simulate": {
+            "stabilisation": STABILISATIONS[int(rng.integers(len(STABILISATIONS)))],
+            "singular": str(rng.choice(["pass", "stop"])),
+            "duration": 0.05,
+        },
+    }
+    return json.dumps(scene)
+
+
+@pytest.mark.parametrize("command", ["simulate", "deploy"])
+@pytest.mark.parametrize("seed", range(16))
+def test_random_mechanisms(seed: int, command: str) -> None:
+    check_or_refuse(load_scene_text(random_mechanism(seed)), command)
+
+
+def test_missing_data_are_named_not_raised() -> None:
+    scene = load_scene(CONFIGS / "mechanisms" / "four_bar_kinematics.yaml")
+    found = plan(scene, "simulate")
+    with pytest.raises(SceneError, match="com") as refused:
+        simulate(scene)
+    assert found["status"] == "failed" and set(found["missing"]) <= set(refused.value.details["missing"])
+    assert found["kernels"] == [] == found["choices"], "nothing can be compiled"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -103,7 +104,7 @@ def test_a_run_imports_the_members_that_its_scene_names(tmp_path: Path) -> None:
 
 
 # modules of ours; a run that needs more of them may raise its figure, knowingly: each costs time at every start
-MOST = {"inverse configs/2r_circle.yaml": 137, "simulate configs/double_pendulum.yaml": 182}
+MOST = {"inverse configs/2r_circle.yaml": 132, "simulate configs/double_pendulum.yaml": 176}
 
 
 @pytest.mark.parametrize("run", MOST)
@@ -114,6 +115,40 @@ def test_a_small_run_imports_few_modules(run: str, tmp_path: Path) -> None:
     assert not any(
         name.startswith(("robodyn_cli.kernels.rolled", "robodyn_cli.formulations.rolled")) for name in ours
     )
+
+
+COUNTED = """
+import sys
+called = set()
+
+def note(frame, event, argument):
+    code = frame.f_code
+    if event == "call" and "robodyn_cli" in code.co_filename and not code.co_name.startswith("<"):
+        called.add(code)
+
+sys.setprofile(note)
+from robodyn_cli.cli.app import run
+code = run(sys.argv[1:])
+sys.setprofile(None)
+assert code == 0, code
+print(len(called))
+"""
+
+
+def test_a_small_cold_run_calls_few_functions(tmp_path: Path) -> None:
+    """Definitions of classes count, modules and comprehensions do not."""
+    arguments = ("configs/double_pendulum.yaml", "--no-plots", "--quiet", "--out", str(tmp_path / "out"))
+    environment = {**os.environ, "ROBODYN_CACHE": str(tmp_path / "cache")}
+    ended = subprocess.run(
+        [sys.executable, "-c", COUNTED, "simulate", *arguments],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=240,
+    )
+    assert ended.returncode == 0, ended.stderr
+    assert int(ended.stdout.splitlines()[-1]) <= 1230
 
 
 def test_building_a_system_imports_neither_results_nor_runs() -> None:

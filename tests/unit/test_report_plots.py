@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 import warnings
@@ -11,17 +12,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 from robodyn_cli import inverse, load_scene, simulate
+from robodyn_cli.cli.app import run
 from robodyn_cli.errors import OutputError
 from robodyn_cli.report import draw, draw_all, plot_files
 from robodyn_cli.report.decimate import crest, envelope, finite, thin_path
+from robodyn_cli.report.overlay import draw_over, labels_of
 from robodyn_cli.report.plots import energy_growth, work_precision
-from robodyn_cli.report.registry import applicable
+from robodyn_cli.report.registry import SUFFIXES, Drawings, applicable
 from robodyn_cli.report.style import dashed_style, marked_style, styled
-from robodyn_cli.report.ticks import number, unit
+from robodyn_cli.report.ticks import log_axis, number, unit
 from robodyn_cli.results.hdf5 import read, write
-from robodyn_cli.results.output_dir import SIGNATURE
+from robodyn_cli.results.marked import SIGNATURE, is_ours
+from robodyn_cli.results.moments import moment_lines
 from robodyn_cli.results.result import Result
 from tests.unit.synthetic_results import chain_result, four_bar_result, inverse_result, pendulum_result
 
@@ -216,7 +221,7 @@ def test_drawing_does_without_pyplot() -> None:
 def test_every_plot_has_its_file_and_keeps_to_the_contract() -> None:
     folder = Path(sys.modules["robodyn_cli.report"].__file__ or "").parent / "plots"
     assert sorted(path.stem for path in folder.glob("[a-z]*.py")) == sorted(
-        Path(name).stem for name in plot_files()
+        Path(name).stem for name in plot_files() if name.endswith(".png")
     )
 
 
@@ -333,6 +338,137 @@ def test_the_legend_of_the_energy_stays_on_the_page_and_off_the_axes(count: int)
         page = figure.bbox
         assert page.x0 <= legend.x0 and legend.x1 <= page.x1 and page.y0 <= legend.y0
         assert legend.y1 <= figure.axes[0].xaxis.label.get_window_extent().y0
+
+
+# -- moments --------------------------------------------------------------------------------------------------
+def bouncing(count: int) -> Result:
+    result = pendulum_result(201)
+    result.events = [{"time": 0.3 * k, "name": "theta1", "kind": "impact"} for k in range(1, count + 1)]
+    result.events += [
+        {"time": 2.5, "name": "theta2", "kind": "stick"},
+        {"time": 3.0, "name": "pin", "kind": "overload"},
+    ]
+    result.events += [{"time": 1.0, "name": "multipliers 10 x median", "kind": "growth"}]
+    return result
+
+
+def test_moments_are_on_every_plot_over_time_and_in_its_legend() -> None:
+    result = bouncing(7)
+    for name in ("joint_angles", "joint_rates", "energy", "energy_drift"):
+        figure = draw(result, name)
+        words = "\n".join(text.get_text() for text in figure.texts + figure.legends[0].get_texts())
+        assert "impacts (7)" in words and "stick (1)" in words
+        assert "pin is overloaded at 3 s" in words
+        for ax in figure.axes[:1]:
+            marked = {
+                round(float(x), 9) for line in ax.lines for x in line.get_xdata() if line.get_marker() == "v"
+            }
+            assert marked == {round(0.3 * k, 9) for k in range(1, 8)}
+            assert any(list(line.get_xdata()) == [3.0, 3.0] for line in ax.lines)
+
+
+def test_the_list_of_moments_fits_the_terminal() -> None:
+    lines = moment_lines(bouncing(40))
+    assert all(len(line) <= 80 for line in lines)
+    assert lines[0].startswith("  moments            theta1 hits its stop, 40 times: 0.3, 0.6") and lines[
+        0
+    ].endswith("... s")
+    assert lines[1] == " " * 21 + "theta2 sticks: 2.5 s"
+    assert len(lines) == 2, "an overload is told by the summary"
+    assert moment_lines(pendulum_result(11)) == []
+
+
+# -- axes -----------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("low", "high"), [(3.0, 4.0), (1.0, 9.0), (2e-7, 3e-5), (1e-16, 1e-3), (5.0, 5.0)])
+def test_a_logarithmic_axis_is_no_wider_than_its_data(low: float, high: float) -> None:
+    ax = Figure().add_subplot()
+    log_axis(ax, low, high)
+    bottom, top = ax.get_ylim()
+    assert bottom < low and high < top
+    if high / low >= 10.0:
+        assert ax.get_yscale() == "log"
+        assert np.log10(top / bottom) <= 1.07 * np.log10(high / low)
+    else:
+        assert ax.get_yscale() == "linear", "a power of ten would be all that it shows"
+
+
+def test_what_rounding_leaves_of_zero_does_not_fill_a_panel() -> None:
+    result = pendulum_result(51)
+    names = ("fx", "fy", "fz", "mx", "my", "mz")
+    load = np.zeros((51, 6))
+    load[:, 0], load[:, 5] = np.linspace(1.0, 9.0, 51), 1e-15 * np.sin(np.arange(51))
+    result.add("reactions/theta1", load, names=names)
+    force, moment = draw(result, "reactions").axes[:2]
+    assert force.get_ylim()[1] > 9.0 and moment.get_ylim() == (0.0, 1.0)
+
+
+def test_every_axis_over_time_says_its_unit() -> None:
+    for result in (inverse_result(), pendulum_result(201), four_bar_result()):
+        for name in applicable(result):
+            for ax in draw(result, name).axes:
+                label = ax.get_ylabel()
+                assert not label or (label.endswith("]") and "[" in label), (name, label)
+    mixed = chain_result(100, 11)
+    units = tuple("rad" if k % 2 else "m" for k in range(100))
+    mixed.add("q", mixed["q"], units="rad or m", names=mixed.variables["q"].names, column_units=units)
+    bars = [ax.get_ylabel() for ax in draw(mixed, "joint_angles").axes if "joint p" in ax.get_ylabel()]
+    assert bars == ["joint position [m]", "joint position [rad]"], "a map for each unit"
+
+
+# -- drawn again ----------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_kinds_of_files_are_ours_and_the_same_every_time(tmp_path: Path, suffix: str) -> None:
+    result = four_bar_result(101)
+    paths = draw_all(result, tmp_path, Drawings(("mechanism", "multipliers"), suffix))
+    assert [path.name for path in paths] == [f"multipliers.{suffix}", f"mechanism.{suffix}"]
+    assert all(is_ours(path) for path in paths)
+    before = [path.read_bytes() for path in paths]
+    assert [
+        path.read_bytes()
+        for path in draw_all(result, tmp_path, Drawings(("mechanism", "multipliers"), suffix))
+    ] == before
+    foreign = tmp_path / f"foreign.{suffix}"
+    foreign.write_bytes(b"<svg></svg>")
+    assert not is_ours(foreign)
+
+
+def test_results_are_drawn_over_one_another(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    first, second = pendulum_result(101), pendulum_result(61, 6.0)
+    second["q"][:] += 0.1
+    places = [write(r, tmp_path / name / "simulate" / "result.h5") for name, r in (("a", first), ("b", second))
+              if (tmp_path / name / "simulate").mkdir(parents=True) is None]  # fmt: skip
+    assert labels_of(places) == ["a/simulate", "b/simulate"]
+    figure = draw_over({"a": first, "b": second}, "joint_angles")
+    assert [ax.get_title(loc="left") for ax in figure.axes] == ["theta1 [rad]", "theta2 [rad]"]
+    for column, ax in enumerate(figure.axes):
+        for line, result in zip(ax.lines, (first, second)):
+            assert np.array_equal(line.get_ydata(), result["q"][:, column])
+        assert ax.get_xlim() == (0.0, 10.0)
+    code = run(
+        [
+            "plot",
+            *map(str, places),
+            "--out",
+            str(tmp_path / "p"),
+            "--plots",
+            "joint_angles,reactions",
+            "--json",
+        ]
+    )
+    report = json.loads(capsys.readouterr().out)
+    assert code == 0 and report["without_data"] == ["reactions"]
+    assert [path.name for path in (tmp_path / "p").iterdir()] == ["joint_angles.png"]
+
+
+def test_nothing_to_draw_is_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    stored = write(pendulum_result(11), tmp_path / "result.h5")
+    assert run(["plot", str(stored), "--out", str(tmp_path / "p"), "--plots", "reactions"]) == 2
+    assert "no data for them; possible: joint_angles, joint_rates, tip_path" in capsys.readouterr().err
+    assert not (tmp_path / "p").exists()
+    assert run(["plot", str(stored), "--plots", "torqes"]) == 2
+    assert "did you mean 'torques'" in capsys.readouterr().err
+    assert run(["plot", str(stored), "--format", "jpg"]) == 2
+    assert "allowed: png, svg, pdf" in capsys.readouterr().err
 
 
 def test_names_in_the_mechanism_do_not_overlap() -> None:

@@ -187,3 +187,62 @@ def test_a_difference_that_cancels_shows() -> None:
     x, y = Problem(load_scene("configs/double_pendulum.yaml")).q
     off = largest_difference(Rounded([(x + y) - y])({"q": np.array([[0.3, 1e8]])}))
     assert off is not None and 1e-10 < off < 3e-8
+
+
+# -- loops ---------------------------------------------------------------------------------------------------
+def nearly_folded(bend: float, unit: float) -> tuple[str, list[float]]:
+    """A four-bar whose coupler and rocker are bent against each other by ``bend`` only, so that rows nearly depend."""
+    crank, rocker, ground, angle = unit, 1.2 * unit, 2.0 * unit, 1.0
+    across = np.array([ground - crank * np.cos(angle), -crank * np.sin(angle)])
+    coupler = float(np.hypot(*across)) - rocker + 0.5 * bend**2 * unit
+    along = float(np.arctan2(across[1], across[0]))
+    axis = "type: revolute, axis: [0, 0, 1]"
+    text = f"""
+schema: 1
+gravity: [0, -9.81, 0]
+robot:
+  joints:
+    - {{name: t1, {axis}}}
+    - {{name: t2, {axis}, origin: {{xyz: [{crank!r}, 0, 0]}}}}
+    - {{name: t3, parent: base, {axis}, origin: {{xyz: [{ground!r}, 0, 0]}}}}
+  links:
+    - {{name: l1, mass: 1, com: [{crank / 2!r}, 0, 0], inertia: {{zz: {0.1 * unit**2!r}}}}}
+    - {{name: l2, mass: 1, com: [{coupler / 2!r}, 0, 0], inertia: {{zz: {0.1 * unit**2!r}}}}}
+    - {{name: l3, mass: 1, com: [{rocker / 2!r}, 0, 0], inertia: {{zz: {0.1 * unit**2!r}}}}}
+  points: {{A: {{link: l2, at: [{coupler!r}, 0, 0]}}, B: {{link: l3, at: [{rocker!r}, 0, 0]}}}}
+loops: [{{name: pin, type: revolute, between: [A, B]}}]
+initial:
+  q: {{t1: {angle}, t2: {along - angle + 0.7 * bend!r}, t3: {along + np.pi - 0.2 * bend!r}}}
+  hold: [t1]
+simulate: {{duration: 0.02, samples: 5, rtol: 1e-13, atol: 1e-15}}
+"""
+    return text.replace("np.float64(", "").replace(")", ""), [crank, coupler, rocker, ground]
+
+
+def closing_error(lengths: list[float], q: Any) -> float:
+    """How far t2 and t3 are from where t1 puts them, to first order, from the gap of 60 digits."""
+    a, b, c, d = (mp.mpf(x) for x in lengths)
+    t1, t2, t3 = (mp.mpf(float(x)) for x in q)
+    gap = mp.matrix(
+        [
+            a * mp.cos(t1) + b * mp.cos(t1 + t2) - d - c * mp.cos(t3),
+            a * mp.sin(t1) + b * mp.sin(t1 + t2) - c * mp.sin(t3),
+        ]
+    )
+    J = mp.matrix(
+        [
+            [-b * mp.sin(t1 + t2), c * mp.sin(t3)],
+            [b * mp.cos(t1 + t2), -c * mp.cos(t3)],
+        ]
+    )
+    return max(abs(float(x)) for x in mp.lu_solve(J, gap))
+
+
+@pytest.mark.parametrize("bend", [1e-1, 1e-2, 1e-4, 1e-6])
+def test_loops_that_hardly_determine_their_joints(bend: float) -> None:
+    """Closing them is worse by one over the bend; the printed error of positions covers that."""
+    for unit in (1.0, 1e3, 1e-4):
+        text, lengths = nearly_folded(bend, unit)
+        found = simulate(load_scene_text(text))
+        true = max(closing_error(lengths, q) for q in found["q"])
+        assert found.summary["error_estimate"]["q_max"] > LEAST * true, (bend, unit, true)

@@ -22,6 +22,7 @@ from robodyn_cli.run.driver.build import projected_motion
 from robodyn_cli.run.driver.prepare import prepare
 from robodyn_cli.run.numerics import energy_growth
 from robodyn_cli.run.numerics.energy_growth import growth, growths, period
+from robodyn_cli.run.numerics.spectrum import reach
 from robodyn_cli.run.numerics.stability import along, at_start, stability, step_limits
 from robodyn_cli.run.numerics.stability_scenes import arm, slider
 from robodyn_cli.run.numerics.trial import Budget, attempt, reference
@@ -119,6 +120,16 @@ def test_a_given_step_below_the_limit_of_its_iteration_is_never_cut(name: str) -
             assert limit.largest_step is not None
             assert fixed_steps(scene, limit.method, 0.5 * limit.largest_step)[0] == 0
             assert fixed_steps(scene, limit.method, 3.0 * limit.largest_step)[0] > 0
+
+
+@pytest.mark.filterwarnings("error")
+def test_iterations_of_rates_that_depend_on_nothing_have_no_limit() -> None:
+    still = np.zeros((1, 2, 2))
+    spring = np.array([[[0.0, 1.0], [-4.0, 0.0]]])
+    damper = np.array([[[0.0, 1.0], [0.0, -5.0]]])
+    found = reach(np.concatenate([still, spring, damper]), 1, 0.1)
+    # s^2 4 = 0.1 and s 5 = 0.1
+    assert found[0] == np.inf and found[1:] == pytest.approx([math.sqrt(0.1 / 4.0), 0.1 / 5.0], rel=1e-5)
 
 
 def test_spikes_between_samples_are_seen() -> None:

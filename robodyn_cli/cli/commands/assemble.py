@@ -8,7 +8,19 @@ from typing import Annotated, Any
 import typer
 
 from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, SceneFile, Strict, utf8
+from robodyn_cli.cli.options import (
+    AsJson,
+    NoPlots,
+    OutDir,
+    Overrides,
+    PlotFormat,
+    PlotNames,
+    Quiet,
+    SceneFile,
+    Strict,
+    drawings,
+    utf8,
+)
 from robodyn_cli.cli.runner import SceneRun, run_scene
 from robodyn_cli.cli.words import closure_text, mobility_lines, number, table
 
@@ -30,6 +42,8 @@ def command(
     out: OutDir = None,
     overrides: Overrides = None,
     no_plots: NoPlots = False,
+    plots: PlotNames = None,
+    format_: PlotFormat = "png",
     as_json: AsJson = False,
     quiet: Quiet = False,
     strict: Strict = False,
@@ -43,7 +57,7 @@ def command(
         settings += state_overrides(load_scene(scene, settings), at)
     if branches:
         settings.append("assemble.branches=true")
-    job = SceneRun("assemble", scene, out, settings, no_plots, strict)
+    job = SceneRun("assemble", scene, out, settings, drawings(no_plots, plots, format_), strict)
     return run_scene(job, Console(as_json, quiet), describe)
 
 

@@ -28,7 +28,9 @@ def command(
 ) -> int:
     """Judge a stored result; return 1 where an expectation does not hold."""
     from robodyn_cli.errors import SceneError
+    from robodyn_cli.results.summary import as_keys
     from robodyn_cli.run.batch.criteria import judge
+    from robodyn_cli.run.batch.report_records import CheckReport
     from robodyn_cli.run.batch.stored import summary_and_scene
     from robodyn_cli.scene.load import load_scene, load_scene_text
 
@@ -47,10 +49,8 @@ def command(
             f"{scene or result}: there are no criteria; add 'expect' to the scene, or name one that has it"
         )
     outcomes = judge(expect, summary, f"{scene or result}: ")
-    failed = sum(not outcome.holds for outcome in outcomes)
     for outcome in outcomes:
         console.say(f"{'ok' if outcome.holds else 'failed':<7} {outcome}")
-    status = "failed" if failed else "ok"
-    report = {"status": status, "failed": failed, "criteria": [outcome.as_dict() for outcome in outcomes]}
-    console.data(report)
-    return FAILED if failed else 0
+    report = CheckReport.of(outcomes)
+    console.data(as_keys(report))
+    return FAILED if report.failed else 0

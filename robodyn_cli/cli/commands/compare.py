@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -40,16 +40,13 @@ def command(
     quiet: Quiet = False,
 ) -> int:
     """Compare two stored results; return 1 where they differ."""
-    from robodyn_cli.results.compare import compare
-    from robodyn_cli.results.summary import jsonable
+    from robodyn_cli.results.compare import ComparisonReport, compare
+    from robodyn_cli.results.summary import as_keys, jsonable
     from robodyn_cli.run.batch.stored import read_stored
 
     console = Console(as_json, quiet)
     found = compare(read_stored(result), read_stored(baseline), rtol=rtol, atol=atol)
-    rows = [as_dict(item) for item in found.differences]
-    status = "ok" if found.agrees else "failed"
-    report = {"status": status, "rtol": rtol, "atol": atol, "datasets": jsonable(rows)}
-    console.data(report)
+    console.data(jsonable(as_keys(ComparisonReport.of(found, rtol, atol))))
     width = max((len(item.path) for item in found.differences), default=0)
     for item in found.differences:
         console.say(f"{item.verdict:<8} {item.path:<{width}}  {describe(item)}".rstrip())
@@ -71,16 +68,3 @@ def describe(item: Difference) -> str:
         f"worst {item.error:.3g}{column}{time}: {item.value:.12g} instead of {item.expected:.12g} "
         f"({item.ratio:.2g} of what is allowed)"
     )
-
-
-def as_dict(item: Difference) -> dict[str, Any]:
-    """Return the report of ``--json``; with values only where values were compared."""
-    found: dict[str, Any] = {"path": item.path, "verdict": item.verdict}
-    if item.verdict in ("equal", "differs"):
-        found |= {
-            "error": item.error, "ratio": item.ratio, "value": item.value, "expected": item.expected,
-            "time": item.time, "column": item.column or None,
-        }  # fmt: skip
-    elif item.detail:
-        found["detail"] = item.detail
-    return found

@@ -5,35 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import (
-    AsJson,
-    NoErrorEstimate,
-    NoPlots,
-    OutDir,
-    Overrides,
-    Quiet,
-    SceneFile,
-    Strict,
-)
-from robodyn_cli.cli.runner import SceneRun, run_scene
+from robodyn_cli.cli.scene_command import integrating_command
 from robodyn_cli.cli.words import cost_line, error_lines, number
-
-
-def command(
-    scene: SceneFile,
-    out: OutDir = None,
-    overrides: Overrides = None,
-    no_plots: NoPlots = False,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
-    strict: Strict = False,
-    no_error_estimate: NoErrorEstimate = False,
-) -> int:
-    """Run the command; return its exit code."""
-    settings = [*(overrides or ()), *(["simulate.error_estimate=false"] if no_error_estimate else [])]
-    job = SceneRun("deploy", scene, out, settings, no_plots, strict)
-    return run_scene(job, Console(as_json, quiet), describe)
 
 
 def describe(summary: Mapping[str, Any]) -> str:
@@ -87,3 +60,6 @@ def _after_lock(summary: Mapping[str, Any]) -> list[str]:
     if over:
         lines.append(f"  overload           {over}")
     return lines
+
+
+command = integrating_command("deploy", describe)

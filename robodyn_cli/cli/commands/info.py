@@ -8,7 +8,17 @@ from typing import Annotated, Any
 import typer
 
 from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import NoPlots, OutDir, Overrides, Quiet, ReportAsJson, SceneFile, utf8
+from robodyn_cli.cli.options import (
+    NoPlots,
+    OutDir,
+    Overrides,
+    PlotFormat,
+    Quiet,
+    ReportAsJson,
+    SceneFile,
+    drawings,
+    utf8,
+)
 from robodyn_cli.cli.runner import begun, default_directory, output, publish
 
 
@@ -26,6 +36,7 @@ def command(
     out: OutDir = None,
     overrides: Overrides = None,
     no_plots: NoPlots = False,
+    format_: PlotFormat = "png",
     as_json: ReportAsJson = False,
     quiet: Quiet = False,
 ) -> int:
@@ -38,12 +49,15 @@ def command(
         result = info(scene, overrides or (), at or ())
         if not no_plots:
             with begun(directory, console):
-                publish(result, directory, no_plots)
+                publish(result, directory, drawings(no_plots, None, format_))
     console.data(jsonable(result.summary))
     console.say(describe(result.summary))
     if not no_plots:
         console.say(f"results: {directory.path}  ({', '.join(directory.outputs)})")
     return 0
+
+
+WIDEST = 24  # columns of a matrix on the terminal
 
 
 def describe(found: Mapping[str, Any]) -> str:
@@ -110,6 +124,9 @@ def values(x: list[float] | None) -> str:
 
 def matrix(name: str, m: Any) -> list[str]:
     """Return a matrix as aligned lines below its name."""
+    rows, columns = m.shape
+    if columns > WIDEST:
+        return [f"  {name}  ({rows} x {columns}; in the report of --json and in summary.json)"]
     cells = [[cell(float(x)) for x in row] for row in m]
     width = max((len(x) for row in cells for x in row), default=1)
     return [f"  {name}", *("    " + "  ".join(x.rjust(width) for x in row) for row in cells)]

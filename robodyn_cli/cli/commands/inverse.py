@@ -6,25 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, SceneFile, Strict
-from robodyn_cli.cli.runner import SceneRun, run_scene
+from robodyn_cli.cli.scene_command import scene_command
 from robodyn_cli.cli.words import multiplier_lines, number, table
-
-
-def command(
-    scene: SceneFile,
-    out: OutDir = None,
-    overrides: Overrides = None,
-    no_plots: NoPlots = False,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
-    strict: Strict = False,
-) -> int:
-    """Run the command; return its exit code."""
-    job = SceneRun("inverse", scene, out, overrides or (), no_plots, strict)
-    return run_scene(job, Console(as_json, quiet), describe)
-
 
 # of the table of an inverse run: heading, key in the summary, quantity that the unit belongs to, digits
 FIGURES = (
@@ -71,3 +54,6 @@ def describe(summary: Mapping[str, Any]) -> str:
     parts = ", ".join(f"{k} {1e3 * v:.3g}" for k, v in times.items() if k != "total" and v >= 5e-5)
     lines.append(f"  cost               ms: {parts}; in all {1e3 * times.get('total', 0.0):.4g}")
     return "\n".join(lines)
+
+
+command = scene_command("inverse", describe)

@@ -5,24 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, SceneFile, Strict
-from robodyn_cli.cli.runner import SceneRun, run_scene
+from robodyn_cli.cli.scene_command import scene_command
 from robodyn_cli.cli.words import closure_text, mobility_lines, number, table
-
-
-def command(
-    scene: SceneFile,
-    out: OutDir = None,
-    overrides: Overrides = None,
-    no_plots: NoPlots = False,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
-    strict: Strict = False,
-) -> int:
-    """Run the command; return its exit code."""
-    job = SceneRun("kinematics", scene, out, overrides or (), no_plots, strict)
-    return run_scene(job, Console(as_json, quiet), describe)
 
 
 def describe(summary: Mapping[str, Any]) -> str:
@@ -56,3 +40,6 @@ def describe(summary: Mapping[str, Any]) -> str:
     if closure:
         lines.append("  closure            " + closure_text(closure))
     return "\n".join(lines)
+
+
+command = scene_command("kinematics", describe)

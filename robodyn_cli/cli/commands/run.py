@@ -13,11 +13,22 @@ import typer
 
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.interrupts import tidy_up_first
-from robodyn_cli.cli.options import NoPlots, Overrides, Quiet, ReportAsJson, SceneFiles, number
+from robodyn_cli.cli.options import (
+    NoPlots,
+    Overrides,
+    PlotFormat,
+    PlotNames,
+    Quiet,
+    ReportAsJson,
+    SceneFiles,
+    drawings,
+    number,
+)
 from robodyn_cli.cli.worker import command_line
 from robodyn_cli.exit_codes import worst
 
 if TYPE_CHECKING:
+    from robodyn_cli.report.registry import Drawings
     from robodyn_cli.run.batch.entry import Entry
 
 
@@ -54,10 +65,14 @@ def command(
         ),
     ] = None,
     no_plots: NoPlots = False,
+    plots: PlotNames = None,
+    format_: PlotFormat = "png",
     as_json: ReportAsJson = False,
     quiet: Quiet = False,
 ) -> int:
     """Run the batch, print a line for each scene, write the reports; return the worst exit code."""
+    from robodyn_cli.results.summary import as_keys
+    from robodyn_cli.run.batch.report_records import BatchReport
     from robodyn_cli.run.batch.reports import tally, write_reports
 
     start, console = time.perf_counter(), Console(as_json, quiet)
@@ -70,20 +85,26 @@ def command(
         from robodyn_cli.run.batch.gather import gather
 
         cache_directory()  # says what is wrong with it once, for all scenes
-        settings = overrides or ()
+        settings, drawn = overrides or (), drawings(no_plots, plots, format_)
         entries += listed(gather(scenes))
         load(entries, out, settings)
-        worker = functools.partial(command_line, no_plots, settings)
-        for entry in Batch(entries, jobs or _cores(), worker, not no_plots, force, timeout).run():
+        worker = functools.partial(command_line, drawn, settings)
+        for entry in Batch(entries, jobs or _cores(), worker, _ends(drawn), force, timeout).run():
             _tell(entry, max(len(e.name) for e in entries), console)
     finally:
         # an interrupted batch reports the scenes that have run
         write_reports(entries, junit, markdown)
     code = worst(e.exit_code for e in entries)
     console.say(f"{tally(entries)}; {time.perf_counter() - start:.2f} s")
-    status = "ok" if code == 0 else "failed"
-    console.data({"status": status, "exit_code": code, "scenes": [e.as_dict() for e in entries]})
+    console.data(as_keys(BatchReport.of(entries, code)))
     return code
+
+
+def _ends(drawn: Drawings | None) -> list[str]:
+    """Return the ends of the names of files that a finished result has."""
+    if drawn is None:
+        return []
+    return [f"{name}.{drawn.suffix}" for name in drawn.names or ("",)]
 
 
 def _cores() -> int:

@@ -4,16 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, file
+from robodyn_cli.cli.options import (
+    AsJson,
+    NoPlots,
+    OutDir,
+    Overrides,
+    PlotFormat,
+    PlotNames,
+    Quiet,
+    drawings,
+    file,
+)
 from robodyn_cli.cli.runner import SceneRun, begun, output, publish, run_scene, show, store
 from robodyn_cli.cli.words import table
 from robodyn_cli.errors import SceneError
 from robodyn_cli.exit_codes import FAILED
+
+if TYPE_CHECKING:
+    from robodyn_cli.report.registry import Drawings
 
 
 def command(
@@ -41,6 +54,8 @@ def command(
     out: OutDir = None,
     overrides: Overrides = None,
     no_plots: NoPlots = False,
+    plots: PlotNames = None,
+    format_: PlotFormat = "png",
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> int:
@@ -51,15 +66,24 @@ def command(
     if scene is not None:
         if cases is not None:
             raise SceneError("--cases: only with --suite")
-        job = SceneRun("stability", scene, out, overrides or (), no_plots, options={"quick": quick})
+        job = SceneRun(
+            "stability",
+            scene,
+            out,
+            overrides or (),
+            drawings(no_plots, plots, format_),
+            options={"quick": quick},
+        )
         return run_scene(job, console, describe)
     if overrides:
         raise SceneError("--set: not with --suite, whose cases have their own settings")
-    return run_suite(cases.split(",") if cases else None, quick, out, no_plots, console)
+    return run_suite(
+        cases.split(",") if cases else None, quick, out, drawings(no_plots, plots, format_), console
+    )
 
 
 def run_suite(
-    cases: Sequence[str] | None, quick: bool, out: Path | None, no_plots: bool, console: Console
+    cases: Sequence[str] | None, quick: bool, out: Path | None, drawn: Drawings | None, console: Console
 ) -> int:
     """Run the suite; return 1 where a case misses its expectation."""
     from robodyn_cli.results.atomic import write_bytes
@@ -76,7 +100,7 @@ def run_suite(
         store(result, directory)
         for case in result.summary["cases"]:
             write_bytes(directory.new / f"{case['name']}.yaml", case.pop("scene").encode())
-        publish(result, directory, no_plots)
+        publish(result, directory, drawn)
     show(result, directory, console, describe_suite)
     return 0 if result.summary["missed"] == 0 else FAILED
 

@@ -10,7 +10,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, SceneFile, number, utf8
+from robodyn_cli.cli.options import (
+    AsJson,
+    NoPlots,
+    OutDir,
+    Overrides,
+    PlotFormat,
+    PlotNames,
+    Quiet,
+    SceneFile,
+    drawings,
+    number,
+    utf8,
+)
 from robodyn_cli.cli.runner import begun, default_directory, output, publish, show, store
 from robodyn_cli.cli.words import number as shown
 from robodyn_cli.cli.words import table
@@ -70,6 +82,8 @@ def command(
     out: OutDir = None,
     overrides: Overrides = None,
     no_plots: NoPlots = False,
+    plots: PlotNames = None,
+    format_: PlotFormat = "png",
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> int:  # fmt: skip
@@ -92,7 +106,7 @@ def command(
             rows = run_study(study, directory.path, jobs or _cores(), done, progress)
             result = report(study, rows, progress.seconds)
             store(result, directory)
-            publish(result, directory, no_plots)
+            publish(result, directory, drawings(no_plots, plots, format_))
             forget_log(directory.path)
     show(result, directory, console, describe)
     return _judge(result.summary, options.least_yield, console)

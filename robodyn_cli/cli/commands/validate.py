@@ -11,15 +11,17 @@ def command(
     scenes: SceneFiles, as_json: ReportAsJson = False, quiet: Quiet = False, strict: Strict = False
 ) -> int:
     """List the errors of each scene; return the exit code of the worst finding."""
+    from robodyn_cli.results.summary import as_keys
     from robodyn_cli.run.batch.findings import findings
     from robodyn_cli.run.batch.gather import gather
+    from robodyn_cli.run.batch.report_records import SceneFindings, ValidationReport
 
     console = Console(as_json, quiet)
     report, codes = [], []
     for path in gather(scenes):
         found = findings(path, strict)
         codes.append(worst(f.exit_code for f in found))
-        report.append({"scene": str(path), "exit_code": codes[-1], "findings": [f.as_dict() for f in found]})
+        report.append(SceneFindings(str(path), codes[-1], found))
         errors = sum(f.severity == "error" for f in found)
         counts = {"error": errors, "warning": len(found) - errors}
         words = [f"{n} {what}{'s' if n > 1 else ''}" for what, n in counts.items() if n]
@@ -29,5 +31,5 @@ def command(
             if quiet and finding.severity == "error":
                 console.error(finding.message)
     code = worst(codes)
-    console.data({"status": "ok" if code == 0 else "failed", "exit_code": code, "scenes": report})
+    console.data(as_keys(ValidationReport.of(report, code)))
     return code

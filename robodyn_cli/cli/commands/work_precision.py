@@ -10,7 +10,18 @@ from typing import Annotated, Any
 import typer
 
 from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import AsJson, NoPlots, OutDir, Overrides, Quiet, SceneFile, number
+from robodyn_cli.cli.options import (
+    AsJson,
+    NoPlots,
+    OutDir,
+    Overrides,
+    PlotFormat,
+    PlotNames,
+    Quiet,
+    SceneFile,
+    drawings,
+    number,
+)
 from robodyn_cli.cli.runner import begun, default_directory, output, publish, show, store
 from robodyn_cli.cli.words import table
 
@@ -53,6 +64,8 @@ def command(
         ),
     ] = 7,
     no_plots: NoPlots = False,
+    plots: PlotNames = None,
+    format_: PlotFormat = "png",
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> int:
@@ -72,7 +85,7 @@ def command(
                 console.clear()
             store(result, directory)
             write_bytes(directory.new / "runs.csv", as_csv(result.summary["runs"]).encode())
-            publish(result, directory, no_plots)
+            publish(result, directory, drawings(no_plots, plots, format_))
     show(result, directory, console, describe)
     return 0
 

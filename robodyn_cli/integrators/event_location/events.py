@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.events import EventFunction
-from robodyn_cli.integrators.runtime.layout import FINE
+from robodyn_cli.integrators.runtime.layout import resolution
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
@@ -54,13 +54,6 @@ class Found:
     roots: tuple[Root, ...] = ()
 
 
-def crosses(event: EventFunction, before: float, after: float) -> bool:
-    """Tell whether a change from ``before`` to ``after`` counts; zero belongs to neither side."""
-    rising = before < 0.0 < after
-    falling = before > 0.0 > after
-    return (rising and event.direction >= 0) or (falling and event.direction <= 0)
-
-
 def first_roots(
     events: Sequence[EventFunction],
     values: Values,
@@ -86,7 +79,7 @@ def first_roots(
         lost = math.isnan(after[seen])
         roots = []
         for k, event in enumerate(events):
-            if crosses(event, before[k], after[k]) or (lost and k == seen and before[k] != 0.0):
+            if event.crosses(before[k], after[k]) or (lost and k == seen and before[k] != 0.0):
                 bracket = (a, float(before[k])), (b, float(after[k]))
                 root = _root(k, values, *bracket, event.is_discontinuity)
                 if root is None:
@@ -99,11 +92,6 @@ def first_roots(
             return Found(max(r.high for r in together), together)
         before = [x if y == 0.0 else y for x, y in zip(before, after)]
     return Found(high)
-
-
-def resolution(a: float, b: float) -> float:
-    """Return the shortest bracket that rounding of these times allows."""
-    return FINE * max(abs(a), abs(b))
 
 
 def _root(index: int, values: Values, low: Point, high: Point, strict: bool = False) -> Root | None:

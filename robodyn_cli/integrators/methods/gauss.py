@@ -12,10 +12,11 @@ fixed step, each solved to rounding.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robodyn_cli.formulations.residual import Residual
+from robodyn_cli.decision import Decision
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integration_methods import IntegrationMethod
 from robodyn_cli.integrators.methods.gauss_output import GaussOutput, StageRates
@@ -23,9 +24,12 @@ from robodyn_cli.integrators.methods.gauss_tables import dense_width, padded_wid
 from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot
 from robodyn_cli.integrators.stepping.control import Attempt, Controller
 from robodyn_cli.integrators.stepping.stepper import Method, StepProgram
-from robodyn_cli.integrators.stepping.writer import Writer
+from robodyn_cli.integrators.stepping.writer import Writer, placement
 from robodyn_cli.kernels.arrays import Total
 from robodyn_cli.kernels.ir import Block, Condition, Int, Value
+
+if TYPE_CHECKING:
+    from robodyn_cli.formulations.residual import Residual
 
 ITERATIONS = 14
 HALFWAY = 4  # rounds after which the iteration is given up if eight more would not suffice
@@ -65,9 +69,10 @@ class Gauss(Method):
     def residual_of(self, system: System) -> Residual | None:
         """Return the system's rates as corrections of a guess, where that takes less than the rates themselves."""
         direct = system.dynamics.program
-        if system.residual is None or system.dynamics.any_size or direct.operations < SHORT:
+        if system.dynamics.any_size or direct.operations < SHORT:
             return None
-        return system.residual if system.residual.pays(direct, ROUNDS) else None
+        residual = system.residual
+        return residual if residual is not None and residual.pays(direct, ROUNDS) else None
 
     def dense_size(self, system: System) -> int:
         rates = system.nv + system.nz
@@ -89,6 +94,12 @@ class Gauss(Method):
         if not self.facts.fixed_step and self.is_steep(system):
             found.append(StepProgram("accelerations at the ends of steps", system.dynamics.program))
         return found
+
+    def choices(self, system: System) -> list[Decision]:
+        residual = self.residual_of(system)
+        if residual is None:
+            return super().choices(system)
+        return [residual.decision(system.dynamics.program), placement(residual.correction)]
 
     @staticmethod
     def is_steep(system: System) -> bool:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.formulations.residual import Residual
 from robodyn_cli.integrators.methods.gauss_tables import (
     GaussTable,
     dense_table,
@@ -19,6 +20,9 @@ from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Function, Int, Value
 from robodyn_cli.record import mutable_record
+
+if TYPE_CHECKING:
+    from robodyn_cli.formulations.residual import Residual
 
 Numbers = NDArray[np.float64]
 

@@ -31,7 +31,7 @@ class Engine:
     """
 
     def __init__(self, system: System, method: str, p: Array) -> None:
-        self._system, self._method = system, methods[method]
+        self._system, self._name, self._method = system, method, methods[method]
         self.p = p
         self.memory = Memory(len(system.events), system.size, self._method.dense_size(system))
         self.bracket = np.zeros((2, 1 + len(system.events)))
@@ -58,7 +58,7 @@ class Engine:
         system, kind, self.interpreted = self._system, self._method, interpreted
         host = machine()
         compiled = compile_module(
-            f"run{' interpreted' * interpreted} {kind.name} {system.digest} {self._tables.digest}",
+            f"run{' interpreted' * interpreted} {self._name} {system.digest} {self._tables.digest}",
             lambda: write_run(system, kind, Programs(host.fused, interpreted)),
         )
         self._run_to_event = compiled.function("run_to_event", ADDRESS, result=NUMBER)

@@ -7,29 +7,24 @@ import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.events import GO_ON, Event, EventKind, Jump, Outcome, Owner, Repartition
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.event_location.events import (
-    Found,
-    Root,
-    chatter,
-    crosses,
-    first_roots,
-    resolution,
-)
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.engine import Engine
 from robodyn_cli.integrators.runtime.grid import Grid as Grid
-from robodyn_cli.integrators.runtime.layout import UNARMED, DoubleSlot, IntegerSlot, Status
+from robodyn_cli.integrators.runtime.layout import UNARMED, DoubleSlot, IntegerSlot, Status, resolution
 from robodyn_cli.integrators.runtime.options import Counters as Counters
 from robodyn_cli.integrators.runtime.options import Options as Options
 from robodyn_cli.integrators.runtime.parameters import Parameters
 from robodyn_cli.spatial.algebra import Array
+
+if TYPE_CHECKING:
+    from robodyn_cli.integrators.event_location.events import Root
 
 DEFAULTS = Options()
 SMALLEST_ATOL = 1e-300  # keeps weights finite where the tolerance is zero
@@ -169,7 +164,7 @@ class Integrator:
             place = DoubleSlot.SIZE + k
             if k in signs:
                 w[place] = signs[k] * max(abs(g), 1e-300)
-            elif g != 0.0 and not crosses(event, w[place], g):
+            elif g != 0.0 and not event.crosses(w[place], g):
                 # a function at zero keeps the side it came from; one that has crossed is found in the next step
                 w[place] = g
         self.n[IntegerSlot.WATCH] = 1
@@ -253,6 +248,8 @@ class Integrator:
     def _refuse_crowd(self, time: float) -> None:
         self._crowd.append(time)
         if len(self._crowd) == CROWD and time - self._crowd[0] <= CROWDED * max(1.0, time):
+            from robodyn_cli.integrators.event_location.events import chatter
+
             raise chatter(self.system.events[self.n[IntegerSlot.EVENT]], time)
 
     def _begin_samples(self, grid: Grid, capacity: int, emit: Callable[[Array, Array], None]) -> None:
@@ -293,7 +290,7 @@ class Integrator:
             if outcome.parameters is not None:
                 self.p[:] = outcome.parameters
             places = [k for k, e in enumerate(self.system.events) if e.owner is owner]
-            sides = {places[k]: side for k, side in (outcome.sides or {}).items()}
+            sides = {places[k]: side for k, side in outcome.sides.items()}
             self.set_state(outcome.state, sides, outcome.step)
 
     def _at_end(self) -> tuple[Event, ...]:
@@ -301,7 +298,7 @@ class Integrator:
         found = []
         for k, (g, event) in enumerate(zip(self.event_values(), self.system.events)):
             sign = -float(np.sign(self.w[DoubleSlot.SIZE + k]))
-            if g == 0.0 and crosses(event, -sign, sign):
+            if g == 0.0 and event.crosses(-sign, sign):
                 self.w[DoubleSlot.SIZE + k] = sign * 1e-300
                 found.append(self._event(k, 0.0))
         return tuple(found)
@@ -328,6 +325,8 @@ class Integrator:
 
     def _sort_out(self, seen: int, stop: float, flush: Callable[[], None]) -> tuple[float, tuple[Root, ...]]:
         """Return where to go, and the functions that change sign there, when more than one may do so."""
+        from robodyn_cli.integrators.event_location.events import Found, first_roots
+
         engine, events = self.engine, self.system.events
         armed, lost = self.memory.armed.tolist(), [math.nan] * len(events)
         start = self.memory.saved_w[DoubleSlot.T]
@@ -361,7 +360,7 @@ class Integrator:
             # the function may be zero here and switch only a few roundings later
             for k in range(BEYOND):
                 further = high + 2**k * resolution(start, high)
-                if further <= stop and crosses(events[seen], armed[seen], values(further)[seen]):
+                if further <= stop and events[seen].crosses(armed[seen], values(further)[seen]):
                     found = first_roots(events, values, armed, seen, (start, low, further))
                     break
         if not found.roots and found.time <= start:

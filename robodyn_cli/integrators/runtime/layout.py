@@ -68,3 +68,8 @@ class Status(enum.IntEnum):
     STEP_TOO_SMALL = 4
     NOT_FINITE = 5
     NOT_SOLVED = 6  # the equations of a step whose length is fixed
+
+
+def resolution(a: float, b: float) -> float:
+    """Return the shortest bracket of an event that rounding of these times allows."""
+    return FINE * max(abs(a), abs(b))

@@ -16,7 +16,6 @@ from robodyn_cli.integrators.event_location.locate_event import (
     switching_function,
     trial_step_function,
 )
-from robodyn_cli.integrators.event_location.search import find_event
 from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.stepping.control import Verdict, judge, remember, shorten
 from robodyn_cli.integrators.stepping.stepper import SLACK, Method, Stepper
@@ -87,6 +86,8 @@ def _write_loop(w: Writer, stepper: Stepper[Any]) -> None:
                 remember(w, verdict)
                 stepper.save_dense(step.t, step.h, attempt.kept)
                 if w.system.events:
+                    from robodyn_cli.integrators.event_location.search import find_event
+
                     find_event(w, stepper, step.t, step.h, run)
                 _commit(w, step, verdict, stepper.method.adaptive)
                 if stepper.method.projects(w.system):

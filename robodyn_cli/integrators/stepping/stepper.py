@@ -19,13 +19,13 @@ import contextlib
 from collections.abc import Iterator
 from typing import Any, Generic
 
+from robodyn_cli.decision import Decision
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.formulations.residual import Residual
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integration_methods import IntegrationMethod
 from robodyn_cli.integrators.runtime.layout import IntegerSlot
 from robodyn_cli.integrators.stepping.control import FIXED, Attempt, Controller, Kept
-from robodyn_cli.integrators.stepping.writer import Tables, Writer
+from robodyn_cli.integrators.stepping.writer import Tables, Writer, placement
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Block, Value
 from robodyn_cli.kernels.program import Program
@@ -89,10 +89,6 @@ class Method:
         """Return the program with the Jacobian that the method evaluates in each step, if any."""
         return None
 
-    def residual_of(self, system: System) -> Residual | None:
-        """Return the rates as corrections of a guess, where the method works with those."""
-        return None
-
     def programs(self, system: System) -> list[StepProgram]:
         """Return what the steps evaluate beside events and corrections; for systems that are no loops over bodies."""
         found = [StepProgram("accelerations", system.dynamics.program)]
@@ -100,6 +96,11 @@ class Method:
         if derivatives is not None:
             found.append(StepProgram("accelerations and their derivatives", derivatives))
         return found
+
+    def choices(self, system: System) -> list[Decision]:
+        """Return in which form the rates are evaluated, and where their code goes."""
+        dynamics = system.dynamics
+        return [dynamics.decision or placement(dynamics.program)]
 
     def projects(self, system: System) -> bool:
         """Tell whether states are to be put back on manifolds and constraints after each step."""

@@ -6,17 +6,26 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from robodyn_cli.decision import RATES, Decision
+from robodyn_cli.formulations.dynamics import LANES as LANES
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot, Status
 from robodyn_cli.kernels.arrays import Array, Total, each
 from robodyn_cli.kernels.ir import RELAXED, Block, Condition, Function, Int, Value
-from robodyn_cli.kernels.lower import REGISTERS, Programs
+from robodyn_cli.kernels.lower import INLINE_LIMIT, REGISTERS, Programs, is_inlined
 from robodyn_cli.kernels.program import NUMBERS, Program
 
 LONG = 24  # velocities from which on what is done for each of them is a loop
 LONG_INTERPRETED = 4  # the same where programs are interpreted, to write little
-LANES = 8
 ARGUMENTS = ("w", "n", "y", "p", "dense", "out", "tables", "scratch", "work", NUMBERS, REGISTERS)
+
+
+def placement(rates: Program) -> Decision:
+    """Return where the code of the rates goes."""
+    count, inlined = rates.operations, is_inlined(rates)
+    compared = "not more" if inlined else "more"
+    taken = "inlined" if inlined else "function"
+    return Decision(RATES, taken, f"{count} operations, {compared} than {INLINE_LIMIT}")
 
 
 class Exit:

@@ -54,11 +54,11 @@ def animate(
 
 
 def _strip(result: Result, target: Path, follow: str | None) -> dict[str, Any]:
-    from robodyn_cli.report.canvas import save_png
+    from robodyn_cli.report.canvas import save
     from robodyn_cli.report.movie.strip import draw_strip
     from robodyn_cli.report.style import styled
 
     with styled():
         figure = draw_strip(result, follow)
-        save_png(figure, target)
+        save(figure, target)
     return {"file": str(target), "stills": len(figure.axes), "size": target.stat().st_size}

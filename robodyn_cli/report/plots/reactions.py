@@ -63,7 +63,7 @@ def _draw(ax: Any, time: Array, data: Array) -> list[Any]:
         return handles
     low = 1e-3 * typical
     handles = draw_columns(ax, time, np.where(data > low, data, np.nan))
-    log_axis(ax, low, top)
+    log_axis(ax, float(data[data > low].min()), top)
     return handles
 
 

@@ -35,8 +35,11 @@ def draw(result: Result) -> Any:
     peak = np.max(np.nan_to_num(np.abs(finite(total.data))), axis=0)
     joints = _largest(peak)
     subtitle = "Terms of the actuator torque, which sum to the total"
-    if len(joints) < len(names):
+    left_out = int(np.count_nonzero(peak)) - len(joints)
+    if left_out > 0:
         subtitle += f"; the {len(joints)} of {len(names)} joints with the largest torque"
+    elif len(joints) < len(names):
+        subtitle += f"; {len(names) - len(joints)} joints without any left out"
     labels = [*order, "total"]
     count = len(joints)
     height = {1: 3.3, 2: 2.0}.get(count, 1.6)

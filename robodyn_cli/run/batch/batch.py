@@ -75,7 +75,8 @@ class Batch:
 
     Parameters
     ----------
-    scenes : loaded. jobs : processes at a time. drawn, force : draw; run what is finished too.
+    scenes : loaded. jobs : processes at a time. drawn : ends of names of drawings that a finished result has.
+    force : run what is finished too.
     timeout : seconds that each scene may take; one that takes longer is interrupted, and ended where it goes on.
     worker : command line of a worker for a command, a scene and a directory; it must end when its standard input
     does, so that it does not outlive the batch.
@@ -86,7 +87,7 @@ class Batch:
         scenes: Sequence[Entry],
         jobs: int,
         worker: Callable[[str, Path, Path], list[str]],
-        drawn: bool,
+        drawn: Sequence[str],
         force: bool,
         timeout: float | None = None,
     ) -> None:

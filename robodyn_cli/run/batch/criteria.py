@@ -16,19 +16,18 @@ _ABSENT: Any = object()
 
 @record
 class Outcome:
-    """One criterion and what the run gave."""
+    """One criterion and what the run gave; the fields are keys of the reports."""
 
     key: str
     expected: str
     found: Any
     holds: bool
-    note: str = ""
 
     @property
     def shown(self) -> str:
         """What was found, for reading."""
-        if self.note or self.found is None:
-            return self.note or "null"
+        if self.found is None:
+            return "null"
         if isinstance(self.found, bool):
             return str(self.found).lower()
         return f"{self.found:.9g}" if isinstance(self.found, float) else str(self.found)
@@ -36,9 +35,13 @@ class Outcome:
     def __str__(self) -> str:
         return f"{self.key}: {self.shown} (expected {self.expected})"
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return what ``--json`` shows."""
-        return {"key": self.key, "expected": self.expected, "found": self.found, "holds": self.holds}
+
+class NotReached(Outcome):
+    """A criterion about something that a run which failed did not come to."""
+
+    @property
+    def shown(self) -> str:
+        return "not there, since the run failed"
 
 
 def exit_code(summary: Mapping[str, Any]) -> int:
@@ -57,13 +60,13 @@ def judge(expect: Mapping[str, Expectation], summary: Mapping[str, Any], place: 
     SceneError : a key that a summary of this command does not have.
     """
     facts = {**summary, EXIT_CODE: exit_code(summary)}
-    found = []
+    found: list[Outcome] = []
     for key, expected in expect.items():
         value = lookup(facts, key)
         if value is _ABSENT:
             if summary.get("status") != "failed":
                 raise _unknown(key, facts, place)
-            found.append(Outcome(key, expected.text, None, False, "not there, since the run failed"))
+            found.append(NotReached(key, expected.text, None, False))
             continue
         if isinstance(value, (Mapping, list)):
             inner = ", ".join(

@@ -62,10 +62,11 @@ def unique_names(paths: Sequence[Path]) -> list[str]:
     return names
 
 
-def finished(entry: Entry, drawn: bool) -> dict[str, Any] | None:
+def finished(entry: Entry, drawn: Sequence[str]) -> dict[str, Any] | None:
     """Return the summary of an earlier, whole result of the same scene and version, None if there is none.
 
-    ``drawn`` asks for drawings too. A failed run is not finished, unless the scene expects its exit code.
+    drawn : ends of names of drawings that it must have (``.png``, ``torques.svg``). A failed run is not finished,
+    unless the scene expects its exit code.
     """
     from robodyn_cli.results.hdf5 import read
 
@@ -76,7 +77,7 @@ def finished(entry: Entry, drawn: bool) -> dict[str, Any] | None:
         return None
     if not all((entry.directory / str(name)).exists() for name in outputs):
         return None
-    if drawn and not any(str(name).endswith(".png") for name in outputs):
+    if not all(any(str(name).endswith(end) for name in outputs) for end in drawn):
         return None
     expected = entry.scene.expect.get(EXIT_CODE)
     if summary.get("status") == "failed" and not (expected and expected.holds(exit_code(summary))):

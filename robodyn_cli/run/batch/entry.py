@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from robodyn_cli.exit_codes import FAILED
 from robodyn_cli.record import mutable_record
@@ -52,12 +52,3 @@ class Entry:
         """What went wrong, in words."""
         found = [str(outcome) for outcome in self.criteria if not outcome.holds]
         return [self.message, *found] if self.message else found
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return what ``--json`` shows."""
-        return {
-            "scene": str(self.path), "name": self.name, "command": self.command or None, "verdict": self.verdict,
-            "exit_code": self.exit_code, "unchanged": self.unchanged, "seconds": round(self.seconds, 3),
-            "message": self.message or None, "criteria": [o.as_dict() for o in self.criteria],
-            "directory": str(self.directory) if self.directory is not None else None,
-        }  # fmt: skip

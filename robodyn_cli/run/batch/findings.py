@@ -17,6 +17,7 @@ from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.model.consistency import body_problems
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
+from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.commands import execute
 from robodyn_cli.run.driver.prepare import passive_coordinates, prepare
 from robodyn_cli.run.inverse.build import build_inverse
@@ -36,21 +37,18 @@ TRIED = 501
 
 @record
 class Finding:
-    """One thing that is wrong: ``severity`` is ``error`` or ``warning``, the message begins with the place."""
+    """One thing that is wrong: ``severity`` is ``error`` or ``warning``, the message begins with the place.
+
+    The fields are keys of the report; those of the place are there as far as it is known.
+    """
 
     severity: str
     message: str
     exit_code: int
-    details: dict[str, Any]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return what ``--json`` shows."""
-        return {
-            "severity": self.severity,
-            "message": self.message,
-            "exit_code": self.exit_code,
-            **self.details,
-        }
+    file: str | Absent = ABSENT
+    line: int | Absent = ABSENT
+    column: int | Absent = ABSENT
+    key: str | Absent = ABSENT
 
 
 @np.errstate(all="ignore")  # what is found is said in words
@@ -63,12 +61,12 @@ def findings(path: Path, strict: bool = False) -> list[Finding]:
     found = [_error(e) for e in _trial(scene, root)]
     code = SceneError.exit_code if strict else 0
     for error in _physical(scene, root):
-        found.append(Finding("error" if strict else "warning", error.message, code, _place(error)))
+        found.append(Finding("error" if strict else "warning", error.message, code, **_place(error)))
     return found
 
 
 def _error(error: RobodynError) -> Finding:
-    return Finding("error", error.message, error.exit_code, _place(error))
+    return Finding("error", error.message, error.exit_code, **_place(error))
 
 
 def _place(error: RobodynError) -> dict[str, Any]:
@@ -167,7 +165,7 @@ def _forward(scene: Scene, command: str) -> tuple[Model, list[Scalar]]:
         refuse_open_chain(scene)
     problem = prepare(scene).problem
     if command == "deploy" and scene.deploy.criterion != "multipliers":
-        passive_determinant(problem, passive_coordinates(problem) or [])
+        passive_determinant(problem, passive_coordinates(problem))
     dynamics = build_system(problem, "none", work=False).dynamics
     # loops over bodies have asked for what they need when they were made
     outputs = dynamics.forces if isinstance(dynamics, Rolled) else dynamics.expressions()[0]

@@ -86,7 +86,7 @@ def build_motion(
     setup = prepare(scene, watch, neutral=plan)
     problem = setup.problem
     with watch.stage("equations"):
-        passive = tuple(passive_coordinates(problem) or ())
+        passive = passive_coordinates(problem)
         watchers = (*follow(problem, passive), *half_turns(problem))
         functions = [function for watcher in watchers for function in watcher.functions]
         system = build_system(problem, scene.simulate.stabilisation, functions, work)

@@ -19,7 +19,6 @@ import numpy as np
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.events import Leap
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.event_location.events import chatter
 from robodyn_cli.integrators.runtime.integrator import CROWDED, Counters, Grid, Integrator, Options
 from robodyn_cli.integrators.runtime.layout import IntegerSlot
 from robodyn_cli.record import record
@@ -252,8 +251,9 @@ class Driver:
         if not any(e.is_discontinuity for e in events) or self.attempts - attempts < STANDSTILL:
             return
         if self.time - time <= CROWDED * max(1.0, self.time):
-            last = events[self.integrator.n[IntegerSlot.EVENT]]
-            raise chatter(last, self.time)
+            from robodyn_cli.integrators.event_location.events import chatter
+
+            raise chatter(events[self.integrator.n[IntegerSlot.EVENT]], self.time)
 
     def _goes_on(self, error: NumericalError) -> bool:
         """After many steps, let the supervisor choose the method to go on with; tell whether the run goes on."""

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from robodyn_cli.equations.dependence import Dependence
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError
 from robodyn_cli.record import record
@@ -13,6 +14,9 @@ from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import RANK_TOLERANCE, Assembled, assemble
 from robodyn_cli.solve.closure import rank
+
+if TYPE_CHECKING:
+    from robodyn_cli.equations.dependence import Dependence
 
 
 @record
@@ -107,18 +111,18 @@ def initial_positions(scene: Scene, problem: Problem) -> dict[str, float]:
     return given
 
 
-def passive_coordinates(problem: Problem) -> list[int] | None:
-    """Return the velocity coordinates that nothing drives, None without loops.
+def passive_coordinates(problem: Problem) -> tuple[int, ...]:
+    """Return the velocity coordinates that nothing drives; none without loops.
 
     Actuated are the joints of ``actuated`` (by default those in ``torques``) and prescribed ones.
     """
     scene, model = problem.scene, problem.model
     if not model.closures:
-        return None
+        return ()
     driven = {*scene.torques, *scene.prescribed}
     if scene.actuated is not None:
         driven = {*scene.prescribed, *(x for name in scene.actuated for x in model.v_columns(name))}
-    return [k for k, name in enumerate(model.v_names) if name not in driven]
+    return tuple(k for k, name in enumerate(model.v_names) if name not in driven)
 
 
 def dependent_rows(problem: Problem, assembled: Assembled) -> tuple[Dependence, ...]:
@@ -126,6 +130,8 @@ def dependent_rows(problem: Problem, assembled: Assembled) -> tuple[Dependence, 
 
     Empty where rows of loops depend on prescribed motions too: those cannot be combined.
     """
+    from robodyn_cli.equations.dependence import Dependence
+
     constraints = problem.constraints
     loops = constraints.of_loops
     psi = problem.numbers(problem.psi, assembled.q)

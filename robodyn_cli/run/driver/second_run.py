@@ -19,6 +19,7 @@ from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.method import supervisor_for
 from robodyn_cli.run.driver.motion import Motion, Watcher
+from robodyn_cli.run.driver.prepare import held_columns
 from robodyn_cli.run.observation.recorder import Recorder
 from robodyn_cli.spatial.algebra import Array
 
@@ -239,8 +240,9 @@ def rounding_floor(motion: Motion, recorder: Recorder, samples: int, steps: int,
     """Return the errors that rounding alone is expected to leave over so many samples and steps.
 
     The state's own rounding grows as sqrt(steps). Where an estimate ``found`` is not far above that, what constants and
-    the conditioning of the equations do to the accelerations counts too: delta(v-dot) over the run in the rates, and
-    over the time in which rates change in the positions. Both runs may share it, so that their difference hides it.
+    the conditioning of the equations do counts too: delta(v-dot) over the run in the rates, and over the time in which
+    rates change in the positions; what closing the loops leaves. Both runs share some of it, so that their difference
+    hides it.
     """
     q, qd, qdd = (recorder.array(path)[:samples] for path in ("q", "qd", "qdd"))
     largest_q, largest_v = float(np.abs(q).max(initial=0.0)), float(np.abs(qd).max(initial=0.0))
@@ -248,12 +250,15 @@ def rounding_floor(motion: Motion, recorder: Recorder, samples: int, steps: int,
     floor = Floor(walk * largest_q, walk * largest_v)
     if found > NEAR_ROUNDING * max(floor.q, floor.qd):
         return floor
-    from robodyn_cli.run.observation.rounding import acceleration_rounding
+    from robodyn_cli.run.observation.rounding import acceleration_rounding, closing_rounding
 
-    time = recorder.array("time")[:samples]
-    off = acceleration_rounding(motion.problem, time, q, qd)
+    problem, time = motion.problem, recorder.array("time")[:samples]
+    names = held_columns(motion.scene, problem)
+    held = [k for k, name in enumerate(problem.model.v_names) if name in names]
+    closed = closing_rounding(problem, time, q, qd, held)
+    off = acceleration_rounding(problem, time, q, qd)
     if off is None:
-        return floor
+        return Floor(max(floor.q, closed), floor.qd)
     duration = float(time[-1] - time[0])
     change = min(duration, largest_v / max(float(np.abs(qdd).max(initial=0.0)), 1e-300))
-    return Floor(max(floor.q, off * duration * change), max(floor.qd, off * duration))
+    return Floor(max(floor.q, closed, off * duration * change), max(floor.qd, off * duration))

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
+from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
@@ -55,7 +58,7 @@ class OpenChain(InverseProgram):
         except ZeroDivisionError:
             return None
         # unknown data that cancels in M may stand in articulated inertias
-        a = without_idle_unknowns(a, list(problem.mass_matrix.flat))
+        a = without_idle_unknowns(a, _entries_of_mass_matrix(problem))
         function = SampleFunction({"a": a}, ("q", "f"), len(q))
         found, free = np.split(function(q=q, f=np.concatenate([sampled.applied - bias, -bias]))["a"], 2)
         return found, free
@@ -65,6 +68,11 @@ class OpenChain(InverseProgram):
 
     def add_loops(self, result: Result, sampled: Sampled) -> None:
         return None
+
+
+def _entries_of_mass_matrix(problem: Problem) -> Iterator[Scalar]:
+    """Give the entries of M, which is built only if somebody asks: it grows with the square of the joints."""
+    yield from problem.mass_matrix.flat
 
 
 def open_problem(source: sc.Scene | Model | Problem, what: str) -> Problem:

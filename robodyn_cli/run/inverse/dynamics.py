@@ -129,7 +129,7 @@ class InverseDynamics(_Samples):
                 )
 
             rigid, forces = RolledInverseDynamics(problem.model), _JointForces(problem)
-            operations = rigid.plan.bodies * rigid.plan.recursion.operations + forces.operations
+            operations = rigid.plan.operations + forces.operations
             call = lambda q, qd, qdd: forces.take_from(rigid(q, qd, qdd), q, qd)  # noqa: E731
             return "rolled", call, operations, rigid.plan
         tau: Any = problem.inverse_dynamics
@@ -168,7 +168,7 @@ class ForwardDynamics(_Samples):
             from robodyn_cli.kernels.rolled import RolledForwardDynamics
 
             rigid, forces = RolledForwardDynamics(problem.model), _JointForces(problem)
-            operations = rigid.plan.bodies * rigid.plan.recursion.operations + forces.operations
+            operations = rigid.plan.operations + forces.operations
             return "rolled", lambda q, qd, tau: rigid(q, qd, forces.add_to(tau, q, qd)), operations
         model = problem.model
         f: Any = zeros(model.nv)

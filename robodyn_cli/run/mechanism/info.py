@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -10,12 +11,13 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.algorithms.coriolis import coriolis
+from robodyn_cli.algorithms.crba import crba
 from robodyn_cli.algorithms.kinematics import point_jacobian
 from robodyn_cli.errors import SceneError
-from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.expr.graph import Expr
+from robodyn_cli.expr.rebuild import Values
 from robodyn_cli.joints.registry import joint_types
-from robodyn_cli.model.model import unknown_among
+from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, Absent
@@ -25,7 +27,8 @@ from robodyn_cli.run.observation.places import quaternions, world_pose
 from robodyn_cli.run.observation.units import joint_columns
 from robodyn_cli.scene.load import load_scene
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.spatial.algebra import Array, Transform
+from robodyn_cli.spatial.inertia import RigidInertia
 
 
 @record
@@ -134,22 +137,32 @@ class Numbers:
         self.problem = setup.problem
         self.q, self.v = setup.assembled.q, setup.assembled.v
         still = [0.0] * len(self.v)
-        self.values = {"t": [0.0], "q": self.q.tolist(), "v": self.v.tolist(), "a": still, "p": []}
+        # without data that are missing: what depends on them has no value
+        self.values = Values({"t": [0.0], "q": self.q.tolist(), "v": self.v.tolist(), "a": still, "p": []})
 
     def array(self, entries: Any) -> Array:
         """Return the values of expressions; NaN where data are missing."""
         entries = np.asarray(entries, dtype=object)
-        flat: list[Scalar] = list(entries.ravel())
-        known = [k for k, e in enumerate(flat) if not unknown_among([e])]
-        found = np.full(len(flat), math.nan)
-        found[known] = np.array(evaluate([flat[k] for k in known], self.values), dtype=float)
-        return found.reshape(entries.shape)
+        found = [math.nan if x is None else x for x in self.values.of(list(entries.ravel()))]
+        return np.array(found, dtype=float).reshape(entries.shape)
+
+    def bodies(self) -> Model:
+        """Return the bodies with plain numbers, which the algorithms take far quicker than expressions; missing data
+        stay symbols."""
+        rigid = self.problem.rigid
+        inertias = [
+            RigidInertia(*(plain(x) for x in (b.inertia.m, b.inertia.h, b.inertia.I))) for b in rigid.bodies
+        ]
+        bodies = [dataclasses.replace(b, inertia=I) for b, I in zip(rigid.bodies, inertias)]
+        return dataclasses.replace(rigid, bodies=tuple(bodies))
 
     def report(self) -> Info:
         """Return the report of the state."""
         problem = self.problem
         scene, model = problem.scene, problem.model
-        M = self.array(problem.mass_matrix)
+        bodies = self.bodies()
+        X = [Transform(plain(self.array(x.E)), plain(self.array(x.r))) for x in problem.X]
+        M = self.array(crba(bodies, self.q, X))
         terms = problem.rigid_terms()
         gravity = self.array(terms["gravity"]) if "gravity" in terms else np.zeros(model.nv)
         return Info(
@@ -158,7 +171,7 @@ class Numbers:
             state=State(_named(model.q_names, self.q), _named(model.v_names, self.v)),
             mass_matrix=M,
             mass_matrix_singular_values=singular_values(M),
-            coriolis_matrix=self.array(coriolis(model, problem.q, problem.v, problem.X)),
+            coriolis_matrix=self.array(coriolis(bodies, self.q, self.v, X)),
             gravity_torques=_named(model.v_names, gravity),
             frames=self.frames(),
             points=self.points(),
@@ -205,6 +218,13 @@ class Numbers:
         for name, frame in problem.model.points.items():
             result.add(f"points/{name}", self.array(problem.world_point(frame))[None])
         return result
+
+
+def plain(entries: Any) -> Any:
+    """Return numbers as plain floats, in an array or alone; expressions stay as they are."""
+    array = np.asarray(entries, dtype=object)
+    found = np.array([x if isinstance(x, Expr) else float(x) for x in array.ravel()], dtype=object)
+    return found.reshape(array.shape) if array.shape else found[0]
 
 
 def _joints(scene: Scene) -> list[dict[str, Any]]:

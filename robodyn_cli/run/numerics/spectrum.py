@@ -24,6 +24,8 @@ LARGEST = 8  # eigenvalues of greatest magnitude that are looked for beyond
 DIFFERENCE = 1e-6  # for long chains, whose compiled loops have no exact Jacobian
 ZERO = 1e-9  # an eigenvalue this small beside the largest is rounding
 HALVINGS = 24  # of the range of steps in which a contraction is looked for
+NEAREST, FARTHEST = 1e-6, 1e3  # its ends, over the time in which rates change
+TINY = 1e-150  # [1/s]: rates that change more slowly depend on no state
 
 
 @record
@@ -79,7 +81,7 @@ class Spectrum:
     @property
     def stiffness_ratio(self) -> float:
         """Largest stiffness ratio along the run."""
-        return float(self.ratios().max(initial=0.0))
+        return abs(float(self.ratios().max(initial=0.0)))
 
 
 def spectrum(problem: Problem, system: System, times: Array, states: Array, duration: float) -> Spectrum:
@@ -126,16 +128,19 @@ def reach(J: Array, nv: int, contraction: float) -> Array:
     first = rates[:, :, nv:]  # by v and z
     second = np.zeros_like(first)
     second[:, :, :nv] = rates[:, :, :nv]  # by q
-    bound = np.linalg.norm(first, axis=(1, 2)) + np.sqrt(np.linalg.norm(second, axis=(1, 2))) + 1e-300
-    low = np.log(1e-6 * contraction / bound)
-    high = np.full(len(J), np.log(1e3)) - np.log(bound)
+    bound = np.linalg.norm(first, axis=(1, 2)) + np.sqrt(np.linalg.norm(second, axis=(1, 2)))
+    idle = ~(bound > TINY)  # rates that depend on no state
+    bound[idle] = 1.0
+    low = np.log(NEAREST * contraction) - np.log(bound)
+    high = np.log(FARTHEST) - np.log(bound)
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         s = np.exp(middle)[:, None, None]
         radius = np.abs(np.linalg.eigvals(s * s * second + s * first)).max(axis=1)
         beyond = ~(radius <= contraction)
         low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
-    return np.where(high < np.log(1e3) - np.log(bound), np.exp(low), np.inf)
+    unlimited = idle | (high >= np.log(FARTHEST) - np.log(bound))
+    return np.where(unlimited, np.inf, np.exp(low))
 
 
 def _reduce(J: Array, tangent: Array | None) -> Array:

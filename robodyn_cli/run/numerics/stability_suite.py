@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.record import mutable_record, record
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import as_keys
+from robodyn_cli.results.summary import ABSENT
 from robodyn_cli.run.driver.prepare import prepare
 from robodyn_cli.run.numerics.spectrum import Spectrum
 from robodyn_cli.run.numerics.stability import STIFF, along, at_start
 from robodyn_cli.run.numerics.stability_cases import CASES, Case
+from robodyn_cli.run.numerics.stability_summary import ReferenceKeys
 from robodyn_cli.run.numerics.trial import Budget, Reference, Trial, attempts, methods_tried, reference
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
@@ -23,6 +24,23 @@ from robodyn_cli.scene.types import Scene
 
 FULL = (Budget(2_000_000, 3.0), Budget(5_000_000, 40.0))  # of a trial, of a reference
 QUICK = (Budget(100_000, 0.3), Budget(400_000, 10.0))
+
+
+@record
+class CaseKeys:
+    """Keys of a case in the summary; found : what misses the expectation. Rates of its linearised motion [1/s]."""
+
+    name: str
+    expects: str
+    holds: bool
+    found: str
+    reference: ReferenceKeys | None
+    stiffness_ratio: float | None
+    fastest_decay: float | None
+    fastest_oscillation: float | None
+    methods: dict[str, Trial]
+    seconds: float
+    scene: str
 
 
 @mutable_record
@@ -37,23 +55,22 @@ class Verdict:
     complaints: list[str]
     seconds: float
 
-    def as_dict(self) -> dict[str, Any]:
-        ref = self.reference
-        return {
-            "name": self.case.name,
-            "expects": self.case.expects,
-            "holds": not self.complaints,
-            "found": "; ".join(self.complaints) or "as expected",
-            "reference": None
-            if ref is None
-            else {"methods": list(ref.methods), "digits": round(ref.digits, 2), "until": ref.until},
-            "stiffness_ratio": None if self.spectrum is None else self.spectrum.stiffness_ratio,
-            "fastest_decay": None if self.spectrum is None else self.spectrum.fastest_decay,
-            "fastest_oscillation": None if self.spectrum is None else self.spectrum.fastest_oscillation,
-            "methods": {t.method: as_keys(t) for t in self.trials},
-            "seconds": self.seconds,
-            "scene": self.scene,
-        }
+    def report(self) -> CaseKeys:
+        """Return what the summary says of the case."""
+        ref, found = ReferenceKeys.of(self.reference), self.spectrum
+        return CaseKeys(
+            name=self.case.name,
+            expects=self.case.expects,
+            holds=not self.complaints,
+            found="; ".join(self.complaints) or "as expected",
+            reference=None if ref is None else dataclasses.replace(ref, ends_early=ABSENT),
+            stiffness_ratio=None if found is None else found.stiffness_ratio,
+            fastest_decay=None if found is None else found.fastest_decay,
+            fastest_oscillation=None if found is None else found.fastest_oscillation,
+            methods={t.method: t for t in self.trials},
+            seconds=self.seconds,
+            scene=self.scene,
+        )
 
 
 def suite(
@@ -95,7 +112,7 @@ def suite(
         quick=quick,
         missed=sum(bool(v.complaints) for v in verdicts),
         methods=methods_tried(quick),
-        cases=[v.as_dict() for v in verdicts],
+        cases=[v.report() for v in verdicts],
     )
     result = Result("stability", "Stability suite" + (", quick" if quick else ""), "ok", "")
     result.summarise(summary, seconds=watch.report())
@@ -111,7 +128,7 @@ class SuiteSummary:
     quick: bool
     missed: int
     methods: list[str]
-    cases: list[dict[str, Any]]
+    cases: list[CaseKeys]
 
 
 def add_errors(result: Result, verdicts: Sequence[Verdict], methods: Sequence[str]) -> None:

@@ -20,7 +20,7 @@ class ReferenceKeys:
     methods: list[str]
     digits: float
     until: float
-    ends_early: str
+    ends_early: str | Absent
 
     @staticmethod
     def of(ref: Reference | None) -> ReferenceKeys | None:

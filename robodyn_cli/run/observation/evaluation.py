@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robodyn_cli.decision import Decision
 from robodyn_cli.expr.calculus import substitute
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations, free_symbols
 from robodyn_cli.expr.rebuild import Interpreter
 from robodyn_cli.kernels.program import Program, make_program, unknown_data
 from robodyn_cli.model.model import UNKNOWN_GROUP
-from robodyn_cli.run.observation.finite import refuse_sampled
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.motion import JointMotion
+
+if TYPE_CHECKING:
+    from robodyn_cli.trajectories.motion import JointMotion
 
 Outputs = Mapping[str, Sequence[Scalar]]
 
@@ -54,6 +57,7 @@ class SampleFunction:
         if missing:
             raise unknown_data(missing)
         self.operations = count_operations(entries)
+        self.samples = samples
         self.compiled = worth_compiling(self.operations, samples)
         self._known = tuple(known)
         # constants need no kernel; without names from the scene, scenes with equal equations share their code
@@ -65,6 +69,13 @@ class SampleFunction:
             self._kernel = SampleKernel(self._varying, known)
         else:
             self._interpreter = Interpreter(entries)
+
+    @property
+    def decision(self) -> Decision:
+        """Whether the outputs are compiled, or interpreted."""
+        taken, other = ("compiled", "interpreting") if self.compiled else ("interpreted", "compiling")
+        reason = f"that takes less time than {other}"
+        return Decision(f"evaluation at {self.samples} samples", taken, reason)
 
     @property
     def _varying(self) -> dict[str, list[Scalar]]:
@@ -100,19 +111,27 @@ class SampleFunction:
         ------
         NumericalError : a number is not finite; says which, when and why.
         """
+        from robodyn_cli.run.observation.finite import refuse_sampled
+
         inputs = {"t": times[:, None], "q": motion.q, "v": motion.qd, "a": motion.qdd}
         arrays = self(**inputs)
         refuse_sampled(inputs, self.outputs, arrays)
         return arrays
 
 
-def without_idle_unknowns(outputs: Sequence[Scalar], needed: Sequence[Scalar]) -> list[Scalar]:
+def unknowns(outputs: Sequence[Scalar]) -> list[Expr]:
+    """Return the symbols of unknown data that the outputs depend on."""
+    return [s for s in free_symbols(outputs) if s.value[1] == UNKNOWN_GROUP]
+
+
+def without_idle_unknowns(outputs: Sequence[Scalar], needed: Iterable[Scalar]) -> list[Scalar]:
     """Return outputs with those unknown data set to zero that ``needed`` does not depend on. For quantities that
     depend on such data by an additive constant only, or by terms that cancel: a potential energy, where ``needed`` are
-    the torques that are its gradient.
+    the torques that are its gradient. ``needed`` is gone through only where there are unknown data.
     """
+    found = unknowns(outputs)
+    if not found:
+        return list(outputs)
     used = {s.index for s in free_symbols(needed)}
-    idle = {
-        s.index: 0.0 for s in free_symbols(outputs) if s.value[1] == UNKNOWN_GROUP and s.index not in used
-    }
+    idle = {s.index: 0.0 for s in found if s.index not in used}
     return substitute(list(outputs), dict(idle)) if idle else list(outputs)

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robodyn_cli.forces.limits import Limits
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 from robodyn_cli.run.observation.units import TORQUE
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
+
+if TYPE_CHECKING:
+    from robodyn_cli.forces.limits import Limits
 
 # a motion that stays on a limit passes it by rounding
 ROUNDING = 1e-12
@@ -32,7 +35,7 @@ def limited_joints(scene: Scene, model: Model) -> list[LimitedJoint]:
     """Return the joints with limits in the order of the scene."""
     found = []
     for joint in scene.robot.joints:
-        limits = next((force for _, force in joint.forces if isinstance(force, Limits)), None)
+        limits = dict(joint.forces).get("limits")
         if limits is not None and joint.name in model.q_names:
             place = model.q_names.index(joint.name)
             velocity = model.v_names.index(joint.name)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.trajectories.motion import JointMotion
+
+if TYPE_CHECKING:
+    from robodyn_cli.trajectories.motion import JointMotion
 
 TORQUE = {"rad": "N m", "m": "N"}
 

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
+from robodyn_cli.decision import Decision
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar, count_operations
-from robodyn_cli.kernels.crossover import CROSSOVER, prefer_rolled
-from robodyn_cli.kernels.program import Program, make_program
+from robodyn_cli.kernels.crossover import CROSSOVER
+from robodyn_cli.kernels.program import make_program
 from robodyn_cli.run.inverse.build import build_inverse
 from robodyn_cli.run.inverse.dynamics import InverseDynamics
 from robodyn_cli.run.mechanism.motion import point_task
-from robodyn_cli.run.observation.evaluation import worth_compiling
-from robodyn_cli.run.plan.programs import rolled, sampled
+from robodyn_cli.run.observation.evaluation import SampleFunction
+from robodyn_cli.run.plan.programs import at_samples
+from robodyn_cli.run.plan.report import Kernel, LoopCosts
 from robodyn_cli.run.plan.terms import Equations, Ledger, Term
 from robodyn_cli.run.plan.words import listed, plural
 from robodyn_cli.scene import types as sc
@@ -32,10 +35,20 @@ class Inverse:
         self.program = build_inverse(scene)
         # equations of their own, for counts that the run does not need
         self.problem = Problem(scene)
-        self.samples = scene.inverse.samples
-        trajectory: Any = scene.trajectory
-        leads = isinstance(trajectory, TaskSpace) and not self.problem.model.closures
+        leads = isinstance(scene.trajectory, TaskSpace) and not self.problem.model.closures
         self.task = point_task(self.program.problem) if leads else None
+
+    @cached_property
+    def function(self) -> SampleFunction:
+        """All that is evaluated at the samples."""
+        return self.program.compile(self.problem.scene.inverse.samples)
+
+    @cached_property
+    def torques(self) -> InverseDynamics | None:
+        """The torques as a function of samples, None where there is no such function."""
+        with contextlib.suppress(CapabilityError):  # loops, loads in time
+            return InverseDynamics(self.problem)
+        return None
 
     def outputs(self, problem: Problem) -> list[Scalar]:
         """Return the load on actuators and loops, and the rows of the loops, which share it."""
@@ -45,92 +58,69 @@ class Inverse:
         rows = problem.constraints.loop_rows
         return [*tau, *(x for row in rows for x in row.psi)]
 
-    @property
-    def _operations(self) -> int:
-        """Of all programs at a sample."""
-        return count_operations([x for entries in self.program.outputs.values() for x in entries])
-
-    def kernels(self) -> list[dict[str, Any]]:
-        """Describe the compiled programs."""
-        found = []
-        function = self.program.compile(self.samples)
+    def kernels(self) -> list[Kernel]:
+        """Return the compiled programs."""
+        found, title = [], "torque terms, energies, places"
         if self.problem.model.closures:
             title = "torque terms, rows of the loops, energies, places"
-        else:
-            title = "torque terms, energies, places"
-            with contextlib.suppress(CapabilityError):  # loads in time: no function of samples
-                found.append(_torques(InverseDynamics(self.problem)))
-        found.append(sampled(title, function.program, function.compiled))
+        if self.torques is not None:
+            code = self.torques.code
+            beside = self.torques.operations - code.operations
+            found.append(at_samples("torques (InverseDynamics)", code, beside=beside))
+        found.append(at_samples(title, self.function.program, self.function.compiled))
         if self.task is not None and self.task.method == "newton":
             point = make_program(dict(self.task.kinematics().outputs()), ("q", "v"))
-            found.append(sampled(f"kinematics of {self.task.trajectory.point}", point))
+            found.append(at_samples(f"kinematics of {self.task.trajectory.point}", point))
         return found
 
-    def terms(self, equations: Equations) -> Iterator[Term]:
+    def choices(self) -> list[Decision]:
+        """Return the decisions of the builders."""
+        found = [self.function.decision]
+        if self.torques is not None:
+            joints = plural(self.problem.model.nv, "joint")
+            reason = f"{joints}; a loop over the bodies pays from {CROSSOVER} on"
+            found.append(Decision("shape of the torque kernel", self.torques.shape, reason))
+        return found
+
+    def terms(self, e: Equations) -> Iterator[Term]:
         """Yield the stages around the torques."""
-        program, problem = self.program, self.program.problem
-        less = dataclasses.replace(equations.here, accelerations=False)
-        yield equations.kept("inertia forces", "the masses are accelerated", less)
-        if not problem.model.closures:
-            yield Term(
-                "closed loops and their multipliers",
-                False,
-                "the joints form an open chain or tree: every torque follows from the motion alone",
-            )
-        if problem.scene.torques:
+        program, model = self.program, self.program.problem.model
+        less = dataclasses.replace(e.here, accelerations=False)
+        yield e.kept("inertia forces", "the masses are accelerated", less)
+        if not model.closures:
+            reason = "the joints form an open chain or tree: every torque follows from the motion alone"
+            yield Term("closed loops and their multipliers", False, reason)
+        if program.problem.scene.torques:
             yield Term("actuator torques of the scene", False, "inverse dynamics finds them")
-        split = count_operations([x for entries in program.terms.values() for x in entries])
-        together = count_operations(self.outputs(self.problem)[: problem.model.nv])
+        split = _operations(program.terms)
+        together = count_operations(self.outputs(self.problem)[: model.nv])
         reason = f"the result has them apart: {listed(program.terms)}"
         yield Term("torques split into terms", True, reason, split - together)
-        places = [(len(problem.model.points), "named point"), (len(problem.model.frames), "frame")]
+        places = [(len(model.points), "named point"), (len(model.frames), "frame")]
         what = ["energies", *(plural(n, what) for n, what in places if n), "outlines of the links"]
         reason = f"in the result: {', '.join(what)}"
-        yield Term("energies, points and outlines", True, reason, self._operations - split)
+        yield Term("energies, points and outlines", True, reason, _operations(program.outputs) - split)
         yield self._motion()
         yield Term("integration, events, projection", False, "the motion is given: nothing is integrated")
 
     def _motion(self) -> Term:
         """Return how the motion of all joints is found."""
-        name = "inverse kinematics"
-        if self.problem.model.closures:
-            rows = self.program.problem.constraints.rows
+        name, rows = "inverse kinematics", self.program.problem.constraints.rows
+        if rows:
             work = count_operations([x for row in rows for x in (row.eta, *row.psi, row.gamma, row.eta_t)])
-            return Term(
-                name, True, "the loops decide about the joints that are not led: by Newton's method", work
-            )
+            reason = "the loops decide about the joints that are not led: by Newton's method"
+            return Term(name, True, reason, work)
         if self.task is None:
             return Term(name, False, "the trajectory gives the joints' motion itself")
         leads = f"the trajectory leads {self.task.trajectory.point}"
         if self.task.method == "analytic":
             return Term(name, True, f"{leads}: in closed form, a planar 2R arm")
-        work = count_operations([x for part in self.task.kinematics().outputs().values() for x in part])
-        return Term(name, True, f"{leads}: by Newton's method", work)
+        return Term(name, True, f"{leads}: by Newton's method", _operations(self.task.kinematics().outputs()))
 
-    def choices(self) -> list[dict[str, Any]]:
-        """Describe the choices of the engine."""
-        compiled = worth_compiling(self._operations, self.samples)
-        first, second = ("compiling", "interpreting") if compiled else ("interpreting", "compiling")
-        found = [{
-            "choice": f"terms and energies at {self.samples} samples",
-            "taken": "compiled" if compiled else "interpreted",
-            "reason": f"{first} takes less time than {second}",
-        }]  # fmt: skip
-        if not self.problem.model.closures:
-            found.append({
-                "choice": "shape of the torque kernel",
-                "taken": "rolled" if prefer_rolled(self.problem.model) else "unrolled",
-                "reason": f"{plural(self.problem.model.nv, 'joint')}; a loop over the bodies pays from {CROSSOVER} on",
-            })  # fmt: skip
-        return found
-
-    def equation_36(self, ledger: Ledger) -> dict[str, Any] | None:
+    def equation_36(self, ledger: Ledger) -> LoopCosts | None:
         """Return nothing: inverse dynamics does not solve equation (36)."""
         return None
 
 
-def _torques(function: InverseDynamics) -> dict[str, Any]:
-    name = "torques (InverseDynamics)"
-    if isinstance(function.code, Program):
-        return sampled(name, function.code)
-    return rolled(name, function.code, function.operations)
+def _operations(outputs: Mapping[str, Sequence[Scalar]]) -> int:
+    return count_operations([x for entries in outputs.values() for x in entries])

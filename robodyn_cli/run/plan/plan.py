@@ -14,14 +14,18 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from robodyn_cli.decision import Decision
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.expr.graph import Scalar, count_operations
 from robodyn_cli.model.build import build_model
+from robodyn_cli.model.model import Model
+from robodyn_cli.results.summary import ABSENT, as_keys
 from robodyn_cli.run.plan.data import idle_constants, unknown_data
 from robodyn_cli.run.plan.forward import Forward
 from robodyn_cli.run.plan.inverse import Inverse
 from robodyn_cli.run.plan.plane import Plane
+from robodyn_cli.run.plan.report import Chosen, Kernel, LoopCosts, Plan
 from robodyn_cli.run.plan.terms import MECHANISM, Equations, Ledger, Term
 from robodyn_cli.run.plan.text import render
 from robodyn_cli.run.plan.variant import Variant
@@ -49,17 +53,17 @@ class Subject(Protocol):
     def outputs(self, problem: Problem) -> list[Scalar]:
         """Return the expressions of the command's inner loop, for this problem or a variant of it."""
 
-    def terms(self, equations: Equations) -> Iterator[Term]:
+    def terms(self, e: Equations) -> Iterator[Term]:
         """Yield the terms of the command beside those of the mechanism: its stages, and the work around the inner
         loop."""
 
-    def kernels(self) -> list[dict[str, Any]]:
-        """Describe the compiled programs."""
+    def kernels(self) -> list[Kernel]:
+        """Return the compiled programs."""
 
-    def choices(self) -> list[dict[str, Any]]:
-        """Describe the choices of the engine, with reasons."""
+    def choices(self) -> list[Decision]:
+        """Return the decisions of the builders."""
 
-    def equation_36(self, ledger: Ledger) -> dict[str, Any] | None:
+    def equation_36(self, ledger: Ledger) -> LoopCosts | None:
         """Return the operations of the loops, None where they are not counted."""
 
 
@@ -95,52 +99,44 @@ def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
     subject: Subject = Inverse(scene) if command == "inverse" else Forward(scene, command)
     problem = subject.problem
     # before anything else is built in the same graph, so that the programs are those of the run
-    kernels, missing = _kernels(subject)
+    kernels, choices, missing = _built(subject)
     outputs = subject.outputs(problem)
     needed, spare = unknown_data(problem.model, outputs)
     missing = list(dict.fromkeys([*needed, *missing]))
     ledger, everything = _ledger(subject, count_operations(outputs))
-    idle: Sequence[str] = ()
-    if ledger.counted:
-        idle = idle_constants(
-            problem.scene,
-            lambda model: subject.outputs(
-                Problem(problem.scene, model=model, dependent=problem.dependent, braces=problem.braces)
-            ),
-        )
+    idle = _idle(subject) if ledger.counted else []
     equations = Equations(ledger.here, problem, Plane(ledger.here.model), tuple(idle), tuple(spare))
     for term in itertools.chain(*(terms(equations) for terms in MECHANISM), subject.terms(equations)):
         ledger.enter(term)
-    found: dict[str, Any] = {
-        "status": "failed" if missing else "ok",
-        "command": command,
-        "title": problem.scene.title,
-        "mechanism": describe(problem, subject.redundant),
-        "operations": ledger.total,
-        "operations_general": everything,
-        "ratio": round(everything / ledger.total, 3) if ledger.total else None,
-        "kept": ledger.kept,
-        "left_out": ledger.left_out,
-        "kernels": kernels,
-        "choices": subject.choices(),
-        "missing": missing,
-        "not_given_and_not_needed": spare,
-        "given_without_effect": list(idle),
-        "terms_counted": ledger.counted,
-    }
-    if (block := subject.equation_36(ledger)) is not None:
-        found["equation_36"] = block
-    return found
+    found = Plan(
+        status="failed" if missing else "ok",
+        command=command,
+        title=problem.scene.title,
+        mechanism=describe(problem, subject.redundant),
+        operations=ledger.total,
+        operations_general=everything,
+        ratio=round(everything / ledger.total, 3) if ledger.total else None,
+        kept=ledger.kept,
+        left_out=ledger.left_out,
+        kernels=kernels,
+        choices=[Chosen(d.choice, d.taken, d.reason, dict(d.operations) or ABSENT) for d in choices],
+        missing=missing,
+        not_given_and_not_needed=spare,
+        given_without_effect=idle,
+        terms_counted=ledger.counted,
+        equation_36=subject.equation_36(ledger) or ABSENT,
+    )
+    return as_keys(found)
 
 
-def _kernels(subject: Subject) -> tuple[list[dict[str, Any]], list[str]]:
-    """Return the compiled programs, or the data without which they cannot be made."""
+def _built(subject: Subject) -> tuple[list[Kernel], list[Decision], list[str]]:
+    """Return the compiled programs and the decisions, or the data without which they cannot be made."""
     try:
-        return subject.kernels(), []
+        return subject.kernels(), subject.choices(), []
     except SceneError as error:
         if "missing" not in error.details:
             raise
-        return [], list(error.details["missing"])
+        return [], [], list(error.details["missing"])
 
 
 def _ledger(subject: Subject, total: int) -> tuple[Ledger, int]:
@@ -160,6 +156,16 @@ def _ledger(subject: Subject, total: int) -> tuple[Ledger, int]:
 
     everything = count(general(here))
     return Ledger(here, total, count, everything * VARIANTS <= LARGEST), everything
+
+
+def _idle(subject: Subject) -> list[str]:
+    """Return given data of the links that have no effect."""
+    own = subject.problem
+
+    def outputs(model: Model) -> list[Scalar]:
+        return subject.outputs(Problem(own.scene, model=model, dependent=own.dependent, braces=own.braces))
+
+    return idle_constants(own.scene, outputs)
 
 
 def describe(problem: Problem, redundant: Sequence[str]) -> str:

@@ -9,15 +9,16 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator
-from typing import Any
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import count_operations, is_nonzero
 from robodyn_cli.forces.registry import joint_forces
+from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import Body, Model
 from robodyn_cli.record import record
 from robodyn_cli.run.plan import variants
 from robodyn_cli.run.plan.plane import Plane, direction
+from robodyn_cli.run.plan.report import Kept, LeftOut
 from robodyn_cli.run.plan.variant import Variant
 from robodyn_cli.run.plan.words import listed, listed_data, plural
 from robodyn_cli.spatial.algebra import Transform, identity, zeros
@@ -91,16 +92,13 @@ def velocity_terms(e: Equations) -> Terms:
 
 
 def gravity(e: Equations) -> Terms:
-    g, size = e.plane.gravity, float((e.plane.gravity**2).sum() ** 0.5)
+    g = e.plane.gravity
     general = variants.general_gravity(e.here)
-    if not size:
-        yield e.left_out("gravity", "gravity is zero", general)
+    if not any(is_nonzero(x) for x in e.problem.rigid_terms().get("gravity", ())):
+        reason = f"gravity of ({', '.join(f'{x:.4g}' for x in g)}) m/s^2 loads no joint in any pose"
+        yield e.left_out("gravity", reason if any(g) else "gravity is zero", general)
         return
-    if not any(is_nonzero(x) for x in e.problem.rigid_terms()["gravity"]):
-        where = "it is parallel to the joint axes" if e.plane.turns and e.plane.normal is not None else ""
-        reason = f"gravity loads no joint: {where}" if where else "gravity loads no joint in any pose"
-        yield e.left_out("gravity", reason, general)
-        return
+    size = float(g @ g) ** 0.5
     reason = f"gravity of {size:.4g} m/s^2 points along {direction(g / size)} of the base"
     yield e.kept("gravity", reason, e.here.with_model(gravity=zeros(3)))
     if zero := [name for name, x in zip("xyz", g) if x == 0.0]:
@@ -152,36 +150,29 @@ def lever_arms(e: Equations) -> Terms:
 
 
 def inertia(e: Equations) -> Terms:
-    general = variants.general_inertia(e.here)
-    notes = [f"given, but without effect here: {listed_data(e.idle)}"] if e.idle else []
-    notes += [f"not given and not needed: {listed_data(e.spare)}"] if e.spare else []
-    if e.plane.normal is None and e.plane.turns:
-        reason = "bodies turn about more than one axis"
-        flat = e.here.with_bodies(inertia=variants.planar_inertia)
-        yield e.kept("full inertia of bodies", reason, flat)
-        reason = "; ".join(["components that are zero or have no effect", *notes])
-        yield e.left_out("other components of inertia", reason, general)
-        return
-    reason = "in the plane a body has its mass, a centre of mass in it and one moment"
+    name, reason = (
+        "full inertia of bodies",
+        "in the plane a body has its mass, a centre of mass in it and one moment",
+    )
     if not e.plane.turns:
         reason = "nothing turns: of each body only the mass matters"
-    yield e.left_out("full inertia of bodies", "; ".join([reason, *notes]), general)
+    elif e.plane.normal is None:
+        flat = e.here.with_bodies(inertia=variants.planar_inertia)
+        yield e.kept(name, "bodies turn about more than one axis", flat)
+        name, reason = "other components of inertia", "components that are zero or have no effect"
+    notes = [f"given, but without effect here: {listed_data(e.idle)}"] if e.idle else []
+    notes += [f"not given and not needed: {listed_data(e.spare)}"] if e.spare else []
+    yield e.left_out(name, "; ".join([reason, *notes]), variants.general_inertia(e.here))
 
 
 def fixed_links(e: Equations) -> Terms:
     """Links on fixed joints are merged into their parents; counted in h(q, qd) only."""
-    if all(joint.type != "fixed" for joint in e.here.scene.robot.joints):
-        return
-    apart = variants.unmerged(e.here)
-    other = apart.problem()
-    places = {other.model.body_of(name).v for name in apart.still}
-    bias = [x for k, x in enumerate(other.bias) if k not in places]
-    yield Term(
-        "links on fixed joints",
-        False,
-        f"the links on {listed(apart.still)} are merged into what carries them; counted: in h(q, qd)",
-        max(0, count_operations(bias) - count_operations(list(e.problem.bias))),
-    )
+    names = [joint.name for joint in e.here.scene.robot.joints if joint.type == "fixed"]
+    if names:
+        apart = Problem(e.here.scene, model=build_model(e.here.scene, merge=False))
+        work = count_operations(list(apart.bias)) - count_operations(list(e.problem.bias))
+        why = f"the links on {listed(names)} are merged into what carries them; counted: in h(q, qd)"
+        yield Term("links on fixed joints", False, why, max(0, work))
 
 
 def loops(e: Equations) -> Terms:
@@ -218,20 +209,11 @@ def joint_elements(e: Equations) -> Terms:
     """Friction, springs, dampers, stops in the joints: every kind in the registry."""
     known = {element.kind for element in variants.ELEMENTS}
     more = [variants.Element(f"joint forces: {kind}", kind) for kind in joint_forces if kind not in known]
-    for element in (*variants.ELEMENTS, *more):
-        names = _joints_with(e.model, element)
+    for part in (*variants.ELEMENTS, *more):
+        names = e.joints(part.acts_on)
         why = f"in {plural(len(names), 'joint')}: {listed(names)}"
-        general = e.here if element.general is None else variants.with_element(e.here, element)
-        without = variants.without_element(e.here, element)
-        yield e.either(element.name, names, why, element.nothing, without, general)
-
-
-def _joints_with(model: Model, part: variants.Element) -> list[str]:
-    return [
-        body.joint_name
-        for body in model.bodies
-        if any(f.kind == part.kind and part.has(f.element) for f in body.forces)
-    ]
+        general = e.here if part.general is None else variants.with_element(e.here, part)
+        yield e.either(part.name, names, why, part.nothing, variants.without_element(e.here, part), general)
 
 
 def elements(e: Equations) -> Terms:
@@ -265,8 +247,8 @@ class Ledger:
     def __init__(self, here: Variant, total: int, count: Callable[[Variant], int], counted: bool) -> None:
         self.here, self.total, self.counted = here, total, counted
         self._count = count
-        self.kept: list[dict[str, Any]] = []
-        self.left_out: list[dict[str, Any]] = []
+        self.kept: list[Kept] = []
+        self.left_out: list[LeftOut] = []
 
     def operations(self, variant: Variant) -> int | None:
         """Return a variant's operations, None where they cannot be counted."""
@@ -281,15 +263,13 @@ class Ledger:
 
     def enter(self, term: Term) -> None:
         """Put a term into its list."""
-        found: int | None
         if isinstance(term.operations, int):
-            found = term.operations
+            found: int | None = term.operations
         else:
             more, less = map(self.operations, term.operations)
             found = None if more is None or less is None else max(0, more - less)
-        entry = {"term": term.name, "reason": term.reason}
         if term.kept:
             share = None if found is None or not self.total else round(found / self.total, 4)
-            self.kept.append({**entry, "operations": found, "share": share})
+            self.kept.append(Kept(term.name, term.reason, found, share))
         else:
-            self.left_out.append({**entry, "operations_saved": found})
+            self.left_out.append(LeftOut(term.name, term.reason, found))

@@ -7,15 +7,15 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
-from robodyn_cli.algorithms.rnea import rnea
-from robodyn_cli.equations.braces import Braces, with_force
+from robodyn_cli.equations.braces import Braces
+from robodyn_cli.equations.constraints import Constraints
 from robodyn_cli.equations.dependence import Dependence
-from robodyn_cli.equations.problem import Constraints, Problem
+from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.model.model import PARAMETER_GROUP, Body, Model
 from robodyn_cli.record import record
 from robodyn_cli.scene import types as sc
-from robodyn_cli.spatial.algebra import Matrix, Vector, matrix, vector, zeros
+from robodyn_cli.spatial.algebra import Matrix, Values, Vector, matrix, vector, zeros
 
 
 class Symbols:
@@ -44,7 +44,7 @@ class Variant:
     """Everything that decides the equations, ready to be changed.
 
     velocity_terms, accelerations : whether the rigid bodies' equations contain qd and qdd. rows : names of the
-    constraint rows to keep (all by default). dependent : rows that are combined. still : joints that are kept at zero.
+    constraint rows to keep (all by default). dependent : rows that are combined.
     braces : inertias that prescribed joints need beside their own.
     """
 
@@ -54,7 +54,6 @@ class Variant:
     accelerations: bool = True
     rows: tuple[str, ...] | None = None
     dependent: tuple[Dependence, ...] = ()
-    still: tuple[str, ...] = ()
     braces: Braces | None = None
 
     def with_scene(self, **changes: Any) -> Variant:
@@ -88,23 +87,11 @@ class VariantProblem(Problem):
             variant.scene, model=variant.model, dependent=variant.dependent, braces=variant.braces
         )
         self.variant = variant
-        for name in variant.still:
-            body = self.model.body_of(name)
-            nothing: Any = 0.0
-            self.q[body.q] = self.v[body.v] = self.a[body.v] = nothing
 
-    def _rigid_bodies(self, accelerations: Any) -> Vector:
-        rates: Any = self.v if self.variant.velocity_terms else zeros(self.model.nv)
-        return rnea(self.model, self.q, rates, accelerations, self.gravity, self.X)
-
-    @cached_property
-    def bias(self) -> Vector:
-        h = self._rigid_bodies(zeros(self.model.nv))
-        return with_force(h, self.braces, self.all_constraints)
-
-    @cached_property
-    def inverse_dynamics(self) -> Vector:
-        return self._rigid_bodies(self.a if self.variant.accelerations else zeros(self.model.nv))
+    def newton_euler(self, v: Values, a: Values, gravity: Vector | None) -> Vector:
+        rest = zeros(self.model.nv)
+        v = v if self.variant.velocity_terms else rest
+        return super().newton_euler(v, a if self.variant.accelerations else rest, gravity)
 
     @cached_property
     def constraints(self) -> Constraints:

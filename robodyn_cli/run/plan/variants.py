@@ -16,7 +16,6 @@ from robodyn_cli.forces.limits import Limits, Stop
 from robodyn_cli.forces.linear_spring import LinearSpring
 from robodyn_cli.forces.spring import Spring
 from robodyn_cli.loops.revolute import RevoluteLoop
-from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import BASE, Body, FixedFrame, Force, JointForce, Loop
 from robodyn_cli.record import record
 from robodyn_cli.run.plan.plane import Plane
@@ -76,6 +75,10 @@ class Element:
     without: Callable[[Any], Any] = lambda element: None
     general: Callable[[Symbols], Any] | None = None
     everywhere: bool = False
+
+    def acts_on(self, body: Body) -> bool:
+        """Tell whether the joint of a body has this part."""
+        return any(f.kind == self.kind and self.has(f.element) for f in body.forces)
 
 
 ELEMENTS = (
@@ -213,18 +216,6 @@ def without_loops(v: Variant, names: Sequence[str] | None = None) -> Variant:
     return v.with_model(
         loops=tuple(loop for loop in v.model.loops if names is not None and loop.name not in names)
     )
-
-
-def unmerged(v: Variant) -> Variant:
-    """Links on fixed joints as bodies of their own: their joints turn, but are kept still."""
-    joints, still = [], []
-    for joint in v.scene.robot.joints:
-        if joint.type == "fixed":
-            still.append(joint.name)
-            joint = dataclasses.replace(joint, type="revolute", offset=joint.theta or 0.0, theta=None)
-        joints.append(joint)
-    scene = dataclasses.replace(v.scene, robot=dataclasses.replace(v.scene.robot, joints=tuple(joints)))
-    return Variant(scene, build_model(scene), still=tuple(still))
 
 
 def serial_chain(v: Variant) -> Variant:

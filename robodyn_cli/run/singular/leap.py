@@ -20,6 +20,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from robodyn_cli.algorithms.kinematics import moved, position_rates, slice_q
+from robodyn_cli.equations.power import applied_powers, total
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.integrators.methods.gauss_tables import gauss_table
 from robodyn_cli.kernels.samples import SampleKernel
@@ -64,7 +65,7 @@ class Equations:
             "gamma": rows.gamma,
             "eta_t": rows.eta_t,
             "qd": position_rates(problem.model, problem.q, problem.v),
-            "power": [problem.applied_power] if work else [],
+            "power": [total(applied_powers(problem).values())] if work else [],
         }
         self.work = work
         self.geometry = SampleKernel(geometry, STATE_GROUPS)

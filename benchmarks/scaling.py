@@ -1,0 +1,192 @@
+"""What each command costs over the number of joints or loops: whole processes, nothing compiled before.
+
+    python benchmarks/scaling.py                            chains, trees and windows; table and exponents
+    python benchmarks/scaling.py --commands info inverse    some commands
+    python benchmarks/scaling.py --sizes 10 100 --most 60   some sizes; a process may take a minute
+    python benchmarks/scaling.py --scene tree 100           print a scene
+
+Chains and trees have random axes, prismatic joints among them, full inertias and offset centres of mass; windows are
+the N-four-bar. Every figure is a process from start to end with an empty cache: seconds of the processor and the most
+memory at a time. The exponent is the slope of the logarithms between the two largest sizes, of what is above a process
+that does nothing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import measure
+import numpy as np
+
+SIZES = (10, 30, 100, 300, 1000)
+WINDOWS = (5, 10, 20, 40, 80)
+OF_TREES = ("validate", "plan", "info", "inverse", "simulate", "kinematics", "statics")
+OF_WINDOWS = ("validate", "plan", "info", "assemble", "kinematics", "statics", "simulate", "deploy")
+MOMENTS = (("xx", 0, 0), ("yy", 1, 1), ("zz", 2, 2), ("xy", 0, 1), ("xz", 0, 2), ("yz", 1, 2))
+SHORT = {
+    "inverse": "inverse: {samples: 101}",
+    "simulate": "simulate: {duration: 0.05, samples: 6}",
+    "statics": "statics: {find: hold}",
+}
+
+
+def tree(n: int, command: str, chain: bool) -> str:
+    """Return the scene of an open chain, or of a tree in which a third of the links hang on one further in."""
+    rng = np.random.default_rng(n)
+    joints, links, names = [], [], [f"j{k}" for k in range(n)]
+    for k in range(n):
+        parent = k - 1 if chain or rng.uniform() > 0.3 else int(rng.integers(-1, k))
+        kind = "revolute" if rng.uniform() < 0.8 else "prismatic"
+        axis, xyz, rpy = rng.normal(size=3), rng.uniform(-0.3, 0.3, 3), rng.uniform(-1, 1, 3)
+        joints.append(
+            f"    - {{name: j{k}, type: {kind}, parent: {f'l{parent}' if parent >= 0 else 'base'}, link: l{k}, "
+            f"axis: {_row(axis / np.linalg.norm(axis))}, origin: {{xyz: {_row(xyz)}, rpy: {_row(rpy)}}}}}"
+        )
+        turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        moments = turn @ np.diag(rng.uniform(0.010, 0.019, 3)) @ turn.T
+        inertia = ", ".join(f"{name}: {moments[i, j]:.9f}" for name, i, j in MOMENTS)
+        links.append(
+            f"    - {{name: l{k}, mass: {rng.uniform(0.5, 2):.6f}, com: {_row(rng.uniform(-0.1, 0.1, 3))}, "
+            f"inertia: {{{inertia}}}}}"
+        )
+    zeros, ones = (f"{{{', '.join(f'{name}: {x}' for name in names)}}}" for x in (0.1, 0.5))
+    motion = f"trajectory: {{type: quintic, points: [{{t: 0, q: {zeros}}}, {{t: 1, q: {ones}}}]}}"
+    lines = ["schema: 1", "gravity: [0, 0, -9.81]", "robot:", "  joints:", *joints, "  links:", *links]
+    if command in ("inverse", "kinematics"):
+        lines += [motion]
+    else:
+        lines += [f"initial: {{q: {zeros}}}"]
+    if command == "statics":
+        lines += [f"actuated: [{', '.join(names)}]"]
+    return "\n".join([*lines, SHORT.get(command, ""), ""])
+
+
+def windows(n: int, command: str) -> str:
+    """Return the N-four-bar of n windows: legs on the ground and bars between their ends, driven at the first leg."""
+    joints, links, points, loops, q = [], [], [], [], []
+    rod = "mass: 1, com: [0.5, 0, 0], inertia: {zz: 1/12}"
+    for k in range(n + 1):
+        joints.append(f"    - {{name: leg{k}, type: revolute, parent: base, link: L{k}, "
+                      f"origin: {{xyz: [{k}, 0, 0]}}, axis: [0, 0, 1]}}")  # fmt: skip
+        links.append(f"    - {{name: L{k}, {rod}}}")
+        points.append(f"    T{k}: {{link: L{k}, at: [1, 0, 0]}}")
+        q.append(f"leg{k}: 70 deg")
+        if k < n:
+            joints.append(f"    - {{name: bar{k}, type: revolute, parent: L{k}, link: C{k}, "
+                          f"origin: {{xyz: [1, 0, 0]}}, axis: [0, 0, 1]}}")  # fmt: skip
+            links.append(f"    - {{name: C{k}, {rod}}}")
+            points.append(f"    R{k}: {{link: C{k}, at: [1, 0, 0]}}")
+            q.append(f"bar{k}: -70 deg")
+            loops.append(f"  - {{name: window{k}, type: revolute, between: [R{k}, T{k + 1}]}}")
+    own = {
+        **SHORT,
+        "kinematics": "kinematics: {sweep: {joint: leg0, start: 70 deg, stop: 100 deg, rate: 1}}",
+        "deploy": "torques: {leg0: 4}\nsimulate: {duration: 0.5, samples: 51}\n"
+        "deploy: {latch: {between: [L0, C0]}}",
+    }.get(command, "")
+    return "\n".join([
+        "schema: 1", "gravity: [0, -9.81, 0]", "robot:", "  joints:", *joints, "  links:", *links,
+        "  points:", *points, "loops:", *loops, "actuated: [leg0]",
+        f"initial: {{q: {{{', '.join(q)}}}, hold: [leg0]}}", own, "",
+    ])  # fmt: skip
+
+
+def scene(kind: str, n: int, command: str) -> str:
+    return windows(n, command) if kind == "windows" else tree(n, command, kind == "chain")
+
+
+def _row(x: Any) -> str:
+    return f"[{', '.join(f'{v:.9f}' for v in x)}]"
+
+
+def cost(text: str, command: str, most: float) -> tuple[float, float, str]:
+    """Return seconds of the processor, megabytes, and what went wrong (empty where nothing did)."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "scene.yaml"
+        path.write_text(text)
+        words = [sys.executable, "-m", "robodyn_cli", command, str(path)]
+        if command not in ("validate", "plan", "info"):
+            words += ["--no-plots", "--out", f"{folder}/out"]
+        environment = {**os.environ, "ROBODYN_CACHE": f"{folder}/cache", "PYTHONPATH": str(measure.ROOT)}
+        with open(f"{folder}/said", "w+") as said:
+            process = subprocess.Popen(
+                words, stdout=subprocess.DEVNULL, stderr=said, env=environment,
+                preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (int(most), int(most) + 5)),
+            )  # fmt: skip
+            _, status, used = os.wait4(process.pid, 0)
+            process.returncode = os.waitstatus_to_exitcode(status)
+            said.seek(0)
+            errors = [line for line in said.read().splitlines() if "error" in line]
+    wrong = "" if process.returncode == 0 else f"exit {process.returncode} {' '.join(errors)[:100]}"
+    return used.ru_utime + used.ru_stime, used.ru_maxrss / 1024, wrong
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--commands", nargs="*", default=[])
+    parser.add_argument("--kinds", nargs="*", default=["chain", "tree", "windows"])
+    parser.add_argument("--sizes", nargs="*", type=int, default=[])
+    parser.add_argument("--most", type=float, default=120.0, help="seconds a process may take")
+    parser.add_argument("--scene", nargs="*", help="KIND N [COMMAND]: print a scene")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    if options.scene:
+        kind, n, *command = options.scene
+        print(scene(kind, int(n), command[0] if command else "info"))
+        return
+    shutil.rmtree(measure.ROOT / "benchmarks" / "__pycache__", ignore_errors=True)
+    floor = cost(scene("chain", 2, "validate"), "validate", options.most)[0]
+    rows, found = [], []
+    for kind in options.kinds:
+        sizes = options.sizes or (WINDOWS if kind == "windows" else SIZES)
+        for command in OF_WINDOWS if kind == "windows" else OF_TREES:
+            if options.commands and command not in options.commands:
+                continue
+            entry: dict[str, Any] = {
+                "kind": kind,
+                "command": command,
+                "seconds": {},
+                "megabytes": {},
+                "wrong": {},
+            }
+            for n in sizes:
+                seconds, memory, wrong = cost(scene(kind, n, command), command, options.most)
+                entry["seconds"][n], entry["megabytes"][n] = round(seconds, 2), round(memory)
+                if wrong:
+                    entry["wrong"][n] = wrong
+                    break
+            good = [n for n in entry["seconds"] if n not in entry["wrong"]]
+            entry["exponent"] = exponent(entry["seconds"], good, floor)
+            found.append(entry)
+            cells = [f"{entry['seconds'].get(n, '-')}{'!' if n in entry['wrong'] else ''}" for n in sizes]
+            rows.append(
+                [kind, command, *cells, entry["megabytes"].get(good[-1]) if good else "-", entry["exponent"]]
+            )
+            print(*rows[-1], *entry["wrong"].values(), flush=True)
+    measure.print_machine()
+    if options.json:
+        measure.write_json(options.json, found)
+
+
+def exponent(seconds: dict[int, float], sizes: list[int], floor: float) -> str:
+    """Return the slope between the two largest sizes, where they cost more than starting does."""
+    if len(sizes) < 2:
+        return "-"
+    a, b = sizes[-2:]
+    low, high = seconds[a] - floor, seconds[b] - floor
+    return f"{math.log(high / low) / math.log(b / a):.2f}" if low > 0.1 and high > 0.1 else "-"
+
+
+if __name__ == "__main__":
+    main()

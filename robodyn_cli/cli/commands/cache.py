@@ -1,0 +1,61 @@
+"""``robodyn cache``."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import typer
+
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.options import Quiet, ReportAsJson
+
+
+def command(
+    clear: Annotated[bool, typer.Option("--clear", help="Remove all compiled code.")] = False,
+    as_json: ReportAsJson = False,
+    quiet: Quiet = False,
+) -> int:
+    """Show where compiled code is kept and how much there is, or remove it; return the exit code."""
+    from robodyn_cli.kernels.cache import MOST_BYTES, cache_directory, contents, remove_all
+    from robodyn_cli.kernels.report import REPORT
+
+    console = Console(as_json, quiet)
+    folder = cache_directory()
+    for warning in REPORT.warnings:
+        console.note(f"robodyn: warning: {warning}")
+    removed = remove_all(folder) if clear and folder is not None else 0
+    kept = contents(folder) if folder is not None else []
+    size = sum(found.st_size for _, found in kept)
+    report: dict[str, Any] = {
+        "status": "ok",
+        "directory": None if folder is None else str(folder),
+        "entries": len(kept),
+        "bytes": size,
+        "most_bytes": MOST_BYTES,
+        "removed": removed,
+    }
+    console.data(report)
+    console.say(describe(report, clear))
+    return 0
+
+
+def describe(report: dict[str, Any], cleared: bool) -> str:
+    """Return the report for the terminal."""
+    if report["directory"] is None:
+        return "compiled code is not kept"
+    lines = [f"{report['directory']}"]
+    if cleared:
+        lines.append(f"  removed  {_objects(report['removed'])}")
+    lines.append(f"  kept     {_objects(report['entries'])}, {megabytes(report['bytes'])} MB")
+    lines.append(f"  at most  {megabytes(report['most_bytes'])} MB; beyond that the oldest go first")
+    return "\n".join(lines)
+
+
+def _objects(count: int) -> str:
+    return f"{count} object{'s' * (count != 1)}"
+
+
+def megabytes(size: int) -> str:
+    """Return a size in megabytes (2^20 bytes)."""
+    found = size / 2**20
+    return f"{found:.0f}" if found == round(found) else f"{found:.2f}"

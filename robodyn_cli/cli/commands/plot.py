@@ -1,0 +1,44 @@
+"""``robodyn plot``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.interrupts import tidy_up_first
+from robodyn_cli.cli.options import PlotFormat, PlotNames, Quiet, ReportAsJson
+
+
+def command(
+    results: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RESULT...", help="Output directories of runs, or their result.h5.", show_default=False
+        ),
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Where the plots go.")] = Path(
+        "plots"
+    ),
+    plots: PlotNames = None,
+    format_: PlotFormat = "png",
+    as_json: ReportAsJson = False,
+    quiet: Quiet = False,
+) -> int:
+    """Draw stored results again; return the exit code."""
+    from robodyn_cli.report.again import draw_again
+    from robodyn_cli.report.registry import Drawings
+    from robodyn_cli.run.batch.stored import read_stored
+
+    console = Console(as_json, quiet)
+    tidy_up_first()
+    with console.waiting(lambda: "drawing"):
+        read = [(path, read_stored(path)) for path in results]
+        files, missing = draw_again(read, out, Drawings(plots, format_))
+    for name in missing:
+        console.note(f"robodyn: warning: no data for the plot {name}")
+    console.data({"status": "ok", "files": [str(path) for path in files], "without_data": missing})
+    console.say(f"{out}  ({', '.join(path.name for path in files)})")
+    return 0

@@ -1,0 +1,142 @@
+"""Several results over one another: a panel a quantity, a line a result."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.report import style
+from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.columns import column_names, units_of
+from robodyn_cli.report.decimate import envelope, finite
+from robodyn_cli.report.ticks import unit
+from robodyn_cli.results.result import Result, Variable
+from robodyn_cli.spatial.algebra import Array
+
+# plots that can be laid over one another, with the datasets that they show
+OVERLAID: dict[str, tuple[str, ...]] = {
+    "joint_angles": ("q",),
+    "joint_rates": ("qd",),
+    "joint_accelerations": ("qdd",),
+    "torques": ("tau",),
+    "tip_path": ("points/",),
+    "transmission_angle": ("transmission_angle",),
+    "energy": ("energy/kinetic", "energy/potential", "energy/total", "energy/work"),
+    "multipliers": ("constraints/multipliers",),
+    "reactions": ("reactions/", "loop_reactions/"),
+}
+MOST_PANELS = 8
+
+Series = dict[tuple[str, str], tuple[Array, Array]]  # name and units: times (T,), values (T,)
+
+
+def labels_of(paths: Sequence[Path]) -> list[str]:
+    """Return the shortest ends of paths that tell results apart."""
+    parts = [(path if path.is_dir() else path.parent).resolve().parts for path in paths]
+    for count in range(1, max(len(p) for p in parts) + 1):
+        ends = ["/".join(p[-count:]) for p in parts]
+        if len(set(ends)) == len(ends):
+            return ends
+    return [f"{k + 1}: {path}" for k, path in enumerate(paths)]
+
+
+def common_plots(results: Sequence[Result]) -> list[str]:
+    """Return the plots for which all results have data of the same name."""
+    return [name for name in OVERLAID if shared(results, name)]
+
+
+def shared(results: Sequence[Result], name: str) -> list[tuple[str, str]]:
+    """Return names and units of the quantities of a plot that all results have."""
+    all_series = [_series(result, name) for result in results]
+    common = [key for key in all_series[0] if all(key in series for series in all_series[1:])]
+    # what is zero in all of them is left out where there is something else
+    return [key for key in common if any(np.any(series[key][1] != 0.0) for series in all_series)] or common
+
+
+def draw_over(results: Mapping[str, Result], name: str) -> Any:
+    """Return the figure of a plot of several results, by their labels."""
+    all_series = {label: _series(result, name) for label, result in results.items()}
+    keys = shared(list(results.values()), name)
+    panels = sorted(_most_different(keys, list(all_series.values())), key=keys.index)
+    title = (
+        next(iter({result.title for result in results.values()}))
+        if _same_title(results)
+        else "Results compared"
+    )
+    subtitle = f"{name.replace('_', ' ').capitalize()} of {len(results)} results"
+    if len(panels) < len(keys):
+        subtitle += f"; the {len(panels)} of {len(keys)} quantities that differ most"
+    across = 1 if len(panels) <= 3 else 2
+    height = {1: 3.3, 2: 2.2}.get(len(panels), 1.6)
+    sheet = Sheet(
+        Result("plot", title, "ok", ""), subtitle, panels=len(panels), across=across, height=height, gap=0.5,
+        labels=list(results),
+    )  # fmt: skip
+    looks = style.line_styles(len(results))
+    handles: list[Any] = []
+    for panel, (ax, key) in enumerate(zip(sheet.axes, panels)):
+        handles = [
+            ax.plot(*envelope(*series[key]), **look)[0] for series, look in zip(all_series.values(), looks)
+        ]
+        ends = [series[key][0][[0, -1]] for series in all_series.values()]
+        low, high = float(np.min(ends)), float(np.max(ends))
+        ax.set_xlim(low, high if high > low else low + 1.0)
+        ax.set_title(f"{key[0]} [{unit(key[1]) or '1'}]", fontsize=style.FONT_SIZE, loc="left", pad=4)
+        if panel + across >= len(panels):
+            ax.set_xlabel("time [s]")
+    sheet.legend(handles, list(results))
+    return sheet.figure
+
+
+def _same_title(results: Mapping[str, Result]) -> bool:
+    return len({result.title for result in results.values()}) == 1
+
+
+def _series(result: Result, name: str) -> Series:
+    """Return the quantities of a plot over time."""
+    found: Series = {}
+    if "time" not in result or not result.time.size:
+        return found
+    for path, variable in result.variables.items():
+        if not any(
+            path == start or (start.endswith("/") and path.startswith(start)) for start in OVERLAID[name]
+        ):
+            continue
+        if variable.dims[:1] != ("time",) or variable.data.ndim > 2:
+            continue
+        short = path.rpartition("/")[2]
+        if variable.data.ndim == 1:
+            found[(short, variable.units)] = result.time, finite(variable.data)
+            continue
+        prefix = f"{short}." if "/" in path and path != "constraints/multipliers" else ""
+        for k, (column, units) in enumerate(zip(column_names(variable), _units(variable))):
+            found[(f"{prefix}{column}", units)] = result.time, finite(variable.data[:, k])
+    return found
+
+
+def _units(variable: Variable) -> list[str]:
+    """Return the units of each column; of a wrench by its names."""
+    if variable.units == "N, N m":
+        return ["N m" if name.startswith("m") else "N" for name in variable.names]
+    return units_of(variable)
+
+
+def _most_different(keys: list[tuple[str, str]], all_series: list[Series]) -> list[tuple[str, str]]:
+    """Return the quantities that differ most, over their range, on the times of the first result."""
+    if len(keys) <= MOST_PANELS:
+        return keys
+
+    def difference(key: tuple[str, str]) -> float:
+        t, first = all_series[0][key]
+        worst = 0.0
+        for series in all_series[1:]:
+            inside = t <= series[key][0][-1]
+            other = np.interp(t[inside], *series[key])
+            worst = max(worst, float(np.nanmax(np.abs(first[inside] - other), initial=0.0)))
+        spread = float(np.nanmax(first, initial=-np.inf) - np.nanmin(first, initial=np.inf))
+        return worst / spread if spread > 0.0 else worst
+
+    return sorted(keys, key=difference, reverse=True)[:MOST_PANELS]
