@@ -63,7 +63,7 @@ def measured(name: str, scene: Any, quick: bool) -> list[dict[str, Any]]:
     main = projected.system
     start = main.join(setup.assembled.q, setup.assembled.v)
     passing = scene.simulate.singular == "pass"
-    ref = explicit_reference(main, start, duration) if passing else reference(projected, duration)
+    ref = explicit_reference(main, start, duration) if passing else reference(projected, duration)[0]
     mechanism = Mechanism(problem, setup.assembled.q, setup.assembled.v)
     nq = problem.model.nq
     right = np.array([mechanism.centres(x[:nq]) for x in ref.states])

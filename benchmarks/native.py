@@ -10,10 +10,11 @@ import numpy as np
 
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.formulations.system import System
+from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.compiler import compile_module, machine
 from robodyn_cli.kernels.ir import Function, Value, module
 from robodyn_cli.kernels.lower import lower
-from robodyn_cli.kernels.program import make_program
+from robodyn_cli.kernels.program import NUMBERS, make_program
 from robodyn_cli.model.model import STATE_GROUPS
 
 
@@ -38,13 +39,14 @@ def _compiled(system: System, entries: Sequence[Scalar], carried: int) -> Any:
     program = make_program({"out": entries}, STATE_GROUPS)
 
     def write() -> str:
-        f = Function("rhs", ["ptr %t", "ptr %y", "ptr %out"])
+        f = Function("rhs", ["ptr %t", "ptr %y", "ptr %out", f"ptr %{NUMBERS}"])
 
         def values(address: str, first: int, count: int) -> list[Value]:
             return [f.load(f.offset(address, first + k)) for k in range(count)]
 
         q, v = values("%y", 0, system.nq), values("%y", system.nq, system.nv)
-        inputs = {"t": values("%t", 0, 1), "q": q, "v": v}
+        inputs: dict[str, Any] = {"t": values("%t", 0, 1), "q": q, "v": v}
+        inputs[NUMBERS] = Array(f, f"%{NUMBERS}")
         results = lower(f, program, inputs, 1, host.fused)["out"]
         for k, value in enumerate([*v[:carried], *results]):
             f.store(value, f.offset("%out", k))
@@ -52,9 +54,10 @@ def _compiled(system: System, entries: Sequence[Scalar], carried: int) -> Any:
         return module([f])
 
     code = compile_module(f"benchmark {carried} {program.digest}", write)
-    call = code.function("rhs", *[ctypes.c_void_p] * 3)
+    call = code.function("rhs", *[ctypes.c_void_p] * 4)
     t, y, out = np.zeros(1), np.zeros(system.size), np.zeros(carried + len(entries))
-    places = t.ctypes.data, y.ctypes.data, out.ctypes.data
+    numbers = program.table
+    places = t.ctypes.data, y.ctypes.data, out.ctypes.data, numbers.ctypes.data
 
     def function(time: float, state: np.ndarray) -> np.ndarray:
         t[0] = time
@@ -62,5 +65,5 @@ def _compiled(system: System, entries: Sequence[Scalar], carried: int) -> Any:
         call(*places)
         return out.copy()
 
-    function.keep = code, t, y, out  # type: ignore[attr-defined]
+    function.keep = code, t, y, out, numbers  # type: ignore[attr-defined]
     return function

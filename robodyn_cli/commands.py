@@ -46,6 +46,7 @@ COMMANDS: dict[str, Command] = {
     "check": Command("Check a result against what its scene expects."),
     "compare": Command("Compare two results dataset by dataset."),
     "import": Command("Write the robot of a URDF file as YAML."),
+    "export": Command("Write a result as CSV, Parquet, MATLAB or NumPy files."),
     "info": Command("Tree, frames, M, C, G and Jacobians at a state."),
     "new": Command("Write a commented scene to begin with."),
     "plot": Command("Draw stored results again, several over one another."),
@@ -58,6 +59,9 @@ COMMANDS: dict[str, Command] = {
     "validate": Command("Check scenes and list all that is wrong."),
     "work-precision": Command("Error against run time, for every method."),
 }
+
+# kinds of files that plots are drawn as
+PLOT_FORMATS = ("png", "svg", "pdf")
 
 # the commands that a scene may name
 SCENE_COMMANDS: tuple[str, ...] = tuple(name for name, command in COMMANDS.items() if command.run)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from robodyn_cli.commands import PLOT_FORMATS
 from robodyn_cli.errors import did_you_mean
 
 if TYPE_CHECKING:
@@ -119,18 +120,18 @@ def plot_format(word: str) -> str:
     ------
     BadParameter : there is no such kind.
     """
-    from robodyn_cli.report.registry import SUFFIXES
-
-    if word not in SUFFIXES:
-        raise typer.BadParameter(f"{word!r}; allowed: {', '.join(SUFFIXES)}")
+    if word not in PLOT_FORMATS:
+        raise typer.BadParameter(f"{word!r}; allowed: {', '.join(PLOT_FORMATS)}")
     return word
 
 
 def drawings(no_plots: bool, plots: Any, format_: str) -> Drawings | None:
     """Return which plots a command draws; None for none."""
+    if no_plots:
+        return None
     from robodyn_cli.report.registry import Drawings
 
-    return None if no_plots else Drawings(plots, format_)
+    return Drawings(plots, format_)
 
 
 PlotNames = Annotated[

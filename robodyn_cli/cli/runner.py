@@ -127,10 +127,13 @@ def publish(
 
 def show(result: Result, directory: OutputDirectory, console: Console, describe: Describe) -> None:
     """Print the summary of a result: as JSON where that is asked for, else in words, with what lies where."""
-    from robodyn_cli.results.moments import moment_lines
-
     _show_data(directory, console)
-    console.say("\n".join([describe(result.summary), *moment_lines(result)]))
+    console.say(describe(result.summary))
+    if result.events:
+        from robodyn_cli.results.moments import moment_lines
+
+        for line in moment_lines(result):
+            console.say(line)
     console.say(f"results: {directory.path}  ({', '.join(directory.outputs)})")
 
 

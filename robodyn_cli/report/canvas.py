@@ -30,8 +30,8 @@ from robodyn_cli.report.marks import (
     marker_of,
 )
 from robodyn_cli.results.atomic import written
-from robodyn_cli.results.marked import CREATOR, MARK
 from robodyn_cli.results.moments import moments
+from robodyn_cli.results.output_dir import CREATOR, MARK
 from robodyn_cli.results.result import Result
 
 WIDTH = 7.0

@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.image import AxesImage
 
 from robodyn_cli.report.canvas import TimeSheet
-from robodyn_cli.report.columns import by_unit, column_names
 from robodyn_cli.report.decimate import finite
 from robodyn_cli.report.ticks import labelled
+from robodyn_cli.results.columns import by_unit, column_names
 from robodyn_cli.results.result import Result, Variable
 from robodyn_cli.spatial.algebra import Array
 

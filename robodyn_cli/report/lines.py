@@ -11,10 +11,10 @@ from matplotlib.lines import Line2D
 
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import TimeSheet
-from robodyn_cli.report.columns import by_unit, column_names
 from robodyn_cli.report.decimate import crest, envelope, finite
 from robodyn_cli.report.heatmap import draw_map
 from robodyn_cli.report.ticks import degree_axis, labelled
+from robodyn_cli.results.columns import by_unit, column_names
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
-from robodyn_cli.report.columns import column_names, units_of
 from robodyn_cli.report.decimate import envelope, finite
 from robodyn_cli.report.ticks import unit
-from robodyn_cli.results.result import Result, Variable
+from robodyn_cli.results.columns import column_names, units_of
+from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 
 # plots that can be laid over one another, with the datasets that they show
@@ -112,16 +112,9 @@ def _series(result: Result, name: str) -> Series:
             found[(short, variable.units)] = result.time, finite(variable.data)
             continue
         prefix = f"{short}." if "/" in path and path != "constraints/multipliers" else ""
-        for k, (column, units) in enumerate(zip(column_names(variable), _units(variable))):
+        for k, (column, units) in enumerate(zip(column_names(variable), units_of(variable))):
             found[(f"{prefix}{column}", units)] = result.time, finite(variable.data[:, k])
     return found
-
-
-def _units(variable: Variable) -> list[str]:
-    """Return the units of each column; of a wrench by its names."""
-    if variable.units == "N, N m":
-        return ["N m" if name.startswith("m") else "N" for name in variable.names]
-    return units_of(variable)
 
 
 def _most_different(keys: list[tuple[str, str]], all_series: list[Series]) -> list[tuple[str, str]]:

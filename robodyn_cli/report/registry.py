@@ -11,6 +11,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+from robodyn_cli.commands import PLOT_FORMATS
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 
@@ -49,12 +50,9 @@ ANALYSES: dict[str, tuple[str, ...]] = {
 }
 
 
-SUFFIXES = ("png", "svg", "pdf")
-
-
 @record
 class Drawings:
-    """Which plots are drawn, None for all that apply, and as which kind of file: one of ``SUFFIXES``."""
+    """Which plots are drawn, None for all that apply, and as which kind of file: one of ``PLOT_FORMATS``."""
 
     names: tuple[str, ...] | None = None
     suffix: str = "png"
@@ -67,7 +65,7 @@ def plot_names() -> list[str]:
 
 def plot_files() -> list[str]:
     """Return the file names that ``draw_all`` may write."""
-    return [f"{name}.{suffix}" for suffix in SUFFIXES for name in plot_names()]
+    return [f"{name}.{suffix}" for suffix in PLOT_FORMATS for name in plot_names()]
 
 
 def applicable(result: Result) -> list[str]:

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from robodyn_cli.commands import PLOT_FORMATS
 from robodyn_cli.errors import OutputError
 from robodyn_cli.results.atomic import (
     is_temporary,
@@ -18,13 +19,18 @@ from robodyn_cli.results.atomic import (
     uninterrupted,
 )
 from robodyn_cli.results.lock import DirectoryLock
-from robodyn_cli.results.marked import SUFFIXES, is_ours
 from robodyn_cli.results.summary import read_summary, write_summary
 
 RESULT_NAME = "result.h5"
 SUMMARY_NAME = "summary.json"
 RUN_ID = "run_id"  # key of the summary and attribute of the result file: the same of one run
 SCENE_FILE = "scene_file"  # key of the summary: where the scene lies
+# by which drawings of ours are known, so that a run removes no file of anybody else
+MARK = "robodyn"  # keyword "Software" of a PNG
+CREATOR = "robodyn drawing"  # creator of an SVG or a PDF
+DRAWING_SUFFIXES = tuple(f".{kind}" for kind in PLOT_FORMATS)
+SIGNATURE = b"Software\x00" + MARK.encode()
+_START, _END = 4096, 4096
 
 
 class OutputDirectory:
@@ -172,6 +178,22 @@ class OutputDirectory:
             raise output_error(path, error) from error
 
 
+def is_ours(path: Path) -> bool:
+    """Tell whether a file is a drawing that carries our mark."""
+    try:
+        if not path.is_file():
+            return False
+        with open(path, "rb") as stream:
+            start = stream.read(_START)
+            stream.seek(max(0, os.fstat(stream.fileno()).st_size - _END))
+            end = stream.read(_END)
+    except OSError:
+        return False
+    if path.suffix == ".png":
+        return SIGNATURE in start[:512]
+    return path.suffix in DRAWING_SUFFIXES and any(CREATOR.encode() in part for part in (start, end))
+
+
 def same_run(summary: Mapping[str, Any], attributes: Mapping[str, Any]) -> bool:
     """Tell whether a summary and the attributes of a result file are of one run."""
     return summary.get(RUN_ID) == attributes.get(RUN_ID)
@@ -184,4 +206,4 @@ def _entries(directory: Path) -> list[Path]:
 
 def _is_drawing(name: Any) -> bool:
     """Tell whether an entry of an old list of outputs is the plain name of a drawing."""
-    return isinstance(name, str) and Path(name).name == name and name.endswith(SUFFIXES)
+    return isinstance(name, str) and Path(name).name == name and name.endswith(DRAWING_SUFFIXES)

@@ -172,7 +172,7 @@ def with_worker(tmp_path: Path, code: str, count: int = 3) -> list[Entry]:
         if path.stem != "s1":
             from robodyn_cli.cli.worker import command_line
 
-            return command_line(True, [], command, path, directory)
+            return command_line(None, [], command, path, directory)
         return [sys.executable, "-c", code]
 
     list(Batch(scenes, 2, worker, drawn=[], force=False).run())
@@ -207,7 +207,7 @@ def test_workers_end_with_the_batch(tmp_path: Path) -> None:
 
     path = arm(tmp_path / "long.yaml", samples=2_000_000)
     process = subprocess.Popen(
-        command_line(True, [], "inverse", path, tmp_path / "out"), stdin=subprocess.PIPE
+        command_line(None, [], "inverse", path, tmp_path / "out"), stdin=subprocess.PIPE
     )
     assert process.stdin is not None
     process.stdin.close()

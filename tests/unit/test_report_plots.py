@@ -16,17 +16,18 @@ from matplotlib.figure import Figure
 
 from robodyn_cli import inverse, load_scene, simulate
 from robodyn_cli.cli.app import run
+from robodyn_cli.commands import PLOT_FORMATS
 from robodyn_cli.errors import OutputError
 from robodyn_cli.report import draw, draw_all, plot_files
 from robodyn_cli.report.decimate import crest, envelope, finite, thin_path
 from robodyn_cli.report.overlay import draw_over, labels_of
 from robodyn_cli.report.plots import energy_growth, work_precision
-from robodyn_cli.report.registry import SUFFIXES, Drawings, applicable
+from robodyn_cli.report.registry import Drawings, applicable
 from robodyn_cli.report.style import dashed_style, marked_style, styled
 from robodyn_cli.report.ticks import log_axis, number, unit
 from robodyn_cli.results.hdf5 import read, write
-from robodyn_cli.results.marked import SIGNATURE, is_ours
 from robodyn_cli.results.moments import moment_lines
+from robodyn_cli.results.output_dir import SIGNATURE, is_ours
 from robodyn_cli.results.result import Result
 from tests.unit.synthetic_results import chain_result, four_bar_result, inverse_result, pendulum_result
 
@@ -416,7 +417,7 @@ def test_every_axis_over_time_says_its_unit() -> None:
 
 
 # -- drawn again ----------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", PLOT_FORMATS)
 def test_kinds_of_files_are_ours_and_the_same_every_time(tmp_path: Path, suffix: str) -> None:
     result = four_bar_result(101)
     paths = draw_all(result, tmp_path, Drawings(("mechanism", "multipliers"), suffix))

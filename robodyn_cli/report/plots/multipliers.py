@@ -8,11 +8,11 @@ import numpy as np
 
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import TimeSheet
-from robodyn_cli.report.columns import column_names
 from robodyn_cli.report.decimate import finite, where_largest
 from robodyn_cli.report.lines import draw_columns
 from robodyn_cli.report.marks import growth_times, loop_columns, sharing_note
 from robodyn_cli.report.ticks import labelled, log_axis, number, positive_floor, unit
+from robodyn_cli.results.columns import column_names
 from robodyn_cli.results.moments import lock_time
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.report.canvas import TimeSheet
-from robodyn_cli.report.columns import column_names, units_of
 from robodyn_cli.report.decimate import finite
 from robodyn_cli.report.lines import draw_columns, quiet_axis
 from robodyn_cli.report.style import COLOURS, DASHES, FONT_SIZE
 from robodyn_cli.report.ticks import labelled
+from robodyn_cli.results.columns import column_names, units_of
 from robodyn_cli.results.result import Result
 
 # The order of the contract, so that a term has the same colour in every drawing.

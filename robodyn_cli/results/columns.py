@@ -1,4 +1,4 @@
-"""Columns of a dataset: their names, and which may share an axis."""
+"""Columns of a dataset: their names and units."""
 
 from __future__ import annotations
 
@@ -11,8 +11,14 @@ def column_names(variable: Variable) -> list[str]:
 
 
 def units_of(variable: Variable) -> list[str]:
-    """Return the units of each column."""
-    return list(variable.column_units) or [variable.units] * variable.data.shape[-1]
+    """Return the units of each column; those of a wrench or a twist by the letters of its names."""
+    if variable.column_units:
+        return list(variable.column_units)
+    both = variable.units.split(", ")
+    if len(both) == 2 and variable.names:
+        # force and moment, angular velocity and velocity
+        return [both[1] if name[0] in "mv" else both[0] for name in variable.names]
+    return [variable.units] * variable.data.shape[-1]
 
 
 def by_unit(variable: Variable) -> dict[str, list[int]]:

@@ -1,0 +1,52 @@
+"""``robodyn export``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.interrupts import tidy_up_first
+from robodyn_cli.cli.options import Quiet, ReportAsJson, StoredResult
+
+KINDS = ("csv", "parquet", "mat", "npz")
+
+
+def kind(word: str) -> str:
+    """Return the kind of file that is written.
+
+    Raises
+    ------
+    BadParameter : there is no such kind.
+    """
+    if word not in KINDS:
+        raise typer.BadParameter(f"{word!r}; allowed: {', '.join(KINDS)}")
+    return word
+
+
+def command(
+    result: StoredResult,
+    to: Annotated[
+        str,
+        typer.Option(
+            "--to", metavar="KIND", parser=kind, help="csv, parquet, mat (MATLAB) or npz.", show_default=False
+        ),
+    ],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="DIR", help="Where the files go.", show_default=False)
+    ],
+    as_json: ReportAsJson = False,
+    quiet: Quiet = False,
+) -> int:
+    """Write a stored result in another format; return the exit code."""
+    from robodyn_cli.results.export import export
+    from robodyn_cli.run.batch.stored import read_stored
+
+    console = Console(as_json, quiet)
+    tidy_up_first()
+    files = export(read_stored(result), to, out)
+    console.data({"status": "ok", "files": [str(path) for path in files]})
+    console.say(f"{out}  ({', '.join(path.name for path in files)})")
+    return 0

@@ -1,0 +1,197 @@
+"""Results as files of other programs: CSV, Parquet, MATLAB, NumPy. Units go with every column."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import io
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.record import record
+from robodyn_cli.results.atomic import output_errors, write_bytes, written
+from robodyn_cli.results.columns import units_of
+from robodyn_cli.results.result import Result, Variable
+from robodyn_cli.spatial.algebra import Array
+
+SAMPLES = "samples"  # name of the table of everything over time
+MATLAB_NAME = 63  # characters of a name that MATLAB takes
+
+
+@record
+class Column:
+    """A column of a table: path and name in the result, units, meaning, values (K,)."""
+
+    label: str
+    units: str
+    meaning: str
+    data: Array
+
+
+def export(result: Result, kind: str, directory: Path) -> list[Path]:
+    """Write a result into files of a kind of ``KINDS`` in a directory, each whole or not at all; return them.
+
+    Raises
+    ------
+    CapabilityError : a package is missing. OutputError : it cannot be written.
+    """
+    if kind == "parquet" and importlib.util.find_spec("pyarrow") is None:
+        raise CapabilityError(
+            "Parquet needs the package pyarrow: pip install 'robodyn[parquet]'; csv, mat and npz need nothing more"
+        )
+    with output_errors(directory):
+        directory.mkdir(parents=True, exist_ok=True)
+    return KINDS[kind](result, directory)
+
+
+def tables(result: Result) -> dict[str, list[Column]]:
+    """Return all datasets as tables by their first dimension, that of time as ``samples``.
+
+    A column is called ``PATH.NAME``: ``q.theta1``, ``points/tip.x``, ``skeleton/crank.0.x``.
+    """
+    found: dict[str, list[Column]] = {}
+    lengths: dict[str, int] = {}
+    for path, variable in result.variables.items():
+        if not variable.dims:
+            continue
+        name = SAMPLES if variable.dims[0] == "time" else variable.dims[0]
+        # one name may stand for dimensions of different lengths
+        if lengths.setdefault(name, len(variable.data)) != len(variable.data):
+            name = f"{name}_{path.replace('/', '_')}"
+            lengths[name] = len(variable.data)
+        found.setdefault(name, []).extend(_columns(path, variable))
+    return found
+
+
+def _columns(path: str, variable: Variable) -> list[Column]:
+    data = variable.data
+    if data.ndim == 1:
+        return [Column(path, variable.units, variable.long_name, data)]
+    names = list(variable.names) or [str(k + 1) for k in range(data.shape[-1])]
+    units = units_of(variable)
+    columns = []
+    for place in np.ndindex(*data.shape[1:]):
+        *above, last = place
+        label = ".".join([path, *(str(k) for k in above), names[last]])
+        index = (slice(None), *place)
+        columns.append(Column(label, units[last], variable.long_name, data[index]))
+    return columns
+
+
+def _csv(result: Result, directory: Path) -> list[Path]:
+    """Write each table with a head of ``label [units]``, numbers with all their digits, and the events."""
+    paths = []
+    for name, columns in tables(result).items():
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow([f"{column.label} [{column.units}]" for column in columns])
+        writer.writerows(map(repr, row) for row in np.column_stack([c.data for c in columns]).tolist())
+        paths.append(_write(directory / f"{name}.csv", text))
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["time [s]", "name", "kind", "details"])
+    for event in result.events:
+        more = {key: value for key, value in event.items() if key not in ("time", "name", "kind")}
+        writer.writerow([repr(event["time"]), event.get("name", ""), event.get("kind", ""), json.dumps(more)])
+    return [*paths, _write(directory / "events.csv", text)]
+
+
+def _write(path: Path, text: io.StringIO) -> Path:
+    write_bytes(path, text.getvalue().encode())
+    return path
+
+
+def _parquet(result: Result, directory: Path) -> list[Path]:
+    """Write each table with units and meanings as metadata of its fields."""
+    import pyarrow
+    import pyarrow.parquet
+
+    about = {"title": result.title, "command": result.command, "status": result.status}
+    paths = []
+    for name, columns in tables(result).items():
+        fields = [
+            pyarrow.field(c.label, pyarrow.float64(), metadata={"units": c.units, "long_name": c.meaning})
+            for c in columns
+        ]
+        table = pyarrow.table([c.data for c in columns], schema=pyarrow.schema(fields, metadata=about))
+        path = directory / f"{name}.parquet"
+        with written(path) as temporary:
+            pyarrow.parquet.write_table(table, temporary)
+        paths.append(path)
+    return paths
+
+
+def _npz(result: Result, directory: Path) -> list[Path]:
+    """Write the arrays by path; ``units``, ``names`` and ``about`` are JSON."""
+    units = {p: list(v.column_units) or v.units for p, v in result.variables.items()}
+    names = {p: list(v.names) for p, v in result.variables.items() if v.names}
+    about = {
+        "title": result.title,
+        "command": result.command,
+        "status": result.status,
+        "events": result.events,
+    }
+    notes = {"units": units, "names": names, "about": about}
+    arrays: dict[str, Any] = {p: v.data for p, v in result.variables.items()}
+    arrays |= {key: np.array(json.dumps(value)) for key, value in notes.items()}
+    target = directory / "result.npz"
+    with written(target) as temporary, open(temporary, "wb") as stream:
+        np.savez_compressed(stream, **arrays)
+    return [target]
+
+
+def _mat(result: Result, directory: Path) -> list[Path]:
+    """Write structures that follow the paths: ``data``, ``units`` and ``names`` with the same fields."""
+    from scipy.io import savemat
+
+    data: dict[str, Any] = {}
+    units: dict[str, Any] = {}
+    names: dict[str, Any] = {}
+    for path, variable in result.variables.items():
+        *groups, last = [matlab_name(part) for part in path.split("/")]
+        column = variable.data[:, None] if variable.data.ndim == 1 else variable.data
+        _place(data, groups, last, column)
+        per_column = list(variable.column_units)
+        _place(units, groups, last, _cells(per_column) if per_column else variable.units)
+        _place(names, groups, last, _cells(list(variable.names)))
+    about = {"title": result.title, "command": result.command, "status": result.status}
+    target = directory / "result.mat"
+    with written(target) as temporary, open(temporary, "wb") as stream:
+        contents = {"data": data, "units": units, "names": names, "about": about}
+        savemat(stream, contents, long_field_names=True, do_compression=True)
+    return [target]
+
+
+def _place(tree: dict[str, Any], groups: list[str], name: str, value: Any) -> None:
+    for group in groups:
+        tree = tree.setdefault(group, {})
+    while name in tree:  # two names that MATLAB cannot tell apart
+        name += "_"
+    tree[name] = value
+
+
+def _cells(texts: list[str]) -> Array:
+    """Return texts as MATLAB has them: a cell array."""
+    cells = np.empty((1, len(texts)), dtype=object)
+    cells[0, :] = texts
+    return cells
+
+
+def matlab_name(text: str) -> str:
+    """Return a name that MATLAB takes: letters, digits and underscores, a letter first."""
+    name = re.sub(r"[^A-Za-z0-9_]", "_", text)
+    return (name if name[:1].isalpha() else f"x{name}")[:MATLAB_NAME]
+
+
+KINDS: dict[str, Callable[[Result, Path], list[Path]]] = {
+    "csv": _csv,
+    "parquet": _parquet,
+    "mat": _mat,
+    "npz": _npz,
+}
