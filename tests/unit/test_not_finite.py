@@ -145,7 +145,7 @@ def test_formulas_without_a_value_at_the_start_are_refused(formula: str, place: 
     path.write_text(text + "command: simulate\n")
     (only,) = findings(path)
     assert only.exit_code == 2 and formula in only.message
-    assert only.details["line"] == text[: text.index(place[:6])].count("\n") + 1
+    assert only.line == text[: text.index(place[:6])].count("\n") + 1
 
 
 def test_a_balance_is_not_sought_where_a_force_has_no_slope() -> None:
