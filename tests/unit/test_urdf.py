@@ -204,7 +204,7 @@ def test_a_joint_that_moves_no_mass_is_named(tmp_path: Path) -> None:
 def test_an_inertia_that_cannot_be_is_a_warning(tmp_path: Path) -> None:
     path = scene_with(tmp_path, ARM.replace('iyy="0.1"', 'iyy="0.9"'))
     assert [f.severity for f in findings(path)] == ["warning", "warning"]
-    assert findings(path)[0].details["file"].endswith("arm.urdf") and findings(path)[0].details["line"] == 6
+    assert str(findings(path)[0].file).endswith("arm.urdf") and findings(path)[0].line == 6
 
 
 # -- what is refused -----------------------------------------------------------------------------------------
