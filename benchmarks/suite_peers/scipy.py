@@ -17,6 +17,7 @@ from tests.engines import real, to_pinocchio
 
 METHODS = (("RK45", 1e-3), ("LSODA", 1e-8), ("Radau", 1e-8))
 RESTING = 1e-6  # rad/s: rebounds slower than this are none
+CLEARANCE = 1e-9  # rad: a joint that leaves its stop meets it again only so far beyond it, not by rounding
 Rates = Callable[[float, np.ndarray], np.ndarray]
 
 
@@ -110,8 +111,10 @@ def _between_stops(
     lower, upper, restitution = case.stops[j]  # type: ignore[misc]
 
     def reaches(bound: float, side: float) -> Any:
+        met = bound + (CLEARANCE if side == left else 0.0) * side
+
         def event(t: float, y: np.ndarray) -> float:
-            return float(y[j] - bound)
+            return float(y[j] - met)
 
         event.terminal, event.direction = True, side  # type: ignore[attr-defined]
         return event
@@ -127,7 +130,7 @@ def _between_stops(
         return event
 
     rows, now, y = [start], times[0], np.array(start)
-    side = 0.0  # of the stop on which the joint rests
+    side, left = 0.0, 0.0  # of the stop on which the joint rests; of the one that it has just left
     while True:
         ahead = times[times > now]
         accelerations.held = j if side else None
@@ -139,6 +142,7 @@ def _between_stops(
             return np.array(rows)
         which = next(k for k, t in enumerate(found.t_events) if len(t))
         now, y = float(found.t_events[which][0]), found.y_events[which][0].copy()
+        left = side
         if side:
             side = 0.0
             continue

@@ -38,7 +38,7 @@ class BesidePose:
             [f.kind is EventKind.DEAD_POINT for f in known] + [False] * len(switches), dtype=bool
         )
         values: list[Scalar] = [*(f.value for f in known), *(switch for _, switch in switches)]
-        self._kernel = SampleKernel({"g": values}, STATE_GROUPS) if values else None
+        self.kernel = SampleKernel({"g": values}, STATE_GROUPS) if values else None
 
     def refuse_held(self, parameters: Array) -> str:
         """Return why no leap starts in the contact states of ``parameters``, "" where one may."""
@@ -54,10 +54,10 @@ class BesidePose:
         ------
         NotSmooth : names it, and the time.
         """
-        if self._kernel is None:
+        if self.kernel is None:
             return
         t = np.linspace(leap.start.time, leap.end, TIMES)
-        g = np.sign(equations.values(self._kernel, t, *leap.at(t))["g"])
+        g = np.sign(equations.values(self.kernel, t, *leap.at(t))["g"])
         crossed = (g[:-1] * g[1:] < 0.0) & ~(self.falling & (g[:-1] < 0.0))
         near = np.abs(0.5 * (t[:-1] + t[1:]) - pose) < AT_THE_POSE * leap.length
         crossed &= ~(near[:, None] & self.grip)

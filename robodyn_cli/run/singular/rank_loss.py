@@ -174,6 +174,11 @@ class Passage(PosesAhead):
         other.nodes, other.reach = OTHER_NODES, OTHER_REACH
         return other
 
+    @property
+    def kernels(self) -> dict[str, SampleKernel]:
+        beside = self._beside.kernel
+        return super().kernels | ({"events beside a pose that is passed": beside} if beside else {})
+
     def follow(self, motion: Motion) -> None:
         super().follow(motion)
         self._beside = BesidePose(self.problem, [f for w in motion.watchers for f in w.functions])
