@@ -119,7 +119,9 @@ def examine(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Exam
 
 
 class Family:
-    """Scenes that differ in the values of some keys; their file is read once.
+    """Scenes that differ in the values of some keys; their file is read once, and other processes get what was read.
+
+    own : the scene as it stands, with the given overrides.
 
     Raises
     ------
@@ -128,6 +130,7 @@ class Family:
 
     def __init__(self, path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> None:
         self.path = os.fspath(path)
+        self.overrides = tuple(overrides)
         found = examine(path, overrides)
         self.own = found.checked()
         assert found.root is not None

@@ -50,10 +50,9 @@ class Row:
 
 @record
 class Task:
-    """What all runs of a study share: the scene, its command, the keys that vary, the outputs."""
+    """What all runs of a study share: their scenes, the command, the keys that vary, the outputs."""
 
-    path: str
-    overrides: tuple[str, ...]
+    family: Family
     command: str
     keys: tuple[str, ...]
     outputs: tuple[str, ...]
@@ -64,7 +63,6 @@ class Runner:
 
     def __init__(self, task: Task) -> None:
         self.task = task
-        self.family = Family(task.path, task.overrides)
 
     def scene(self, values: Sequence[float]) -> Scene:
         """Return the scene with these values.
@@ -73,7 +71,7 @@ class Runner:
         ------
         SceneError : a value is not allowed there.
         """
-        return self.family.scene([setting(key, x) for key, x in zip(self.task.keys, values)])
+        return self.task.family.scene([setting(key, x) for key, x in zip(self.task.keys, values)])
 
     def one(self, values: Values) -> Row:
         """Return what the run with these values gives; whatever ends it is part of the row."""
@@ -105,8 +103,7 @@ class Runner:
         except RobodynError as error:
             if not isinstance(error.result, Result):
                 raise
-            failed = {"kind": type(error).__name__, "message": error.message, "exit_code": error.exit_code}
-            return {**error.result.summary, **error.result.head, "error": failed}, error.exit_code
+            return {**error.result.summary, **error.result.head, "error": error.facts}, error.exit_code
         summary = {**result.summary, **result.head}
         return summary, exit_code(summary)
 
