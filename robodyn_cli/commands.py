@@ -63,5 +63,8 @@ COMMANDS: dict[str, Command] = {
 # kinds of files that plots are drawn as
 PLOT_FORMATS = ("png", "svg", "pdf")
 
+# ways in which samples of a study are drawn
+SAMPLERS = ("random", "sobol", "latin")
+
 # the commands that a scene may name
 SCENE_COMMANDS: tuple[str, ...] = tuple(name for name, command in COMMANDS.items() if command.run)

@@ -38,7 +38,7 @@ class Recipe:
         # operation, arguments (number of a step, or ``CONSTANT`` and a value)
         self.steps: list[tuple[str, Any, list[tuple[int, Any]]]] = []
         # by identity: the number itself, so that its identity stays its own, and its step
-        self._known: dict[Any, tuple[Any, int]] = {}
+        self._known: dict[int, tuple[Any, int]] = {}
 
     def step_of(self, x: Any) -> int:
         """Return the step that computes a number, ``CONSTANT`` where it is the same in all runs."""
@@ -68,16 +68,15 @@ class Recipe:
             return CONSTANT
         if x.op != "entry":
             return self._append(x.op, None, args)
-        whole, k = x.args
-        return self._append("entry", k, [(self.derived(whole), None)])
+        shared, k = x.args
+        return self._append("entry", k, [(self.derived(shared), None)])
 
-    def derived(self, whole: Any) -> int:
-        """Return the step that computes a whole derived list."""
-        function, inputs = whole
-        key = function, *(id(x) if isinstance(x, Fixed) else ("plain", x) for x in inputs)
-        if key not in self._known:
-            self._known[key] = whole, self._append("derived", whole, [self._argument(x) for x in inputs])
-        return self._known[key][1]
+    def derived(self, shared: Any) -> int:
+        """Return the step that computes all results of one call of ``derived``, from what they share."""
+        if id(shared) not in self._known:
+            step = self._append("derived", shared, [self._argument(x) for x in shared])
+            self._known[id(shared)] = shared, step
+        return self._known[id(shared)][1]
 
     def _argument(self, x: Any) -> tuple[int, Any]:
         step = self.step_of(x)
@@ -91,7 +90,7 @@ class Recipe:
         """Return the comparisons that may turn out otherwise in other runs."""
         return [
             w for w in witnesses
-            if any(self.step_of(x) != CONSTANT for x in (w[1][0][1] if w[0] == "kept" else w[1:3]))
+            if any(self.step_of(x) != CONSTANT for x in (w[1][0] if w[0] == "kept" else w[1:3]))
         ]  # fmt: skip
 
 
@@ -148,8 +147,8 @@ class ManyNumbers:
         with np.errstate(all="ignore"):
             for name, a, b, outcome in witnesses:
                 if name == "kept":
-                    whole, k = a
-                    alike &= self._value(self.recipe.derived(whole))[1][:, k] == outcome
+                    shared, k = a
+                    alike &= self._value(self.recipe.derived(shared))[1][:, k] == outcome
                 else:
                     alike &= COMPARE[name](self.of(a), self.of(b)) == outcome
         return alike
@@ -166,9 +165,8 @@ class ManyNumbers:
         if op == "entry":
             return args[0][0][:, data]
         if op == "derived":
-            function, inputs = data
             rows = np.stack([np.broadcast_to(x, self.runs) for x in args], axis=1).tolist()
-            lists = [derive(function, inputs, row) for row in rows]
+            lists = [derive(data, row) for row in rows]
             return np.array([x for x, _ in lists], dtype=float), np.array([kept for _, kept in lists])
         found = APPLY[op](*args)
         if op in ("add", "sub"):  # what cancels is zero, as in the arithmetic of one
@@ -199,5 +197,5 @@ def _inputs(x: Fixed) -> Sequence[Any]:
     """Return what a number is computed from."""
     if x.op == "literal":
         return ()
-    inputs: Sequence[Any] = x.args[0][1] if x.op == "entry" else x.args
+    inputs: Sequence[Any] = x.args[0] if x.op == "entry" else x.args
     return inputs

@@ -123,7 +123,9 @@ def examine(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Exam
 
 
 class Family:
-    """Scenes that differ in the values of some keys; their file is read once.
+    """Scenes that differ in the values of some keys; their file is read once, and other processes get what was read.
+
+    own : the scene as it stands, with the given overrides.
 
     Raises
     ------
@@ -131,6 +133,7 @@ class Family:
     """
 
     def __init__(self, path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> None:
+        self.overrides = tuple(overrides)
         self._take(os.fspath(path), examine(path, overrides))
 
     def _take(self, path: str, found: Examined) -> None:
@@ -143,6 +146,7 @@ class Family:
     def of(scene: Scene) -> Family:
         """Return the family of a scene that was read before; files are those that it has read then."""
         family = Family.__new__(Family)
+        family.overrides = ()
         family._take(scene.path, _examined_text(scene.text, scene.path))
         return family
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-import os
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,6 +13,7 @@ import typer
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.interrupts import tidy_up_first
 from robodyn_cli.cli.options import (
+    Jobs,
     NoPlots,
     Overrides,
     PlotFormat,
@@ -21,6 +21,7 @@ from robodyn_cli.cli.options import (
     Quiet,
     ReportAsJson,
     SceneFiles,
+    cores,
     drawings,
     number,
 )
@@ -34,16 +35,7 @@ if TYPE_CHECKING:
 
 def command(
     scenes: SceneFiles,
-    jobs: Annotated[
-        int | None,
-        typer.Option(
-            "--jobs",
-            "-j",
-            metavar="N",
-            parser=number("a whole number >= 1", lambda n: n >= 1, int),
-            help="Processes at a time. [default: one per core]",
-        ),
-    ] = None,
+    jobs: Jobs = None,
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="DIR", help="Results go to DIR/<scene>/<command>.")
     ] = Path("outputs"),
@@ -89,7 +81,7 @@ def command(
         entries += listed(gather(scenes))
         load(entries, out, settings)
         worker = functools.partial(command_line, drawn, settings)
-        for entry in Batch(entries, jobs or _cores(), worker, _ends(drawn), force, timeout).run():
+        for entry in Batch(entries, jobs or cores(), worker, _ends(drawn), force, timeout).run():
             _tell(entry, max(len(e.name) for e in entries), console)
     finally:
         # an interrupted batch reports the scenes that have run
@@ -105,10 +97,6 @@ def _ends(drawn: Drawings | None) -> list[str]:
     if drawn is None:
         return []
     return [f"{name}.{drawn.suffix}" for name in drawn.names or ("",)]
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _tell(entry: Entry, width: int, console: Console) -> None:

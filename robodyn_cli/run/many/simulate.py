@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.exit_codes import INTERNAL
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.batch.criteria import exit_code, lookup_number
 from robodyn_cli.run.many.integrate import Batch, Driven, integrate, method_of
 from robodyn_cli.run.many.keys import Key, settings
 from robodyn_cli.run.many.record import ManyRuns
+from robodyn_cli.run.many.single import error_of, number_of, reason_of, summary_of
 from robodyn_cli.run.many.structure import Structure, Structures
 from robodyn_cli.scene.load import Family
 from robodyn_cli.spatial.algebra import Array
@@ -137,27 +137,17 @@ class Simulation:
             errors[row] = number_of(summary, f"{ESTIMATE}.{group}_end")
         for key, column in result.outputs.items():
             column[row], result.errors[key][row] = number_of(summary, key), error_of(summary, key)
-        if self.samples and found is not None and len(found.time) == self.samples:
+        if self.samples and len(found.time) == self.samples:
             result.samples["time"][row] = found.time
             result.samples["q"][row], result.samples["qd"][row] = found["q"], found["qd"]
 
-    def _summary(
-        self, row: int, q: Array | None, qd: Array | None
-    ) -> tuple[dict[str, Any], int, Result | None]:
+    def _summary(self, row: int, q: Array | None, qd: Array | None) -> tuple[dict[str, Any], int, Result]:
         from robodyn_cli.run.simulate import simulate
 
         scene = scene_of(
             self.structures.family, self.structures.keys, self.result, row, (q, qd), self.samples
         )
-        try:
-            result = simulate(scene)
-        except RobodynError as error:
-            if not isinstance(error.result, Result):
-                raise
-            failed = {"kind": type(error).__name__, "message": error.message, "exit_code": error.exit_code}
-            return {**error.result.summary, **error.result.head, "error": failed}, error.exit_code, None
-        summary = {**result.summary, **result.head}
-        return summary, exit_code(summary), result
+        return summary_of(lambda: simulate(scene))
 
 
 def scene_of(
@@ -189,23 +179,3 @@ def is_plain(key: str) -> bool:
         "final.time", "counters.steps", "counters.rejected", "counters.evaluations",
         f"{ESTIMATE}.q_end", f"{ESTIMATE}.qd_end", f"{ESTIMATE}.steps",
     )  # fmt: skip
-
-
-def reason_of(summary: Mapping[str, Any], code: int) -> str:
-    """Return why a run failed; nothing where it did not."""
-    error = summary.get("error")
-    return "" if code == 0 else str(error["message"] if error else summary["termination"]["reason"])
-
-
-def number_of(summary: Mapping[str, Any], key: str) -> float:
-    """Return a number of a summary; nan where it has none there."""
-    value = lookup_number(summary, key)
-    return math.nan if value is None else value
-
-
-def error_of(summary: Mapping[str, Any], key: str) -> float:
-    """Return the estimated error of a number of a summary, where the summary tells one."""
-    beside = lookup_number(summary, f"{key}_error")
-    if beside is None and key.startswith(("final.q.", "final.qd.")):
-        beside = lookup_number(summary, f"error_estimate.{key.split('.')[1]}_end")
-    return math.nan if beside is None else beside

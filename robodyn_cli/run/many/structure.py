@@ -116,9 +116,7 @@ class Structure:
     @cached_property
     def jacobian(self) -> Expressions:
         """The Jacobian of (q, v, z)-dot, row by row."""
-        from robodyn_cli.run.driver.stiffness import jacobian_entries
-
-        return Expressions(jacobian_entries(self.motion.system))
+        return Expressions(self.motion.system.jacobian.J.ravel().tolist())
 
 
 def table_rows(tables: Tables, numbers: ManyNumbers) -> Array:
