@@ -166,14 +166,14 @@ def along(setup: Setup, ref: Reference | None) -> Spectrum | None:
 
 def step_limits(found: Spectrum | None) -> list[StepLimit]:
     """Return, for each method whose step stability limits, the extents of its region and its largest step [s]."""
-    table = []
-    for limit in limits():
-        steps = found.largest_steps(limit) if found is not None else ()
-        finite = [h for h in steps if np.isfinite(h)]
-        table.append(
-            StepLimit(limit.method, limit.kind, limit.real, limit.imaginary, min(finite, default=None))
+    table = limits()
+    steps = found.step_limits.T if found is not None else [np.zeros(0)] * len(table)
+    return [
+        StepLimit(
+            limit.method, limit.kind, limit.real, limit.imaginary, min(h[np.isfinite(h)].tolist(), default=None)
         )
-    return table
+        for limit, h in zip(table, steps)
+    ]
 
 
 def gain_planes(scene: Scene, effort: Effort) -> dict[str, GainPlane]:
