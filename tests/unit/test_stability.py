@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from robodyn_cli import load_scene, load_scene_text, simulate
-from robodyn_cli.errors import CapabilityError, NumericalError
+from robodyn_cli.errors import CapabilityError, NumericalError, SceneError
 from robodyn_cli.integration_methods import REPRESENTATIVES
 from robodyn_cli.integrators.methods.stability_region import amplification, limits, radius
 from robodyn_cli.integrators.methods.tableaus import DOP853, DOPRI5, RK4
@@ -120,6 +120,15 @@ def test_a_given_step_below_the_limit_of_its_iteration_is_never_cut(name: str) -
             assert limit.largest_step is not None
             assert fixed_steps(scene, limit.method, 0.5 * limit.largest_step)[0] == 0
             assert fixed_steps(scene, limit.method, 3.0 * limit.largest_step)[0] > 0
+
+
+def test_data_that_are_missing_are_named() -> None:
+    chain = "[{name: a, type: revolute, axis: [0, 0, 1]}, {name: b, type: prismatic, axis: [1, 0, 0]}]"
+    robot = f"{{joints: {chain}, links: [{{name: l, mass: 1}}, {{name: m}}]}}"
+    initial = "{q: {a: 0, b: 1}, qd: {a: 1}}"
+    scene = load_scene_text(f"{{schema: 1, gravity: [0, 0, 0], robot: {robot}, initial: {initial}}}")
+    with pytest.raises(SceneError, match="mass of m"):
+        stability(scene, quick=True)
 
 
 @pytest.mark.filterwarnings("error")

@@ -98,8 +98,8 @@ def energy_out_of_balance(run: Run) -> NumericalError | None:
     """Return the error of a run that gains or loses more energy than its tolerances explain, with its time.
 
     Allowed is BEYOND times the largest of: rtol times the largest energy (summed over the steps where there are very
-    many); what an error of atol in each coordinate, and the rounding of what watchers have integrated, makes of the energy; rounding
-    over the steps.
+    many); what an error of atol in each coordinate, and the rounding of what watchers have integrated, makes of the
+    energy; rounding over the steps.
     """
     recorder, steps, options = run.recorder, run.driver.counters.steps, run.motion.options
     if not recorder.samples:

@@ -46,7 +46,7 @@ class Spectrum:
 
     @cached_property
     def step_limits(self) -> Array:
-        """The largest step of each of ``limits()`` at each instant (T, methods) [s]; infinite where nothing limits it."""
+        """The largest step of each of ``limits()`` at each instant (T, methods) [s]; infinite without a limit."""
         table = limits()
         needed = {limit.contraction for limit in table if limit.contraction is not None}
         reaches = {contraction: reach(self.jacobians, self.nv, contraction) for contraction in needed}
