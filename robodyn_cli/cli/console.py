@@ -147,6 +147,8 @@ def guarded(command: Callable[..., int]) -> Callable[..., int]:
             return console.report("MemoryError", "out of memory: ask for fewer samples", INTERNAL)
         except OverflowError as error:
             return console.fail(out_of_range(error))
+        except ZeroDivisionError as error:
+            return console.fail(no_linear_algebra(error))
         except Exception as error:
             if interrupts.seen():
                 return console.interrupted()
