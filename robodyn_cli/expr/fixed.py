@@ -5,8 +5,9 @@ A ``Fixed`` is a float in every respect, so whatever asks for its value gets it.
 code (``Program.numbers``), so that a scene with another mass has the same code. A float of the program itself (a zero,
 an entry of a rotation, a coefficient of an algorithm) has no place and is part of the code.
 
-Two ``Fixed`` are the same object when they are computed alike from the same places. That two of them have equal values
-is an accident: they are never merged, and 1 and -1 are numbers like any other. Only a sum that cancels is zero.
+Two ``Fixed`` are the same object when they are computed alike from the same places, but for results of two calls of
+``derived``, which are told apart. That two of them have equal values is an accident: they are never merged, and 1 and
+-1 are numbers like any other. Only a sum that cancels is zero.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ ROUNDED = 1e-25  # of the largest result of a function that computes with 32 dig
 class Fixed(float):
     """A number of the scene, or a result of such numbers alone; made by ``literal`` and by arithmetic.
 
-    op, args : how it is computed. ``literal`` has the place in the scene as its argument: ``robot.links.link1.mass``.
+    op, args : how it is computed. ``literal`` has the place in the scene as its argument: ``robot.links.link1.mass``;
+    ``entry`` is one result of ``derived``, with all the inputs and its number.
     """
 
     __slots__ = ("__weakref__", "args", "op")
@@ -108,6 +110,10 @@ def literal(value: float, place: str) -> float:
     return _made("literal", (place, float(value)), float(value)) if value else 0.0
 
 
+class _Inputs(list[float]):
+    """What all results of one call of ``derived`` are computed from."""
+
+
 def derived(function: Callable[[Sequence[float]], Sequence[float]], inputs: Sequence[float]) -> list[float]:
     """Return what a function of numbers gives, each entry as a number that is computed from the inputs."""
     found = function([float(x) for x in inputs])
@@ -117,9 +123,9 @@ def derived(function: Callable[[Sequence[float]], Sequence[float]], inputs: Sequ
     ]
     others = function(varied)
     least = ROUNDED * max([abs(x) for x in (*found, *others)], default=0.0)
-    whole = (function, tuple(inputs))
+    shared = _Inputs(inputs)
     return [
-        _made("entry", (whole, k), float(x)) if abs(x) > least or abs(y) > least else 0.0
+        _made("entry", (shared, k), float(x)) if abs(x) > least or abs(y) > least else 0.0
         for k, (x, y) in enumerate(zip(found, others))
     ]
 
@@ -136,13 +142,15 @@ def places(numbers: Iterable[object]) -> list[str]:
     pending: list[object] = list(numbers)
     while pending:
         x = pending.pop()
-        if not isinstance(x, Fixed) or id(x) in seen:
+        if not isinstance(x, (Fixed, _Inputs)) or id(x) in seen:
             continue
         seen.add(id(x))
-        if x.op == "literal":
+        if isinstance(x, _Inputs):
+            pending.extend(x)
+        elif x.op == "literal":
             found.add(x.args[0])
         else:
-            pending.extend(x.args[0][1] if x.op == "entry" else x.args)
+            pending.extend(x.args)
     return sorted(found)
 
 
@@ -157,10 +165,7 @@ def applied(op: str, function: Callable[..., float], *args: float) -> float:
 
 
 def _made(op: str, args: tuple[Any, ...], value: float) -> Fixed:
-    key = (op, *[id(x) if isinstance(x, Fixed) else ("plain", x) for x in args])
-    if op == "entry":
-        (function, inputs), k = args
-        key = (op, function, k, *[id(x) if isinstance(x, Fixed) else ("plain", x) for x in inputs])
+    key = (op, *[id(x) if isinstance(x, (Fixed, _Inputs)) else ("plain", x) for x in args])
     found = _known.get(key)
     if found is None:
         found = Fixed(value)

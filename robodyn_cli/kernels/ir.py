@@ -342,6 +342,15 @@ class Function(Flow):
             yield self.emit_int(f"add i64 {ref_of(n)}, {start - 1}") - k if down else k
             self.store_int(k + step, address)
 
+    @contextlib.contextmanager
+    def blocks(self, samples: Int, lanes: int) -> Iterator[Int]:
+        """Emit the body in a loop over blocks of ``lanes`` samples, not more than there are; gives where each starts.
+
+        The last block is moved back so that it ends with the samples; it repeats a few instead of needing masks.
+        """
+        with self.count(samples, step=lanes) as start:
+            yield self.select_int(self.compare_int("sgt", start + lanes, samples), samples - lanes, start)
+
 
 def module(functions: Sequence[Function]) -> str:
     """Return the text of a module."""

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
-from robodyn_cli.expr.graph import Expr, Graph, Scalar, free_symbols
+from robodyn_cli.expr.graph import Expr, Graph, Scalar, free_symbols, reachable
 from robodyn_cli.forces.element import ForceElement
 from robodyn_cli.joints.base import Joint
 from robodyn_cli.record import record
@@ -34,6 +34,11 @@ class RigidPart:
     c: Vector
     I_com: Matrix
     frame: Transform
+
+    @property
+    def numbers(self) -> list[Any]:
+        """All its numbers: m, c, I_com, then E and r of the frame."""
+        return [self.m, *self.c, *self.I_com.flat, *self.frame.E.flat, *self.frame.r]
 
     @property
     def inertia(self) -> RigidInertia:
@@ -72,7 +77,7 @@ class Body:
         difference, and a double that holds m c^2 + I does not hold the small I.
         """
         moments = self.inertia.I[0, 0], self.inertia.I[1, 1]
-        numbers = (x for p in self.parts for x in (p.m, *p.c, *p.I_com.flat, *p.frame.E.flat, *p.frame.r))
+        numbers = (x for part in self.parts for x in part.numbers)
         if self.joint.parent_inertia(self.inertia) is None or any(
             isinstance(x, Expr) for x in (*moments, *numbers)
         ):
@@ -155,9 +160,13 @@ class Model:
         """Return the body carried by a joint."""
         return next(b for b in self.bodies if b.joint_name == joint_name)
 
+    def carrier(self, velocity: int) -> Body:
+        """Return the body whose joint a velocity coordinate belongs to."""
+        return next(b for b in self.bodies if b.v <= velocity < b.v + b.joint.nv)
+
     def joint_of(self, velocity: int) -> str:
         """Return the joint that a velocity coordinate belongs to."""
-        return next(b.joint_name for b in self.bodies if b.v <= velocity < b.v + b.joint.nv)
+        return self.carrier(velocity).joint_name
 
     def q_columns(self, joint_name: str) -> tuple[str, ...]:
         """Return the columns of q of a joint."""
@@ -195,3 +204,13 @@ MOTION_GROUPS = ("t", "q", "v", "a", "p")  # along a given motion: accelerations
 def unknown_among(entries: Iterable[Scalar]) -> list[str]:
     """Return the names of data that expressions depend on and the scene does not give."""
     return [symbol.value[0] for symbol in free_symbols(entries) if symbol.value[1] == UNKNOWN_GROUP]
+
+
+def are_known(entries: Sequence[Scalar]) -> list[bool]:
+    """Tell of each expression whether the scene gives all data that it depends on, in one pass over the graph."""
+    lacking: set[int] = set()
+    for node in reachable(entries):
+        unknown = node.op == "sym" and node.value[1] == UNKNOWN_GROUP
+        if unknown or any(a.index in lacking for a in node.args):
+            lacking.add(node.index)
+    return [not (isinstance(e, Expr) and e.index in lacking) for e in entries]

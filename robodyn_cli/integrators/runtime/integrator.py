@@ -50,7 +50,8 @@ class Integrator:
     method : name in the registry.
     parameters : values of the symbolic parameters p; by default those of the system.
 
-    ``tick`` is told the time every few milliseconds. After ``pause`` steps a run comes back, between events.
+    ``tick`` is told the time every few milliseconds. ``before`` : steps that others have taken of the same run; they
+    count for ``options.max_steps`` and ``pause``, after which a run comes back, between events.
     """
 
     def __init__(self, system: System, method: str = "gauss", parameters: Any = ()) -> None:
@@ -84,6 +85,7 @@ class Integrator:
         w[DoubleSlot.T_AFTER], w[DoubleSlot.T_BEFORE] = -math.inf, math.inf
         self.events_seen = 0
         self._since, self._restart = time, math.inf
+        self.before = 0
         self.pause: int | None = None
         self._crowd: deque[float] = deque(maxlen=CROWD)  # times of the last events
         if self.system.partition is not None:
@@ -126,7 +128,7 @@ class Integrator:
     # -- running --------------------------------------------------------------------------------------
     def _call(self, end: float, pause: int | None = None) -> Status:
         w, n = self.w, self.n
-        limit = min(self.options.max_steps, pause or self.options.max_steps)
+        limit = min(self.options.max_steps, pause or self.options.max_steps) - self.before
         w[DoubleSlot.T_END] = end
         if self._step is not None:
             w[DoubleSlot.H] = self._step
@@ -349,8 +351,7 @@ class Integrator:
             if status is not Status.MAX_STEPS:
                 return engine.seen() if status is Status.DONE else lost
             try:
-                tried = self.counters.steps + self.counters.rejected
-                self._check(self._call(time, tried + TRIAL_STEPS))
+                self._check(self._call(time, self.before + self.counters.attempts + TRIAL_STEPS))
             except NumericalError:
                 return lost
             return self.event_values()

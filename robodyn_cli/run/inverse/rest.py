@@ -38,7 +38,8 @@ def explained_rate(problem: Problem, planned: Planned, k: int) -> float:
     """
     q, qd = planned.motion.q, planned.motion.qd
     solved = planned.target is not None or bool(planned.residuals)
-    column = next(b.q + k - b.v for b in problem.model.bodies if b.v <= k < b.v + b.joint.nv)
+    body = problem.model.carrier(k)
+    column = body.q + k - body.v
     position = ROUNDING * float(np.abs(q if solved else q[:, column]).max())
     position += planned.residuals.get("position", 0.0)
     fastest = float(np.abs(qd if solved else qd[:, k]).max())
