@@ -202,7 +202,7 @@ class Integrator:
         ----------
         grid : sample times; those from the current time on are written.
         emit : takes times (m,) and states (m, nx), in order, each sample once.
-        watch : whether to look for events at all; those of a partition are looked for in any case.
+        watch : whether owners hear of events; that of a partition does in any case, and then of its own alone.
 
         Returns
         -------
@@ -211,7 +211,7 @@ class Integrator:
         s, n = self.system, self.n
         capacity = max(1, min(block, grid.count))
         self._begin_samples(grid, capacity, emit)
-        # a partition must be chosen anew whether events are wanted or not
+        heard = None if watch else EventKind.REPARTITION  # which must happen in any case
         watch = (watch or s.partition is not None) and bool(s.events)
         if not watch:
             n[IntegerSlot.WATCH] = 0
@@ -238,12 +238,12 @@ class Integrator:
                     break
                 if status is Status.EVENT:
                     self._refuse_crowd(self.memory.saved_w[DoubleSlot.T])
-                    outcome = self._handle(self._locate(stop, grid, flush))
+                    outcome = self._handle(self._locate(stop, grid, flush), heard)
                     if outcome is not GO_ON:
                         return outcome
                 else:
                     self._check(status)
-        return self._handle(self._at_end()) if watch else GO_ON
+        return self._handle(self._at_end(), heard) if watch else GO_ON
 
     def _refuse_crowd(self, time: float) -> None:
         self._crowd.append(time)
@@ -265,13 +265,15 @@ class Integrator:
             first += 1
         n[IntegerSlot.NEXT_SAMPLE], n[IntegerSlot.LAST_SAMPLE] = first, grid.count - 1
 
-    def _handle(self, events: Sequence[Event]) -> Outcome:
+    def _handle(self, events: Sequence[Event], heard: EventKind | None) -> Outcome:
         """Hand simultaneous events to their owners, each with the state that the one before has left.
 
-        Returns what ends the run, or GO_ON.
+        heard : the only kind that is handed on; None for all. Returns what ends the run, or GO_ON.
         """
         end: Outcome = GO_ON
         for k, event in enumerate(events):
+            if heard not in (None, event.function.kind):
+                continue
             # a re-partition does not change the motion
             self.events_seen += event.function.kind is not EventKind.REPARTITION
             outcome = (dataclasses.replace(event, state=self.state) if k else event).outcome()

@@ -72,8 +72,8 @@ class Watcher:
         return []
 
     @property
-    def error(self) -> float:
-        """What its own integrations add to the error of rates [rad/s, m/s], as far as a second run may share it."""
+    def rounding(self) -> float:
+        """What rounding in its own integrations is expected to leave in the rates [rad/s, m/s]."""
         return 0.0
 
     def facts(self, end: float) -> dict[str, Any]:
