@@ -25,6 +25,11 @@ class RobodynError(Exception):
         self.details = details
 
     @property
+    def facts(self) -> dict[str, Any]:
+        """What a summary says of the error that ended a run."""
+        return {"kind": type(self).__name__, "message": self.message, "exit_code": self.exit_code}
+
+    @property
     def termination(self) -> dict[str, Any]:
         """Why a run ended, as its summary says it."""
         return {"reason": self.message, **self.details}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -232,13 +233,16 @@ def _lost(error: Array, motion: Array) -> NDArray[np.bool_]:
     return found
 
 
-def remainder(method: str, steps: int, more: int) -> float:
-    """Return 1 / (1 - (n_1 / n_2)^p), at most 2: what the second run's own error hides of the first one's."""
+def remainder(method: str, steps: Any, more: Any) -> Any:
+    """Return 1 / (1 - (n_1 / n_2)^p), at most 2: what the second run's own error hides of the first one's.
+
+    steps, more : numbers or arrays.
+    """
     kind = registry[method]
     # between steps the dense output decides
     power = min(kind.order, kind.dense_order + 1)
-    left = min(1.0, steps / max(more, 1)) ** power
-    return float(1.0 / (1.0 - min(left, 0.5)))
+    left = np.minimum(1.0, steps / np.maximum(more, 1)) ** power
+    return 1.0 / (1.0 - np.minimum(left, 0.5))
 
 
 @record

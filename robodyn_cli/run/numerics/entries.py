@@ -11,7 +11,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError, NumericalError, SingularConfigurationError
-from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integration_methods import REFERENCES
 from robodyn_cli.integrators.registry import methods as registry
@@ -20,6 +19,7 @@ from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels.report import REPORT
 from robodyn_cli.record import mutable_record
 from robodyn_cli.results.summary import ABSENT, Absent
+from robodyn_cli.run.driver.build import watched_system
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.method import LARGEST
 from robodyn_cli.run.driver.motion import Motion
@@ -63,8 +63,7 @@ def supported(method: str, system: System) -> bool:
 
 def in_formulation(motion: Motion, stabilisation: str | Baumgarte) -> Motion:
     """Return the motion with its loops kept closed in another way, and with watchers of its own."""
-    functions = [function for watcher in motion.watchers for function in watcher.functions]
-    system = build_system(motion.problem, stabilisation, functions, work=False)
+    system = watched_system(motion.problem, stabilisation, motion.watchers, work=False)
     other = motion.with_own_watchers(system)
     for watcher in other.watchers:
         watcher.follow(other)

@@ -11,7 +11,6 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import free_symbols, is_nonzero
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.formulations.linearisation import differentiate
 from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.methods.stability_region import limits
@@ -166,7 +165,7 @@ def jacobians(problem: Problem, system: System, times: Array, states: Array) -> 
         for row, t, x in zip(J, times, states):
             row[system.nq :] = _differences(problem, system.dynamics, t, x)
         return J
-    entries = differentiate(system.rates, system.nq, system.nv).J
+    entries = system.jacobian.J
     places = [(i, k) for i in range(n) for k in range(n) if is_nonzero(entries[i, k])]
     groups = _samples(system.own_groups(np.asarray(times, dtype=float), states, _parameters(system)))
     for (i, k), value in zip(places, evaluate([entries[place] for place in places], groups)):
