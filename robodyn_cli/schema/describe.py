@@ -68,6 +68,7 @@ def _collection(kind: kinds.ListOf | kinds.MapOf) -> str:
         kinds.Name: "names",
         kinds.Formula: "formulas",
         kinds.Text: "texts",
+        kinds.JointMap: "maps from names of joints to numbers",
     }
     item = next((noun for cls, noun in nouns.items() if isinstance(kind.item, cls)), "values")
     if isinstance(kind, kinds.MapOf):
