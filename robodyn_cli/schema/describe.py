@@ -53,7 +53,7 @@ def _plain(kind: kinds.Kind) -> str:
     if isinstance(kind, kinds.Variations):
         return "a map from keys of the scene to what they vary over"
     if isinstance(kind, kinds.CsvFile):
-        return "the path of a CSV file"
+        return "the path of a CSV or HDF5 file"
     return "a value"
 
 

@@ -165,7 +165,7 @@ class Inline(Kind):
 
 @record
 class CsvFile(Kind):
-    """The path of a CSV file; the loader puts its header in the key ``columns`` and its data in ``rows``."""
+    """The path of a CSV or HDF5 file; the loader puts its header in the key ``columns`` and its data in ``rows``."""
 
     columns: str = "columns"
     rows: str = "rows"

@@ -37,7 +37,9 @@ class TableTrajectory(CourseTrajectory):
 
     type: str = key(Choice(("table",)), doc="Kind of trajectory.")
     file: str | None = key(
-        CsvFile(), default=None, doc="CSV file: a header row `t, joint names`, then numbers."
+        CsvFile(),
+        default=None,
+        doc="CSV file: a header row `t, joint names`, then numbers; or HDF5: a result, or a dataset a column.",
     )
     columns: tuple[str, ...] = key(
         ListOf(Text(), minimum=2),

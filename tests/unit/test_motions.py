@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -507,3 +508,50 @@ def test_inverse_needs_all_joints() -> None:
     move = "{type: trapezoid, points: [{q: {j: -0.5}}, {q: {j: 0.7}}]}"
     with pytest.raises(RobodynError, match="does not lead joint 'slide'"):
         inverse(load_scene_text(ARM + f"trajectory: {move}\nprescribed: trajectory\n"))
+
+
+# -- tables in HDF5 ------------------------------------------------------------------------------------
+def test_a_table_from_a_result_repeats_its_motion(tmp_path: Path) -> None:
+    from robodyn_cli.results.hdf5.writer import write
+
+    text = attitude_text("quintic")
+    first = inverse(load_scene_text(BODY.replace("KIND", "spherical") + f"trajectory: {text}\n"), samples=301)
+    write(first, tmp_path / "first.h5")
+    again = load_scene_text(
+        BODY.replace("KIND", "spherical") + "trajectory: {type: table, file: first.h5}\n",
+        str(tmp_path / "scene.yaml"),
+    )
+    found = inverse(again, samples=301)
+    assert_close(found["q"], first["q"], 1e-14, scale=1.0)
+    assert_close(found["tau"], first["tau"], 1e-4)
+
+
+def test_a_table_from_datasets_and_what_is_wrong_with_others(tmp_path: Path) -> None:
+    import h5py
+
+    t = np.linspace(0.0, 1.0, 11)
+    with h5py.File(tmp_path / "good.h5", "w") as file:
+        file["slide"], file["t"], file["j"] = t**2, t, t**3
+    with h5py.File(tmp_path / "untimed.h5", "w") as file:
+        file["j"] = t
+    with h5py.File(tmp_path / "uneven.hdf5", "w") as file:
+        file["t"], file["j"], file["slide"] = t, t, t[1:]
+    (tmp_path / "text.h5").write_text("t, j, slide\n")
+
+    def table(name: str):
+        return load_scene_text(
+            ARM + f"trajectory: {{type: table, file: {name}}}\n", str(tmp_path / "scene.yaml")
+        ).trajectory
+
+    found = table("good.h5").motion(np.array([0.35]), COLUMNS, {})
+    assert_close(found.q[0], [0.35**3, 0.35**2], 1e-13)
+    assert_close(found.qdd[0], [6.0 * 0.35, 2.0], 1e-11)
+    for name, message in {
+        "untimed.h5": "has no dataset 't' of times; its datasets: j",
+        "uneven.hdf5": "dataset 'slide' is no list of as many numbers as 't' has (shape (10,))",
+        "text.h5": "cannot be read as HDF5",
+        "missing.h5": "no such file",
+    }.items():
+        with pytest.raises(SceneError) as caught:
+            table(name)
+        assert message in caught.value.message and caught.value.details["line"] == 10
