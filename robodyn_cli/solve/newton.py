@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from robodyn_cli.record import record
-from robodyn_cli.solve.point_kinematics import PointFunction
+from robodyn_cli.solve.point_kinematics import PointFunction, what_is_left
 from robodyn_cli.spatial.algebra import Array
 
 RANK = 1e-9
@@ -25,7 +25,7 @@ MOST_STEP = 1.0  # rad or m
 
 @record
 class Solution:
-    """Joint positions (n,), the distance left to the target [m], and the Jacobian J (m, n) there."""
+    """Joint positions (n,), what is left to the target [m, rad], and the Jacobian J (m, n) there."""
 
     q: Array
     residual: float
@@ -47,12 +47,12 @@ class Rates:
 
 
 class PointSolver:
-    """Newton's method for one point of one chain.
+    """Newton's method for one point, or one pose, of one chain.
 
     Parameters
     ----------
     function : p, J and J-dot of the point (see ``PointFunction``); n : number of joints.
-    tolerance : distance to the target that is accepted [m]; max_iterations : per sample.
+    tolerance : what may be left to the target [m, rad]; max_iterations : per sample.
     """
 
     def __init__(self, function: PointFunction, n: int, tolerance: float, max_iterations: int) -> None:
@@ -77,14 +77,14 @@ class PointSolver:
         return p, J * self.moving, J_rate * self.moving
 
     def position(self, q: Array) -> tuple[Array, Array]:
-        """Return p (m,) and J (m, n) at q (n,)."""
+        """Return the values p (k,) and J (m, n) at q (n,)."""
         p, J, _ = self.kinematics(q[None, :], np.zeros((1, self.n)))
         return p[0], J[0]
 
     def solve(self, target: Array, q: Array) -> Solution:
-        """Return the solution near q (n,) for a target (m,), or the nearest point if it is not reached."""
+        """Return the solution near q (n,) for a target (k,), or the nearest point if it is not reached."""
         p, J = self.position(q)
-        e = target - p
+        e = what_is_left(target, p)
         r = _length(e)
         mu, count = 0.0, 0
         limit = max(self.tolerance, self.floor)
@@ -104,7 +104,7 @@ class PointSolver:
                     step *= MOST_STEP / largest
                 step = np.where(self.moving, step, 0.0)
                 p, J_new = self.position(q + step)
-                e_new = target - p
+                e_new = what_is_left(target, p)
                 r_new = _length(e_new)
                 if r_new < r:
                     break
