@@ -4,13 +4,16 @@ A step solves J dq = e in the damped least-squares sense, dq = V S (S^2 + mu^2)^
 (Wampler 1986, Nakamura and Hanafusa 1986): least norm where the chain is redundant, least error where the
 target has a component that the chain cannot follow.
 
-A redundant chain moves with the least-norm rates q-dot = J^+ p-dot at each instant; its acceleration is the
-exact derivative of that, q-ddot = J^+ (p-ddot - J-dot q-dot) + (1 - J^+ J) J-dot^T J^+T q-dot (Golub and
-Pereyra 1973), which satisfies J q-ddot = p-ddot - J-dot q-dot like every other. Radians and metres weigh
-alike in the norm.
+A redundant chain moves at each instant with the rates nearest to a drift u(q), none by default: the least-norm rates
+then. q-dot = J^+ p-dot + (1 - J^+ J) u; its acceleration is the exact derivative of that, q-ddot = J^+ (p-ddot - J-dot
+q-dot) + (1 - J^+ J) (u-dot + J-dot^T J^+T (q-dot - u)) (Golub and Pereyra 1973), which satisfies J q-ddot = p-ddot -
+J-dot q-dot like every other. A drift down the gradient of a criterion keeps the chain near its optimum (Liegeois 1977).
+Radians and metres weigh alike in the norm.
 """
 
 from __future__ import annotations
+
+from typing import Protocol
 
 import numpy as np
 
@@ -21,6 +24,12 @@ from robodyn_cli.spatial.algebra import Array
 RANK = 1e-9
 SINGULAR = 1e-8  # smallest over largest singular value
 MOST_STEP = 1.0  # rad or m
+
+
+class Drift(Protocol):
+    """The rates u (T, n) that a redundant chain should have, and u-dot, at q and v (T, n)."""
+
+    def __call__(self, q: Array, v: Array) -> tuple[Array, Array]: ...
 
 
 @record
@@ -52,11 +61,14 @@ class PointSolver:
     Parameters
     ----------
     function : p, J and J-dot of the point (see ``PointFunction``); n : number of joints.
-    tolerance : what may be left to the target [m, rad]; max_iterations : per sample.
+    tolerance : what may be left to the target [m, rad]; max_iterations : per sample. drift : of a redundant chain.
     """
 
-    def __init__(self, function: PointFunction, n: int, tolerance: float, max_iterations: int) -> None:
+    def __init__(
+        self, function: PointFunction, n: int, tolerance: float, max_iterations: int, drift: Drift | None = None
+    ) -> None:
         self.function = function
+        self.drift = drift
         self.n = n
         self.tolerance = tolerance
         self.max_iterations = max_iterations
@@ -126,10 +138,17 @@ class PointSolver:
         with np.errstate(divide="ignore", invalid="ignore"):  # the caller checks the measure first
             V, Ut = np.swapaxes(Vt, 1, 2), np.swapaxes(U, 1, 2)
             qd = _apply(V, _apply(Ut, pd) / s)
+            drift = None
+            if self.redundant and self.drift is not None:
+                drift, _ = self.drift(q, qd)
+                qd = qd + drift - _apply(V, _apply(Vt, drift))
             _, _, J_rate = self.kinematics(q, qd)
             qdd = _apply(V, _apply(Ut, pdd - _apply(J_rate, qd)) / s)
             if self.redundant:
-                turn = _apply(np.swapaxes(J_rate, 1, 2), _apply(U, _apply(Vt, qd) / s))
+                own = qd if drift is None else qd - drift
+                turn = _apply(np.swapaxes(J_rate, 1, 2), _apply(U, _apply(Vt, own) / s))
+                if self.drift is not None:
+                    turn = turn + self.drift(q, qd)[1]
                 qdd += turn - _apply(V, _apply(Vt, turn))
             return Rates(qd * self.moving, qdd * self.moving, s[:, -1] / s[:, 0], U, Vt)
 

@@ -94,11 +94,18 @@ class PoseEquations:
         model = self.problem.model
         points = rng.uniform(0.2, 0.8, (RANK_STARTS, model.nv))
         q = self.limits.spread(points, model, self.size)
-        kernel = SampleKernel({"J": list(self.rows.J.flat)}, (STATE, DATA, PARAMETERS))
-        d = np.zeros((RANK_STARTS, TARGET + model.nq))
-        d[:, 3:TARGET] = np.eye(3).ravel()
-        J = kernel(q=q, d=d, p=self.limits.numbers)["J"].reshape(RANK_STARTS, *self.rows.J.shape)
-        return len(self.moving) - rank(J)
+        target = np.concatenate([np.zeros(3), np.eye(3).ravel()])
+        return len(self.moving) - rank(np.stack([self.jacobian(x, target) for x in q]))
+
+    def jacobian(self, q: Array, target: Array) -> Array:
+        """Return J (m, nv) of all rows in comparable units at q (nq,), for a target (12,)."""
+        kernel = self._jacobian
+        d = self.data(target[None], q)
+        return kernel(q=q[None], d=d, p=self.limits.numbers)["J"].reshape(self.rows.J.shape)
+
+    @cached_property
+    def _jacobian(self) -> SampleKernel:
+        return SampleKernel({"J": list(self.rows.J.flat)}, (STATE, DATA, PARAMETERS))
 
     @cached_property
     def reach(self) -> IterationKernel:
@@ -112,15 +119,14 @@ class PoseEquations:
         return IterationKernel(step, rows.measure)
 
     @cached_property
-    def _criterion(self) -> tuple[list[Scalar], Matrix]:
-        """The criterion's rows c (k,) and C (k, nv) in units of ``lengths``."""
-        c, C = criterion_rows(self.criterion, self)
-        return c, matrix([x * unit for x, unit in zip(row, self.lengths)] for row in C)
+    def criterion_rows(self) -> tuple[list[Scalar], Matrix]:
+        """The criterion's rows c (k,), and C = dc/dq (k, nv)."""
+        return criterion_rows(self.criterion, self)
 
     @cached_property
     def value(self) -> SampleKernel:
         """The criterion's value |c|^2 / 2."""
-        c, _ = self._criterion
+        c, _ = self.criterion_rows
         return SampleKernel({"value": [0.5 * dot(c, c)]}, (STATE, DATA, PARAMETERS))
 
     @cached_property
@@ -130,7 +136,8 @@ class PoseEquations:
         The state is q, the steps' damping and the value before; the damping grows where the value did.
         """
         problem, rows = self.problem, self.rows
-        c, C = self._criterion
+        c, C = self.criterion_rows
+        C = matrix([x * unit for x, unit in zip(row, self.lengths)] for row in C)
         nq = problem.model.nq
         damping, before = (problem.graph.symbol(n, STATE, nq + k) for k, n in enumerate(("damping", "before")))
         dq = criterion_step(rows.e, rows.J, c, C, damping)

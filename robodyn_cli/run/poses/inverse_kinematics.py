@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from functools import cached_property
 
@@ -13,11 +14,11 @@ from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import BASE, FixedFrame, Model
 from robodyn_cli.record import record
-from robodyn_cli.run.mechanism.motion import with_points
 from robodyn_cli.run.observation.places import world_pose
 from robodyn_cli.run.poses.criteria import Criterion
 from robodyn_cli.run.poses.equations import PoseEquations, packed
 from robodyn_cli.run.poses.limits import PositionLimits
+from robodyn_cli.scene.points import with_points
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.branches import halton
 from robodyn_cli.solve.poses.closed_form import ClosedForm
@@ -39,12 +40,13 @@ CHOICE = 8  # solutions among which the criterion chooses where there is no clos
 
 @record
 class Poses:
-    """Positions q (T, nq) for T targets, and what is left of them.
+    """Positions q (T, nq) for T targets (T, 12), and what is left of them.
 
-    error : the larger of distance [m] and angle [rad] to each target (T,), and of what the loops lack. reached : (T,).
+    targets : position, then rotation row by row. error : the larger of distance [m] and angle [rad] to each target (T,), and of what the loops lack. reached : (T,).
     branch : of each target the place of its branch in ``branches`` of the class, -1 where there is no closed form.
     """
 
+    targets: Array
     q: Array
     error: Array
     reached: Array
@@ -143,11 +145,20 @@ class InverseKinematics:
         return SampleKernel({"p": list(pose.p), "R": list(pose.R.flat)}, ("q",))
 
     @cached_property
-    def _without_limits(self) -> PoseEquations:
+    def without_limits(self) -> InverseKinematics:
+        """The same for joints without limits, to reach the nearest pose."""
         if not self.limits.places:
-            return self.equations
-        none = PositionLimits.of(self.problem.scene, self.model, respected=False)
-        return PoseEquations(self.problem, self.task, none, self.equations.criterion)
+            return self
+        free = copy.copy(self)
+        free.limits = PositionLimits.of(self.problem.scene, self.model, respected=False)
+        free.equations = PoseEquations(self.problem, self.task, free.limits, Criterion.NEAREST)
+        return free
+
+    def explain(self, found: Poses, k: int) -> str:
+        """Return why target k of ``found`` is not reached, as a part of a sentence."""
+        from robodyn_cli.run.poses.explain import explain_miss
+
+        return explain_miss(self, found.targets[k], found.q[k], float(found.error[k]))
 
     # -- many poses -----------------------------------------------------------------------------------
     def solve(
@@ -173,7 +184,7 @@ class InverseKinematics:
         targets = self._targets(position, rotation)
         start = self._near(near, len(targets))
         _choice("branch", branch, (None, *self.branch_names))
-        found = _nothing(start)
+        found = _nothing(targets, start)
         if self.closed_form is not None:
             found = self._from_closed_form(targets, start, branch)
         left = np.flatnonzero(~found.reached)
@@ -188,10 +199,10 @@ class InverseKinematics:
         ways = self._ways(targets, near)
         names = self.branch_names
         chosen = [names.index(branch)] if branch is not None else range(len(names))
-        equations = self._without_limits
+        equations = self.without_limits.equations
         d, p = equations.data(targets, near), equations.limits.numbers
         best = np.full(len(targets), np.inf)
-        found = _nothing(near)
+        found = _nothing(targets, near)
         for k in chosen:
             q = ways[k]
             _, error = equations.reach({"q": q, "d": d, "p": p}, CLOSE, 0)
@@ -216,7 +227,7 @@ class InverseKinematics:
 
     def _by_steps(self, targets: Array, near: Array) -> Poses:
         """Return what damped steps find: first from nearby, then from the same starts for all targets."""
-        found = _nothing(near)
+        found = _nothing(targets, near)
         wanted = 1 if self.equations.criterion is Criterion.NEAREST else CHOICE
         best, count = np.full(len(targets), np.inf), np.zeros(len(targets), dtype=int)
         for start in (None, *self._starts):
@@ -278,7 +289,7 @@ class InverseKinematics:
         """
         targets = self._targets(position, rotation)[:1]
         start = self._near(near, 1)
-        equations = self._without_limits
+        equations = self.without_limits.equations
         if self.closed_form is not None:
             q = np.concatenate(self._ways(targets, start))
             names = self.branch_names
@@ -369,10 +380,10 @@ def _choice(key: str, value: str | None, allowed: Sequence[str | None]) -> None:
         raise SceneError(f"{key} {value!r}{did_you_mean(str(value), [x for x in allowed if x])}; allowed: {listed}")
 
 
-def _nothing(near: Array) -> Poses:
+def _nothing(targets: Array, near: Array) -> Poses:
     """Return the result before anything is found."""
     T = len(near)
-    return Poses(near.copy(), np.full(T, np.inf), np.zeros(T, dtype=bool), np.full(T, -1))
+    return Poses(targets, near.copy(), np.full(T, np.inf), np.zeros(T, dtype=bool), np.full(T, -1))
 
 
 def _different(q: Array, rows: Array) -> list[int]:

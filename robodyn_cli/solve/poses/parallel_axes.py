@@ -10,9 +10,10 @@ import numpy as np
 from robodyn_cli.record import record
 from robodyn_cli.solve.poses.closed_form import Branch
 from robodyn_cli.solve.poses.screws import Screws, parallel
-from robodyn_cli.solve.poses.shoulder import ELBOWS, two_links
+from robodyn_cli.solve.poses.shoulder import two_links
 from robodyn_cli.solve.poses.subproblems import angle_between, rotations, turned
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.trajectories.base import ELBOWS
 
 
 @record

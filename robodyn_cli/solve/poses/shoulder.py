@@ -15,10 +15,7 @@ from robodyn_cli.solve.poses.subproblems import (
     rotations,
 )
 from robodyn_cli.spatial.algebra import Array
-
-SIDES = ("righty", "lefty")
-ELBOWS = ("elbow_up", "elbow_down")
-WRISTS = ("no_flip", "flip")
+from robodyn_cli.trajectories.base import ELBOWS, SIDES
 
 
 @record

@@ -11,7 +11,7 @@ import numpy as np
 from robodyn_cli.record import record
 from robodyn_cli.solve.poses.closed_form import Branch
 from robodyn_cli.solve.poses.screws import Screws, parallel
-from robodyn_cli.solve.poses.shoulder import ELBOWS, SIDES, WRISTS, Shoulder, elbow_name, two_links
+from robodyn_cli.solve.poses.shoulder import Shoulder, elbow_name, two_links
 from robodyn_cli.solve.poses.subproblems import (
     angle_between,
     component_angles,
@@ -20,6 +20,7 @@ from robodyn_cli.solve.poses.subproblems import (
     turned_back,
 )
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.trajectories.base import ELBOWS, SIDES, WRISTS
 
 
 @record
