@@ -21,6 +21,7 @@ from robodyn_cli.scene.mechanism_options import (
     AssembleOptions,
     KinematicsOptions,
     LoadLimit,
+    ReachOptions,
     StaticsOptions,
 )
 from robodyn_cli.scene.robot_types import Coupler as Coupler
@@ -303,6 +304,9 @@ class Scene:
     )
     kinematics: KinematicsOptions = key(
         Section(KinematicsOptions), default=KinematicsOptions(), doc="Options of `kinematics`."
+    )
+    reach: ReachOptions | None = key(
+        Section(ReachOptions), default=None, doc="The pose of `reach`."
     )
     statics: StaticsOptions = key(
         Section(StaticsOptions), default=StaticsOptions(), doc="Options of `statics`."

@@ -18,7 +18,7 @@ from robodyn_cli.run.observation.places import world_pose
 from robodyn_cli.run.poses.criteria import Criterion
 from robodyn_cli.run.poses.equations import PoseEquations, packed
 from robodyn_cli.run.poses.limits import PositionLimits
-from robodyn_cli.scene.points import with_points
+from robodyn_cli.scene.points import point_problem, with_points
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.branches import halton
 from robodyn_cli.solve.poses.closed_form import ClosedForm
@@ -353,12 +353,11 @@ def find_frame(model: Model, name: str) -> FixedFrame:
 
 
 def _with_frame(source: Scene | Problem, frame: str) -> Problem:
-    """Return the equations, with the end of a link (``LINK.end``) among the points."""
+    """Return the equations, with a place such as ``LINK.end`` among the points."""
     if isinstance(source, Problem):
         return source
-    link, _, end = frame.partition(".")
-    known = any(x.name == link for x in source.robot.links)
-    return Problem(with_points(source, [frame]) if end == "end" and known else source)
+    named = "." in frame and point_problem(source.robot, frame) is None
+    return Problem(with_points(source, [frame]) if named else source)
 
 
 def _task(frame: FixedFrame, position: str, orientation: str, axis: Sequence[float]) -> PoseTask:
