@@ -305,9 +305,7 @@ class Scene:
     kinematics: KinematicsOptions = key(
         Section(KinematicsOptions), default=KinematicsOptions(), doc="Options of `kinematics`."
     )
-    reach: ReachOptions | None = key(
-        Section(ReachOptions), default=None, doc="The pose of `reach`."
-    )
+    reach: ReachOptions | None = key(Section(ReachOptions), default=None, doc="The pose of `reach`.")
     statics: StaticsOptions = key(
         Section(StaticsOptions), default=StaticsOptions(), doc="Options of `statics`."
     )

@@ -12,8 +12,8 @@ from robodyn_cli.errors import CapabilityError, GeometryError, SceneError, Singu
 from robodyn_cli.model.model import BASE, FixedFrame, Model
 from robodyn_cli.record import record
 from robodyn_cli.solve import planar_path
-from robodyn_cli.solve.planar_2r import BRANCHES, ELBOW_DOWN, ELBOW_UP, Planar2R
 from robodyn_cli.solve.newton import Drift
+from robodyn_cli.solve.planar_2r import BRANCHES, ELBOW_DOWN, ELBOW_UP, Planar2R
 from robodyn_cli.solve.reach import Singular, Unreachable
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.base import Ik
@@ -52,6 +52,12 @@ class PointTask:
     def target(self, times: Array) -> PointMotion | PoseMotion:
         """Return the target of the point, or of the frame, at ``times`` (T,), world coordinates."""
         return self.trajectory.target(times, self.parameters)
+
+    def point_target(self, times: Array) -> PointMotion:
+        """Return the target of a point that has no orientation."""
+        target = self.target(times)
+        assert isinstance(target, PointMotion)
+        return target
 
     @cached_property
     def arm(self) -> Planar2R | None:
@@ -124,11 +130,11 @@ def follow_point(task: PointTask, times: Array, compile: Compile) -> Found:
     try:
         if arm is not None and task.method == "analytic":
             branch = _branch(arm, ik, start, point, task.where)
-            motion = planar_path.follow(arm, task.target, times, branch, start, ik.tolerance)
+            motion = planar_path.follow(arm, task.point_target, times, branch, start, ik.tolerance)
             return Found(motion, "analytic")
         if start is None and arm is not None and ik.branch is not None:
             start = planar_path.follow(
-                arm, task.target, times[:1], BRANCHES[ik.branch], None, ik.tolerance
+                arm, task.point_target, times[:1], BRANCHES[ik.branch], None, ik.tolerance
             ).q[0]
         if start is None:
             raise SceneError(

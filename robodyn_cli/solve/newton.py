@@ -65,7 +65,12 @@ class PointSolver:
     """
 
     def __init__(
-        self, function: PointFunction, n: int, tolerance: float, max_iterations: int, drift: Drift | None = None
+        self,
+        function: PointFunction,
+        n: int,
+        tolerance: float,
+        max_iterations: int,
+        drift: Drift | None = None,
     ) -> None:
         self.function = function
         self.drift = drift

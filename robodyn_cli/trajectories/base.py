@@ -50,8 +50,8 @@ class Ik:
     branch: str | None = key(
         Choice(BRANCHES),
         default=None,
-        doc="Branch of an arm in closed form, by its sides: elbow_up (theta2 < 0) or elbow_down of planar arms and SCARA "
-        "robots; shoulder, elbow and wrist of arms with a spherical wrist or three parallel axes.",
+        doc="Branch of an arm in closed form, by its sides: elbow_up (theta2 < 0) or elbow_down of planar arms and "
+        "SCARA robots; shoulder, elbow and wrist of arms with a spherical wrist or three parallel axes.",
     )
     guess: dict[str, float] = key(
         JointMap(Number(angle=True)),

@@ -114,7 +114,10 @@ class TaskSpace(Protocol):
     def ik(self) -> Any: ...
 
     def target(self, times: Array, parameters: Mapping[str, float]) -> PointMotion | PoseMotion:
-        """Return what is asked of the point, or of the frame there, at ``times`` (T,); ``parameters`` are those of the scene."""
+        """Return what is asked of the point, or of the frame there, at ``times`` (T,).
+
+        parameters : of the scene.
+        """
         ...
 
 

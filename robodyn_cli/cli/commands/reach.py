@@ -29,7 +29,9 @@ def command(
     scene: SceneFile,
     frame: Annotated[
         str | None,
-        typer.Option("--frame", metavar="NAME", parser=utf8, help="What is to go there: point, frame or link."),
+        typer.Option(
+            "--frame", metavar="NAME", parser=utf8, help="What is to go there: point, frame or link."
+        ),
     ] = None,
     position: Annotated[
         str | None, typer.Option("--position", metavar="X,Y,Z", parser=utf8, help="Where, in the world [m].")

@@ -33,7 +33,14 @@ def draw(result: Result) -> Any:
     view = View(drawing, default_camera(drawing))
     across = min(shown, 2)
     height = paper.height_of(view, WIDTHS[across], 1.6)
-    sheet = Sheet(result, _subtitle(view, result.command, count, shown), panels=shown, across=across, height=height, gap=0.45)
+    sheet = Sheet(
+        result,
+        _subtitle(view, result.command, count, shown),
+        panels=shown,
+        across=across,
+        height=height,
+        gap=0.45,
+    )
     others = [Stroke(line, OTHERS, 1.0) for k in range(shown) for line in silhouette(view, k)]
     for k, ax in enumerate(sheet.axes):
         paper.set_up(ax, view)

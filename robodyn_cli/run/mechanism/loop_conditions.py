@@ -114,9 +114,7 @@ class LoopConditions:
             lengths.append(model.v_units[place] == "m")
         if lead.point is not None:
             frame = model.points[lead.point]
-            point = PointKinematics.of(
-                model, problem.q, problem.v, frame, lead.components, lead.oriented
-            )
+            point = PointKinematics.of(model, problem.q, problem.v, frame, lead.components, lead.oriented)
             values += point.p
             J += point.J
             axes = [*"xyz"[: lead.components], *(("rx", "ry", "rz") if lead.oriented else ())]

@@ -83,7 +83,9 @@ def point_task(problem: Problem) -> PointTask:
     start = start_of(problem, task)
     if start is not None:
         task = dataclasses.replace(task, start=start, chosen=True)
-    return task if ik.redundancy == "least_rates" else dataclasses.replace(task, drift=drift_of(problem, task))
+    return (
+        task if ik.redundancy == "least_rates" else dataclasses.replace(task, drift=drift_of(problem, task))
+    )
 
 
 def compile_point(kinematics: PointKinematics) -> PointFunction:

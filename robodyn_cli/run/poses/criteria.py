@@ -20,8 +20,11 @@ if TYPE_CHECKING:
 
 
 class Criterion(str, Enum):
-    """nearest : to a given position, in rad and in sizes of the mechanism. limits : away from them, as parts of half the
-    range. torque : the least torques that hold the arm, as parts of the joints' ``effort`` limits where all have one.
+    """What is to be small.
+
+    NEAREST : the way from a given position, in rad and in sizes of the mechanism. LIMITS : the way from the middle of
+    the joints' limits, as parts of half the range. TORQUE : the torques that hold the arm, as parts of the joints'
+    ``effort`` limits where all have one.
     """
 
     NEAREST = "nearest"
@@ -58,7 +61,9 @@ def _nearest(equations: PoseEquations) -> tuple[list[Scalar], Matrix]:
 
 def _away_from_limits(equations: PoseEquations) -> tuple[list[Scalar], Matrix]:
     limits = equations.limits
-    both = [k for k in range(len(limits.places)) if np.isfinite(limits.lower[k]) and np.isfinite(limits.upper[k])]
+    both = [
+        k for k in range(len(limits.places)) if np.isfinite(limits.lower[k]) and np.isfinite(limits.upper[k])
+    ]
     if not both:
         raise CapabilityError(
             f"criterion {Criterion.LIMITS.value} needs joints with `limits: {{lower, upper}}`; there are none"

@@ -70,7 +70,7 @@ class PoseEquations:
     def _scaled(self) -> Scaled:
         problem = self.problem
         task = pose_rows(problem.model, problem.q, self.task, self.target)
-        loops, at_start = problem.constraints.rows, {problem.t.index: 0.0}
+        loops, at_start = problem.constraints.rows, dict[int, Scalar]({problem.t.index: 0.0})
         eta = substitute([row.eta for row in loops], at_start)
         e = [*(-x for x in eta), *task.error]
         rows = [*(substitute(list(row.psi), at_start) for row in loops), *task.J]
@@ -139,7 +139,9 @@ class PoseEquations:
         c, C = self.criterion_rows
         C = matrix([x * unit for x, unit in zip(row, self.lengths)] for row in C)
         nq = problem.model.nq
-        damping, before = (problem.graph.symbol(n, STATE, nq + k) for k, n in enumerate(("damping", "before")))
+        damping, before = (
+            problem.graph.symbol(n, STATE, nq + k) for k, n in enumerate(("damping", "before"))
+        )
         dq = criterion_step(rows.e, rows.J, c, C, damping)
         if self.limits.places:
             free = self.bounds.free(problem.q, dq)

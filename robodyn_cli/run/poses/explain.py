@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from robodyn_cli.run.poses.inverse_kinematics import InverseKinematics
 
 AT_LIMIT = 1e-6  # rad or m
-SINGULAR = 1e-4  # smallest over largest singular value below which a pose is called singular
+SINGULAR = 1e-2  # smallest over largest singular value below which a pose is called singular
 
 
 def explain_miss(solver: InverseKinematics, target: Array, q: Array, error: float) -> str:
-    """Return why a target (12,) is not reached, as a part of a sentence; q (nq,) : the nearest position that was found."""
+    """Return why a target (12,) is not reached, as a part of a sentence; q (nq,) : the nearest position found."""
     text = f"the nearest pose found is {error:.4g} m or rad away"
     limits = solver.limits
     if limits.places:
@@ -31,7 +31,7 @@ def explain_miss(solver: InverseKinematics, target: Array, q: Array, error: floa
     moving = solver.equations.moving
     _, s, Vt = np.linalg.svd(J[:, moving])
     rank = min(len(moving) - solver.freedom, len(s))
-    if 0 < rank and s[rank - 1] < SINGULAR * s[0]:
+    if rank > 0 and s[rank - 1] < SINGULAR * s[0]:
         joint = solver.model.joint_of(moving[int(np.argmax(np.abs(Vt[rank - 1])))])
         text += f", in a singular pose, in which moving joint {joint!r} does not bring it nearer"
     return text
@@ -54,7 +54,9 @@ def _at_limits(limits: PositionLimits, q: Array) -> str:
     """Return the joints that stand on a limit."""
     own = q[limits.places]
     gaps = np.minimum(np.abs(own - limits.lower), np.abs(limits.upper - own))
-    found = [f"{name!r} at {q[place]:.6g}" for name, place, _, _, gap in _each(limits, gaps) if gap < AT_LIMIT]
+    found = [
+        f"{name!r} at {q[place]:.6g}" for name, place, _, _, gap in _each(limits, gaps) if gap < AT_LIMIT
+    ]
     return f"joint {' and '.join(found)} on its limit" if found else ""
 
 

@@ -9,20 +9,28 @@ from functools import cached_property
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import CapabilityError, SceneError, did_you_mean
+from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.manifold import Manifold
-from robodyn_cli.model.model import BASE, FixedFrame, Model
-from robodyn_cli.record import record
+from robodyn_cli.model.model import BASE
 from robodyn_cli.run.observation.places import world_pose
 from robodyn_cli.run.poses.criteria import Criterion
-from robodyn_cli.run.poses.equations import PoseEquations, packed
+from robodyn_cli.run.poses.equations import PoseEquations
 from robodyn_cli.run.poses.limits import PositionLimits
-from robodyn_cli.scene.points import point_problem, with_points
+from robodyn_cli.run.poses.targets import (
+    Poses,
+    Way,
+    check_choice,
+    different,
+    find_frame,
+    nothing_found,
+    packed_targets,
+    task_of,
+    with_frame,
+)
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.branches import halton
 from robodyn_cli.solve.poses.closed_form import ClosedForm
-from robodyn_cli.solve.poses.task import ORIENTATIONS, PoseTask
 from robodyn_cli.spatial.algebra import Array
 
 TOLERANCE = 1e-10  # m and rad
@@ -34,33 +42,7 @@ POLISH = 4  # steps that take the rounding from a closed form
 CLOSE = 1e-5  # m or rad to the target from which on a closed form counts as a solution to polish
 IMPROVE = 60  # steps towards the criterion
 SETTLED = 1e-9  # rad: step of the criterion that ends them
-SAME = 1e-6  # rad or m, for positions that count as one
 CHOICE = 8  # solutions among which the criterion chooses where there is no closed form
-
-
-@record
-class Poses:
-    """Positions q (T, nq) for T targets (T, 12), and what is left of them.
-
-    targets : position, then rotation row by row. error : the larger of distance [m] and angle [rad] to each target (T,), and of what the loops lack. reached : (T,).
-    branch : of each target the place of its branch in ``branches`` of the class, -1 where there is no closed form.
-    """
-
-    targets: Array
-    q: Array
-    error: Array
-    reached: Array
-    branch: Array
-
-
-@record
-class Way:
-    """One way to reach a pose: name, q (nq,), error, and whether it is within the joints' limits."""
-
-    name: str
-    q: Array
-    error: float
-    within_limits: bool
 
 
 class InverseKinematics:
@@ -97,15 +79,15 @@ class InverseKinematics:
         limits: bool = True,
         method: str = "auto",
     ) -> None:
-        self.problem = problem = _with_frame(source, frame)
+        self.problem = problem = with_frame(source, frame)
         scene = problem.scene
         self.model = problem.model
         place = find_frame(self.model, frame)
         if place.body == BASE:
             raise SceneError(f"{frame!r} is fixed to the base and cannot be brought anywhere")
-        self.task = _task(place, position, orientation, axis)
-        _choice("method", method, ("auto", "damped"))
-        _choice("criterion", criterion, tuple(x.value for x in Criterion))
+        self.task = task_of(place, position, orientation, axis)
+        check_choice("method", method, ("auto", "damped"))
+        check_choice("criterion", criterion, tuple(x.value for x in Criterion))
         self.limits = PositionLimits.of(scene, self.model, limits)
         self.equations = PoseEquations(problem, self.task, self.limits, Criterion(criterion))
         self.closed_form = ClosedForm.of(self.model, self.task) if method == "auto" else None
@@ -181,10 +163,10 @@ class InverseKinematics:
         ------
         SceneError : targets of a wrong shape, or a branch that there is not.
         """
-        targets = self._targets(position, rotation)
+        targets = packed_targets(self.task, position, rotation)
         start = self._near(near, len(targets))
-        _choice("branch", branch, (None, *self.branch_names))
-        found = _nothing(targets, start)
+        check_choice("branch", branch, (None, *self.branch_names))
+        found = nothing_found(targets, start)
         if self.closed_form is not None:
             found = self._from_closed_form(targets, start, branch)
         left = np.flatnonzero(~found.reached)
@@ -202,7 +184,7 @@ class InverseKinematics:
         equations = self.without_limits.equations
         d, p = equations.data(targets, near), equations.limits.numbers
         best = np.full(len(targets), np.inf)
-        found = _nothing(targets, near)
+        found = nothing_found(targets, near)
         for k in chosen:
             q = ways[k]
             _, error = equations.reach({"q": q, "d": d, "p": p}, CLOSE, 0)
@@ -227,14 +209,17 @@ class InverseKinematics:
 
     def _by_steps(self, targets: Array, near: Array) -> Poses:
         """Return what damped steps find: first from nearby, then from the same starts for all targets."""
-        found = _nothing(targets, near)
+        found = nothing_found(targets, near)
         wanted = 1 if self.equations.criterion is Criterion.NEAREST else CHOICE
         best, count = np.full(len(targets), np.inf), np.zeros(len(targets), dtype=int)
         for start in (None, *self._starts):
             left = np.flatnonzero(count < wanted)
             if not len(left):
                 break
-            q = near[left] if start is None else np.broadcast_to(start, (len(left), self.model.nq))
+            q = near[left]
+            if start is not None:
+                q = np.tile(start, (len(left), 1))
+                q[:, self._idle] = near[left][:, self._idle]
             q, error = self._from_start(q, targets[left], near[left])
             good = error <= self.tolerance
             value = np.where(good, self._values(q, targets[left], near[left]), np.inf)
@@ -268,138 +253,67 @@ class InverseKinematics:
         return found
 
     @cached_property
-    def _starts(self) -> list[Array]:
+    def _starts(self) -> Array:
+        """Positions (k, nq) to start from: points of Halton's sequence."""
         moving = self.equations.moving
         points = np.full((STARTS, self.model.nv), 0.5)
         points[:, moving] = halton(STARTS, len(moving))
-        starts = self.limits.spread(points, self.model, self.equations.size)
-        idle = [k for k in range(self.model.nv) if k not in moving]
+        return self.limits.spread(points, self.model, self.equations.size)
+
+    @cached_property
+    def _idle(self) -> list[int]:
+        """The places in q of what neither the frame nor loops depend on."""
         manifold = Manifold(self.model)
-        for k in (column for velocity in idle for column in manifold.columns(velocity)):
-            starts[:, k] = self.home[k]
-        return list(starts)
+        idle = [k for k in range(self.model.nv) if k not in self.equations.moving]
+        return sorted({column for velocity in idle for column in manifold.columns(velocity)})
 
     # -- all ways to one pose -------------------------------------------------------------------------
     def ways(self, position: Array, rotation: Array | None = None, near: Array | None = None) -> list[Way]:
-        """Return the ways to reach one pose: all branches of the closed form, else those that steps from many starts find.
+        """Return the ways to reach one pose: the branches of the closed form, else what steps from many starts find.
 
         Raises
         ------
         CapabilityError : the pose leaves the mechanism free, so that there are infinitely many.
         """
-        targets = self._targets(position, rotation)[:1]
+        targets = packed_targets(self.task, position, rotation)[:1]
         start = self._near(near, 1)
-        equations = self.without_limits.equations
         if self.closed_form is not None:
             q = np.concatenate(self._ways(targets, start))
+            polished, left = self._polished(q, targets, start, POLISH)
+            kept = left <= self.tolerance
+            q, error = np.where(kept[:, None], polished, q), left
             names = self.branch_names
         else:
-            if self.freedom:
-                raise CapabilityError(
-                    f"the pose leaves {self.freedom} degrees of freedom, so there are infinitely many ways to reach it; "
-                    "solve for one by a criterion, or ask for more of the pose"
-                )
-            q, names = np.array([start[0], *self._starts]), []
-        groups = {"d": np.repeat(equations.data(targets, start), len(q), axis=0), "p": equations.limits.numbers}
-        rounds = POLISH if names else 4 * ROUNDS
-        polished, error = equations.reach({"q": q, **groups}, FINISHED * self.tolerance, rounds)
-        good = error <= self.tolerance
-        if names:
-            q = np.where(good[:, None], polished, q)
-            places = range(len(q))
-        else:
-            q = self.limits.unwound(polished, np.broadcast_to(start, polished.shape), self.model)
-            places = _different(q, np.flatnonzero(good))
+            q, error = self._search(targets, start)
             names = [str(k + 1) for k in range(len(q))]
         within = self.limits.within(q)
-        return [Way(name, q[k], float(error[k]), bool(within[k])) for name, k in zip(names, places)]
+        return [Way(*way) for way in zip(names, q, error.tolist(), within.tolist())]
+
+    def _search(self, targets: Array, start: Array) -> tuple[Array, Array]:
+        """Return the positions (k, nq) that steps from many starts find for one target, and their errors (k,)."""
+        if self.freedom:
+            raise CapabilityError(
+                f"the pose leaves {self.freedom} degrees of freedom, so there are infinitely many ways to reach it; "
+                "solve for one by a criterion, or ask for more of the pose"
+            )
+        starts = self._starts.copy()
+        starts[:, self._idle] = start[:, self._idle]
+        starts = np.concatenate([start, starts])
+        q, error = self._polished(starts, targets, start, 4 * ROUNDS)
+        q = self.limits.unwound(q, np.broadcast_to(start, q.shape), self.model)
+        found = different(q, np.flatnonzero(error <= self.tolerance))
+        return q[found], error[found]
+
+    def _polished(self, q: Array, targets: Array, near: Array, rounds: int) -> tuple[Array, Array]:
+        """Return where steps from q (k, nq) lead, without regard to limits, for one target."""
+        equations = self.without_limits.equations
+        d = np.repeat(equations.data(targets, near), len(q), axis=0)
+        groups = {"q": q, "d": d, "p": equations.limits.numbers}
+        return equations.reach(groups, FINISHED * self.tolerance, rounds)
 
     # -- arguments ------------------------------------------------------------------------------------
-    def _targets(self, position: Array, rotation: Array | None) -> Array:
-        p = np.atleast_2d(np.asarray(position, dtype=float))
-        if p.ndim != 2 or p.shape[1] != 3:
-            raise SceneError(f"targets need positions of three numbers, here of shape {np.shape(position)}")
-        if rotation is None:
-            if self.task.orientation != "free":
-                raise SceneError("a target with an orientation needs a rotation; or choose orientation: free")
-            rotation = np.eye(3)
-        R = np.asarray(rotation, dtype=float)
-        if R.shape[-1] == 4:
-            R = _rotations(R)
-        if R.shape[-2:] != (3, 3) or R.ndim > 3 or np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)).max() > 1e-9:
-            raise SceneError(f"targets need rotations (3, 3) or unit quaternions (4,), here of shape {R.shape}")
-        T = max(len(p), len(R) if R.ndim == 3 else 1)
-        return packed(np.broadcast_to(p, (T, 3)), np.broadcast_to(R, (T, 3, 3)))
-
     def _near(self, near: Array | None, samples: int) -> Array:
         wanted = self.home if near is None else np.asarray(near, dtype=float)
         if wanted.shape[-1] != self.model.nq:
             raise SceneError(f"a position near has {self.model.nq} numbers: {', '.join(self.model.q_names)}")
         return np.array(np.broadcast_to(wanted, (samples, self.model.nq)))
-
-
-def find_frame(model: Model, name: str) -> FixedFrame:
-    """Return a named point, a named frame or a link's frame.
-
-    Raises
-    ------
-    SceneError : there is none of that name.
-    """
-    for known in (model.points, model.frames, model.links):
-        if name in known:
-            return known[name]
-    names = [*model.points, *model.frames, *model.links]
-    raise SceneError(f"unknown frame {name!r}{did_you_mean(name, names)}; allowed: {', '.join(names)}")
-
-
-def _with_frame(source: Scene | Problem, frame: str) -> Problem:
-    """Return the equations, with a place such as ``LINK.end`` among the points."""
-    if isinstance(source, Problem):
-        return source
-    named = "." in frame and point_problem(source.robot, frame) is None
-    return Problem(with_points(source, [frame]) if named else source)
-
-
-def _task(frame: FixedFrame, position: str, orientation: str, axis: Sequence[float]) -> PoseTask:
-    _choice("orientation", orientation, ORIENTATIONS)
-    if any(x not in "xyz" for x in position) or len(set(position)) != len(position):
-        raise SceneError(f"position {position!r}: the components that are asked for, each once, of xyz")
-    if not position and orientation == "free":
-        raise SceneError("nothing is asked of the frame: neither a position nor an orientation")
-    length = float(np.linalg.norm(axis))
-    if len(axis) != 3 or not length > 0.0:
-        raise SceneError(f"axis {list(axis)}: three numbers, not all zero")
-    direction = tuple(float(x) / length for x in axis)
-    return PoseTask(frame, tuple(sorted("xyz".index(x) for x in position)), orientation, direction)
-
-
-def _choice(key: str, value: str | None, allowed: Sequence[str | None]) -> None:
-    if value not in allowed:
-        listed = ", ".join(x for x in allowed if x is not None) or "none: there is no closed form here"
-        raise SceneError(f"{key} {value!r}{did_you_mean(str(value), [x for x in allowed if x])}; allowed: {listed}")
-
-
-def _nothing(targets: Array, near: Array) -> Poses:
-    """Return the result before anything is found."""
-    T = len(near)
-    return Poses(targets, near.copy(), np.full(T, np.inf), np.zeros(T, dtype=bool), np.full(T, -1))
-
-
-def _different(q: Array, rows: Array) -> list[int]:
-    """Return the first of each group of rows whose positions q agree."""
-    kept: list[int] = []
-    for k in rows.tolist():
-        if all(float(np.abs(q[k] - q[j]).max()) > SAME for j in kept):
-            kept.append(k)
-    return kept
-
-
-def _rotations(quaternions: Array) -> Array:
-    """Return the rotations (..., 3, 3) of quaternions (..., 4), scalar first."""
-    w, x, y, z = np.moveaxis(quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True), -1, 0)
-    rows = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))

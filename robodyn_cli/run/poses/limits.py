@@ -20,7 +20,7 @@ ROUNDING = 1e-9  # rad or m by which a limit may be passed
 
 @record
 class PositionLimits:
-    """The joints with a limit of position: places in q, velocity coordinates, names, lower and upper (k,), or infinite."""
+    """The joints with a limit of position: names, places in q and v; lower and upper limits (k,), or infinity."""
 
     names: tuple[str, ...]
     places: list[int]

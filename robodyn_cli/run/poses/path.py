@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from robodyn_cli.algorithms.kinematics import position_rates
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError, SceneError
 from robodyn_cli.expr.calculus import directional, substitute
-from robodyn_cli.algorithms.kinematics import position_rates
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.run.poses.criteria import Criterion
 from robodyn_cli.run.poses.inverse_kinematics import InverseKinematics
@@ -21,7 +21,9 @@ from robodyn_cli.trajectories.motion import PoseMotion
 SETTLING = 10.0  # times the drift towards the criterion's optimum decays by e along a path
 
 
-def solver_of(problem: Problem, task: PointTask, criterion: Criterion = Criterion.NEAREST) -> InverseKinematics:
+def solver_of(
+    problem: Problem, task: PointTask, criterion: Criterion = Criterion.NEAREST
+) -> InverseKinematics:
     """Return the inverse kinematics of what a path leads.
 
     Raises
@@ -39,7 +41,7 @@ def solver_of(problem: Problem, task: PointTask, criterion: Criterion = Criterio
 
 
 def start_of(problem: Problem, task: PointTask) -> Mapping[str, float] | None:
-    """Return the joint positions at t = 0 on the branch that ``ik.branch`` names, or at the best value of ``ik.redundancy``.
+    """Return the joint positions at t = 0 on the branch ``ik.branch``, or at the best value of ``ik.redundancy``.
 
     None where neither decides: then the motion starts near the positions given, or the closed form of a planar arm
     knows its branch itself.
@@ -57,8 +59,8 @@ def start_of(problem: Problem, task: PointTask) -> Mapping[str, float] | None:
     solver = solver_of(problem, task, criterion)
     if redundant and not solver.freedom:
         raise SceneError(
-            f"{task.where}trajectory.ik.redundancy ({ik.redundancy}): the path determines all joints, so nothing is left "
-            "to choose"
+            f"{task.where}trajectory.ik.redundancy ({ik.redundancy}): the path determines all joints, so nothing "
+            "is left to choose"
         )
     if wanted is not None and wanted not in solver.branch_names:
         if not solver.branch_names:

@@ -13,7 +13,8 @@ from robodyn_cli.results.summary import ABSENT, Absent, Termination
 from robodyn_cli.run.mechanism.report import add_sample
 from robodyn_cli.run.observation.finite import refuse_result
 from robodyn_cli.run.observation.units import joint_columns
-from robodyn_cli.run.poses.inverse_kinematics import InverseKinematics, Way
+from robodyn_cli.run.poses.inverse_kinematics import InverseKinematics
+from robodyn_cli.run.poses.targets import Way
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene

@@ -27,8 +27,11 @@ class Branch:
 class Family(Protocol):
     """Arms of one structure. words : for each choice, the words of its two sides; axes : of the arm."""
 
-    words: tuple[tuple[str, str], ...]
-    screws: Screws
+    @property
+    def words(self) -> tuple[tuple[str, str], ...]: ...
+
+    @property
+    def screws(self) -> Screws: ...
 
     def branches(self, p: Array, R: Array) -> list[Branch]:
         """Return all ways to reach targets p (T, 3) and R (T, 3, 3) in base coordinates, R as a turn from zero."""
@@ -52,11 +55,10 @@ class ClosedForm:
         if screws is None or len(task.position) != 3:
             return None
         if task.orientation == "full":
-            for family in (SphericalWrist, ThreeParallel):
-                found = family.recognise(screws)
-                if found is not None:
-                    return ClosedForm(found)
-        arm = ParallelAxes.recognise(screws, task.orientation)
+            six: Family | None = SphericalWrist.recognise(screws) or ThreeParallel.recognise(screws)
+            if six is not None:
+                return ClosedForm(six)
+        arm: Family | None = ParallelAxes.recognise(screws, task.orientation)
         return None if arm is None else ClosedForm(arm)
 
     @property

@@ -1,9 +1,11 @@
-"""Closed form of arms whose axes are all parallel: planar 2R and 3R arms, SCARA robots, a slide along the axes anywhere.
+"""Closed form of arms whose axes are all parallel: planar 2R and 3R arms, SCARA robots, with a slide anywhere.
 
 Two turning joints place a point in the plane across the axes; a third one turns the frame; the slide lifts it.
 """
 
 from __future__ import annotations
+
+from typing import ClassVar
 
 import numpy as np
 
@@ -21,7 +23,7 @@ class ParallelAxes:
     """Such an arm; elbow_up is the bend against the first axis, as of the planar arm theta2 < 0."""
 
     screws: Screws
-    words = (ELBOWS,)
+    words: ClassVar[tuple[tuple[str, str], ...]] = (ELBOWS,)
 
     @staticmethod
     def recognise(screws: Screws, orientation: str) -> ParallelAxes | None:

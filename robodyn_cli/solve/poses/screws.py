@@ -10,7 +10,9 @@ from robodyn_cli.model.model import BASE, FixedFrame, Model
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
-PARALLEL = 1e-12  # sine of the angle up to which axes count as parallel, and part of the reach up to which they meet
+PARALLEL = (
+    1e-12  # sine of the angle up to which axes count as parallel, and part of the reach up to which they meet
+)
 
 
 @record
@@ -46,7 +48,9 @@ class Screws:
         path = [model.bodies[k] for k in model.path_to(frame.body)]
         if any(not body.joint.dh_variable for body in path):
             return None
-        X = transforms(model, [0.0] * model.nq if not any(b.joint.quasi for b in model.bodies) else _neutral(model))
+        X = transforms(
+            model, [0.0] * model.nq if not any(b.joint.quasi for b in model.bodies) else _neutral(model)
+        )
         pose = poses(model, X)
         found = [pose[k] for k in model.path_to(frame.body)]
         at = found[-1].point(frame.p)

@@ -55,7 +55,7 @@ class Shoulder:
 
 
 def two_links(h: Array, upper: Array, lower: Array, target: Array) -> Iterator[tuple[float, Array, Array]]:
-    """Give the angles (T,) of shoulder and elbow, both about h, for which the links upper and then lower reach a target.
+    """Give the angles (T,) of shoulder and elbow, both about h, for which two links reach a target.
 
     upper, lower : (3,) in the zero position. target : (T, 3) from the shoulder, at their height along h. The first
     entry is the sign of the bend, that of h . (upper x lower) as they are then.

@@ -6,6 +6,8 @@ have any other direction, and the links any offsets. Then the wrist turns what i
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from robodyn_cli.record import record
@@ -30,7 +32,7 @@ class SphericalWrist:
     screws: Screws
     shoulder: Shoulder
     centre: Array
-    words = (SIDES, ELBOWS, WRISTS)
+    words: ClassVar[tuple[tuple[str, str], ...]] = (SIDES, ELBOWS, WRISTS)
 
     @staticmethod
     def recognise(screws: Screws) -> SphericalWrist | None:

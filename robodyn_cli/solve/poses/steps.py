@@ -72,9 +72,7 @@ def damped_step(e: Sequence[Scalar], J: Matrix) -> Vector:
     return LdlFactor.of(A, minimum_degree(A)).solve(vector(J.T @ vector(e)))
 
 
-def criterion_step(
-    e: Sequence[Scalar], J: Matrix, c: Sequence[Scalar], C: Matrix, damping: Scalar
-) -> Vector:
+def criterion_step(e: Sequence[Scalar], J: Matrix, c: Sequence[Scalar], C: Matrix, damping: Scalar) -> Vector:
     """Return dq (n,) towards the smallest |c|^2 (k,) among the poses that meet the rows e; C (k, n) is dc/dq.
 
     With H = C^T C + s E: lam = (J H^-1 J^T + mu E)^-1 (e + J H^-1 g), dq = H^-1 (J^T lam - g), g = C^T c.

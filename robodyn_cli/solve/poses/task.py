@@ -60,9 +60,7 @@ def pose_rows(model: Model, q: Sequence[Expr], task: PoseTask, target: Sequence[
     pose = poses(model, X)
     frame, to_world = task.frame, model.base.E.T
     at = pose[frame.body].point(frame.p)
-    linear, angular = (
-        to_world @ A for A in point_jacobian(model, q, pose, frame.body, at)
-    )
+    linear, angular = (to_world @ A for A in point_jacobian(model, q, pose, frame.body, at))
     p, R = model.base.point(at), to_world @ (pose[frame.body].R @ frame.R)
     places = list(task.position)
     e = [target[k] - p[k] for k in places]
@@ -84,6 +82,6 @@ def _turn(R: Matrix, wanted: Matrix, task: PoseTask) -> tuple[Vector, Any]:
     if task.orientation == "axis":
         here, there = R @ vector(task.axis), wanted @ vector(task.axis)
         return cross(here, there), dot(here, there)
-    sine = sum(cross(R[:, k], wanted[:, k]) for k in range(3))
-    trace = sum(dot(R[:, k], wanted[:, k]) for k in range(3))
-    return vector([0.5 * x for x in sine]), 0.5 * (trace - 1.0)
+    x, y, z = (cross(R[:, k], wanted[:, k]) for k in range(3))
+    trace = dot(R.ravel(), wanted.ravel())
+    return vector([0.5 * s for s in x + y + z]), 0.5 * (trace - 1.0)

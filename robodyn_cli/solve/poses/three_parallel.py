@@ -6,6 +6,8 @@ Then h2 . R h6 gives q5, the turn that is left q6, and the three parallel axes r
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from robodyn_cli.record import record
@@ -30,7 +32,7 @@ class ThreeParallel:
     screws: Screws
     shoulder: Shoulder
     centre: Array
-    words = (SIDES, ELBOWS, WRISTS)
+    words: ClassVar[tuple[tuple[str, str], ...]] = (SIDES, ELBOWS, WRISTS)
 
     @staticmethod
     def recognise(screws: Screws) -> ThreeParallel | None:
@@ -54,7 +56,6 @@ class ThreeParallel:
         first, second, third, fourth, fifth, sixth = self.screws.axes
         signs = [float(second.h @ axis.h) for axis in (third, fourth)]
         centre = p + turned(R, self.centre - self.screws.p)
-        across = np.cross(sixth.h, second.h) if not parallel(sixth, second) else np.cross(sixth.h, fifth.h)
         found = []
         for side, sign, q1 in self.shoulder.angles(centre):
             R1 = rotations(first.h, q1)
