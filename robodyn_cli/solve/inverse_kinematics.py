@@ -12,7 +12,6 @@ from robodyn_cli.errors import CapabilityError, GeometryError, SceneError, Singu
 from robodyn_cli.model.model import BASE, FixedFrame, Model
 from robodyn_cli.record import record
 from robodyn_cli.solve import planar_path
-from robodyn_cli.solve.newton import Drift
 from robodyn_cli.solve.planar_2r import BRANCHES, ELBOW_DOWN, ELBOW_UP, Planar2R
 from robodyn_cli.solve.reach import Singular, Unreachable
 from robodyn_cli.spatial.algebra import Array
@@ -20,6 +19,7 @@ from robodyn_cli.trajectories.base import Ik
 from robodyn_cli.trajectories.motion import JointMotion, PointMotion, PoseMotion, TaskSpace
 
 if TYPE_CHECKING:
+    from robodyn_cli.solve.newton import Drift
     from robodyn_cli.solve.point_kinematics import PointFunction, PointKinematics
 
 Compile = Callable[["PointKinematics"], "PointFunction"]

@@ -7,6 +7,7 @@ import pytest
 
 from robodyn_cli import InverseKinematics, load_scene
 from robodyn_cli.errors import CapabilityError, SceneError
+from robodyn_cli.run.poses.explain import explain_miss
 from robodyn_cli.scene import load_scene_text
 from tests.numeric import assert_close
 from tests.source import ROOT
@@ -197,9 +198,10 @@ def test_limits_are_kept_and_whole_turns_tried(method: str) -> None:
 def test_what_is_in_the_way_is_named() -> None:
     ik = InverseKinematics(load_scene_text(PUMA_LIMITS), "l6", orientation="free")
     far = ik.solve([0.0, 0.0, 2.6])
-    assert not far.reached[0] and ik.explain(far, 0).startswith("the nearest pose found is 1.0")
-    far = (stretched := InverseKinematics(SEVEN, "link7")).solve([0.9, 0.9, 0.9], np.eye(3))
-    assert "in a singular pose, in which moving joint" in stretched.explain(far, 0)
+    assert not far.reached[0] and explain_miss(ik, far, 0).startswith("the nearest pose found is 1.0")
+    stretched = InverseKinematics(load_scene(ROBOTS / "planar_2r.yaml"), "link2.end", orientation="free")
+    far = stretched.solve([2.0, 3.0, 0.0])
+    assert "in a singular pose, in which moving joint" in explain_miss(stretched, far, 0)
     one = load_scene_text(
         "schema: 1\ngravity: [0, 0, 0]\nrobot:\n  joints:\n"
         "    - {name: turn, type: revolute, origin: {}, axis: [0, 0, 1], limits: {lower: -1, upper: 1}}\n"
@@ -208,7 +210,7 @@ def test_what_is_in_the_way_is_named() -> None:
     ik = InverseKinematics(one, "tip", position="xy", orientation="free")
     found = ik.solve([0.0, 1.0, 0.0])
     assert not found.reached[0] and found.q[0, 0] == pytest.approx(1.0)
-    assert "joint 'turn' at 1.5708, beyond its limits of -1 to 1" in ik.explain(found, 0)
+    assert "joint 'turn' at 1.5708, beyond its limits of -1 to 1" in explain_miss(ik, found, 0)
 
 
 # -- criteria ---------------------------------------------------------------------------------------------

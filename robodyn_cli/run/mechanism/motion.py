@@ -72,7 +72,6 @@ def plan_motion(problem: Problem, times: Array) -> Planned:
 
 def point_task(problem: Problem) -> PointTask:
     """Return the point, or the frame, that the scene's trajectory leads, and its path."""
-    from robodyn_cli.run.poses.path import drift_of, start_of
     from robodyn_cli.solve.inverse_kinematics import PointTask
 
     scene, model = problem.scene, problem.model
@@ -80,12 +79,15 @@ def point_task(problem: Problem) -> PointTask:
     where = f"{scene.path}: " if scene.path else ""
     frame, ik = model.points[trajectory.point], trajectory.ik
     task = PointTask(model, frame, trajectory, ik.guess or scene.initial.q, scene.parameters, where)
+    named, redundant = ik.branch is not None and task.arm is None, ik.redundancy != "least_rates"
+    if not named and not redundant:
+        return task
+    from robodyn_cli.run.poses.path import drift_of, start_of
+
     start = start_of(problem, task)
     if start is not None:
         task = dataclasses.replace(task, start=start, chosen=True)
-    return (
-        task if ik.redundancy == "least_rates" else dataclasses.replace(task, drift=drift_of(problem, task))
-    )
+    return dataclasses.replace(task, drift=drift_of(problem, task)) if redundant else task
 
 
 def compile_point(kinematics: PointKinematics) -> PointFunction:

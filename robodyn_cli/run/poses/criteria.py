@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import Enum
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,12 +11,13 @@ from robodyn_cli.algorithms.kinematics import position_rates
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.calculus import directional, substitute
-from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.expr.graph import Expr, Scalar
+from robodyn_cli.record import record
+from robodyn_cli.run.inverse.terms import torque_terms
+from robodyn_cli.run.poses.limits import PositionLimits
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.solve.closure import mechanism_size
 from robodyn_cli.spatial.algebra import Matrix, identity, vector, zeros
-
-if TYPE_CHECKING:
-    from robodyn_cli.run.poses.equations import PoseEquations
 
 
 class Criterion(str, Enum):
@@ -32,7 +33,18 @@ class Criterion(str, Enum):
     TORQUE = "least_torque"
 
 
-def criterion_rows(criterion: Criterion, equations: PoseEquations) -> tuple[list[Scalar], Matrix]:
+@record
+class Given:
+    """What criteria refer to: the symbols of a position near and of the limits, and the sizes of coordinates (nv,)."""
+
+    near: Sequence[Expr]
+    limits: PositionLimits
+    lower: Sequence[Expr]
+    upper: Sequence[Expr]
+    lengths: Sequence[float]
+
+
+def criterion_rows(criterion: Criterion, problem: Problem, given: Given) -> tuple[list[Scalar], Matrix]:
     """Return c (k,) and C (k, nv) = dc/dq.
 
     Raises
@@ -40,27 +52,27 @@ def criterion_rows(criterion: Criterion, equations: PoseEquations) -> tuple[list
     CapabilityError : the criterion has no meaning for the mechanism.
     """
     if criterion is Criterion.NEAREST:
-        return _nearest(equations)
+        return _nearest(problem, given)
     if criterion is Criterion.LIMITS:
-        return _away_from_limits(equations)
-    return _torques(equations.problem)
+        return _away_from_limits(problem, given)
+    return _torques(problem)
 
 
-def _nearest(equations: PoseEquations) -> tuple[list[Scalar], Matrix]:
-    model, q, near = equations.problem.model, equations.problem.q, equations.near
+def _nearest(problem: Problem, given: Given) -> tuple[list[Scalar], Matrix]:
+    model, q, near = problem.model, problem.q, given.near
     c: list[Scalar] = []
     for body in model.bodies:
         own = slice(body.q, body.q + body.joint.nq)
         c += list(body.joint.difference(vector(near[own]), vector(q[own])))
     # of an attitude too, as long as it is near
     C = identity(model.nv)
-    for k, unit in enumerate(equations.lengths):
+    for k, unit in enumerate(given.lengths):
         c[k], C[k, k] = c[k] / unit, 1.0 / unit
     return c, C
 
 
-def _away_from_limits(equations: PoseEquations) -> tuple[list[Scalar], Matrix]:
-    limits = equations.limits
+def _away_from_limits(problem: Problem, given: Given) -> tuple[list[Scalar], Matrix]:
+    limits = given.limits
     both = [
         k for k in range(len(limits.places)) if np.isfinite(limits.lower[k]) and np.isfinite(limits.upper[k])
     ]
@@ -69,11 +81,11 @@ def _away_from_limits(equations: PoseEquations) -> tuple[list[Scalar], Matrix]:
             f"criterion {Criterion.LIMITS.value} needs joints with `limits: {{lower, upper}}`; there are none"
         )
     c: list[Scalar] = []
-    C = zeros(len(both), equations.problem.model.nv)
+    C = zeros(len(both), problem.model.nv)
     for row, k in enumerate(both):
-        lower, upper = equations.lower[k], equations.upper[k]
+        lower, upper = given.lower[k], given.upper[k]
         scale = 2.0 / (upper - lower)
-        c.append((equations.problem.q[limits.places[k]] - 0.5 * (lower + upper)) * scale)
+        c.append((problem.q[limits.places[k]] - 0.5 * (lower + upper)) * scale)
         C[row, limits.velocities[k]] = scale
     return c, C
 
@@ -85,8 +97,6 @@ def holding_torques(problem: Problem) -> list[Scalar]:
     ------
     CapabilityError : loops share the load.
     """
-    from robodyn_cli.run.inverse.program import torque_terms
-
     if problem.model.closures:
         raise CapabilityError(
             f"criterion {Criterion.TORQUE.value} fits open chains; in a mechanism with loops actuators share the load"
@@ -115,8 +125,6 @@ def _torques(problem: Problem) -> tuple[list[Scalar], Matrix]:
         # torques at arm's length: comparable numbers, of the order of one
         weight = sum(float(body.inertia.m) for body in model.bodies if isinstance(body.inertia.m, float))
         gravity = float(np.linalg.norm([float(x) for x in model.gravity if isinstance(x, float)])) or 1.0
-        from robodyn_cli.solve.closure import mechanism_size
-
         scales = [max(weight * gravity * mechanism_size(model), 1e-300)] * model.nv
     c = [x / scale for x, scale in zip(tau, scales)]
     C = zeros(len(c), model.nv)

@@ -10,11 +10,10 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.calculus import substitute
 from robodyn_cli.expr.functions import absolute, maximum, minimum, sqrt, where
 from robodyn_cli.expr.graph import Scalar, is_nonzero
-from robodyn_cli.kernels.iterations import DATA, STATE, IterationKernel
 from robodyn_cli.kernels.program import PARAMETERS
-from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.kernels.samples import DATA, STATE, IterationKernel, SampleKernel
 from robodyn_cli.record import record
-from robodyn_cli.run.poses.criteria import Criterion, criterion_rows
+from robodyn_cli.run.poses.criteria import Criterion, Given, criterion_rows
 from robodyn_cli.run.poses.limits import PositionLimits
 from robodyn_cli.solve.closure import mechanism_size, rank
 from robodyn_cli.solve.poses.steps import (
@@ -30,7 +29,8 @@ from robodyn_cli.spatial.algebra import Array, Matrix, dot, matrix
 
 RANK_STARTS = 3  # positions at which the freedom left by a task is counted
 DAMPING_UP, DAMPING_DOWN = 4.0, 0.5  # of the criterion's steps, where its value grew or fell
-LEAST_DAMPING, MOST_DAMPING = 1e-4, 1e4
+FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-4, 1e4
+SETTLED = 1e-9  # rad, or part of the size of the mechanism: the step that ends them
 
 
 @record
@@ -121,7 +121,8 @@ class PoseEquations:
     @cached_property
     def criterion_rows(self) -> tuple[list[Scalar], Matrix]:
         """The criterion's rows c (k,), and C = dc/dq (k, nv)."""
-        return criterion_rows(self.criterion, self)
+        given = Given(self.near, self.limits, self.lower, self.upper, self.lengths)
+        return criterion_rows(self.criterion, self.problem, given)
 
     @cached_property
     def value(self) -> SampleKernel:
@@ -131,26 +132,44 @@ class PoseEquations:
 
     @cached_property
     def improve(self) -> IterationKernel:
-        """Steps along the poses that meet the rows to the criterion's smallest value.
+        """Steps along the poses that meet the rows to the criterion's smallest value."""
+        c, C = self.criterion_rows
+        C = matrix([x * unit for x, unit in zip(row, self.lengths)] for row in C)
+        return self._least(c, C, self.rows.e, self.rows.J)
+
+    @cached_property
+    def approach(self) -> IterationKernel:
+        """Steps to the pose nearest to a target that is out of reach, to which those of ``reach`` may not settle."""
+        e, J = self.rows.e, self.rows.J
+        return self._least(e, -J, [], J[:0])
+
+    def _least(self, c: list[Scalar], C: Matrix, e: list[Scalar], J: Matrix) -> IterationKernel:
+        """Return steps to the smallest |c|^2 where e vanishes; C = dc/dq.
 
         The state is q, the steps' damping and the value before; the damping grows where the value did.
         """
-        problem, rows = self.problem, self.rows
-        c, C = self.criterion_rows
-        C = matrix([x * unit for x, unit in zip(row, self.lengths)] for row in C)
+        problem = self.problem
         nq = problem.model.nq
         damping, before = (
             problem.graph.symbol(n, STATE, nq + k) for k, n in enumerate(("damping", "before"))
         )
-        dq = criterion_step(rows.e, rows.J, c, C, damping)
+        dq = criterion_step(e, J, c, C, damping)
         if self.limits.places:
             free = self.bounds.free(problem.q, dq)
-            dq = criterion_step(rows.e, rows.J * free, c, C * free, damping)
+            dq = criterion_step(e, J * free, c, C * free, damping)
         step = position_after(problem.model, problem.q, dq, self.lengths, self.bounds, CRITERION_STEP)
-        value = 0.5 * dot(c, c) + dot(rows.e, rows.e)
+        value = 0.5 * dot(c, c) + dot(e, e)
         factor = where(value - before, DAMPING_UP, DAMPING_DOWN)
         after = minimum(maximum(damping * factor, LEAST_DAMPING), MOST_DAMPING)
-        return IterationKernel([*step, after, value], maximum(rows.measure, sqrt(dot(dq, dq))))
+        left = sqrt(dot(dq, dq))
+        return IterationKernel([*step, after, value], maximum(self.rows.measure, left) if e else left)
+
+    def settle(self, kernel: IterationKernel, q: Array, d: Array, rounds: int) -> Array:
+        """Return the positions (T, nq) that ``improve`` or ``approach`` lead to from q with data d."""
+        begin = np.tile([FIRST_DAMPING, np.inf], (len(q), 1))
+        groups = {"q": np.concatenate([q, begin], axis=1), "d": d, "p": self.limits.numbers}
+        state, _ = kernel(groups, SETTLED, rounds)
+        return state[:, : q.shape[1]]
 
     def data(self, targets: Array, near: Array) -> Array:
         """Return targets (T, 12) and positions near (T, nq) as the data of samples."""

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from robodyn_cli.run.poses.inverse_kinematics import InverseKinematics
 from robodyn_cli.run.poses.limits import PositionLimits
+from robodyn_cli.run.poses.targets import Poses
 from robodyn_cli.spatial.algebra import Array
 
-if TYPE_CHECKING:
-    from robodyn_cli.run.poses.inverse_kinematics import InverseKinematics
-
 AT_LIMIT = 1e-6  # rad or m
-SINGULAR = 1e-2  # smallest over largest singular value below which a pose is called singular
+PATIENCE = 1000  # steps towards the nearest pose, to which they may go slowly
+SINGULAR = 1e-4  # smallest over largest singular value below which a pose is called singular
 
 
-def explain_miss(solver: InverseKinematics, target: Array, q: Array, error: float) -> str:
-    """Return why a target (12,) is not reached, as a part of a sentence; q (nq,) : the nearest position found."""
+def explain_miss(solver: InverseKinematics, found: Poses, k: int) -> str:
+    """Return why target k of ``found`` is not reached, as a part of a sentence."""
+    target, q, error = found.targets[k], found.q[k], float(found.error[k])
+    equations = solver.equations
+    d = equations.data(target[None], q)
+    nearer = equations.settle(equations.approach, q[None], d, PATIENCE)
+    _, left = equations.reach({"q": nearer, "d": d, "p": solver.limits.numbers}, solver.tolerance, 0)
+    if left[0] < error:
+        q, error = nearer[0], float(left[0])
     text = f"the nearest pose found is {error:.4g} m or rad away"
     limits = solver.limits
     if limits.places:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from robodyn_cli.run.poses.criteria import Criterion
 from robodyn_cli.run.poses.equations import PoseEquations
 from robodyn_cli.run.poses.limits import PositionLimits
 from robodyn_cli.run.poses.targets import (
+    Asked,
     Poses,
     Way,
     check_choice,
@@ -25,7 +26,6 @@ from robodyn_cli.run.poses.targets import (
     find_frame,
     nothing_found,
     packed_targets,
-    task_of,
     with_frame,
 )
 from robodyn_cli.scene.types import Scene
@@ -41,7 +41,6 @@ STARTS = 96  # positions to start from, beside the one nearby
 POLISH = 4  # steps that take the rounding from a closed form
 CLOSE = 1e-5  # m or rad to the target from which on a closed form counts as a solution to polish
 IMPROVE = 60  # steps towards the criterion
-SETTLED = 1e-9  # rad: step of the criterion that ends them
 CHOICE = 8  # solutions among which the criterion chooses where there is no closed form
 
 
@@ -56,41 +55,25 @@ class InverseKinematics:
 
     Parameters
     ----------
-    source : scene, or its equations. frame : a named point or frame, a link, or ``LINK.end``.
-    position : the components that are asked for, of ``xyz``. orientation : ``full``; ``axis``, the direction of
-    ``axis`` (3,) in the frame's coordinates alone; or ``free``.
-    criterion : what decides between positions: ``nearest`` (to ``near``), ``away_from_limits``, ``least_torque``.
-    limits : whether the joints' limits are respected. method : ``auto``, or ``damped`` for no closed form.
+    source : scene, or its equations. frame : a named point or frame, a link, or ``LINK.end``. asked : see ``Asked``.
 
     Raises
     ------
     SceneError : an unknown frame or choice. CapabilityError : a criterion that has no meaning here.
     """
 
-    def __init__(
-        self,
-        source: Scene | Problem,
-        frame: str,
-        *,
-        position: str = "xyz",
-        orientation: str = "full",
-        axis: Sequence[float] = (0.0, 0.0, 1.0),
-        criterion: str = "nearest",
-        limits: bool = True,
-        method: str = "auto",
-    ) -> None:
+    def __init__(self, source: Scene | Problem, frame: str, **asked: Any) -> None:
         self.problem = problem = with_frame(source, frame)
         scene = problem.scene
         self.model = problem.model
         place = find_frame(self.model, frame)
         if place.body == BASE:
             raise SceneError(f"{frame!r} is fixed to the base and cannot be brought anywhere")
-        self.task = task_of(place, position, orientation, axis)
-        check_choice("method", method, ("auto", "damped"))
-        check_choice("criterion", criterion, tuple(x.value for x in Criterion))
-        self.limits = PositionLimits.of(scene, self.model, limits)
-        self.equations = PoseEquations(problem, self.task, self.limits, Criterion(criterion))
-        self.closed_form = ClosedForm.of(self.model, self.task) if method == "auto" else None
+        options = Asked(**asked)
+        self.task = options.task(place)
+        self.limits = PositionLimits.of(scene, self.model, options.limits)
+        self.equations = PoseEquations(problem, self.task, self.limits, Criterion(options.criterion))
+        self.closed_form = ClosedForm.of(self.model, self.task) if options.method == "auto" else None
         self.tolerance = max(TOLERANCE, ROUNDING * self.equations.size)
         self.home = self._home(scene)
 
@@ -135,12 +118,6 @@ class InverseKinematics:
         free.limits = PositionLimits.of(self.problem.scene, self.model, respected=False)
         free.equations = PoseEquations(self.problem, self.task, free.limits, Criterion.NEAREST)
         return free
-
-    def explain(self, found: Poses, k: int) -> str:
-        """Return why target k of ``found`` is not reached, as a part of a sentence."""
-        from robodyn_cli.run.poses.explain import explain_miss
-
-        return explain_miss(self, found.targets[k], found.q[k], float(found.error[k]))
 
     # -- many poses -----------------------------------------------------------------------------------
     def solve(
@@ -239,9 +216,8 @@ class InverseKinematics:
         good = error <= self.tolerance
         if not self.freedom or not good.any():
             return q, error
-        extra = np.tile([1e-2, np.inf], (len(q), 1))
-        state, _ = equations.improve({"q": np.concatenate([q, extra], axis=1), **groups}, SETTLED, IMPROVE)
-        better, left = equations.reach({"q": state[:, : self.model.nq], **groups}, finished, ROUNDS)
+        settled = equations.settle(equations.improve, q, groups["d"], IMPROVE)
+        better, left = equations.reach({"q": settled, **groups}, finished, ROUNDS)
         gain = self._values(better, targets, near) < self._values(q, targets, near)
         taken = good & gain & (left <= self.tolerance)
         return np.where(taken[:, None], better, q), np.where(taken, left, error)

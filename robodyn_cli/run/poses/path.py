@@ -12,6 +12,7 @@ from robodyn_cli.errors import GeometryError, SceneError
 from robodyn_cli.expr.calculus import directional, substitute
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.run.poses.criteria import Criterion
+from robodyn_cli.run.poses.explain import explain_miss
 from robodyn_cli.run.poses.inverse_kinematics import InverseKinematics
 from robodyn_cli.solve.inverse_kinematics import PointTask
 from robodyn_cli.solve.newton import Drift
@@ -78,7 +79,7 @@ def start_of(problem: Problem, task: PointTask) -> Mapping[str, float] | None:
         raise GeometryError(
             f"{task.where}point {task.trajectory.point!r} cannot reach its target at t = 0 s"
             + (f" on branch {wanted}" if wanted else "")
-            + f": {solver.explain(found, 0)}",
+            + f": {explain_miss(solver, found, 0)}",
             time=0.0,
             distance=float(found.error[0]),
         )

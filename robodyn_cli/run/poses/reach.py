@@ -13,6 +13,7 @@ from robodyn_cli.results.summary import ABSENT, Absent, Termination
 from robodyn_cli.run.mechanism.report import add_sample
 from robodyn_cli.run.observation.finite import refuse_result
 from robodyn_cli.run.observation.units import joint_columns
+from robodyn_cli.run.poses.explain import explain_miss
 from robodyn_cli.run.poses.inverse_kinematics import InverseKinematics
 from robodyn_cli.run.poses.targets import Way
 from robodyn_cli.run.progress import Progress, no_progress
@@ -75,7 +76,7 @@ def reach(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch | 
     if not found.reached[0]:
         beside = f" on branch {options.branch}" if options.branch else ""
         raise GeometryError(
-            f"{scene.path}: {options.frame!r} cannot reach the pose{beside}: {solver.explain(found, 0)}",
+            f"{scene.path}: {options.frame!r} cannot reach the pose{beside}: {explain_miss(solver, found, 0)}",
             frame=options.frame, distance=float(found.error[0]),
         )  # fmt: skip
     with watch.stage("branches"):

@@ -10,6 +10,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError, did_you_mean
 from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.record import record
+from robodyn_cli.run.poses.criteria import Criterion
 from robodyn_cli.run.poses.equations import packed
 from robodyn_cli.scene.points import point_problem, with_points
 from robodyn_cli.scene.types import Scene
@@ -17,6 +18,44 @@ from robodyn_cli.solve.poses.task import ORIENTATIONS, PoseTask
 from robodyn_cli.spatial.algebra import Array
 
 SAME = 1e-6  # rad or m, for positions that count as one
+
+
+@record
+class Asked:
+    """What is asked of a frame, and how its poses are sought.
+
+    position : the components that are asked for, of ``xyz``. orientation : ``full``; ``axis``, the direction of
+    ``axis`` (3,) in the frame's coordinates alone; or ``free``. criterion : what decides between positions: ``nearest``
+    (to ``near``), ``away_from_limits``, ``least_torque``. limits : whether the joints' limits are respected.
+    method : ``auto``, or ``damped`` for no closed form.
+    """
+
+    position: str = "xyz"
+    orientation: str = "full"
+    axis: Sequence[float] = (0.0, 0.0, 1.0)
+    criterion: str = Criterion.NEAREST.value
+    limits: bool = True
+    method: str = "auto"
+
+    def task(self, frame: FixedFrame) -> PoseTask:
+        """Return the task for a frame.
+
+        Raises
+        ------
+        SceneError : a choice that there is not, or nothing is asked.
+        """
+        check_choice("orientation", self.orientation, ORIENTATIONS)
+        check_choice("method", self.method, ("auto", "damped"))
+        check_choice("criterion", self.criterion, tuple(x.value for x in Criterion))
+        position, length = self.position, float(np.linalg.norm(self.axis))
+        if any(x not in "xyz" for x in position) or len(set(position)) != len(position):
+            raise SceneError(f"position {position!r}: the components that are asked for, each once, of xyz")
+        if not position and self.orientation == "free":
+            raise SceneError("nothing is asked of the frame: neither a position nor an orientation")
+        if len(self.axis) != 3 or not length > 0.0:
+            raise SceneError(f"axis {list(self.axis)}: three numbers, not all zero")
+        x, y, z = (float(x) / length for x in self.axis)
+        return PoseTask(frame, tuple(sorted("xyz".index(x) for x in position)), self.orientation, (x, y, z))
 
 
 @record
@@ -88,19 +127,6 @@ def with_frame(source: Scene | Problem, frame: str) -> Problem:
         return source
     named = "." in frame and point_problem(source.robot, frame) is None
     return Problem(with_points(source, [frame]) if named else source)
-
-
-def task_of(frame: FixedFrame, position: str, orientation: str, axis: Sequence[float]) -> PoseTask:
-    check_choice("orientation", orientation, ORIENTATIONS)
-    if any(x not in "xyz" for x in position) or len(set(position)) != len(position):
-        raise SceneError(f"position {position!r}: the components that are asked for, each once, of xyz")
-    if not position and orientation == "free":
-        raise SceneError("nothing is asked of the frame: neither a position nor an orientation")
-    length = float(np.linalg.norm(axis))
-    if len(axis) != 3 or not length > 0.0:
-        raise SceneError(f"axis {list(axis)}: three numbers, not all zero")
-    x, y, z = (float(x) / length for x in axis)
-    return PoseTask(frame, tuple(sorted("xyz".index(x) for x in position)), orientation, (x, y, z))
 
 
 def check_choice(key: str, value: str | None, allowed: Sequence[str | None]) -> None:

@@ -2,40 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
+from robodyn_cli.solve.poses.family import Family
+from robodyn_cli.solve.poses.parallel_axes import ParallelAxes
 from robodyn_cli.solve.poses.screws import Screws
+from robodyn_cli.solve.poses.spherical_wrist import SphericalWrist
 from robodyn_cli.solve.poses.task import PoseTask
+from robodyn_cli.solve.poses.three_parallel import ThreeParallel
 from robodyn_cli.spatial.algebra import Array
-
-
-@record
-class Branch:
-    """One way to reach targets: its name, a word for each choice, and values (T, k) of the axes in their order.
-
-    A target that is out of reach has the values of a pose near it.
-    """
-
-    name: tuple[str, ...]
-    values: Array
-
-
-class Family(Protocol):
-    """Arms of one structure. words : for each choice, the words of its two sides; axes : of the arm."""
-
-    @property
-    def words(self) -> tuple[tuple[str, str], ...]: ...
-
-    @property
-    def screws(self) -> Screws: ...
-
-    def branches(self, p: Array, R: Array) -> list[Branch]:
-        """Return all ways to reach targets p (T, 3) and R (T, 3, 3) in base coordinates, R as a turn from zero."""
-        ...
 
 
 @record
@@ -47,10 +24,6 @@ class ClosedForm:
     @staticmethod
     def of(model: Model, task: PoseTask) -> ClosedForm | None:
         """Return the closed form of an arm for a task, None where there is none."""
-        from robodyn_cli.solve.poses.parallel_axes import ParallelAxes
-        from robodyn_cli.solve.poses.spherical_wrist import SphericalWrist
-        from robodyn_cli.solve.poses.three_parallel import ThreeParallel
-
         screws = Screws.of(model, task.frame)
         if screws is None or len(task.position) != 3:
             return None

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from robodyn_cli.record import record
-from robodyn_cli.solve.poses.closed_form import Branch
+from robodyn_cli.solve.poses.family import Branch
 from robodyn_cli.solve.poses.screws import Screws, parallel
 from robodyn_cli.solve.poses.shoulder import two_links
 from robodyn_cli.solve.poses.subproblems import angle_between, rotations, turned

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from robodyn_cli.algorithms.kinematics import point_jacobian, poses, transforms
 from robodyn_cli.expr.functions import maximum, sqrt, where
 from robodyn_cli.expr.graph import Expr, Scalar
@@ -70,6 +72,9 @@ def pose_rows(model: Model, q: Sequence[Expr], task: PoseTask, target: Sequence[
         wanted = matrix([target[3 + 3 * i : 6 + 3 * i] for i in range(3)])
         sine, cosine = _turn(R, wanted, task)
         turn = [s * sqrt(2.0 / maximum(1.0 + cosine, TINY)) for s in sine]
+        if task.orientation == "axis":  # the frame may turn about it
+            along = vector(wanted @ vector(task.axis))
+            angular = angular - np.outer(along, along @ angular)
         chord = 2.0 * (1.0 - cosine)  # half a turn away the sine says nothing
         e, rows, lengths = [*e, *turn], [*rows, *angular], [*lengths, *[False] * 3]
         square = maximum(square, where(cosine, dot(turn, turn), chord))
