@@ -26,6 +26,7 @@ _HOME = {
     "reach": "robodyn_cli.run.poses.reach",
     "InverseKinematics": "robodyn_cli.run.poses.inverse_kinematics",
     "plan": "robodyn_cli.run.plan.plan",
+    "Mechanism": "robodyn_cli.run.many.mechanism",
     "InverseDynamics": "robodyn_cli.run.inverse.dynamics",
     "ForwardDynamics": "robodyn_cli.run.inverse.dynamics",
     "Result": "robodyn_cli.results.result",
@@ -53,6 +54,7 @@ if TYPE_CHECKING:  # "as" makes a name part of the API for type checkers
     from robodyn_cli.run.inverse.dynamics import ForwardDynamics as ForwardDynamics
     from robodyn_cli.run.inverse.dynamics import InverseDynamics as InverseDynamics
     from robodyn_cli.run.inverse.inverse import inverse as inverse
+    from robodyn_cli.run.many.mechanism import Mechanism as Mechanism
     from robodyn_cli.run.mechanism.assemble import assemble as assemble
     from robodyn_cli.run.mechanism.kinematics import kinematics as kinematics
     from robodyn_cli.run.mechanism.statics import statics as statics

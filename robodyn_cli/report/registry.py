@@ -7,6 +7,7 @@ the PNG. Nothing is computed in a plot that the run should have reported.
 from __future__ import annotations
 
 import importlib
+from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -57,6 +58,10 @@ class Drawings:
     names: tuple[str, ...] | None = None
     suffix: str = "png"
 
+    def among(self, possible: Sequence[str]) -> list[str]:
+        """Return the plots to draw of those that are possible."""
+        return [name for name in possible if self.names is None or name in self.names]
+
 
 def plot_names() -> list[str]:
     """Return the names of all plots."""
@@ -91,7 +96,7 @@ def draw(result: Result, name: str) -> Figure:
 def draw_all(result: Result, directory: str | Path, drawings: Drawings | None = None) -> list[Path]:
     """Draw the plots that apply, or those asked for, into ``directory``, each file atomically; return the files."""
     drawings = drawings or Drawings()
-    names = [name for name in applicable(result) if drawings.names is None or name in drawings.names]
+    names = drawings.among(applicable(result))
     if not names:
         return []
     from robodyn_cli.report.canvas import save

@@ -71,6 +71,11 @@ def point_link(robot: Robot, reference: str) -> str:
     return robot.points[reference].link if reference in robot.points else reference.partition(".")[0]
 
 
+def carrier(robot: Robot, reference: str) -> str:
+    """Return the link that carries a named frame or a point which resolves."""
+    return robot.frames[reference].link if reference in robot.frames else point_link(robot, reference)
+
+
 def _allowed(robot: Robot) -> str:
     return ", ".join([*robot.points, "LINK.origin", "LINK.end", "LINK.com", "base.origin"])
 
