@@ -20,6 +20,7 @@ from robodyn_cli.scene.mechanism_options import (
     AssembleOptions,
     KinematicsOptions,
     LoadLimit,
+    ReachOptions,
     StaticsOptions,
 )
 from robodyn_cli.scene.robot_types import Coupler as Coupler
@@ -300,6 +301,7 @@ class Scene:
     kinematics: KinematicsOptions = key(
         Section(KinematicsOptions), default=KinematicsOptions(), doc="Options of `kinematics`."
     )
+    reach: ReachOptions | None = key(Section(ReachOptions), default=None, doc="The pose of `reach`.")
     statics: StaticsOptions = key(
         Section(StaticsOptions), default=StaticsOptions(), doc="Options of `statics`."
     )

@@ -12,6 +12,10 @@ from typing import Protocol
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Integer, JointMap, Number, key
 
+# the sides of an arm that its inverse kinematics chooses between
+SIDES, ELBOWS, WRISTS = ("righty", "lefty"), ("elbow_up", "elbow_down"), ("no_flip", "flip")
+BRANCHES = (*ELBOWS, *(f"{side}-{elbow}-{wrist}" for side in SIDES for elbow in ELBOWS for wrist in WRISTS))
+
 Problems = Iterator[tuple[tuple[str | int, ...], str]]
 
 
@@ -69,9 +73,10 @@ class Ik:
         doc="`auto` uses the analytic solution if there is one.",
     )
     branch: str | None = key(
-        Choice(("elbow_up", "elbow_down")),
+        Choice(BRANCHES),
         default=None,
-        doc="Branch of a planar 2R arm; elbow_up: theta2 < 0.",
+        doc="Branch of an arm in closed form, by its sides: elbow_up (theta2 < 0) or elbow_down of planar arms and "
+        "SCARA robots; shoulder, elbow and wrist of arms with a spherical wrist or three parallel axes.",
     )
     guess: dict[str, float] = key(
         JointMap(Number(angle=True)),
@@ -79,11 +84,16 @@ class Ik:
         unit="rad or m",
         doc="Start of Newton's method at t = 0.",
     )
+    redundancy: str = key(
+        Choice(("least_rates", "away_from_limits", "least_torque")),
+        default="least_rates",
+        doc="What a redundant arm does with its freedom along the path.",
+    )
     tolerance: float = key(
         Number(minimum=0.0, exclusive=True),
         default=1e-12,
-        unit="m",
-        doc="Distance to the target that is accepted.",
+        unit="m, rad",
+        doc="Distance, and angle, to the target that is accepted.",
     )
     max_iterations: int = key(
         Integer(minimum=1, maximum=100_000), default=50, doc="Newton iterations a sample."

@@ -12,8 +12,9 @@ from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.loops.base import Row
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.inverse.program import InverseProgram, Loops, Outputs, Sampled, expressions_of
+from robodyn_cli.run.inverse.program import InverseProgram, Loops, Sampled, expressions_of
 from robodyn_cli.run.inverse.sharing import refuse_gears, share_load
+from robodyn_cli.run.inverse.terms import Outputs
 from robodyn_cli.run.mechanism.guided_motion import guided_motion
 from robodyn_cli.run.mechanism.loop_conditions import Lead, lead_of, velocity_places
 from robodyn_cli.run.mechanism.motion import Planned, with_led_point

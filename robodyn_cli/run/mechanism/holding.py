@@ -8,8 +8,8 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SingularConfigurationError
-from robodyn_cli.run.inverse.program import torque_terms
 from robodyn_cli.run.inverse.sharing import lost_rank, refuse_gears
+from robodyn_cli.run.inverse.terms import torque_terms
 from robodyn_cli.run.mechanism.at_rest import AtRest, refuse_unknown
 from robodyn_cli.run.mechanism.loop_conditions import LoopConditions, nothing_led, velocity_places
 from robodyn_cli.run.mechanism.summary import Held

@@ -16,13 +16,7 @@ from robodyn_cli.run.driver.prepare import held_columns
 from robodyn_cli.run.mechanism.guided_motion import guided_motion
 from robodyn_cli.run.mechanism.loop_conditions import Lead, lead_of, refuse_quasi
 from robodyn_cli.run.mechanism.mobility import Mobility, mobility
-from robodyn_cli.run.mechanism.motion import (
-    Planned,
-    plan_motion,
-    with_led_point,
-    with_points,
-    without_following,
-)
+from robodyn_cli.run.mechanism.motion import Planned, plan_motion, with_led_point, without_following
 from robodyn_cli.run.mechanism.report import add_rows
 from robodyn_cli.run.mechanism.summary import (
     Closure,
@@ -39,6 +33,7 @@ from robodyn_cli.run.observation.singular_values import singular_values
 from robodyn_cli.run.observation.units import add_motion
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
+from robodyn_cli.scene.points import with_points
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.led import velocity_columns

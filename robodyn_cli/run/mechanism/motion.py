@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, GeometryError, SceneError, SingularConfigurationError
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
-from robodyn_cli.scene.types import Point, Scene
+from robodyn_cli.scene.points import with_points
+from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.led import followed_by, position_columns
 from robodyn_cli.trajectories.motion import JointMotion, JointSpace, TaskSpace
@@ -48,19 +48,6 @@ def with_led_point(scene: Scene) -> Scene:
 def without_following(scene: Scene) -> Scene:
     """Return the scene without motions prescribed by its trajectory, for commands that follow it themselves."""
     return scene if followed_by(scene.prescribed) is None else dataclasses.replace(scene, prescribed={})
-
-
-def with_points(scene: Scene, references: Sequence[str]) -> Scene:
-    """Return the scene with points that are referred to (as ``link2.end``) among its named points."""
-    points = dict(scene.robot.points)
-    for reference in references:
-        link, _, at = reference.partition(".")
-        # ``base.NAME`` is a named point too
-        known = points.get(reference) or points.get(at)
-        points[reference] = known or Point(link=link, at=at)
-    if len(points) == len(scene.robot.points):
-        return scene
-    return dataclasses.replace(scene, robot=dataclasses.replace(scene.robot, points=points))
 
 
 def plan_motion(problem: Problem, times: Array) -> Planned:
@@ -108,14 +95,23 @@ def _refuse_some(model: Model, trajectory: JointSpace) -> None:
 
 
 def point_task(problem: Problem) -> PointTask:
-    """Return the point that the scene's trajectory leads, and its path."""
+    """Return the point, or the frame, that the scene's trajectory leads, and its path."""
     from robodyn_cli.solve.inverse_kinematics import PointTask
 
     scene, model = problem.scene, problem.model
     trajectory: Any = scene.trajectory
-    start = trajectory.ik.guess or scene.initial.q
     where = f"{scene.path}: " if scene.path else ""
-    return PointTask(model, model.points[trajectory.point], trajectory, start, scene.parameters, where)
+    frame, ik = model.points[trajectory.point], trajectory.ik
+    task = PointTask(model, frame, trajectory, ik.guess or scene.initial.q, scene.parameters, where)
+    named, redundant = ik.branch is not None and task.arm is None, ik.redundancy != "least_rates"
+    if not named and not redundant:
+        return task
+    from robodyn_cli.run.poses.path import drift_of, start_of
+
+    start = start_of(problem, task)
+    if start is not None:
+        task = dataclasses.replace(task, start=start, chosen=True)
+    return dataclasses.replace(task, drift=drift_of(problem, task)) if redundant else task
 
 
 def compile_point(kinematics: PointKinematics) -> PointFunction:

@@ -211,6 +211,10 @@ def _check_runs(scene: Scene, check: Check) -> None:
                 ("simulate", "max_step"), f"{message}; allowed: with methods that choose their own steps"
             )
     _check_kinematics(scene, check)
+    if scene.reach is not None:
+        from robodyn_cli.scene.checks.reach import check_reach
+
+        check_reach(scene.robot, scene.reach, check)
     _check_deploy(scene, check)
     if scene.deploy.latch is not None:
         between = scene.deploy.latch.between
