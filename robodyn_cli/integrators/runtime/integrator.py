@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -16,6 +15,7 @@ from robodyn_cli.formulations.events import GO_ON, Event, EventKind, Jump, Outco
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.begin import doubles_at_start, first_step, integers_at_start
+from robodyn_cli.integrators.runtime.crowd import Crowd
 from robodyn_cli.integrators.runtime.engine import Engine
 from robodyn_cli.integrators.runtime.grid import Grid as Grid
 from robodyn_cli.integrators.runtime.grid import stretches
@@ -33,9 +33,6 @@ DEFAULTS = Options()
 SLICE_TIME = 0.02
 FIRST_SLICE = 256
 RESTART = 1 / 16  # first step after a jump, as a part of the time since the last one
-# chattering: so many steps with events within this part of the time so far (or of a second)
-CROWD = 200
-CROWDED = 1e-9
 TRIAL_STEPS = 200  # that a trial may take; more are needed only towards a pose that no trial should cross
 BEYOND = 7  # doublings of the resolution within which a function that is zero is expected to cross
 
@@ -80,10 +77,10 @@ class Integrator:
         for slot, count in integers_at_start(self.system.nv).items():
             n[slot] = count
         self.events_seen = 0
-        self._since, self._restart = time, math.inf
+        self._since, self._restart, self._middle = time, math.inf, math.nan
         self.before = 0
         self.pause: int | None = None
-        self._crowd: deque[float] = deque(maxlen=CROWD)  # times of the last events
+        self._crowd = Crowd()
         if self.system.partition is not None:
             self.parameters.start(time, self.y)
 
@@ -237,20 +234,13 @@ class Integrator:
                 if status is Status.DONE:
                     break
                 if status is Status.EVENT:
-                    self._refuse_crowd(self.memory.saved_w[DoubleSlot.T])
+                    self._crowd.refuse(s.events[n[IntegerSlot.EVENT]], self.memory.saved_w[DoubleSlot.T])
                     outcome = self._handle(self._locate(stop, grid, flush), heard)
                     if outcome is not GO_ON:
                         return outcome
                 else:
                     self._check(status)
         return self._handle(self._at_end(), heard) if watch else GO_ON
-
-    def _refuse_crowd(self, time: float) -> None:
-        self._crowd.append(time)
-        if len(self._crowd) == CROWD and time - self._crowd[0] <= CROWDED * max(1.0, time):
-            from robodyn_cli.integrators.event_location.events import chatter
-
-            raise chatter(self.system.events[self.n[IntegerSlot.EVENT]], time)
 
     def _begin_samples(self, grid: Grid, capacity: int, emit: Callable[[Array, Array], None]) -> None:
         """Provide room for a block of samples, and write one that lies at the current time."""
@@ -307,16 +297,22 @@ class Integrator:
 
     def _locate(self, stop: float, grid: Grid, flush: Callable[[], None]) -> tuple[Event, ...]:
         """Find the first event in the step ahead, and others at the same time, and go there."""
-        n, last = self.n, grid.count - 1
-        seen = n[IntegerSlot.EVENT]
-        if n[IntegerSlot.LOCATED]:
-            time, fine = self.time, resolution(self.memory.saved_w[DoubleSlot.T], self.time)
+        n, last, start = self.n, grid.count - 1, self.memory.saved_w[DoubleSlot.T]
+        seen, located = n[IntegerSlot.EVENT], bool(n[IntegerSlot.LOCATED])
+        time, roots = (self.time, ()) if located else self._sort_out(seen, stop, flush)
+        if self._step is not None and self.options.first < 1.0 and start != self._middle:
+            # an event cuts a step to the same length whatever the step asked for
+            self._middle = 0.5 * (start + time)
+            self._go(self._middle, last, flush)
+            self._watch(self.engine.seen(), {})
+            return ()
+        if located:
+            fine = resolution(start, time)
             if n[IntegerSlot.NEXT_SAMPLE] <= last and grid.begins_by(n[IntegerSlot.NEXT_SAMPLE], time):
                 sign = math.copysign(1.0, self.w[DoubleSlot.SIZE + seen])
                 self._go(time, last, flush)
                 self._watch(self.engine.seen(), {seen: sign})
             return (self._event(seen, fine),)
-        time, roots = self._sort_out(seen, stop, flush)
         # take the step for good, samples included
         self._go(time, last, flush)
         self._watch(self.engine.seen(), {r.index: r.sign for r in roots})

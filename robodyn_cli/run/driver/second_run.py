@@ -27,9 +27,10 @@ from robodyn_cli.spatial.algebra import Array
 Tick = Callable[[float], None] | None
 MORE_STEPS = 1.9  # times the steps of the first run: both together take less than three times its time
 MOST_STEPS = 4  # times the steps of the first run, at which the second is given up
-TIGHTER = 50.0  # times, at most: a tolerance so much tighter is enough even where it takes fewer steps
-TIGHTEST_RTOL = 1e-14  # not below what double precision can resolve
+TIGHTER = 200.0  # times, at most: a tolerance so much tighter is enough even where it takes fewer steps
+TIGHTEST_RTOL = 2e-14  # not below what double precision can resolve
 FINEST_RTOL = 1e-12  # below it, methods of high order are at rounding, where a tighter tolerance says nothing
+FINER = 0.45  # times a fixed step: where implicit methods halve theirs, the second run must not take the same steps
 SHORTER = 0.6  # times the mean step of the first run, where a tighter tolerance says nothing
 FIRST_STEPS = (
     0.4  # times the first steps, at the start and behind events, or both runs would share their errors
@@ -51,8 +52,10 @@ def tighter(options: Options, mean_step: float, method: str) -> tuple[Options, s
     if options.step is not None:
         # a step longer than the run is as long as the run
         taken = options.step if options.step < 2.0 * mean_step else mean_step
-        return dataclasses.replace(options, step=taken / 2), "step halved"
+        return dataclasses.replace(options, step=FINER * taken, first=FIRST_STEPS), shorter(FINER)
     factor = min(TIGHTER, MORE_STEPS ** (kind.order / kind.proportion))
+    if kind.order >= HIGH_ORDER:
+        factor = min(factor, options.rtol / TIGHTEST_RTOL)
     rtol = options.rtol / factor
     fine = options.rtol >= FINEST_RTOL if kind.order >= HIGH_ORDER else rtol >= TIGHTEST_RTOL
     if kind.adaptive and fine:
@@ -65,9 +68,12 @@ def tighter(options: Options, mean_step: float, method: str) -> tuple[Options, s
 def other_steps(options: Options, mean_step: float) -> tuple[Options, str]:
     """Return the options of a second run with shorter steps, and how it differs in words."""
     longest = min(options.max_step, SHORTER * mean_step)
-    return dataclasses.replace(
-        options, max_step=longest, first=FIRST_STEPS
-    ), f"steps {SHORTER:g} times as long"
+    return dataclasses.replace(options, max_step=longest, first=FIRST_STEPS), shorter(SHORTER)
+
+
+def shorter(part: float) -> str:
+    """Say how a second run differs that takes shorter steps."""
+    return f"steps {part:g} times as long"
 
 
 @record

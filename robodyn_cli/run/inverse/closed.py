@@ -24,6 +24,7 @@ from robodyn_cli.run.observation.singular_values import singular_values
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import LostRank, TooFewActuators, accelerations, share
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.trajectories.led import led_joints
 
 
 def build_closed(scene: Scene) -> ClosedLoops:
@@ -161,7 +162,7 @@ def actuated_joints(problem: Problem, lead: Lead) -> tuple[str, ...]:
     scene = problem.scene
     if scene.actuated is not None:
         return scene.actuated
-    led = (*lead.joints, *scene.prescribed)
+    led = (*lead.joints, *led_joints(scene.prescribed))
     found = tuple(dict.fromkeys(led if led else scene.torques))
     if not found:
         raise SceneError(

@@ -15,6 +15,7 @@ from robodyn_cli.run.mechanism.loop_conditions import LoopConditions, nothing_le
 from robodyn_cli.run.mechanism.summary import Held
 from robodyn_cli.solve.load_sharing import LostRank, Shared, TooFewActuators, share
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.trajectories.led import led_joints
 
 
 def held(problem: Problem, q: Array) -> AtRest:
@@ -46,7 +47,7 @@ def _holding(problem: Problem) -> tuple[str, ...]:
     scene, model = problem.scene, problem.model
     if scene.actuated is not None:
         return scene.actuated
-    driven = tuple(dict.fromkeys((*scene.torques, *scene.prescribed, *scene.initial.hold)))
+    driven = tuple(dict.fromkeys((*scene.torques, *led_joints(scene.prescribed), *scene.initial.hold)))
     return driven if model.closures and driven else model.joint_names
 
 

@@ -6,11 +6,13 @@ import dataclasses
 from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import GeometryError, SceneError, SingularConfigurationError
+from robodyn_cli.errors import CapabilityError, GeometryError, SceneError, SingularConfigurationError
+from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 from robodyn_cli.scene.points import with_points
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.trajectories.led import followed_by, position_columns
 from robodyn_cli.trajectories.motion import JointMotion, JointSpace, TaskSpace
 
 if TYPE_CHECKING:
@@ -43,6 +45,11 @@ def with_led_point(scene: Scene) -> Scene:
     return with_points(scene, [trajectory.point]) if isinstance(trajectory, TaskSpace) else scene
 
 
+def without_following(scene: Scene) -> Scene:
+    """Return the scene without motions prescribed by its trajectory, for commands that follow it themselves."""
+    return scene if followed_by(scene.prescribed) is None else dataclasses.replace(scene, prescribed={})
+
+
 def plan_motion(problem: Problem, times: Array) -> Planned:
     """Return the motion of an open chain's joints at ``times`` (T,), columns in the model's order.
 
@@ -60,6 +67,7 @@ def plan_motion(problem: Problem, times: Array) -> Planned:
             key="trajectory",
         )
     if not isinstance(trajectory, TaskSpace):
+        _refuse_some(model, trajectory)
         return Planned(times, trajectory.motion(times, model.q_names, scene.parameters))
     from robodyn_cli.solve.inverse_kinematics import follow_point
 
@@ -68,6 +76,22 @@ def plan_motion(problem: Problem, times: Array) -> Planned:
     counters = {"ik_iterations": found.iterations, "ik_steps": found.steps} if found.iterations else {}
     target = task.target(times).p
     return Planned(times, found.motion, trajectory.point, target, found.method, counters=counters)
+
+
+def _refuse_some(model: Model, trajectory: JointSpace) -> None:
+    """Refuse a motion of some joints only, which is enough for a simulation that it prescribes.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    led = position_columns(trajectory.joints)
+    missing = [name for name in model.q_names if name not in led]
+    if missing:
+        raise CapabilityError(
+            f"the trajectory does not lead joint {missing[0]!r}, and the motion of all joints is needed here; only "
+            "`simulate` leaves others to the forces"
+        )
 
 
 def point_task(problem: Problem) -> PointTask:
