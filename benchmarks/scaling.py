@@ -17,7 +17,6 @@ import argparse
 import math
 import os
 import resource
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -147,9 +146,8 @@ def main() -> None:
         kind, n, *command = options.scene
         print(scene(kind, int(n), command[0] if command else "info"))
         return
-    shutil.rmtree(measure.ROOT / "benchmarks" / "__pycache__", ignore_errors=True)
     floor = cost(scene("chain", 2, "validate"), "validate", options.most)[0]
-    rows, found = [], []
+    found = []
     for kind in options.kinds:
         sizes = options.sizes or (WINDOWS if kind == "windows" else SIZES)
         for command in OF_WINDOWS if kind == "windows" else OF_TREES:
@@ -172,10 +170,8 @@ def main() -> None:
             entry["exponent"] = exponent(entry["seconds"], good, floor)
             found.append(entry)
             cells = [f"{entry['seconds'].get(n, '-')}{'!' if n in entry['wrong'] else ''}" for n in sizes]
-            rows.append(
-                [kind, command, *cells, entry["megabytes"].get(good[-1]) if good else "-", entry["exponent"]]
-            )
-            print(*rows[-1], *entry["wrong"].values(), flush=True)
+            megabytes = entry["megabytes"].get(good[-1]) if good else "-"
+            print(kind, command, *cells, megabytes, entry["exponent"], *entry["wrong"].values(), flush=True)
     measure.print_machine()
     if options.json:
         measure.write_json(options.json, found)

@@ -24,6 +24,7 @@ _HOME = {
     "statics": "robodyn_cli.run.mechanism.statics",
     "assemble": "robodyn_cli.run.mechanism.assemble",
     "plan": "robodyn_cli.run.plan.plan",
+    "Mechanism": "robodyn_cli.run.many.mechanism",
     "InverseDynamics": "robodyn_cli.run.inverse.dynamics",
     "ForwardDynamics": "robodyn_cli.run.inverse.dynamics",
     "Result": "robodyn_cli.results.result",
@@ -51,6 +52,7 @@ if TYPE_CHECKING:  # "as" makes a name part of the API for type checkers
     from robodyn_cli.run.inverse.dynamics import ForwardDynamics as ForwardDynamics
     from robodyn_cli.run.inverse.dynamics import InverseDynamics as InverseDynamics
     from robodyn_cli.run.inverse.inverse import inverse as inverse
+    from robodyn_cli.run.many.mechanism import Mechanism as Mechanism
     from robodyn_cli.run.mechanism.assemble import assemble as assemble
     from robodyn_cli.run.mechanism.kinematics import kinematics as kinematics
     from robodyn_cli.run.mechanism.statics import statics as statics

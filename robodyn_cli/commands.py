@@ -44,7 +44,7 @@ COMMANDS: dict[str, Command] = {
     "animate": Command("Make a movie of a result, or a strip of stills."),
     "cache": Command("Show how much compiled code is kept, or clear it."),
     "check": Command("Check a result against what its scene expects."),
-    "compare": Command("Compare two results dataset by dataset."),
+    "compare": Command("Compare two results, or two directories of results."),
     "import": Command("Write the robot of a URDF file as YAML."),
     "export": Command("Write a result as CSV, Parquet, MATLAB or NumPy files."),
     "info": Command("Tree, frames, M, C, G and Jacobians at a state."),
@@ -64,6 +64,9 @@ COMMANDS: dict[str, Command] = {
 
 # kinds of files that plots are drawn as
 PLOT_FORMATS = ("png", "svg", "pdf")
+
+# ways in which samples of a study are drawn
+SAMPLERS = ("random", "sobol", "latin")
 
 # the commands that a scene may name
 SCENE_COMMANDS: tuple[str, ...] = tuple(name for name, command in COMMANDS.items() if command.run)

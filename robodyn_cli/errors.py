@@ -25,6 +25,11 @@ class RobodynError(Exception):
         self.details = details
 
     @property
+    def facts(self) -> dict[str, Any]:
+        """What a summary says of the error that ended a run."""
+        return {"kind": type(self).__name__, "message": self.message, "exit_code": self.exit_code}
+
+    @property
     def termination(self) -> dict[str, Any]:
         """Why a run ended, as its summary says it."""
         return {"reason": self.message, **self.details}
@@ -55,7 +60,7 @@ class NumericalError(RobodynError):
 
 
 def no_linear_algebra(error: Exception) -> NumericalError:
-    """Return the error of a matrix that cannot be decomposed, from numpy's LinAlgError."""
+    """Return the error of a matrix that cannot be decomposed, from numpy's LinAlgError or a division by zero."""
     return NumericalError(
         f"a matrix of the equations cannot be solved with ({error}): numbers of the scene are too large, too "
         "small or too far apart for double precision"

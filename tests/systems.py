@@ -211,8 +211,9 @@ def step_ends(case: Case, method: str, end: float | None = None, **options: Any)
     ends = [0.0]
     stop = case.end if end is None else end
     while integrator.time < stop:
-        attempts = integrator.counters.steps + integrator.counters.rejected
-        integrator.options = dataclasses.replace(integrator.options, max_steps=attempts + 1)
+        integrator.options = dataclasses.replace(
+            integrator.options, max_steps=integrator.counters.attempts + 1
+        )
         with contextlib.suppress(NumericalError):
             integrator.advance(stop)
         ends += [integrator.time] if integrator.time > ends[-1] else []

@@ -51,6 +51,17 @@ def number(
     return read
 
 
+def choice(*allowed: str) -> Callable[[str], str]:
+    """Return the parser of one of some words: a function that raises BadParameter for any other."""
+
+    def read(word: str) -> str:
+        if word not in allowed:
+            raise typer.BadParameter(f"{word!r}; allowed: {', '.join(allowed)}")
+        return word
+
+    return read
+
+
 def file(path: Any) -> Any:
     """Return the path of a scene, or the paths of several.
 
@@ -119,18 +130,6 @@ def plot_list(words: str) -> tuple[str, ...]:
     return names
 
 
-def plot_format(word: str) -> str:
-    """Return the kind of file that plots are drawn as.
-
-    Raises
-    ------
-    BadParameter : there is no such kind.
-    """
-    if word not in PLOT_FORMATS:
-        raise typer.BadParameter(f"{word!r}; allowed: {', '.join(PLOT_FORMATS)}")
-    return word
-
-
 def drawings(no_plots: bool, plots: Any, format_: str) -> Drawings | None:
     """Return which plots a command draws; None for none."""
     if no_plots:
@@ -147,7 +146,10 @@ PlotNames = Annotated[
 PlotFormat = Annotated[
     str,
     typer.Option(
-        "--format", metavar="KIND", parser=plot_format, help="Kind of file of plots: png, svg or pdf."
+        "--format",
+        metavar="KIND",
+        parser=choice(*PLOT_FORMATS),
+        help="Kind of file of plots: png, svg or pdf.",
     ),
 ]
 NoPlan = Annotated[
@@ -155,6 +157,36 @@ NoPlan = Annotated[
     typer.Option("--no-plan", help="Leave the plan of the scene out, which takes longest of large ones."),
 ]
 NoPlots = Annotated[bool, typer.Option("--no-plots", help="Draw nothing.")]
+Jobs = Annotated[
+    int | None,
+    typer.Option(
+        "--jobs",
+        "-j",
+        metavar="N",
+        parser=number("a whole number >= 1", lambda n: n >= 1, int),
+        help="Processes at a time. [default: one per core]",
+    ),
+]
+
+tolerance = number("a number >= 0", lambda x: 0.0 <= x < math.inf)
+RelativeTolerance = Annotated[
+    float,
+    typer.Option(
+        "--rtol", metavar="X", parser=tolerance, help="Allowed part of the column's largest magnitude."
+    ),
+]
+AbsoluteTolerance = Annotated[
+    float,
+    typer.Option("--atol", metavar="X", parser=tolerance, help="Allowed in addition, in the dataset's unit."),
+]
+RTOL, ATOL = 1e-9, 1e-12
+
+
+def cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 AsJson = Annotated[bool, typer.Option("--json", help="Print the summary as JSON, alone, on standard output.")]
 ReportAsJson = Annotated[
     bool, typer.Option("--json", help="Print the report as JSON, alone, on standard output.")

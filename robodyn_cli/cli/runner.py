@@ -193,7 +193,7 @@ def _compute(
     if job.strict and warnings and failure is None:
         failure = NumericalError(f"{warnings[0]} (an error because of --strict)", warnings=list(warnings))
         result.status = "failed"
-    result.summary = {**result.summary, **result.head, **({"error": _error(failure)} if failure else {})}
+    result.summary = {**result.summary, **result.head, **({"error": failure.facts} if failure else {})}
     return result, failure
 
 
@@ -223,11 +223,6 @@ def warn(scene: Scene, strict: bool, console: Console) -> None:
         raise SceneError(f"{scene.path}: {warnings[0]} (an error because of --strict)", warnings=warnings)
 
 
-def _error(error: RobodynError) -> dict[str, Any]:
-    """Return what a summary says of an error."""
-    return {"kind": type(error).__name__, "message": error.message, "exit_code": error.exit_code}
-
-
 def _failed(command: str, title: str, error: RobodynError) -> dict[str, Any]:
     """Return the summary of a run that failed before there was a result."""
     from robodyn_cli.results.summary import jsonable
@@ -237,5 +232,5 @@ def _failed(command: str, title: str, error: RobodynError) -> dict[str, Any]:
         "command": command,
         "title": title,
         "termination": {"reason": error.message},
-        "error": {**_error(error), "details": jsonable(error.details)},
+        "error": {**error.facts, "details": jsonable(error.details)},
     }

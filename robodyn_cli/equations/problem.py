@@ -93,8 +93,12 @@ class Problem:
     @cached_property
     def rigid(self) -> Model:
         """The bodies as M, C and G need them: with base parameters where the bodies' own numbers would lose digits."""
-        if all(body.cancellation < CANCELLATION for body in self.model.bodies):
-            return self.model
+        exact = all(body.cancellation < CANCELLATION for body in self.model.bodies)
+        return self.model if exact else self.lumped
+
+    @cached_property
+    def lumped(self) -> Model:
+        """The bodies with base parameters."""
         from robodyn_cli.model.base_parameters import with_base_parameters
 
         return with_base_parameters(self.model)

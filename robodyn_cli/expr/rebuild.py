@@ -173,7 +173,7 @@ class Interpreter:
     """
 
     def __init__(self, outputs: Sequence[Scalar]) -> None:
-        self.outputs = list(outputs)
+        self.outputs = [e if isinstance(e, Expr) else float(e) for e in outputs]
         kept = {e.index for e in self.outputs if isinstance(e, Expr)}
         seen: set[int] = set()
         self.steps: list[tuple[Expr, list[int]]] = []
@@ -191,7 +191,8 @@ class Interpreter:
                 _, group, position = node.value
                 value[node.index] = inputs[group][position]
             elif node.op == "const":
-                value[node.index] = node.value
+                # a plain number: arithmetic of a ``Fixed`` takes four times as long
+                value[node.index] = float(node.value)
             else:
                 value[node.index] = apply(node, [value[a.index] for a in node.args])
             for index in done:

@@ -51,9 +51,8 @@ def differentiate(f: Sequence[Scalar], nq: int, nv: int) -> Jacobian:
     return Jacobian(wide[:, :size], wide[:, size], graph)
 
 
-def real_factors(f: Sequence[Scalar], nq: int, nv: int) -> Program:
+def real_factors(found: Jacobian) -> Program:
     """Return outputs ``lu`` (n n): g E - J factored, row by row, and ``ft`` = df/dt (n,); input group ``g`` (1,)."""
-    found = differentiate(f, nq, nv)
     g = found.graph.symbol("g", "g")
     B = -found.J
     for i in range(len(B)):
@@ -63,9 +62,8 @@ def real_factors(f: Sequence[Scalar], nq: int, nv: int) -> Program:
     )
 
 
-def complex_factors(f: Sequence[Scalar], nq: int, nv: int) -> Program:
+def complex_factors(found: Jacobian) -> Program:
     """Return outputs ``re``, ``im`` (n n): g E - J factored for a complex g; input group ``g`` = (re, im)."""
-    found = differentiate(f, nq, nv)
     g = Complex(found.graph.symbol("g.re", "g", 0), found.graph.symbol("g.im", "g", 1))
     size = len(found.J)
     B = zeros(size, size)

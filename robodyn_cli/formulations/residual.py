@@ -21,8 +21,7 @@ from robodyn_cli.decision import Decision
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.kernels.program import Program, make_program
-from robodyn_cli.model.base_parameters import with_base_parameters
-from robodyn_cli.model.model import STATE_GROUPS, Model
+from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.spatial.algebra import Vector
 
 INPUTS = (*STATE_GROUPS, "a", "l")
@@ -51,12 +50,8 @@ class Residual:
         )
 
     @cached_property
-    def _model(self) -> Model:
-        return with_base_parameters(self.problem.model)
-
-    @cached_property
     def _factor(self) -> LdlFactor:
-        M = crba(self._model, self.problem.q, self.problem.X)
+        M = crba(self.problem.lumped, self.problem.q, self.problem.X)
         return LdlFactor.of(M, self.problem.elimination_order)
 
     @property
@@ -69,7 +64,7 @@ class Residual:
         """M^-1 (tau - M a - h) (nv,), with the factors and a as symbols."""
         p = self.problem
         known = p.graph.symbols([f"l{k}" for k in range(len(self.entries))], "l")
-        needed = rnea(self._model, p.q, p.v, p.a, p.gravity, p.X)
+        needed = rnea(p.lumped, p.q, p.v, p.a, p.gravity, p.X)
         return self._factor.replaced(known).solve(p.applied - needed)
 
     @cached_property

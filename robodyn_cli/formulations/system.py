@@ -24,6 +24,7 @@ from robodyn_cli.record import record
 
 if TYPE_CHECKING:
     from robodyn_cli.formulations.index3 import Index3
+    from robodyn_cli.formulations.linearisation import Jacobian
     from robodyn_cli.formulations.residual import Residual
 
 
@@ -72,6 +73,17 @@ class Corrections:
 
 
 NO_CORRECTIONS = Corrections()
+
+# cached properties of a System that are the same whatever events it has
+EVENT_FREE = (
+    "positions",
+    "velocities",
+    "normal_form",
+    "jacobian",
+    "linearisation",
+    "complex_linearisation",
+    "first_order_step",
+)
 
 
 class Forms(Protocol):
@@ -164,7 +176,10 @@ class System:
         """Return the system with other owners of its events, without those that ``owner_of`` gives none for."""
         owners = [(e, owner_of(e)) for e in self.events]
         events = tuple(dataclasses.replace(e, owner=owner) for e, owner in owners if owner is not None)
-        return dataclasses.replace(self, events=events)
+        system = dataclasses.replace(self, events=events)
+        # what is built already and does not depend on the events
+        vars(system).update({name: vars(self)[name] for name in EVENT_FREE if name in vars(self)})
+        return system
 
     # -- programs -------------------------------------------------------------------------------------
     @property
@@ -206,18 +221,25 @@ class System:
         return _program(g=tuple(e.value for e in self.events)) if self.events else None
 
     @cached_property
+    def jacobian(self) -> Jacobian:
+        """The exact Jacobian of x-dot by x and t."""
+        from robodyn_cli.formulations.linearisation import differentiate
+
+        return differentiate(self.rates, self.nq, self.nv)
+
+    @cached_property
     def linearisation(self) -> Program:
         """The factors that a linearly implicit method needs: see ``real_factors``."""
         from robodyn_cli.formulations.linearisation import real_factors
 
-        return real_factors(self.rates, self.nq, self.nv)
+        return real_factors(self.jacobian)
 
     @cached_property
     def complex_linearisation(self) -> Program:
         """The same for complex g: see ``complex_factors``."""
         from robodyn_cli.formulations.linearisation import complex_factors
 
-        return complex_factors(self.rates, self.nq, self.nv)
+        return complex_factors(self.jacobian)
 
     @cached_property
     def first_order_step(self) -> Program:

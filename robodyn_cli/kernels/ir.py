@@ -276,6 +276,10 @@ class Function(Flow):
         """Load an address from memory."""
         return self.name(f"load ptr, ptr {address}, align 8")
 
+    def store_address(self, address: str, place: str) -> None:
+        """Store an address in memory."""
+        self.raw(f"store ptr {address}, ptr {place}, align 8")
+
     def offset(self, address: str, index: Int | int) -> str:
         """Return the address ``index`` doubles (or 64-bit integers) further on."""
         if isinstance(index, int) and index == 0:
@@ -341,6 +345,15 @@ class Function(Flow):
             loop.leave(unless=self.compare_int("slt", k, n))
             yield self.emit_int(f"add i64 {ref_of(n)}, {start - 1}") - k if down else k
             self.store_int(k + step, address)
+
+    @contextlib.contextmanager
+    def blocks(self, samples: Int, lanes: int) -> Iterator[Int]:
+        """Emit the body in a loop over blocks of ``lanes`` samples, not more than there are; gives where each starts.
+
+        The last block is moved back so that it ends with the samples; it repeats a few instead of needing masks.
+        """
+        with self.count(samples, step=lanes) as start:
+            yield self.select_int(self.compare_int("sgt", start + lanes, samples), samples - lanes, start)
 
 
 def module(functions: Sequence[Function]) -> str:

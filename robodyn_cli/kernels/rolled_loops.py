@@ -253,9 +253,8 @@ def write_sample_kernel(recursion: Recursion, serial: bool, lanes: int, fused: b
         return address
 
     loops = Loops(f, recursion, serial, lanes, fused, at)
-    with f.count(samples, step=lanes) as t:
-        # the last block is moved back so that it ends at T; it repeats a few samples instead of needing masks
-        f.store_int(f.select_int(f.compare_int("sgt", t + lanes, samples), samples - lanes, t), start)
+    with f.blocks(samples, lanes) as t:
+        f.store_int(t, start)
         loops.emit()
     f.ret()
     return module([f])

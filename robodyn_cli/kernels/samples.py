@@ -38,9 +38,7 @@ def write_sample_kernel(program: Program, lanes: int, fused: bool) -> str:
     arguments += [f"ptr noalias readonly %{NUMBERS}", "i64 %T"]
     f = Function("kernel", arguments, flags=RELAXED)
     samples = f.int_argument("T")
-    with f.count(samples, step=lanes) as start:
-        # the last block is moved back so that it ends at T; it repeats a few samples instead of needing masks
-        t = f.select_int(f.compare_int("sgt", start + lanes, samples), samples - lanes, start)
+    with f.blocks(samples, lanes) as t:
         inputs: dict[str, list[Value] | Rows] = {NUMBERS: Loaded(Rows(f, f"%{NUMBERS}"), program, lanes)}
         for place, (group, count) in enumerate(program.inputs.items()):
             address = f"%in.{place}"

@@ -87,7 +87,7 @@ def _numbers(body: Body) -> list[Any]:
     X, I = body.X_tree, body.inertia
     found = [*X.E.flat, *X.r, I.m, *I.h, *I.I.flat]
     for part in body.parts:
-        found += [part.m, *part.c, *part.I_com.flat, *part.frame.E.flat, *part.frame.r]
+        found += part.numbers
     return found
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from functools import reduce
 from typing import Any
 
-from robodyn_cli.expr.graph import Expr, Graph, Scalar, free_symbols
+from robodyn_cli.expr.functions import maximum
+from robodyn_cli.expr.graph import Expr, Graph, Scalar, free_symbols, reachable
 from robodyn_cli.forces.element import ForceElement
 from robodyn_cli.joints.base import Joint
 from robodyn_cli.record import record
@@ -34,6 +36,11 @@ class RigidPart:
     c: Vector
     I_com: Matrix
     frame: Transform
+
+    @property
+    def numbers(self) -> list[Any]:
+        """All its numbers: m, c, I_com, then E and r of the frame."""
+        return [self.m, *self.c, *self.I_com.flat, *self.frame.E.flat, *self.frame.r]
 
     @property
     def inertia(self) -> RigidInertia:
@@ -72,17 +79,19 @@ class Body:
         difference, and a double that holds m c^2 + I does not hold the small I.
         """
         moments = self.inertia.I[0, 0], self.inertia.I[1, 1]
-        numbers = (x for p in self.parts for x in (p.m, *p.c, *p.I_com.flat, *p.frame.E.flat, *p.frame.r))
+        numbers = (x for part in self.parts for x in part.numbers)
         if self.joint.parent_inertia(self.inertia) is None or any(
             isinstance(x, Expr) for x in (*moments, *numbers)
         ):
             return 1.0
-        acting = 0.0
+        acting: list[float] = [0.0]
         for part in self.parts:
             x, y, _ = part.frame.point(part.c)
             I = congruence(part.frame.E, part.I_com)
-            acting = max(acting, abs(I[0, 0] - I[1, 1]), abs(I[0, 1]), part.m * x * x, part.m * y * y)
-        return max(abs(x) for x in moments) / acting if acting else 1.0
+            acting += [abs(I[0, 0] - I[1, 1]), abs(I[0, 1]), part.m * x * x, part.m * y * y]
+        # which of them is the largest decides nothing, as a comparison of numbers of the scene would
+        most: float = reduce(maximum, acting)
+        return maximum(*(abs(x) for x in moments)) / most if most else 1.0
 
 
 @record
@@ -155,9 +164,13 @@ class Model:
         """Return the body carried by a joint."""
         return next(b for b in self.bodies if b.joint_name == joint_name)
 
+    def carrier(self, velocity: int) -> Body:
+        """Return the body whose joint a velocity coordinate belongs to."""
+        return next(b for b in self.bodies if b.v <= velocity < b.v + b.joint.nv)
+
     def joint_of(self, velocity: int) -> str:
         """Return the joint that a velocity coordinate belongs to."""
-        return next(b.joint_name for b in self.bodies if b.v <= velocity < b.v + b.joint.nv)
+        return self.carrier(velocity).joint_name
 
     def q_columns(self, joint_name: str) -> tuple[str, ...]:
         """Return the columns of q of a joint."""
@@ -195,3 +208,13 @@ MOTION_GROUPS = ("t", "q", "v", "a", "p")  # along a given motion: accelerations
 def unknown_among(entries: Iterable[Scalar]) -> list[str]:
     """Return the names of data that expressions depend on and the scene does not give."""
     return [symbol.value[0] for symbol in free_symbols(entries) if symbol.value[1] == UNKNOWN_GROUP]
+
+
+def are_known(entries: Sequence[Scalar]) -> list[bool]:
+    """Tell of each expression whether the scene gives all data that it depends on, in one pass over the graph."""
+    lacking: set[int] = set()
+    for node in reachable(entries):
+        unknown = node.op == "sym" and node.value[1] == UNKNOWN_GROUP
+        if unknown or any(a.index in lacking for a in node.args):
+            lacking.add(node.index)
+    return [not (isinstance(e, Expr) and e.index in lacking) for e in entries]

@@ -171,7 +171,7 @@ ATTRIBUTES: tuple[Attribute, ...] = (
     Attribute(
         "summary",
         "JSON",
-        "the content of `summary.json` without `scene_file`, `run_id` and the list of outputs",
+        "the content of `summary.json` without `scene_file`, `run_id`, `baseline` and the list of outputs",
     ),
 )
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, Any
 
-from robodyn_cli.commands import SCENE_COMMANDS
+from robodyn_cli.commands import SAMPLERS, SCENE_COMMANDS
 from robodyn_cli.expr.expectation import Expectation
 from robodyn_cli.expr.formula import Formula as FormulaTree
 from robodyn_cli.forces.registry import force_types
@@ -195,9 +195,6 @@ class Outputs:
         default="joint",
         doc="Axes of the components: the joint's own frame, turning with the link, or the world's.",
     )
-
-
-SAMPLERS = ("random", "sobol", "latin")
 
 
 @record

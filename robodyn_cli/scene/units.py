@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from robodyn_cli.scene.text.includes import child_kind, concrete
-from robodyn_cli.scene.text.nodes import Mapping, Node, Scalar, Sequence
+from robodyn_cli.scene.text.nodes import Mapping, Node, Sequence, index_of
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.schema.fields import Inline, Kind, Section, key_name
 
@@ -38,10 +38,6 @@ def _child(node: Node | None, step: str) -> Node | None:
     if isinstance(node, Mapping):
         return node.get(step)
     if isinstance(node, Sequence):
-        if step.isdecimal():
-            return node.items[int(step)] if int(step) < len(node.items) else None
-        for item in node.items:
-            name = item.get("name") if isinstance(item, Mapping) else None
-            if isinstance(name, Scalar) and name.text == step:
-                return item
+        index = index_of(node, step)
+        return None if index is None else node.items[index]
     return None

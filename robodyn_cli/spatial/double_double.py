@@ -85,11 +85,6 @@ def extended(array: NDArray[Any]) -> NDArray[Any]:
     return np.frompyfunc(_of, 1, 1)(array)
 
 
-def rounded(array: NDArray[Any]) -> NDArray[Any]:
-    """Return an array of sums of two doubles as an array of doubles (dtype object)."""
-    return np.frompyfunc(float, 1, 1)(array)
-
-
 def orthonormal(E: NDArray[Any]) -> NDArray[Any]:
     """Return the rotation (3, 3) next to one that is orthonormal to rounding only: E (3 - E^T E) / 2.
 

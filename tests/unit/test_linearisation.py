@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,8 +12,8 @@ import pytest
 from robodyn_cli.expr import functions as f
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.formulations.linearisation import differentiate
-from robodyn_cli.formulations.system import System
+from robodyn_cli.formulations.events import EventFunction, Passing
+from robodyn_cli.formulations.system import EVENT_FREE, System
 from robodyn_cli.kernels.program import Program
 from tests.systems import system
 
@@ -70,7 +72,7 @@ def product(lu: np.ndarray) -> np.ndarray:
 
 
 def test_the_jacobian_is_exact() -> None:
-    found = differentiate(BODY.rates, BODY.nq, BODY.nv)
+    found = BODY.jacobian
     groups: dict[str, Any] = {"t": [T], "q": X[:2], "v": X[2:4], "z": X[4:], "p": [0.0] * 4}
     entries = list(found.J.ravel())
     values = np.array(evaluate(entries, groups), dtype=float).reshape(5, 5)
@@ -93,3 +95,14 @@ def test_complex_factors(g: complex) -> None:
     found = outputs(BODY.complex_linearisation, [g.real, g.imag])
     expected = g * np.eye(5) - by_differences(BODY)
     np.testing.assert_allclose(product(found["re"] + 1j * found["im"]), expected, rtol=1e-8, atol=1e-8)
+
+
+def test_other_owners_of_events_take_over_what_is_built() -> None:
+    """All that a copy builds anew are the event functions."""
+    with_event = dataclasses.replace(BODY, events=(EventFunction("q", BODY.rates[0], owner=Passing()),))
+    built = {name: getattr(with_event, name) for name in EVENT_FREE}
+    copy = with_event.watched_by(lambda function: None)
+    assert copy.switching is None and with_event.switching is not None
+    assert all(getattr(copy, name) is program for name, program in built.items())
+    cached = {name for name, member in vars(System).items() if isinstance(member, cached_property)}
+    assert cached - set(EVENT_FREE) == {"switching"}

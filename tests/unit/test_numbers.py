@@ -16,7 +16,7 @@ from robodyn_cli.expr.fixed import Fixed, derived, literal, places
 from robodyn_cli.expr.formula import Formula
 from robodyn_cli.expr.formula_tree import Node, Num
 from robodyn_cli.expr.graph import Graph
-from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.expr.rebuild import Interpreter, evaluate
 from robodyn_cli.kernels.program import make_program
 from robodyn_cli.kernels.report import REPORT
 from robodyn_cli.kernels.samples import SampleKernel
@@ -211,3 +211,22 @@ def test_like_terms_are_collected_but_equal_numbers_do_not_cancel() -> None:
     assert kept.op == "mul", "that the two are equal is no structure"
     assert evaluate([kept], {"q": [3.0]}) == [0.0]
     assert 3.0 * x - 3.0 * x == 0.0
+
+
+def test_results_of_one_function_share_their_inputs() -> None:
+    """Base parameters depend on all inertias of a robot: each entry keeping them all would take the square of it."""
+    inputs = [literal(float(k + 1), f"x{k}") for k in range(50)]
+    first, second = (derived(lambda x: [sum(x), *x], inputs) for _ in range(2))
+    assert all(isinstance(x, Fixed) for x in first)
+    assert len({id(x.args[0]) for x in first if isinstance(x, Fixed)}) == 1
+    assert len({id(x) for x in (*first, *second)}) == 102
+    assert places([first[0] + 2.0]) == places(first) == sorted(f"x{k}" for k in range(50))
+
+
+def test_interpreted_expressions_compute_with_plain_numbers() -> None:
+    graph = Graph()
+    x = graph.symbol("x", "q")
+    a, b = literal(2.0, "a"), literal(3.0, "b")
+    found = Interpreter([a * x + b, a])({"q": np.array([[1.0, 2.0]])})
+    assert [type(value) for value in found] == [np.ndarray, float]
+    assert found[0].dtype == np.float64 and found[0].tolist() == [5.0, 7.0] and found[1] == 2.0

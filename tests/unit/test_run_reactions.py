@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from robodyn_cli import inverse, load_scene, load_scene_text, simulate
+from robodyn_cli.expr.functions import sin
+from robodyn_cli.expr.graph import Graph
+from robodyn_cli.model.model import UNKNOWN_GROUP, are_known, unknown_among
 from robodyn_cli.report.registry import draw
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.results.hdf5 import write as write_result
@@ -96,3 +99,11 @@ def test_file_and_drawing(tmp_path) -> None:  # type: ignore[no-untyped-def]
 def test_not_recorded_unless_asked_for() -> None:
     result = simulate(load_scene_text("schema: 1\n" + SLIDER))
     assert not result.group("reactions") and "reactions" not in result.summary
+
+
+def test_what_depends_on_missing_data_is_told_for_many_entries_at_once() -> None:
+    graph = Graph()
+    q, m = graph.symbol("q", "q"), graph.symbol("mass of a link", UNKNOWN_GROUP)
+    entries = [2.0, q, m, q * m + 1.0, q * q, sin(q + m), 0.0 * m]
+    assert are_known(entries) == [not unknown_among([e]) for e in entries]
+    assert are_known(entries) == [True, True, False, False, True, False, True]

@@ -57,6 +57,17 @@ def test_a_brake_for_a_while_changes_the_method_there_and_back() -> None:
     assert np.abs(plain["q"] - mixed["q"]).max() < 1e-7
 
 
+def test_steps_before_a_change_of_method_count() -> None:
+    whole = simulate(load_scene_text(BRAKED)).summary["counters"]
+    limit = whole["steps"] + whole["rejected"] - 10
+    with pytest.raises(NumericalError, match=f"more than {limit} steps, stopped at t = 19") as caught:
+        simulate(load_scene_text(BRAKED, overrides=[f"simulate.max_steps={limit}"]))
+    assert caught.value.__cause__ is None
+    summary = caught.value.result.summary  # type: ignore[attr-defined]
+    assert len(summary["switches"]) == 2
+    assert summary["counters"]["steps"] + summary["counters"]["rejected"] == limit
+
+
 def test_the_error_of_a_run_that_changes_its_method_is_estimated_by_one_that_does_too() -> None:
     short = ["simulate.duration=26", "simulate.samples=27", "simulate.error_estimate=true"]
     found = simulate(load_scene_text(BRAKED, overrides=short))

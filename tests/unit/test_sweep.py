@@ -21,8 +21,10 @@ from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.variation import parse_variation
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.run.study.design import make_design
+from robodyn_cli.run.study.runs import run_all
 from robodyn_cli.run.study.statistics import influences, share, sobol
-from robodyn_cli.scene.load import load_scene
+from robodyn_cli.run.study.study import Asked, prepare
+from robodyn_cli.scene.load import Family, load_scene
 from robodyn_cli.scene.types import Correlation, StudyOptions
 
 # a falling point mass with drag-free motion has a closed form: z = v t - g t^2 / 2
@@ -260,6 +262,18 @@ def test_processes_give_the_same_bits_as_one(tmp_path: Path) -> None:
     a, b = stored(alone)[0], stored(several)[0]
     for name in ("inputs/robot.links.rod.mass", "outputs/final.q.theta", "errors/final.q.theta"):
         assert np.array_equal(a[name], b[name])
+
+
+def test_a_scene_is_read_once_and_other_processes_get_what_was_read(fall: Path) -> None:
+    family = Family(fall, ["gravity.2=-1"])
+    fall.unlink()
+    options = StudyOptions(vary={"initial.qd.z": parse_variation("linspace(1, 2, 20)")}, of=("final.q.z",))
+    study = prepare(Asked(family, options))
+    points = [(v,) for v in study.design.values[:, 0].tolist()]
+    rows = {row.values: row.outputs for row in run_all(study.task, points, 2)}
+    assert len(rows) == 20
+    for (v,), (z,) in rows.items():
+        assert z == pytest.approx(v - 0.5, abs=1e-9)
 
 
 def test_a_study_grows_and_keeps_the_runs_that_are_there(

@@ -17,12 +17,9 @@ def command(
 ) -> int:
     """Show where compiled code is kept and how much there is, or remove it; return the exit code."""
     from robodyn_cli.kernels.cache import MOST_BYTES, cache_directory, contents, remove_all
-    from robodyn_cli.kernels.report import REPORT
 
     console = Console(as_json, quiet)
     folder = cache_directory()
-    for warning in REPORT.warnings:
-        console.note(f"robodyn: warning: {warning}")
     removed = remove_all(folder) if clear and folder is not None else 0
     kept = contents(folder) if folder is not None else []
     size = sum(found.st_size for _, found in kept)

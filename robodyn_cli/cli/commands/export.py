@@ -9,21 +9,9 @@ import typer
 
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.interrupts import tidy_up_first
-from robodyn_cli.cli.options import Quiet, ReportAsJson, StoredResult
+from robodyn_cli.cli.options import Quiet, ReportAsJson, StoredResult, choice
 
 KINDS = ("csv", "parquet", "mat", "npz")
-
-
-def kind(word: str) -> str:
-    """Return the kind of file that is written.
-
-    Raises
-    ------
-    BadParameter : there is no such kind.
-    """
-    if word not in KINDS:
-        raise typer.BadParameter(f"{word!r}; allowed: {', '.join(KINDS)}")
-    return word
 
 
 def command(
@@ -31,7 +19,11 @@ def command(
     to: Annotated[
         str,
         typer.Option(
-            "--to", metavar="KIND", parser=kind, help="csv, parquet, mat (MATLAB) or npz.", show_default=False
+            "--to",
+            metavar="KIND",
+            parser=choice(*KINDS),
+            help="csv, parquet, mat (MATLAB) or npz.",
+            show_default=False,
         ),
     ],
     out: Annotated[

@@ -10,6 +10,7 @@ import typer
 
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.options import Quiet, Strict, file, utf8
+from robodyn_cli.cli.runner import warn
 
 
 def command(
@@ -34,8 +35,6 @@ def command(
     quiet: Quiet = False,
 ) -> int:
     """Write a URDF as a robot in YAML, never over another file; return the exit code."""
-    from robodyn_cli.errors import SceneError
-    from robodyn_cli.model.consistency import physical_warnings
     from robodyn_cli.results.atomic import write_new
     from robodyn_cli.scene.load import load_urdf
     from robodyn_cli.scene.urdf.meshes import missing_meshes
@@ -44,17 +43,11 @@ def command(
     console = Console(quiet=quiet)
     folders = _folders(packages or ())
     found, scene = load_urdf(urdf)
-    for text in scene.notes:
-        console.note(f"robodyn: {text}")
-    warnings = physical_warnings(scene)
-    for text in warnings:
-        console.note(f"robodyn: warning: {text}")
+    warn(scene, strict, console)
     missing = missing_meshes(found.robot, str(urdf), folders)
     if missing:
         what = "a mesh is" if len(missing) == 1 else f"{len(missing)} meshes are"
         console.note(f"robodyn: {what} not there, which matters for pictures only. The first: {missing[0]}")
-    if strict and warnings:
-        raise SceneError(f"{urdf}: {warnings[0]} (an error because of --strict)", warnings=warnings)
     path = robot or urdf.with_suffix(".yaml")
     write_new(path, robot_yaml(found))
     moving = sum(joint.type != "fixed" for joint in scene.robot.joints)

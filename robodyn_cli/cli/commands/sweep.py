@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,6 +11,7 @@ import typer
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.options import (
     AsJson,
+    Jobs,
     NoPlots,
     OutDir,
     Overrides,
@@ -19,6 +19,8 @@ from robodyn_cli.cli.options import (
     PlotNames,
     Quiet,
     SceneFile,
+    choice,
+    cores,
     drawings,
     number,
     utf8,
@@ -26,6 +28,7 @@ from robodyn_cli.cli.options import (
 from robodyn_cli.cli.runner import begun, default_directory, output, publish, show, store
 from robodyn_cli.cli.words import number as shown
 from robodyn_cli.cli.words import table
+from robodyn_cli.commands import SAMPLERS
 from robodyn_cli.errors import SceneError
 from robodyn_cli.exit_codes import FAILED
 
@@ -33,14 +36,6 @@ if TYPE_CHECKING:
     from robodyn_cli.expr.variation import Variation
 
 MOST_CASES = 8  # shown on the terminal
-
-
-def _sampler(word: str) -> str:
-    from robodyn_cli.scene.types import SAMPLERS
-
-    if word not in SAMPLERS:
-        raise typer.BadParameter(f"{word!r}; allowed: {', '.join(SAMPLERS)}")
-    return word
 
 
 def command(
@@ -57,7 +52,7 @@ def command(
     ] = None,
     sampler: Annotated[
         str | None,
-        typer.Option("--sampler", metavar="random|sobol|latin", parser=_sampler, help="How samples are drawn.")
+        typer.Option("--sampler", metavar="|".join(SAMPLERS), parser=choice(*SAMPLERS), help="How samples are drawn.")
     ] = None,
     seed: Annotated[
         int | None,
@@ -74,11 +69,7 @@ def command(
                      help="Share of runs that must hold what the scene expects; below it the exit code is 1."),
     ] = None,
     indices: Annotated[bool, typer.Option("--indices", help="Sobol indices, from N (keys + 2) runs.")] = False,
-    jobs: Annotated[
-        int | None,
-        typer.Option("--jobs", "-j", metavar="N", parser=number("a whole number >= 1", lambda n: n >= 1, int),
-                     help="Processes at a time. [default: one per core]"),
-    ] = None,
+    jobs: Jobs = None,
     out: OutDir = None,
     overrides: Overrides = None,
     no_plots: NoPlots = False,
@@ -90,20 +81,20 @@ def command(
     """Run the study; return 0 even where runs failed, 1 below the yield."""
     from robodyn_cli.run.study.report import earlier_rows, report
     from robodyn_cli.run.study.study import Asked, forget_log, options_of, prepare, run_study
-    from robodyn_cli.scene.load import load_scene
+    from robodyn_cli.scene.load import Family
 
     console = Console(as_json, quiet)
-    target, settings = out or default_directory(scene, "sweep"), tuple(overrides or ())
+    target, family = out or default_directory(scene, "sweep"), Family(scene, overrides or ())
     options = options_of(
-        load_scene(scene, settings).study, vary=_variations(vary) if vary else None, n=n, sampler=sampler,
+        family.own.study, vary=_variations(vary) if vary else None, n=n, sampler=sampler,
         seed=seed, of=tuple(of) if of else None, least_yield=least_yield,
     )  # fmt: skip
     with output(target, scene, console) as directory:
-        study = prepare(Asked(scene, settings, options, indices))
+        study = prepare(Asked(family, options, indices))
         with begun(directory, console):
             progress = Progress(console)
             done = earlier_rows(study, directory.path)
-            rows = run_study(study, directory.path, jobs or _cores(), done, progress)
+            rows = run_study(study, directory.path, jobs or cores(), done, progress)
             result = report(study, rows, progress.seconds)
             store(result, directory)
             publish(result, directory, drawings(no_plots, plots, format_))
@@ -132,10 +123,6 @@ class Progress:
         now = done - self.before
         left = self.seconds / now * (runs - done) if now else None
         self.console.count(done, runs, left)
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _variations(texts: Sequence[str]) -> dict[str, Variation]:

@@ -21,6 +21,11 @@ class Counters:
     def __add__(self, other: Counters) -> Counters:
         return Counters(**{k: v + getattr(other, k) for k, v in self.as_dict().items()})
 
+    @property
+    def attempts(self) -> int:
+        """Steps, rejected ones too."""
+        return self.steps + self.rejected
+
     def as_dict(self) -> dict[str, int]:
         return dataclasses.asdict(self)
 

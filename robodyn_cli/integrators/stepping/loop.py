@@ -127,15 +127,17 @@ def _reject(w: Writer, adaptive: bool, step: Step, verdict: Verdict, failed: Blo
     f = w.f
     with f.block() as counts:
         counted = f.compare("olt", verdict.square, 1.0)
-        counts.leave(counted if adaptive else counted & w.is_finite(w.new))
         if adaptive:
+            counts.leave(counted)
             if any(event.is_discontinuity for event in w.system.events):
                 counts.leave(_steps_over_jump(w, step))
             shorten(w, verdict, step.h)
             failed.leave()
         else:
+            finite = w.is_finite(w.new)
+            counts.leave(counted & finite)
             run.leave(Status.NOT_FINITE, f.compare("uno", verdict.square, 0.0))
-            run.leave(Status.NOT_FINITE, unless=w.is_finite(w.new))
+            run.leave(Status.NOT_FINITE, unless=finite)
             run.leave(Status.NOT_SOLVED)
 
 

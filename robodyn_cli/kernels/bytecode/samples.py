@@ -26,9 +26,7 @@ def write_sample_interpreter(kinds: Sequence[str], lanes: int, fused: bool) -> s
     arguments += ["ptr %results", "ptr %places", "i64 %m", "i64 %T"]
     f = Function("kernel", arguments, flags=RELAXED)
     samples = f.int_argument("T")
-    with f.count(samples, step=lanes) as start:
-        # the last block is moved back so that it ends at T; it repeats a few samples instead of needing masks
-        t = f.select_int(f.compare_int("sgt", start + lanes, samples), samples - lanes, start)
+    with f.blocks(samples, lanes) as t:
         with f.count(f.int_argument("n")) as k:
             column = f.load_address(f.offset("%sources", k))
             f.store(f.load(f.offset(column, t), lanes), f.offset("%registers", k * lanes), 8 * lanes)

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.record import record
@@ -17,7 +16,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.results.wrenches import magnitude
 from robodyn_cli.run.deploy.lock import Latch, Lock
 from robodyn_cli.run.deploy.summary import AfterLock, LatchLoad, Overload
-from robodyn_cli.run.driver.build import contact_watchers, half_turns
+from robodyn_cli.run.driver.build import contact_watchers, half_turns, watched_system
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.method import supervisor_for
 from robodyn_cli.run.driver.motion import Motion
@@ -65,8 +64,7 @@ def follow_locked(motion: Motion, lock: Lock, latch: Latch, before: Recorder, wa
     with watch.stage("equations"):
         problem = latch.locked.problem
         watchers = (*contact_watchers(problem), *half_turns(problem))
-        functions = [function for watcher in watchers for function in watcher.functions]
-        system = build_system(problem, s.stabilisation, functions)
+        system = watched_system(problem, s.stabilisation, watchers)
         locked = dataclasses.replace(motion, problem=problem, system=system, watchers=watchers)
         for watcher in watchers:
             watcher.follow(locked)

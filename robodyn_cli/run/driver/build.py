@@ -87,8 +87,7 @@ def build_motion(
     with watch.stage("equations"):
         passive = passive_coordinates(problem)
         watchers = (*follow(problem, passive), *half_turns(problem))
-        functions = [function for watcher in watchers for function in watcher.functions]
-        system = build_system(problem, scene.simulate.stabilisation, functions, work)
+        system = watched_system(problem, scene.simulate.stabilisation, watchers, work)
     with watch.stage("method"):
         choice = _choice(scene, setup, system, plan)
     motion = Motion(
@@ -108,6 +107,14 @@ def build_motion(
             for watcher in watchers:
                 watcher.follow(motion)
     return motion
+
+
+def watched_system(
+    problem: Problem, stabilisation: str | Baumgarte, watchers: Sequence[Watcher], work: bool = True
+) -> System:
+    """Return the system with the event functions of its watchers; see ``build_system``."""
+    functions = [function for watcher in watchers for function in watcher.functions]
+    return build_system(problem, stabilisation, functions, work)
 
 
 def half_turns(problem: Problem) -> list[Watcher]:

@@ -8,7 +8,6 @@ and where the motion turns out to be stiff the run goes on with another method.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -19,7 +18,8 @@ import numpy as np
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.events import Leap
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.integrator import CROWDED, Counters, Grid, Integrator, Options
+from robodyn_cli.integrators.runtime.crowd import CROWDED
+from robodyn_cli.integrators.runtime.integrator import Counters, Grid, Integrator, Options
 from robodyn_cli.integrators.runtime.layout import IntegerSlot
 from robodyn_cli.record import record
 from robodyn_cli.run.driver.motion import Motion, Watcher
@@ -147,7 +147,7 @@ class Driver:
     @property
     def attempts(self) -> int:
         """Steps over the whole run, rejected ones too."""
-        return self.counters.steps + self.counters.rejected
+        return self.counters.attempts
 
     # -- running --------------------------------------------------------------------------------------
     def start(self, time: float, state: Array, options: Options | None = None) -> None:
@@ -163,16 +163,15 @@ class Driver:
 
     def _go_on_from(self, time: float, state: Array) -> None:
         self.integrator.tick = self.tick
-        left = max(1, self.options.max_steps - self._done.steps - self._done.rejected)
-        self.integrator.reset(time, state, dataclasses.replace(self.options, max_steps=left))
+        self.integrator.reset(time, state, self.options)
+        self.integrator.before = self._done.attempts
         self._set_pause()
         for watcher in self.watchers:
             self.integrator.apply(watcher.arm(state), watcher)
 
     def _set_pause(self) -> None:
-        """Tell the integrator after how many of its steps the supervisor asks."""
-        steps = None if self.supervisor is None else self.supervisor.steps
-        self.integrator.pause = None if steps is None else steps - self._done.steps - self._done.rejected
+        """Tell the integrator after how many steps the supervisor asks."""
+        self.integrator.pause = None if self.supervisor is None else self.supervisor.steps
 
     def advance(self, end: float) -> None:
         """Go to ``end`` without samples or events.
@@ -215,18 +214,11 @@ class Driver:
                 outcome = self.integrator.run(end, grid, seen, block, watch)
             except NumericalError as error:
                 if not self._goes_on(error):
-                    raise self._counted(error) from error
+                    raise
                 continue
             if not isinstance(outcome, Leap):
                 return
             self._leap(outcome, end, grid, seen)
-
-    def _counted(self, error: NumericalError) -> NumericalError:
-        """Return the error of too many steps with those before a leap or a change of method among them."""
-        if error.details.get("status") == "max_steps":
-            where = f"stopped at t = {self.time:.6g} s"
-            error.message = f"more than {self.options.max_steps} steps, {where}"
-        return error
 
     def samples(self, end: float, grid: Grid, watch: bool = True) -> Array:
         """Return the states (T, nx) at the sample times up to where the run came."""

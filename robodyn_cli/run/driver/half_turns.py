@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.expr.rebuild import evaluate
@@ -51,6 +53,6 @@ class HalfTurns(Watcher):
 
     def again(self) -> HalfTurns:
         """Return the watcher of a second integration, which warns of nothing."""
-        other = HalfTurns.__new__(HalfTurns)
-        other.functions, other.system, other.first = self.functions, self.system, {}
+        other = copy.copy(self)
+        other.first = {}
         return other

@@ -8,13 +8,12 @@ trials take a small part of the cost of the run.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 
 import numpy as np
 
 from robodyn_cli.errors import NumericalError
-from robodyn_cli.expr.graph import Scalar, free_symbols
-from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.expr.graph import free_symbols
+from robodyn_cli.expr.rebuild import numbers
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integration_methods import DEFAULT, STIFF
 from robodyn_cli.integrators.runtime.options import Options
@@ -47,7 +46,6 @@ class StiffnessWatch:
         self.steps = FIRST_LOOK
         self.cost = 0.0  # of the run up to the last check
         self.spent = 0.0  # on trials
-        self._entries: list[Scalar] | None = None
         self._seen = (0.0, 0, 0)  # time, steps and evaluations at the last check
 
     def reconsider(self, driver: Driver) -> MethodChange | None:
@@ -63,7 +61,7 @@ class StiffnessWatch:
         each = paid / taken
         if rest * taken < WORTH or not self._affordable(2.0 * BETTER * TRIAL_STEPS * each, rest * paid):
             return None
-        decay = self._fastest_decay(driver)
+        decay = fastest_decay(driver.system, driver.time, driver.state, driver.parameters)
         stiff = driver.method == STIFF
         may = LEAST * decay < paid / went if stiff else decay > STIFF_PACE * taken / went
         if not may or not self._other_is_better(driver, each):
@@ -75,11 +73,6 @@ class StiffnessWatch:
     def _affordable(self, trial: float, rest: float) -> bool:
         """Tell whether one more trial is small beside the cost of the run so far, and beside the rest of it."""
         return self.spent + trial <= PART * self.cost or self.spent + trial <= PART * rest
-
-    def _fastest_decay(self, driver: Driver) -> float:
-        if self._entries is None:
-            self._entries = jacobian_entries(driver.system)
-        return decay_at(driver.system, self._entries, driver.time, driver.state, driver.parameters)
 
     def _other_is_better(self, driver: Driver, each: float) -> bool:
         """Tell whether the other method goes a short way from the present state for clearly less.
@@ -136,16 +129,12 @@ def cost_of(system: System, method: str, start: Array, end: float, options: Opti
 
 
 # -- the fastest decay --------------------------------------------------------------------------------------
-def jacobian_entries(system: System) -> list[Scalar]:
-    """Return the Jacobian of (q, v, z)-dot as expressions, row by row."""
-    from robodyn_cli.formulations.linearisation import differentiate
+def fastest_decay(system: System, t: float, x: Array, p: Array) -> float:
+    """Return the largest -Re of the eigenvalues of the Jacobian of (q, v, z)-dot [1/s], 0 where it is not finite.
 
-    entries: list[Scalar] = differentiate(system.rates, system.nq, system.nv).J.ravel().tolist()
-    return entries
-
-
-def decay_at(system: System, entries: Sequence[Scalar], t: float, x: Array, p: Array) -> float:
-    """Return the largest -Re of the eigenvalues of the Jacobian at a state x (nx,) [1/s], 0 where it is not finite.
+    Parameters
+    ----------
+    x : state (nx,). p : parameters.
 
     Raises
     ------
@@ -153,25 +142,20 @@ def decay_at(system: System, entries: Sequence[Scalar], t: float, x: Array, p: A
     """
     from robodyn_cli.kernels.program import unknown_data
 
+    entries = system.jacobian.J
     groups = system.own_groups(np.array([t]), x, p)
-    missing = [symbol.value[0] for symbol in free_symbols(entries) if symbol.value[1] not in groups]
+    missing = [e.value[0] for e in free_symbols(entries.flat) if e.value[1] not in groups]
     if missing:
         raise unknown_data(missing)
-    numbers = evaluate(list(entries), {group: values.tolist() for group, values in groups.items()})
-    J = np.array(numbers, dtype=float).reshape(system.size, system.size)
+    J = numbers(entries, {group: values.tolist() for group, values in groups.items()})
     if not np.all(np.isfinite(J)):
         return 0.0
     return float(max(0.0, -np.linalg.eigvals(J).real.min()))
 
 
-def fastest_decay(system: System, t: float, x: Array, p: Sequence[float] = ()) -> float:
-    """Return the largest -Re of the eigenvalues of the Jacobian of (q, v, z)-dot at a state x (nx,) [1/s]."""
-    return decay_at(system, jacobian_entries(system), t, x, parameters_at(system, t, x, p))
-
-
-def parameters_at(system: System, t: float, x: Array, given: Sequence[float] = ()) -> Array:
-    """Return the parameters p at a state: those ``given`` (by default the system's), or what its partition chooses."""
+def parameters_at(system: System, t: float, x: Array) -> Array:
+    """Return the parameters p that a run starts with at a state: the system's, or what its partition chooses."""
     if system.partition is None:
-        return np.array(given if len(given) else system.parameters or [0.0])
+        return np.array(system.parameters or [0.0])
     chosen = system.partition.choose(t, system.split(x)[0], None)
     return np.concatenate([np.zeros(system.partition.first), chosen])

@@ -15,33 +15,34 @@ from robodyn_cli.forces.friction import Friction
 from robodyn_cli.forces.gear import Gear
 from robodyn_cli.model.model import Body
 from robodyn_cli.run.mechanism.motion import Planned
+from robodyn_cli.run.observation.units import TORQUE
 
 ROUNDING = 64 * np.finfo(float).eps  # relative, of what a motion is computed from
 
 
 def with_rest(problem: Problem, planned: Planned) -> Planned:
     """Return the motion with rates of exactly zero in joints with dry friction where rounding explains them."""
-    places = [body.v for body in problem.model.bodies if _has_dry_friction(body)]
-    if not places:
+    dry = [body for body in problem.model.bodies if _has_dry_friction(body)]
+    if not dry:
         return planned
     qd = planned.motion.qd.copy(order="F")
-    for k in places:
-        qd[np.abs(qd[:, k]) <= explained_rate(problem, planned, k), k] = 0.0
+    for body in dry:
+        k = body.v
+        qd[np.abs(qd[:, k]) <= explained_rate(planned, body), k] = 0.0
     return dataclasses.replace(planned, motion=dataclasses.replace(planned.motion, qd=qd))
 
 
-def explained_rate(problem: Problem, planned: Planned, k: int) -> float:
-    """Return the rate [rad/s or m/s] of velocity coordinate k that the errors of the path explain.
+def explained_rate(planned: Planned, body: Body) -> float:
+    """Return the rate [rad/s or m/s] of a joint with one coordinate that the errors of the path explain.
 
     Rates that come from closing loops or leading a point are off by rounding of the fastest. A position that is off
     by rounding, or by what closes a loop, moves at that error over the time between samples.
     """
     q, qd = planned.motion.q, planned.motion.qd
     solved = planned.target is not None or bool(planned.residuals)
-    column = next(b.q + k - b.v for b in problem.model.bodies if b.v <= k < b.v + b.joint.nv)
-    position = ROUNDING * float(np.abs(q if solved else q[:, column]).max())
+    position = ROUNDING * float(np.abs(q if solved else q[:, body.q]).max())
     position += planned.residuals.get("position", 0.0)
-    fastest = float(np.abs(qd if solved else qd[:, k]).max())
+    fastest = float(np.abs(qd if solved else qd[:, body.v]).max())
     return ROUNDING * fastest + position / float(planned.times[1] - planned.times[0])
 
 
@@ -68,7 +69,7 @@ def _bounds(body: Body) -> str:
     for force in body.forces:
         if isinstance(force.element, Friction) and force.element.dry:
             plus, minus = force.element.breakaway(body.gear_ratio)
-            unit = "N m" if body.joint.v_units[0] == "rad" else "N"
+            unit = TORQUE[body.joint.v_units[0]]
             parts.append(f"its friction is anything from {-minus:.6g} to {plus:.6g} {unit}")
         if isinstance(force.element, Gear):
             parts.append("its gear bears a part of the load")

@@ -45,7 +45,7 @@ def observed(problem: Problem, accelerations: bool = True) -> dict[str, Sequence
     """Return the expressions that are evaluated at the samples of a simulation, by output."""
     outputs: dict[str, Sequence[Scalar]] = {
         "tau": _actuator_torques(problem),
-        "energy": [problem.kinetic, _potential(problem)],
+        "energy": [problem.kinetic, potential_energy(problem)],
     }
     if problem.model.forces:
         outputs["forces.potential"] = [effect.potential for effect in problem.elements.effects]
@@ -65,7 +65,7 @@ def observed(problem: Problem, accelerations: bool = True) -> dict[str, Sequence
     return {**outputs, **place_outputs(problem)}
 
 
-def _potential(problem: Problem) -> Scalar:
+def potential_energy(problem: Problem) -> Scalar:
     """Return the potential energy; unknown data that only shift it by a constant count as zero. These are the data
     that its gradient does not depend on, such as the height of the centre of mass of a cart on level ground.
     """

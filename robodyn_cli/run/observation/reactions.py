@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from robodyn_cli.algorithms.kinematics import Pose, motions, poses
 from robodyn_cli.algorithms.reactions import Reactions, reactions
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.model.model import BASE, Model, unknown_among
+from robodyn_cli.model.model import BASE, Model, are_known
 from robodyn_cli.model.placement import joint_axes
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
@@ -44,8 +45,10 @@ class ReactionSamples:
         self.meanings: dict[str, str] = {}
         self.missing: dict[str, list[str]] = {}
         outputs: dict[str, list[Scalar]] = {}
-        for path, (entries, meaning) in self._entries(model, found).items():
-            known = [k for k, e in enumerate(entries) if not unknown_among([e])]
+        wrenches = self._entries(model, found)
+        given = iter(are_known([e for entries, _ in wrenches.values() for e in entries]))
+        for path, (entries, meaning) in wrenches.items():
+            known = [k for k, is_known in enumerate(islice(given, len(entries))) if is_known]
             if len(known) < len(NAMES):
                 self.missing[path] = [NAMES[k] for k in range(len(NAMES)) if k not in known]
             if known:

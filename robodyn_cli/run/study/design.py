@@ -23,14 +23,11 @@ MARGIN = 2.0**-54
 class Design:
     """What is run: keys and their values (N, keys), one row a run.
 
-    grid : number of values of each key of the grid, in the order of the keys. samples : at each point of the grid; 1
-    without distributions. indices : the samples are Saltelli's, blocks A, B and one AB for each key.
+    indices : the samples are Saltelli's, blocks A, B and one AB for each key.
     """
 
     keys: tuple[str, ...]
     values: Array
-    grid: dict[str, int]
-    samples: int
     indices: bool = False
 
 
@@ -63,8 +60,7 @@ def make_design(options: StudyOptions, indices: bool = False) -> Design:
     rows = np.hstack([np.repeat(points, len(unit), axis=0), np.tile(draws, (len(points), 1))])
     given = [*grid, *drawn]
     order = [given.index(name) for name in vary]
-    sizes = {name: len(v.values) for name, v in grid.items()}
-    return Design(tuple(vary), rows[:, order], sizes, len(unit), indices)
+    return Design(tuple(vary), rows[:, order], indices)
 
 
 def _check(

@@ -9,9 +9,9 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Any
 
 from robodyn_cli.results.atomic import output_errors
+from robodyn_cli.results.summary import jsonable
 from robodyn_cli.run.study.runs import Row, Values
 
 LOG_NAME = "unfinished.jsonl"
@@ -47,14 +47,7 @@ class Log:
 
 
 def _line(row: Row) -> str:
-    return json.dumps([_plain(x) for x in dataclasses.astuple(row)]) + "\n"
-
-
-def _plain(x: Any) -> Any:
-    """Return a value as JSON has it; numbers that are not finite become null."""
-    if isinstance(x, tuple):
-        return [_plain(entry) for entry in x]
-    return None if isinstance(x, float) and not math.isfinite(x) else x
+    return json.dumps(jsonable(dataclasses.astuple(row))) + "\n"
 
 
 def _rows(path: Path, digest: str) -> Iterator[Row]:

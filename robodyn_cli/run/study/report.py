@@ -6,14 +6,13 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from robodyn_cli.errors import ResultFileError
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Absent
+from robodyn_cli.results.summary import ABSENT, Absent, as_keys
 from robodyn_cli.run.batch.stored import read_stored
 from robodyn_cli.run.study.runs import Row, Values
 from robodyn_cli.run.study.statistics import (
@@ -53,9 +52,9 @@ class InputKeys:
 
 @record
 class StudySummary:
-    """Keys of the summary of a study, in their order.
+    """Keys of the summary of a study, in their order; ``yield``, a word of Python, is added where there is one.
 
-    failures : number of runs by exit code. yield_ : of what ``expect`` says. cases : extremes and first failures.
+    failures : number of runs by exit code. cases : extremes and first failures.
     """
 
     runs: int
@@ -71,18 +70,11 @@ class StudySummary:
     sobol_indices: dict[str, dict[str, Index] | None] | Absent
     seconds: float
 
-    # ``yield`` is a word of Python
-    def keys(self, held: Share | None) -> dict[str, Any]:
-        """Return what the summary adds for the yield."""
-        from robodyn_cli.results.summary import as_keys
-
-        return {"yield": as_keys(held)} if held is not None else {}
-
 
 def report(study: Study, rows: Sequence[Row], seconds: float) -> Result:
     """Return the result of a study: inputs, outputs, their estimated errors and exit codes by run."""
     design, task = study.design, study.task
-    result = Result("sweep", study.title, "ok", study.text)
+    result = Result("sweep", study.scene.title or task.command, "ok", study.scene.text)
     result.attributes[DIGEST] = study.digest
     for k, key in enumerate(design.keys):
         result.add(
@@ -137,8 +129,8 @@ def _summarise(
         seconds=seconds,
     )
     result.summarise(summary)
-    held = share(sum(row.holds for row in rows), len(rows)) if study.expects else None
-    result.summary |= summary.keys(held)
+    if study.scene.expect:
+        result.summary["yield"] = as_keys(share(sum(row.holds for row in rows), len(rows)))
 
 
 def _cases(study: Study, rows: Sequence[Row], columns: Mapping[str, Array]) -> list[Case]:
@@ -147,10 +139,10 @@ def _cases(study: Study, rows: Sequence[Row], columns: Mapping[str, Array]) -> l
     for key, column in columns.items():
         for word, run in zip(("smallest", "largest"), extremes(column)):
             named.setdefault(run, []).append(f"{word} {key}")
-    first: dict[int, int] = {}
+    seen: set[int] = set()
     for k, row in enumerate(rows):
-        if row.code and row.code not in first:
-            first[row.code] = k
+        if row.code and row.code not in seen:
+            seen.add(row.code)
             named.setdefault(k, []).append(f"exit code {row.code}: {row.reason}")
     return [
         Case(k, "; ".join(why), dict(zip(study.task.keys, rows[k].values)), study.repeat(rows[k].values))

@@ -15,11 +15,13 @@ from robodyn_cli.expr.variation import Variation
 from robodyn_cli.record import record
 from robodyn_cli.results.provenance import sha256
 from robodyn_cli.run.batch.criteria import lookup, refuse_unknown
+from robodyn_cli.run.many.keys import setting
+from robodyn_cli.run.many.single import number_of
 from robodyn_cli.run.study.design import Design, make_design
 from robodyn_cli.run.study.log import LOG_NAME, Log
-from robodyn_cli.run.study.runs import Row, Runner, Task, Values, number_of, run_all, setting
+from robodyn_cli.run.study.runs import Row, Runner, Task, Values, run_all
 from robodyn_cli.scene.load import Family
-from robodyn_cli.scene.types import StudyOptions
+from robodyn_cli.scene.types import Scene, StudyOptions
 from robodyn_cli.scene.units import unit_of
 from robodyn_cli.version import __version__
 
@@ -31,12 +33,11 @@ NO_NUMBERS = ("wall_time_s", "counters", "run_id")
 class Asked:
     """A study as it was asked for.
 
-    options : of the scene's section ``study``, with what the command line says in its place. overrides :
-    ``key.path=value`` texts for all runs. indices : whether to compute Sobol's indices.
+    family : the scenes that are run. options : of the scene's section ``study``, with what the command line says in its
+    place. indices : whether to compute Sobol's indices.
     """
 
-    path: Path
-    overrides: tuple[str, ...]
+    family: Family
     options: StudyOptions
     indices: bool = False
 
@@ -45,7 +46,7 @@ class Asked:
 class Study:
     """A study that makes sense, before it runs.
 
-    units : by key that varies. nominal : the run of the scene as it stands. text : of the scene.
+    scene : as it stands. units : by key that varies. nominal : the run of the scene as it stands.
     """
 
     asked: Asked
@@ -53,24 +54,23 @@ class Study:
     design: Design
     units: dict[str, str]
     nominal: Row
-    title: str
-    text: str
-    expects: bool
+
+    @property
+    def scene(self) -> Scene:
+        return self.asked.family.own
 
     @property
     def digest(self) -> str:
         """What rows of an earlier study must share with this one to stand for its own."""
         task = self.task
-        return sha256("\n".join([__version__, self.text, task.command, *task.keys, "", *task.outputs]))
+        return sha256("\n".join([__version__, self.scene.text, task.command, *task.keys, "", *task.outputs]))
 
     def repeat(self, values: Sequence[float]) -> str:
         """Return the command that repeats a run."""
-        settings = [
-            *self.asked.overrides,
-            *(setting(key, x) for key, x in zip(self.task.keys, values)),
-        ]
+        family = self.asked.family
+        settings = [*family.overrides, *(setting(key, x) for key, x in zip(self.task.keys, values))]
         options = " ".join(f"--set {_quoted(text)}" for text in settings)
-        return f"robodyn {self.task.command} {self.asked.path} {options}"
+        return f"robodyn {self.task.command} {family.path} {options}"
 
 
 def _quoted(text: str) -> str:
@@ -88,26 +88,24 @@ def prepare(asked: Asked) -> Study:
 
     Raises
     ------
-    SceneError : the scene is wrong, names no command, or a key does not exist or takes no such numbers; an output
+    SceneError : the scene names no command, or a key does not exist or takes no such numbers; an output
         is not in the summary; the study makes no sense.
     """
-    family = Family(asked.path, asked.overrides)
-    scene, options = family.own, asked.options
+    family, options = asked.family, asked.options
+    scene = family.own
     if scene.command not in COMMANDS:
         what = "is missing" if scene.command is None else f"is {scene.command}"
         raise SceneError(
-            f"{asked.path}: key 'command' {what}: it says what each run does; allowed: {', '.join(COMMANDS)}"
+            f"{family.path}: key 'command' {what}: it says what each run does; allowed: {', '.join(COMMANDS)}"
         )
     design = make_design(options, asked.indices)
     for key, variation in options.vary.items():
         _check_key(family, key, variation)
     wanted = options.of or tuple(key for key, e in scene.expect.items() if e.numeric and key != "exit_code")
-    task = Task(str(asked.path), asked.overrides, scene.command, design.keys, wanted)
+    task = Task(family, scene.command, design.keys, wanted)
     nominal = _run_nominal(task)
     units = {key: unit_of(family.root, key) for key in design.keys}
-    return Study(
-        asked, task, design, units, nominal, scene.title or scene.command, scene.text, bool(scene.expect)
-    )
+    return Study(asked, task, design, units, nominal)
 
 
 def _check_key(family: Family, key: str, variation: Variation) -> None:
@@ -136,7 +134,7 @@ def _run_nominal(task: Task) -> Row:
     if not task.outputs:
         known = ", ".join(_numbers(summary))
         raise SceneError(
-            f"{task.path}: no output is named; give --of KEY, or study.of; numbers here: {known}"
+            f"{task.family.path}: no output is named; give --of KEY, or study.of; numbers here: {known}"
         )
     for key in task.outputs:
         refuse_unknown(summary, key, "study.of")

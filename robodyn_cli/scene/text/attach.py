@@ -21,6 +21,7 @@ from robodyn_cli.scene.text.nodes import (
     dotted,
     located,
     mapping,
+    name_of,
     scalar,
     sequence,
     shown,
@@ -75,7 +76,7 @@ def _with_link(robot: Mapping, item: Mapping, path: Path) -> Mapping:
     """Return the robot with another link, on a fixed joint unless ``joint`` says more."""
     name, joint = item.get("link"), item.get("joint")
     assert name is not None
-    if isinstance(name, Scalar) and name.text in map(_name_of, _items(robot, "links")):
+    if isinstance(name, Scalar) and name.text in map(name_of, _items(robot, "links")):
         raise located(
             name, dotted((*path, "link")), f"the robot has a link {name.text!r} already; choose another name"
         )
@@ -237,11 +238,6 @@ def _explicit(robot: Mapping) -> Mapping:
         joints.append(joint)
     place = robot.get("joints")
     return robot if place is None else robot.replaced(scalar(place, "joints"), sequence(place, joints))
-
-
-def _name_of(item: Node) -> str:
-    name = item.get("name") if isinstance(item, Mapping) else None
-    return name.text if isinstance(name, Scalar) else ""
 
 
 def _items(robot: Mapping, key: str) -> tuple[Node, ...]:

@@ -127,6 +127,20 @@ def find(root: Node, path: Path) -> Node | None:
     return node
 
 
+def name_of(item: Node) -> str:
+    """Return the ``name`` of an item of a list, empty where it has none."""
+    name = item.get("name") if isinstance(item, Mapping) else None
+    return name.text if isinstance(name, Scalar) else ""
+
+
+def index_of(node: Sequence, step: str) -> int | None:
+    """Return the index of the item that a step of a key means, by its number or its ``name``; None for none."""
+    if step.isdecimal() and step.isascii() and len(step) < 10:
+        return int(step) if int(step) < len(node.items) else None
+    names = [name_of(item) for item in node.items]
+    return names.index(step) if step and step in names else None
+
+
 def nearest(root: Node, path: Path) -> Node:
     """Return the node at ``path``, or the nearest one above it."""
     return next((node for k in range(len(path), 0, -1) if (node := find(root, path[:k]))), root)

@@ -13,8 +13,10 @@ from robodyn_cli.scene.text.nodes import (
     Source,
     describe_node,
     dotted,
+    index_of,
     located,
     mapping,
+    name_of,
     sequence,
     shown,
 )
@@ -123,18 +125,13 @@ class _Setter:
 
     def index(self, node: Sequence, step: str, done: Path) -> int:
         """Return the index of a list item, given by index or by its ``name``."""
-        if step.isdecimal() and step.isascii() and len(step) < 10:
-            if int(step) < len(node.items):
-                return int(step)
+        index = index_of(node, step)
+        if index is not None:
+            return index
+        if step.isdecimal():
             last = f"allowed: 0 to {len(node.items) - 1}" if node.items else "the list is empty"
             raise self.error(done, f"has no item {step}; {last}")
-        names = []
-        for index, item in enumerate(node.items):
-            name = item.get("name") if isinstance(item, Mapping) else None
-            if isinstance(name, Scalar):
-                names.append(name.text)
-                if name.text == step:
-                    return index
+        names = [name for item in node.items if (name := name_of(item))]
         allowed = f"; allowed: {', '.join(names)} or an index" if names else "; allowed: an index"
         raise self.error(done, f"has no item named {shown(step)}{did_you_mean(step, names)}{allowed}")
 

@@ -12,7 +12,6 @@ from robodyn_cli.scene.text.nodes import Mapping, Scalar, Sequence, sequence
 from robodyn_cli.scene.urdf.read import Urdf
 
 WIDTH = 110
-_BLANK = ("joints", "links", "couplers")
 
 
 def robot_yaml(found: Urdf) -> str:
