@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 NOTE_WIDTH = 90
 
 
-def failure_text(result: Result) -> str:
-    """Return that, when and why a run failed; nothing if it did not."""
+def failure_note(result: Result) -> list[str]:
+    """Return the lines that say that and why a run failed; none if it did not."""
     if result.status != "failed":
-        return ""
+        return []
     termination = result.summary.get("termination") or result.attributes.get("termination") or {}
     if not isinstance(termination, dict):
         termination = {"reason": str(termination)}
@@ -31,12 +31,7 @@ def failure_text(result: Result) -> str:
     time = termination.get("time")
     if not isinstance(time, int | float):
         time = result.time[-1] if result.time.size else math.nan
-    return f"Run failed at t = {number(float(time), 6)} s: {reason}"
-
-
-def failure_note(result: Result) -> list[str]:
-    """Return the same as lines for a drawing."""
-    return textwrap.wrap(failure_text(result), NOTE_WIDTH, max_lines=2)
+    return textwrap.wrap(f"Run failed at t = {number(float(time), 6)} s: {reason}", NOTE_WIDTH, max_lines=2)
 
 
 def sharing_note(result: Result) -> str:

@@ -10,7 +10,8 @@ from typing import Any
 from robodyn_cli.record import record
 from robodyn_cli.report.canvas import print_figure
 from robodyn_cli.report.drawing.build import has_poses
-from robodyn_cli.report.marks import decisive_text, failure_text
+from robodyn_cli.report.figures import notes
+from robodyn_cli.report.marks import decisive_text
 from robodyn_cli.report.page import tables
 from robodyn_cli.report.page.charts import captions, chart_data, is_thinned
 from robodyn_cli.report.page.markup import Html, element, markup
@@ -24,6 +25,7 @@ from robodyn_cli.results.result import Result
 
 LARGEST_SVG = 250_000  # bytes; a picture with more is smaller as pixels
 SPEEDS = (0.001, 0.01, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 100.0, 1000.0)
+ALARMS = ("failed", "warning")  # how notes begin that nobody should miss
 LISTED = 12  # moments that have a button
 HELP = "Drag or arrow keys: turn. Wheel, pinch, + and −: zoom. Shift and drag: move. 0: as at first. Space: play."
 THINNED = "Lines of many samples are thinned: the smallest and the largest of each of some hundred intervals are kept."
@@ -52,6 +54,7 @@ def section(place: int, shown: Shown, store: Store, alone: bool) -> Html:
     parts: list[Any] = [
         _head(shown, alone),
         _motion(result, store) if moving else None,
+        tables.main_figures(result),
         _plots(result, store, moving),
         element("h3", "Summary"),
         element("div", tables.summary_tables(result.summary), class_="tables"),
@@ -68,16 +71,24 @@ def section(place: int, shown: Shown, store: Store, alone: bool) -> Html:
 
 
 def _head(shown: Shown, alone: bool) -> Html:
-    """Return what stands above: title, status, command, and what happened."""
+    """Return what stands above: title, status, command, what happened, and what is to be known of the result."""
     result = shown.result
-    alarms = [failure_text(result), decisive_text(moments(result))]
     words: list[str] = [
         element("strong", result.status.replace("_", " "), class_="status"),
         f" {result.command}",
     ]
     words += [element("span", shown.label, class_="label")] if shown.label != result.command else []
-    found = [element("h1" if alone else "h2", result.title or shown.label), element("p", words)]
-    return markup([*found, *(element("p", alarm, class_="alarm") for alarm in alarms if alarm)])
+    alarm = decisive_text(moments(result))
+    said = [
+        element("li", note, class_="alarm" if note.startswith(ALARMS) else None) for note in notes(result)
+    ]
+    found = [
+        element("h1" if alone else "h2", result.title or shown.label),
+        element("p", words),
+        element("p", alarm, class_="alarm") if alarm else None,
+        element("ul", said, class_="notes") if said else None,
+    ]
+    return markup(found)
 
 
 def _motion(result: Result, store: Store) -> Html:

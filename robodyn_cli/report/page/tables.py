@@ -6,8 +6,10 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from robodyn_cli.report import figures
 from robodyn_cli.report.page.markup import Html, element
 from robodyn_cli.report.ticks import number
+from robodyn_cli.results.result import Result
 
 DIGITS = 6
 MOST_ROWS = 200  # of a table of runs
@@ -102,6 +104,12 @@ def _cell(value: Any, aligned: bool) -> Html:
     """Return a cell; numbers of columns that are to be compared are ``aligned`` to the right."""
     plain = isinstance(value, int | float) and not isinstance(value, bool)
     return element("td", written(value), class_="number" if plain and aligned else None)
+
+
+def main_figures(result: Result) -> Html | None:
+    """Return the main figures of a result with their errors, None of a command that has none."""
+    found = [table(one.head, one.rows[:MOST_ROWS]) for one in figures.tables(result)]
+    return element("div", element("h3", "Main figures"), found) if found else None
 
 
 def summary_tables(summary: Mapping[str, Any]) -> list[Html]:
