@@ -37,6 +37,7 @@ COMMANDS: dict[str, Command] = {
     "assemble": Command(
         "Close the loops, and find the ways in which they close.", "mechanism.assemble:assemble", brief=True
     ),
+    "reach": Command("Joint positions that bring a frame to a pose.", "poses.reach:reach", brief=True),
     "statics": Command(
         "Balance and its stability, or torques that hold a pose.", "mechanism.statics:statics", brief=True
     ),

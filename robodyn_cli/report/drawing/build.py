@@ -68,7 +68,7 @@ def require_poses(result: Result) -> None:
     if not has_poses(result):
         raise CapabilityError(
             f"a result of '{result.command}' has no poses to draw; allowed: a result of inverse, simulate, deploy, "
-            "kinematics, statics or assemble"
+            "kinematics, reach, statics or assemble"
         )
     scene_of(result.scene_text)
 

@@ -20,6 +20,7 @@ from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
     from robodyn_cli.run.inverse.dynamics import ForwardDynamics, InverseDynamics
+    from robodyn_cli.run.poses.inverse_kinematics import InverseKinematics
 
 Values = Mapping[str, Any] | Any
 
@@ -84,6 +85,12 @@ class Mechanism:
         from robodyn_cli.run.inverse.dynamics import ForwardDynamics
 
         return ForwardDynamics(self.scene)
+
+    def inverse_kinematics(self, frame: str, **asked: Any) -> InverseKinematics:
+        """Joint positions that bring a frame to poses; ``asked`` as of ``InverseKinematics``."""
+        from robodyn_cli.run.poses.inverse_kinematics import InverseKinematics
+
+        return InverseKinematics(self.scene, frame, **asked)
 
     # -- many runs --------------------------------------------------------------------------------------
     def simulate_many(
