@@ -247,8 +247,8 @@ def test_mistakes_are_one_message_and_leave_nothing(
     cases: list[tuple[list[Any], int, str]] = [
         ([stored, "--file", "a.pdf"], 2, "allowed: a name that ends with .html"),
         ([stored], 2, "--file"),
-        ([foreign, "--file", "a.html"], 2, "cannot be read as a result of robodyn"),
-        ([stored, damaged, "--file", "a.html"], 2, "cannot be read as a result of robodyn"),
+        ([foreign, "--file", "a.html"], 2, "cannot be read as HDF5"),
+        ([stored, damaged, "--file", "a.html"], 2, "cannot be read as HDF5"),
         ([old, "--file", "a.html"], 2, "the scene stored in the result cannot be read"),
         ([tmp_path / "none", "--file", "a.html"], 2, "no such file"),
         ([stored, "--file", "nowhere/a.html"], 74, "cannot write nowhere"),

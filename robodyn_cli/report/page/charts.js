@@ -1,7 +1,11 @@
 /* Plots over time: panels as report/page/charts.py read them off the figures, with a cursor at the time that is shown. */
 
-const LEFT = 58, RIGHT = 12, TOP = 26, BOTTOM = 22, LAST = 40; // rooms around a panel [pixels]
-const MARKERS = { o: 0, s: 1, D: 2, "^": 3, v: 4 };
+const LEFT = 58, RIGHT = 12, TOP = 32, BOTTOM = 22, LAST = 40; // rooms around a panel [pixels]
+/* Corners of marks, over their size; other marks are circles. */
+const MARKERS = {
+  s: [[-1, -1], [1, -1], [1, 1], [-1, 1]], D: [[0, -1.3], [1.3, 0], [0, 1.3], [-1.3, 0]],
+  "^": [[0, -1.2], [1.2, 1], [-1.2, 1]], v: [[0, 1.2], [1.2, -1], [-1.2, -1]],
+};
 
 /* Round numbers between two ends, or powers of ten on a logarithmic axis. */
 function ticks(low, high, log, most) {
@@ -16,6 +20,8 @@ function ticks(low, high, log, most) {
   const step = power * [1, 2, 5, 10].find((s) => s * power >= raw * (1 - 1e-9));
   return marks(low - 1e-9 * step, high + 1e-9 * step, step).map((x) => Number(x.toPrecision(12)));
 }
+
+let panelsMade = 0; // the names of their clips are unique on the page
 
 class Chart {
   constructor(figure, data, player) {
@@ -52,7 +58,7 @@ class Chart {
   }
   swatch(entry, svg) {
     if (entry.band) made("rect", { width: 30, height: 12, fill: inked(entry.colour), opacity: 0.3 }, svg);
-    else this.stroke(entry, "M1 6H29", svg);
+    else if (entry.width) this.stroke(entry, "M1 6H29", svg);
     if (entry.marker) made("path", { d: this.marker(entry.marker, 15, 6), ...this.filled(entry) }, svg);
   }
 
@@ -86,7 +92,7 @@ class Chart {
       const value = panel.log ? (v > 0 ? Math.log10(v) : NaN) : v;
       return box.bottom - (value - y0) / (y1 - y0) * (box.bottom - box.top);
     };
-    const clip = `clip-${Chart.count = (Chart.count || 0) + 1}`, size = { x: box.left, y: box.top, width: box.right - box.left, height: box.bottom - box.top };
+    const clip = `clip-${panelsMade += 1}`, size = { x: box.left, y: box.top, width: box.right - box.left, height: box.bottom - box.top };
     made("rect", size, made("clipPath", { id: clip }, this.svg));
     this.scales(panel, box, x, y, last);
     const inside = made("g", { "clip-path": `url(#${clip})` }, this.svg);
@@ -99,7 +105,7 @@ class Chart {
       made("text", { x: round(x(note.x)) - 6, y: round(y(note.y)) - 8, class: "note end", fill: inked(note.colour) }, this.svg).textContent = note.text;
     }
     const cursor = made("line", { class: "cursor", y1: box.top, y2: box.bottom, visibility: "hidden" }, this.over);
-    const readout = made("text", { x: box.right, y: box.top - 8, class: "end value" }, this.over);
+    const readout = made("text", { x: box.right, y: box.top - 14, class: "end value" }, this.over);
     return { panel, box, x, y, cursor, readout, from: (px) => x0 + (px - box.left) / (box.right - box.left) * (x1 - x0) };
   }
 
@@ -116,7 +122,7 @@ class Chart {
     }
     made("path", { class: "frame", d: `M${box.left} ${box.top}V${box.bottom}H${box.right}` }, this.svg);
     const label = [panel.title, panel.label].filter((word) => word).join(": ");
-    made("text", { x: box.left - LEFT + 4, y: box.top - 9, class: "label" }, this.svg).textContent = label;
+    made("text", { x: box.left - LEFT + 4, y: box.top - 14, class: "label" }, this.svg).textContent = label;
     if (last) made("text", { x: (box.left + box.right) / 2, y: box.bottom + 33, class: "middle" }, this.svg).textContent = "time [s]";
   }
 
@@ -137,9 +143,7 @@ class Chart {
     return { fill: look.fill === "#ffffff" ? PAPER : inked(look.fill || look.colour), stroke: inked(look.colour), "stroke-width": 1.2 };
   }
   marker(kind, x, y, r = 3.6) {
-    if ((MARKERS[kind] ?? 0) === 0) return circle([x, y], r);
-    const corners = { s: [[-1, -1], [1, -1], [1, 1], [-1, 1]], D: [[0, -1.3], [1.3, 0], [0, 1.3], [-1.3, 0]], "^": [[0, -1.2], [1.2, 1], [-1.2, 1]], v: [[0, 1.2], [1.2, -1], [-1.2, -1]] };
-    return path(corners[kind].map(([a, b]) => [x + a * r, y + b * r]), true);
+    return kind in MARKERS ? path(MARKERS[kind].map(([a, b]) => [x + a * r, y + b * r]), true) : circle([x, y], r);
   }
 
   // -- the cursor -----------------------------------------------------------------------------------------------
