@@ -127,7 +127,8 @@ class ForceElement(Protocol):
 class InJoint:
     """What most forces in a joint have in common: no potential energy, and keys that always fit together.
 
-    dissipative : whether all of the torque is lost, so that none of it is the gradient of a potential.
+    dissipative : whether all of the torque is lost, so that none of it is the gradient of a potential. Such a force may
+    act in space: on the angular velocity of a ball joint, or on a velocity.
     """
 
     dissipative: ClassVar[bool] = False
@@ -135,6 +136,11 @@ class InJoint:
     def problems(self) -> Iterable[tuple[tuple[Any, ...], str]]:
         """Yield what does not fit together: the path of a key, and what is wrong."""
         return ()
+
+    def problems_along(self, in_space: bool) -> Iterable[tuple[tuple[Any, ...], str]]:
+        """Yield what does not fit a coordinate, or a rotation or translation in space, as ``problems`` does."""
+        if in_space:
+            yield (), "acts on one coordinate, and a motion in any direction has none"
 
     def potential(self, q: Any) -> Any:
         """Return the potential energy [J] at position ``q``."""

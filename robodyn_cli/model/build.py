@@ -8,6 +8,7 @@ from typing import Any
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.graph import Graph, is_nonzero
 from robodyn_cli.joints.registry import joint_types
+from robodyn_cli.model.joint_elements import by_coordinate, joint_forces, springs_in_space
 from robodyn_cli.model.model import (
     BASE,
     PARAMETER_GROUP,
@@ -15,7 +16,6 @@ from robodyn_cli.model.model import (
     Body,
     FixedFrame,
     Force,
-    JointForce,
     Loop,
     Model,
     RigidPart,
@@ -165,7 +165,7 @@ def build_model(
         outlines=_outlines(robot, placed, places.points, bodies),
         loops=tuple(places.loop(element) for element in scene.loops),
         couplers=tuple(coupler.name for coupler in scene.couplers),
-        forces=tuple(places.force(element) for element in scene.forces),
+        forces=(*(places.force(element) for element in scene.forces), *springs_in_space(scene, bodies)),
         joint_names=tuple(name for name, _ in joints),
         q_names=tuple(x for name, joint in joints for x in joint.coordinates(name, joint.names)),
         v_names=tuple(x for name, joint in joints for x in joint.coordinates(name, joint.v_names)),
@@ -230,29 +230,27 @@ def _number(robot: sc.Robot, moving: list[_Moving], values: _Values) -> tuple[Bo
     bodies = []
     for body in moving:
         joint = body.joint
+        kind = joint_kind(joint)
+        ratios = by_coordinate(kind, joint.gear_ratio, 1.0)
         rotor = values.get(f"joints.{joint.name}.rotor_inertia", joint.rotor_inertia)
+        armature = tuple(N * N * J for N, J in zip(ratios, by_coordinate(kind, rotor, 0.0)))
         bodies.append(
             Body(
                 name=body.name,
                 joint_name=joint.name,
-                joint=joint_kind(joint),
+                joint=kind,
                 parent=body.parent,
                 X_tree=body.X_tree,
                 inertia=sum((part.inertia for part in body.parts), RigidInertia.zero()),
                 parts=body.parts,
                 q=start[joint.name][0],
                 v=start[joint.name][1],
-                armature=joint.gear_ratio * joint.gear_ratio * rotor,
-                gear_ratio=joint.gear_ratio,
-                forces=tuple(JointForce(*force) for force in joint.forces if _acts(force[1])),
+                armature=armature[0] if kind.nv == 1 else armature,
+                gear_ratio=ratios[0] if kind.nv == 1 else ratios,
+                forces=tuple(joint_forces(joint, kind, start[joint.name], ratios)),
             )
         )
     return tuple(bodies)
-
-
-def _acts(element: Any) -> bool:
-    """Tell whether what stands in a joint exerts anything: limits without a stop do not."""
-    return bool(getattr(element, "acts", True))
 
 
 class _Places:

@@ -17,10 +17,24 @@ BASE = -1
 
 @record
 class JointForce:
-    """A force element that acts in one joint (spring, damper, friction)."""
+    """A force element that acts in one joint (spring, damper, friction).
+
+    name : the joint's, or the coordinate's where the joint has several. q, v : places of what it acts on in q and v,
+    slices for a rotation or translation in space. unit : of that coordinate, ``rad`` or ``m``.
+    """
 
     kind: str
     element: Any
+    name: str
+    q: Any
+    v: Any
+    unit: str = "rad"
+    gear_ratio: float = 1.0
+
+    @property
+    def in_space(self) -> bool:
+        """Whether it acts on a rotation or translation in any direction."""
+        return isinstance(self.v, slice)
 
 
 @record
@@ -53,7 +67,7 @@ class Body:
     parent : index of the parent body, or ``BASE``.
     X_tree : transform from the parent's body frame to the frame before the joint.
     inertia : in body coordinates, about the body's origin. parts : the links that it is the sum of, () where that is
-    not known.
+    not known. armature, gear_ratio : of the joint's rotor, N^2 J and N; a tuple where each coordinate has its own.
     """
 
     name: str
@@ -65,9 +79,19 @@ class Body:
     q: int
     v: int
     armature: Any = 0.0
-    gear_ratio: float = 1.0
+    gear_ratio: Any = 1.0
     forces: tuple[JointForce, ...] = ()
     parts: tuple[RigidPart, ...] = ()
+
+    @property
+    def rotors(self) -> tuple[Any, ...]:
+        """Inertia N^2 J of the rotor of each velocity coordinate."""
+        return self.armature if isinstance(self.armature, tuple) else (self.armature,) * self.joint.nv
+
+    @property
+    def gear_ratios(self) -> tuple[float, ...]:
+        """Gear ratio N of each velocity coordinate."""
+        return self.gear_ratio if isinstance(self.gear_ratio, tuple) else (self.gear_ratio,) * self.joint.nv
 
     @property
     def cancellation(self) -> float:

@@ -7,21 +7,23 @@ torques are those without friction. A rate no larger than the rounding error of 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.forces.friction import Friction
 from robodyn_cli.forces.gear import Gear
-from robodyn_cli.model.model import Body
+from robodyn_cli.model.model import JointForce, Model
 from robodyn_cli.run.mechanism.motion import Planned
+from robodyn_cli.run.observation.units import TORQUE
 
 ROUNDING = 64 * np.finfo(float).eps  # relative, of what a motion is computed from
 
 
 def with_rest(problem: Problem, planned: Planned) -> Planned:
     """Return the motion with rates of exactly zero in joints with dry friction where rounding explains them."""
-    places = [body.v for body in problem.model.bodies if _has_dry_friction(body)]
+    places = list(_dry(problem.model))
     if not places:
         return planned
     qd = planned.motion.qd.copy(order="F")
@@ -49,35 +51,38 @@ def explained_rate(problem: Problem, planned: Planned, k: int) -> float:
 def rest_warnings(problem: Problem, planned: Planned) -> list[str]:
     """Return a warning for each joint that stands still over more than two samples where dry friction may act."""
     found = []
-    for body in problem.model.bodies:
-        if not _has_dry_friction(body):
-            continue
-        still = planned.motion.qd[:, body.v] == 0.0
+    for place, forces in _dry(problem.model).items():
+        still = planned.motion.qd[:, place] == 0.0
         if not (still[1:-1] & still[2:] & still[:-2]).any():
             continue
         time = float(planned.times[int(np.argmax(still[1:] & still[:-1]))])
         found.append(
-            f"joint {body.joint_name!r} stands still from t = {time:.6g} s on: {_bounds(body)}, so its actuator torque "
-            "is not determined there; reported is the torque without them"
+            f"joint {forces[0].name!r} stands still from t = {time:.6g} s on: {_bounds(forces)}, so its actuator "
+            "torque is not determined there; reported is the torque without them"
         )
     return found
 
 
-def _bounds(body: Body) -> str:
+def _bounds(forces: Sequence[JointForce]) -> str:
     """Say what may act in a joint at rest."""
     parts = []
-    for force in body.forces:
-        if isinstance(force.element, Friction) and force.element.dry:
-            plus, minus = force.element.breakaway(body.gear_ratio)
-            unit = "N m" if body.joint.v_units[0] == "rad" else "N"
-            parts.append(f"its friction is anything from {-minus:.6g} to {plus:.6g} {unit}")
-        if isinstance(force.element, Gear):
+    for force in forces:
+        if isinstance(force.element, Friction):
+            plus, minus = force.element.breakaway(force.gear_ratio)
+            parts.append(f"its friction is anything from {-minus:.6g} to {plus:.6g} {TORQUE[force.unit]}")
+        else:
             parts.append("its gear bears a part of the load")
     return " and ".join(parts)
 
 
-def _has_dry_friction(body: Body) -> bool:
-    return any(
-        isinstance(f.element, Gear) or (isinstance(f.element, Friction) and f.element.dry)
-        for f in body.forces
-    )
+def _dry(model: Model) -> dict[int, list[JointForce]]:
+    """Return dry friction and gears by the velocity coordinates on which they act, those in space left out.
+
+    A rotation in space stands still only where all of its rates vanish, which rounding does not bring about in one
+    that turns.
+    """
+    found: dict[int, list[JointForce]] = {}
+    for force in (f for body in model.bodies for f in body.forces if not f.in_space):
+        if isinstance(force.element, Gear) or (isinstance(force.element, Friction) and force.element.dry):
+            found.setdefault(force.v, []).append(force)
+    return found
