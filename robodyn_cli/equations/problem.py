@@ -20,7 +20,7 @@ from robodyn_cli.algorithms.kinematics import Pose, moved, poses, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.equations.contact_joints import ContactJoint, contact_joints
-from robodyn_cli.equations.elements import Elements
+from robodyn_cli.equations.elements import Elements, spans
 from robodyn_cli.equations.gears import geared, losses_of_drive, losses_of_load
 from robodyn_cli.equations.joint_forces import JointForces
 from robodyn_cli.expr.functions import interpolate
@@ -153,12 +153,15 @@ class Problem:
 
     # -- torques --------------------------------------------------------------------------------------
     def _environment(self) -> dict[str, Any]:
-        env: dict[str, Any] = {"t": self.t}
+        env: dict[str, Any] = {"t": self.t, **self.spans}
         env |= {f"q.{name}": q for name, q in zip(self.model.q_names, self.q)}
         env |= {f"qd.{name}": v for name, v in zip(self.model.v_names, self.v)}
-        for name, value in self.scene.parameters.items():
-            env[f"p.{name}"] = value
-        return env
+        return env | {f"p.{name}": value for name, value in self.scene.parameters.items()}
+
+    @cached_property
+    def spans(self) -> dict[str, Scalar]:
+        """Distances of points [m] and their rates [m/s] that formulas ask for, by the names that these give them."""
+        return spans(self.model, self.X, self.q, self.v)
 
     @cached_property
     def actuator_torques(self) -> Vector:
@@ -305,10 +308,6 @@ class Problem:
     def moved(self, dq: Values) -> list[Scalar]:
         """Return q - dq (nq,) for a step dq (nv,), along the joints' manifolds."""
         return moved(self.model, self.q, [-x for x in dq])
-
-    @property
-    def constraint_rows(self) -> tuple[Row, ...]:
-        return self.constraints.rows
 
     @property
     def loop_rank(self) -> int:

@@ -52,6 +52,7 @@ class Switching:
                 found.append((f"torques.{name}", [e.actuator_torques[e.model.v_names.index(name)]]))
         for row in (e.constraints.rows[i] for i in e.constraints.rheonomic):
             found.append((row.name, [row.eta, row.eta_t, row.gamma]))
+        found += [(key, [*place, *rate]) for key, place, rate in e.elements.moving]
         return [*found, *e.elements.formulas]
 
     @cached_property

@@ -8,8 +8,10 @@ Checklist for another kind:
 1. ``references`` names the places it acts at: one, or two on different links.
 2. ``effect`` returns forces, potential energy and power that belong together: with q-dot the joint rates,
    (sum of J^T f) . q-dot = -d/dt potential + power. ``tests/conformance/test_forces.py`` checks that over the registry.
+   Ends on the ground that move by formulas do work of their own, which ``equations/elements.py`` adds.
 3. ``term`` is the part of the torques under which ``inverse`` reports it: ``passive`` or ``external``.
-4. Where the force jumps at half a turn, ``Effect.half_turns`` says so: steps end there, and the run warns of it.
+4. ``switching`` says whether the force may jump or bend, as a formula of the scene does: steps then end there.
+5. Where the force jumps at half a turn, ``Effect.half_turns`` says so: steps end there, and the run warns of it.
 """
 
 from __future__ import annotations
@@ -111,6 +113,7 @@ class ForceElement(Protocol):
     """A force element of a scene (see the checklist above)."""
 
     term: ClassVar[str]
+    switching: ClassVar[bool]
 
     @property
     def name(self) -> str: ...
@@ -151,6 +154,7 @@ class Between:
     """What most forces between two places have in common: they are ``passive``, and their keys always fit together."""
 
     term: ClassVar[str] = "passive"
+    switching: ClassVar[bool] = False
     between: tuple[str, ...]
 
     @property

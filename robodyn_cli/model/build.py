@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from robodyn_cli.errors import SceneError
+from robodyn_cli.expr.formula import formulas_in, points_of
 from robodyn_cli.expr.graph import Graph, is_nonzero
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.model.joint_elements import by_coordinate, joint_forces, springs_in_space
@@ -172,6 +173,7 @@ def build_model(
         q_units=tuple(unit for _, joint in joints for unit in joint.units),
         v_units=tuple(unit for _, joint in joints for unit in joint.v_units),
         parameters=tuple(symbolic),
+        spans={name: places.span(name) for name in _spans(scene)},
     )
     values.check()
     return model
@@ -309,10 +311,21 @@ class _Places:
         first, second = (self.at(text) for text in element.between)
         return Loop(element.name, element, first, second)
 
+    def span(self, name: str) -> tuple[FixedFrame, FixedFrame]:
+        """Return the points of a distance that a formula asks for."""
+        first, second = points_of(name)
+        return self.at(first), self.at(second)
+
     def force(self, element: Any) -> Force:
         """Return a force element with its places; a named frame keeps its own axes."""
         ends = (self.frames[text] if text in self.frames else self.at(text) for text in element.references)
         return Force(element.name, element, tuple(ends))
+
+
+def _spans(scene: sc.Scene) -> list[str]:
+    """Return the distances of points that formulas ask for, in the order of the scene."""
+    names = (name for x in formulas_in([scene.torques, scene.forces]) for name in sorted(x.names))
+    return list(dict.fromkeys(name for name in names if name.endswith(")")))
 
 
 def _outlines(

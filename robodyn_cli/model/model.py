@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.expr.graph import Expr, Graph, Scalar, free_symbols, reachable
@@ -151,7 +152,8 @@ class Model:
     joint_names : of the joints that move, in the order of the YAML, which places in q and v follow. q_names,
         v_names : of the columns of q and v (``hinge``, ``ball.qw``, ``ball.wx``). q_units : ``rad``, ``m`` or ``1``;
         v_units : ``rad`` or ``m``, per second those of v.
-    outlines : for each link, the points that a drawing connects.
+    outlines : for each link, the points that a drawing connects. spans : points whose distance, or its rate, formulas
+        ask for, by the name that they give it.
     """
 
     name: str
@@ -174,6 +176,7 @@ class Model:
     q_units: tuple[str, ...] = ()
     v_units: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
+    spans: Mapping[str, tuple[FixedFrame, FixedFrame]] = dataclasses.field(default_factory=dict)
 
     @property
     def closures(self) -> tuple[str, ...]:

@@ -202,7 +202,8 @@ class Point(Place):
         ListOf(Formula(("t",)), minimum=3, maximum=3),
         default=None,
         unit="m",
-        doc="Displacement from `at` along the axes of the base, formulas in t: for points on `base` that loops join.",
+        doc="Displacement from `at` along the axes of the base, formulas in t: for points on `base`, which loops join "
+        "and forces act between.",
     )
 
 

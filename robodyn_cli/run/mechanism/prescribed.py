@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
@@ -11,6 +13,7 @@ from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.loops.base import Row
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.spatial.algebra import zeros
 
 BESIDE = (1e-9, 1e-7, 1e-5)  # parts of the duration: distances from a jump at which both sides are evaluated
 JUMP = 1e-6  # rad, rad/s, m or m/s
@@ -46,6 +49,7 @@ def check_prescribed(problem: Problem) -> None:
     NumericalError : the rate or the acceleration at t = 0 is not finite. SceneError : position or rate jump.
     """
     constraints = problem.constraints
+    _check_moving_ends(problem)
     for i in constraints.rheonomic:
         row = constraints.rows[i]
         name = row.name.partition(".")[2] if i in constraints.prescribed else row.name.rpartition(".")[0]
@@ -58,17 +62,45 @@ def check_prescribed(problem: Problem) -> None:
                 raise NumericalError(
                     f"{where} has no finite {what} at t = 0", time=0.0, joint=name, status="not_finite"
                 )
-        for time in _doubtful_times(problem, row):
-            step = _beside(row, time, problem.scene.simulate.duration)
-            slack = JUMP + 10.0 * step * max(abs(_at(row.gamma, t)) for t in (time - step, time + step))
-            for what, entry in (("position", row.eta), ("rate", row.eta_t)):
-                before, after = -_at(entry, time - step), -_at(entry, time + step)
-                if abs(after - before) > slack + 10.0 * step * abs(_at(row.eta_t, time + step)):
-                    raise SceneError(
-                        f"{where} jumps at t = {time:.9g} s: its {what} goes from {before:.6g} to {after:.6g}, which "
-                        "takes an infinite torque; let it go there in finite time",
-                        joint=name, time=time,
-                    )  # fmt: skip
+        _refuse_jumps(problem, row, where, name, {"position": row.eta, "rate": row.eta_t})
+
+
+def _refuse_jumps(problem: Problem, row: Row, where: str, name: str, entries: Mapping[str, Scalar]) -> None:
+    """Refuse a motion of which one of ``entries``, of opposite sign as in eta = q - s(t), jumps.
+
+    Raises
+    ------
+    SceneError : with the time and both values.
+    """
+    for time in _doubtful_times(problem, row):
+        step = _beside(row, time, problem.scene.simulate.duration)
+        slack = JUMP + 10.0 * step * max(abs(_at(row.gamma, t)) for t in (time - step, time + step))
+        for what, entry in entries.items():
+            before, after = -_at(entry, time - step), -_at(entry, time + step)
+            if abs(after - before) > slack + 10.0 * step * abs(_at(row.eta_t, time + step)):
+                raise SceneError(
+                    f"{where} jumps at t = {time:.9g} s: its {what} goes from {before:.6g} to {after:.6g}, which "
+                    "takes an infinite torque; let it go there in finite time",
+                    joint=name, time=time,
+                )  # fmt: skip
+
+
+def _check_moving_ends(problem: Problem) -> None:
+    """Refuse ends of forces on the ground that jump; their rates may jump, and dampers with them.
+
+    Raises
+    ------
+    SceneError : with the force, the time and both places. NumericalError : no finite place or rate at t = 0.
+    """
+    for key, place, rate in problem.elements.moving:
+        where = f"the motion of the place {key!r}"
+        for axis, x, v in zip("xyz", place, rate):
+            if not (np.isfinite(_at(x, 0.0)) and np.isfinite(_at(v, 0.0))):
+                raise NumericalError(
+                    f"{where} has no finite place or rate at t = 0", time=0.0, status="not_finite"
+                )
+            row = Row(key, -x, zeros(0), 0.0, -v)
+            _refuse_jumps(problem, row, where, key, {axis: -x})
 
 
 def _beside(row: Row, time: float, duration: float) -> float:
