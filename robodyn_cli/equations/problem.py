@@ -171,8 +171,7 @@ class Problem:
         for name, torque in self.scene.torques.items():
             place = self.model.v_names.index(name)
             if isinstance(torque, sc.Torque):
-                times, values = zip(*torque.table)
-                tau[place] = interpolate(self.t, tuple(times), tuple(values))
+                tau[place] = interpolate(self.t, *zip(*torque.table))
             else:
                 tau[place] = torque.evaluate(env)
         return tau
@@ -238,10 +237,7 @@ class Problem:
     @cached_property
     def applied(self) -> Vector:
         """tau_a + tau_f, as a simulation uses them."""
-        total = self.actuator_torques.copy()
-        for term in self.passive_forces(smooth=True).values():
-            total = total + term
-        return total
+        return sum(self.passive_forces(smooth=True).values(), self.actuator_torques.copy())
 
     @cached_property
     def dissipated(self) -> list[tuple[int, Scalar]]:
@@ -308,6 +304,10 @@ class Problem:
     def moved(self, dq: Values) -> list[Scalar]:
         """Return q - dq (nq,) for a step dq (nv,), along the joints' manifolds."""
         return moved(self.model, self.q, [-x for x in dq])
+
+    @property
+    def constraint_rows(self) -> tuple[Row, ...]:
+        return self.constraints.rows
 
     @property
     def loop_rank(self) -> int:

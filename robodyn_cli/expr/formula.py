@@ -7,8 +7,7 @@ from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 from robodyn_cli.errors import NumericalError, SceneError, did_you_mean
-from robodyn_cli.expr.formula_parser import SPANS, Parser, fail, prefix, shown
-from robodyn_cli.expr.formula_tree import CONSTANTS, Name, Node, Num
+from robodyn_cli.expr.formula_tree import CONSTANTS, SPANS, Name, Node, Num, fail, prefix, shown
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.record import record
 
@@ -147,6 +146,8 @@ def parse(text: str, where: str = "") -> Formula:
     ------
     SceneError : naming the text, the column and what was unexpected there.
     """
+    from robodyn_cli.expr.formula_parser import Parser  # a scene of plain numbers needs none
+
     if len(text) > MAX_LENGTH:
         raise SceneError(f"{prefix(where)}formula of {len(text)} characters; allowed: at most {MAX_LENGTH}")
     parser = Parser(text, where)

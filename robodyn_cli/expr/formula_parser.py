@@ -14,11 +14,12 @@ import re
 from collections.abc import Sequence
 from typing import NoReturn
 
-from robodyn_cli.errors import SceneError, did_you_mean
+from robodyn_cli.errors import did_you_mean
 from robodyn_cli.expr.formula_tree import (
     CONSTANTS,
     FUNCTIONS,
     MANY,
+    SPANS,
     SWITCHING,
     Call,
     Chain,
@@ -28,6 +29,7 @@ from robodyn_cli.expr.formula_tree import (
     Node,
     Num,
     Power,
+    fail,
 )
 from robodyn_cli.record import record
 
@@ -36,9 +38,6 @@ MAX_DEPTH = 60
 MAX_SWITCHES = 100
 
 QUALIFIERS = ("q", "qd", "p")
-# distances of two points [m] and their rates, as names of their own: length(tip, base.origin)
-SPANS = {"length": "q", "length_rate": "qd"}
-
 _DEGREE = math.pi / 180.0
 _BINDING = {"+": 10, "-": 10, "*": 20, "/": 20, "^": 40, "**": 40}
 _UNARY_BINDING = 30
@@ -48,19 +47,6 @@ _TOKEN = re.compile(
     r"|(?P<name>[A-Za-z_][A-Za-z0-9_]*(?:\.[A-Za-z_][A-Za-z0-9_]*)*)"
     r"|(?P<sign>\*\*|<=|>=|[-+*/^()<>,])"
 )
-
-
-def fail(text: str, column: int, message: str, where: str = "") -> NoReturn:
-    """Raise the error of a formula; ``column`` counts from 1 inside the formula."""
-    raise SceneError(f"{prefix(where)}formula {shown(text)}, column {column}: {message}")
-
-
-def prefix(where: str) -> str:
-    return f"{where}: " if where else ""
-
-
-def shown(text: str) -> str:
-    return repr(text if len(text) <= 60 else text[:57] + "...")
 
 
 @record

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.expr.rebuild import Evaluator
+from robodyn_cli.loops.base import Row
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import Model
 from robodyn_cli.spatial.algebra import Array
-
-if TYPE_CHECKING:
-    from robodyn_cli.equations.constraints import Constraints
 
 MOST_STEP = 0.7  # rad, or part of the size of the mechanism
 ITERATIONS = 60
@@ -66,14 +64,14 @@ class Equations(Protocol):
     model: Model
 
     @property
-    def constraints(self) -> Constraints: ...
+    def constraint_rows(self) -> tuple[Row, ...]: ...
 
 
 class Numbers:
     """eta (m,), Psi (m, nv) and eta_t (m,) as functions of numbers q (nq,) and t; the ``Conditions`` of assembly."""
 
     def __init__(self, equations: Equations, parameters: Sequence[float]) -> None:
-        self.rows = equations.constraints.rows
+        self.rows = equations.constraint_rows
         self.q_names = equations.model.q_names
         self.manifold = Manifold(equations.model)
         self.nv = equations.model.nv
