@@ -6,6 +6,7 @@ import contextlib
 import functools
 import json
 import os
+import shutil
 import sys
 import threading
 import time
@@ -18,6 +19,7 @@ from robodyn_cli.exit_codes import INTERNAL, INTERRUPTED
 
 QUIET_SECONDS = 2.0  # without a word, on a terminal
 LONG_SECONDS = 10.0  # without a word, elsewhere
+ROOM_FOR_TEXT = 30  # columns beside the head of a line
 
 
 class Console:
@@ -35,6 +37,18 @@ class Console:
         """Print results for people."""
         if not self.quiet and not self.as_json:
             _print(text, sys.stdout)
+
+    def row(self, head: str, text: str) -> None:
+        """Print a line of results; on a terminal that is too narrow the text goes on in the next line."""
+        width = _terminal_width(sys.stdout)
+        if width is None or len(head) + len(text) <= width:
+            self.say(f"{head}{text}".rstrip())
+            return
+        import textwrap
+
+        indent = len(head) if width - len(head) >= ROOM_FOR_TEXT else 4
+        self.say(textwrap.fill(text, width, initial_indent=head, subsequent_indent=" " * indent,
+                               break_long_words=False, break_on_hyphens=False))  # fmt: skip
 
     def note(self, text: str) -> None:
         """Print a message that is not a result."""
@@ -147,6 +161,8 @@ def guarded(command: Callable[..., int]) -> Callable[..., int]:
             return console.report("MemoryError", "out of memory: ask for fewer samples", INTERNAL)
         except OverflowError as error:
             return console.fail(out_of_range(error))
+        except ZeroDivisionError as error:
+            return console.fail(no_linear_algebra(error))
         except Exception as error:
             if interrupts.seen():
                 return console.interrupted()
@@ -198,6 +214,13 @@ def output_lost(error: OSError, stream: TextIO) -> OutputError | None:
     if isinstance(error, BrokenPipeError):
         return None
     return OutputError(f"cannot write to standard output: {error.strerror}")
+
+
+def _terminal_width(stream: TextIO | None) -> int | None:
+    """Return the columns of a stream's terminal; None where it is none, for other programs read lines."""
+    if stream is None or not stream.isatty():
+        return None
+    return shutil.get_terminal_size().columns
 
 
 def _encodes(stream: TextIO | None) -> bool:

@@ -158,6 +158,19 @@ Jobs = Annotated[
     ),
 ]
 
+tolerance = number("a number >= 0", lambda x: 0.0 <= x < math.inf)
+RelativeTolerance = Annotated[
+    float,
+    typer.Option(
+        "--rtol", metavar="X", parser=tolerance, help="Allowed part of the column's largest magnitude."
+    ),
+]
+AbsoluteTolerance = Annotated[
+    float,
+    typer.Option("--atol", metavar="X", parser=tolerance, help="Allowed in addition, in the dataset's unit."),
+]
+RTOL, ATOL = 1e-9, 1e-12
+
 
 def cores() -> int:
     """Return the number of cores that this process may use."""

@@ -273,10 +273,10 @@ class Problem:
             name = f"{coupler.name}.coupling"
             rows.append(coordinate_row(name, self.model, self.q, coupler.terms, value, kind))
         first = len(rows)
-        for name, formula in self.scene.prescribed.items():
-            kind = self.model.q_units[self.model.q_names.index(name)]
-            target = formula.evaluate(env)
-            rows.append(coordinate_row(f"prescribed.{name}", self.model, self.q, {name: 1.0}, target, kind))
+        if self.scene.prescribed:
+            from robodyn_cli.equations.prescribed import prescribed_rows
+
+            rows += prescribed_rows(self.model, self.q, self.v, self.scene.prescribed, env)
         return Constraints(tuple(rows), tuple(dropped), tuple(range(first, len(rows))))
 
     @cached_property

@@ -25,9 +25,12 @@ def is_inlined(program: Program) -> bool:
     return program.operations <= INLINE_LIMIT
 
 
-def _table(f: Function, x: Value, at: str, n: int, order: int) -> Value:
-    """Piecewise linear look-up by bisection, lane by lane; n knots, values and slopes lie one after another."""
-    start, slope = f.offset(at, n), f.offset(at, 2 * n)
+def _table(f: Function, x: Value, at: str, n: int, degree: int, held: bool) -> Value:
+    """Piecewise polynomial by bisection, lane by lane.
+
+    n knots, n - 1 coefficients of each power, and the values held beyond the ends lie one after another.
+    """
+    rows = [f.offset(at, n + power * (n - 1)) for power in range(degree + 2)]
     first, last = f.load(at), f.load(f.offset(at, n - 1))
     results = []
     for k in range(x.width):
@@ -44,16 +47,16 @@ def _table(f: Function, x: Value, at: str, n: int, order: int) -> Value:
             f.store_int(f.select_int(right & wider, middle, a), low)
             f.store_int(f.select_int((~right) & wider, middle, b), high)
         i = f.load_int(low)
-        inside = f.compare("oge", u, first) & f.compare("olt", u, last)
-        gradient = f.load(f.offset(slope, i))
-        if order:
-            results.append(f.select(inside, gradient, f.constant(0.0)))
-            continue
-        value = f.load(f.offset(start, i)) + (u - f.load(f.offset(at, i))) * gradient
-        ends = f.load(start), f.load(f.offset(start, n - 1))
-        outside = f.select(f.compare("olt", u, first), *ends)
-        held = f.select(f.compare("uno", u, 0.0), u, outside)
-        results.append(f.select(inside, value, held))
+        s = u - f.load(f.offset(at, i))
+        value = f.load(f.offset(rows[degree], i))
+        for power in reversed(range(degree)):
+            value = f.load(f.offset(rows[power], i)) + s * value
+        if held:
+            inside = f.compare("oge", u, first) & f.compare("olt", u, last)
+            ends = f.load(rows[-1]), f.load(f.offset(rows[-1], 1))
+            outside = f.select(f.compare("olt", u, first), *ends)
+            value = f.select(inside, value, f.select(f.compare("uno", u, 0.0), u, outside))
+        results.append(value)
     return f.pack(results, x.width)
 
 
@@ -157,8 +160,8 @@ class _Lowering:
             return f.splat(self.inputs[group][position], self.width)
         args = [self.value(a) for a in i.args]
         if i.op == "table":
-            first, count, order = i.value
-            return _table(f, args[0], f.offset(self._numbers.base, first), count, order)
+            first, *shape = i.value
+            return _table(f, args[0], f.offset(self._numbers.base, first), *shape)
         return operation(f, i.op, args, self.fused)
 
 

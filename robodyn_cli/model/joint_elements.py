@@ -10,7 +10,6 @@ from robodyn_cli.joints.base import Joint
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.model.model import Body, FixedFrame, Force, JointForce
 from robodyn_cli.scene import types as sc
-from robodyn_cli.spatial import quaternion
 from robodyn_cli.spatial.algebra import Vector, identity, vector, zeros
 
 
@@ -70,5 +69,7 @@ def _at_rest(body: Body, rest: Vector, turns: bool) -> FixedFrame:
     """Return the frame before a joint, turned or moved to where the body's frame is at rest."""
     at, R = body.X_tree.r, body.X_tree.E.T
     if turns:
+        from robodyn_cli.spatial import quaternion
+
         return FixedFrame(body.parent, at, R @ quaternion.rotation(quaternion.from_rotation_vector(rest)))
     return FixedFrame(body.parent, at + R @ rest, R)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
+from functools import reduce
 from typing import Any
 
+from robodyn_cli.expr.functions import maximum
 from robodyn_cli.expr.graph import Expr, Graph, Scalar, free_symbols, reachable
 from robodyn_cli.forces.element import ForceElement
 from robodyn_cli.joints.base import Joint
@@ -107,12 +109,14 @@ class Body:
             isinstance(x, Expr) for x in (*moments, *numbers)
         ):
             return 1.0
-        acting = 0.0
+        acting: list[float] = [0.0]
         for part in self.parts:
             x, y, _ = part.frame.point(part.c)
             I = congruence(part.frame.E, part.I_com)
-            acting = max(acting, abs(I[0, 0] - I[1, 1]), abs(I[0, 1]), part.m * x * x, part.m * y * y)
-        return max(abs(x) for x in moments) / acting if acting else 1.0
+            acting += [abs(I[0, 0] - I[1, 1]), abs(I[0, 1]), part.m * x * x, part.m * y * y]
+        # which of them is the largest decides nothing, as a comparison of numbers of the scene would
+        most: float = reduce(maximum, acting)
+        return maximum(*(abs(x) for x in moments)) / most if most else 1.0
 
 
 @record

@@ -11,7 +11,7 @@ import textwrap
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
@@ -179,36 +179,41 @@ def save(figure: Figure, target: Path) -> Path:
 
     The suffix says how: ``.png``, ``.svg`` or ``.pdf``. The same figure gives the same bytes.
     """
-    with warnings.catch_warnings():
-        # A title in a script that the font lacks shows boxes; that is no news for a user of the tool.
-        warnings.filterwarnings("ignore", message="Glyph .* missing")
-        # No sync: a drawing can be made again from the result, and a sync is as slow as a plot.
-        with written(target) as temporary:
-            PRINTERS[target.suffix.lower()](figure, temporary)
+    # No sync: a drawing can be made again from the result, and a sync is as slow as a plot.
+    with written(target) as temporary:
+        print_figure(figure, temporary, target.suffix)
     return target
 
 
-def _print_png(figure: Figure, path: Path) -> None:
+def print_figure(figure: Figure, file: Path | BinaryIO, suffix: str) -> None:
+    """Draw ``figure`` into a file or a stream, as the kind that a suffix names."""
+    with warnings.catch_warnings():
+        # A title in a script that the font lacks shows boxes; that is no news for a user of the tool.
+        warnings.filterwarnings("ignore", message="Glyph .* missing")
+        PRINTERS[suffix.lower()](figure, file)
+
+
+def _print_png(figure: Figure, file: Path | BinaryIO) -> None:
     # The strongest compression costs as much as the drawing and saves a tenth.
     canvas: Any = FigureCanvasAgg(figure)
-    canvas.print_png(path, metadata={"Software": MARK}, pil_kwargs={"compress_level": 3})
+    canvas.print_png(file, metadata={"Software": MARK}, pil_kwargs={"compress_level": 3})
 
 
-def _print_svg(figure: Figure, path: Path) -> None:
+def _print_svg(figure: Figure, file: Path | BinaryIO) -> None:
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     canvas: Any = FigureCanvasSVG(figure)
     with rc_context({"svg.hashsalt": MARK}):
-        canvas.print_svg(path, metadata={"Creator": CREATOR, "Date": None})
+        canvas.print_svg(file, metadata={"Creator": CREATOR, "Date": None})
 
 
-def _print_pdf(figure: Figure, path: Path) -> None:
+def _print_pdf(figure: Figure, file: Path | BinaryIO) -> None:
     from matplotlib.backends.backend_pdf import FigureCanvasPdf
 
     canvas: Any = FigureCanvasPdf(figure)
-    canvas.print_pdf(path, metadata={"Creator": CREATOR, "CreationDate": None})
+    canvas.print_pdf(file, metadata={"Creator": CREATOR, "CreationDate": None})
 
 
-PRINTERS: dict[str, Callable[[Figure, Path], None]] = {
+PRINTERS: dict[str, Callable[[Figure, Path | BinaryIO], None]] = {
     ".png": _print_png, ".svg": _print_svg, ".pdf": _print_pdf
 }  # fmt: skip

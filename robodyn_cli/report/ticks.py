@@ -27,6 +27,11 @@ def labelled(quantity: str, units: str) -> str:
     return f"{quantity} [{unit(units) or '1'}]"
 
 
+def load_label(quantity: str, units: str) -> str:
+    """Return the label of an axis of joint loads, which are torques or forces by their units; else ``quantity``."""
+    return labelled({"N m": "torque", "N": "force"}.get(units, quantity), units)
+
+
 def number(value: float, digits: int = 3) -> str:
     """Return a number for a caption: short, with a true minus and a power of ten where it helps."""
     if not math.isfinite(value):

@@ -183,7 +183,7 @@ class Inline(Kind):
 
 @record
 class CsvFile(Kind):
-    """The path of a CSV file; the loader puts its header in the key ``columns`` and its data in ``rows``."""
+    """The path of a CSV or HDF5 file; the loader puts its header in the key ``columns`` and its data in ``rows``."""
 
     columns: str = "columns"
     rows: str = "rows"
@@ -209,7 +209,8 @@ def key(kind: Kind, *, default: Any = REQUIRED, unit: str = "", doc: str = "", n
     metadata = {"kind": kind, "unit": unit, "doc": doc, "name": name}
     if default is REQUIRED:
         return dataclasses.field(metadata=metadata)
-    if default is None and isinstance(kind, (MapOf, Criteria, Variations)):
+    maps = (MapOf, Criteria, Variations)
+    if default is None and any(isinstance(k, maps) for k in getattr(kind, "kinds", (kind,))):
         return dataclasses.field(default_factory=dict, metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
 

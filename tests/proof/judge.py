@@ -75,7 +75,6 @@ class Truth:
     q: Array
     v: Array
     doubt: Array
-    events: int
 
 
 def truth(m: Mechanism, q: Array, v: Array, times: Array) -> Truth:
@@ -88,7 +87,7 @@ def truth(m: Mechanism, q: Array, v: Array, times: Array) -> Truth:
     apart = np.maximum(np.abs(tight.q - loose.q).max(axis=1), np.abs(tight.v - loose.v).max(axis=1))
     size = max(np.abs(tight.q).max(initial=0.0), np.abs(tight.v).max(initial=0.0))
     # the tighter one is an order of magnitude better, but for rounding
-    return Truth(tight.q, tight.v, np.maximum.accumulate(0.2 * apart) + 1e-14 * size, tight.events)
+    return Truth(tight.q, tight.v, np.maximum.accumulate(0.2 * apart) + 1e-14 * size)
 
 
 def judge(run: Run, result: Any, ref: Truth) -> Run:

@@ -165,6 +165,23 @@ def test_growth_without_a_lock_and_rows_of_prescribed_joints() -> None:
     assert f"largest norm {number(1e6, 6)}" not in texts(result, "multipliers")
 
 
+def test_multipliers_of_each_unit_have_an_axis_of_their_own() -> None:
+    result = four_bar_result()
+    data = np.column_stack([result["constraints/multipliers"], np.full(len(result.time), 1e6)])
+    result.add(
+        "constraints/multipliers",
+        data,
+        units="N or N m",
+        names=("pin.x", "pin.y", "pin.angle"),
+        column_units=("N", "N", "N m"),
+    )
+    figure = draw(result, "multipliers")
+    assert [ax.get_ylabel() for ax in figure.axes] == ["multiplier [N]", "multiplier [N·m]"] * 2
+    assert max(np.max(line.get_ydata()) for line in figure.axes[0].lines) < 1e6
+    drawn = texts(result, "multipliers")
+    assert "1·10⁶ N·m" in drawn and "pin.angle" in drawn
+
+
 def test_the_energy_a_latch_takes_is_no_drift() -> None:
     result = pendulum_result(201)
     total = result["energy/total"].copy()

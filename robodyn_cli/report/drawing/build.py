@@ -63,7 +63,7 @@ def require_poses(result: Result) -> None:
     if "q" not in result or "time" not in result or not len(result["q"]):
         raise CapabilityError(
             f"a result of '{result.command}' has no poses to draw; allowed: a result of inverse, simulate, deploy, "
-            "kinematics, statics or assemble"
+            "kinematics, reach, statics or assemble"
         )
     scene_of(result.scene_text)
 

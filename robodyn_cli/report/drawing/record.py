@@ -116,6 +116,12 @@ class Drawing:
         return extent if 0.0 < extent < math.inf else 1.0
 
     @cached_property
+    def strongest(self) -> float:
+        """Largest force of all arrows [N]; 0 without any."""
+        sizes = [np.linalg.norm(np.nan_to_num(arrow.force), axis=1).max(initial=0.0) for arrow in self.arrows]
+        return float(max(sizes, default=0.0))
+
+    @cached_property
     def up(self) -> Array:
         """Direction against gravity (3,); z without gravity."""
         g = float(np.linalg.norm(self.gravity))

@@ -23,28 +23,26 @@ ROUNDING = 64 * np.finfo(float).eps  # relative, of what a motion is computed fr
 
 def with_rest(problem: Problem, planned: Planned) -> Planned:
     """Return the motion with rates of exactly zero in joints with dry friction where rounding explains them."""
-    places = list(_dry(problem.model))
-    if not places:
+    dry = _dry(problem.model)
+    if not dry:
         return planned
     qd = planned.motion.qd.copy(order="F")
-    for k in places:
-        qd[np.abs(qd[:, k]) <= explained_rate(problem, planned, k), k] = 0.0
+    for k, (force, *_) in dry.items():
+        qd[np.abs(qd[:, k]) <= explained_rate(planned, force), k] = 0.0
     return dataclasses.replace(planned, motion=dataclasses.replace(planned.motion, qd=qd))
 
 
-def explained_rate(problem: Problem, planned: Planned, k: int) -> float:
-    """Return the rate [rad/s or m/s] of velocity coordinate k that the errors of the path explain.
+def explained_rate(planned: Planned, force: JointForce) -> float:
+    """Return the rate [rad/s or m/s] of the coordinate of a force in a joint that the errors of the path explain.
 
     Rates that come from closing loops or leading a point are off by rounding of the fastest. A position that is off
     by rounding, or by what closes a loop, moves at that error over the time between samples.
     """
     q, qd = planned.motion.q, planned.motion.qd
     solved = planned.target is not None or bool(planned.residuals)
-    body = problem.model.carrier(k)
-    column = body.q + k - body.v
-    position = ROUNDING * float(np.abs(q if solved else q[:, column]).max())
+    position = ROUNDING * float(np.abs(q if solved else q[:, force.q]).max())
     position += planned.residuals.get("position", 0.0)
-    fastest = float(np.abs(qd if solved else qd[:, k]).max())
+    fastest = float(np.abs(qd if solved else qd[:, force.v]).max())
     return ROUNDING * fastest + position / float(planned.times[1] - planned.times[0])
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import NumericalError, SceneError
 from robodyn_cli.expr.formula import Formula, formulas_in
-from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.spatial.algebra import Array
 
@@ -43,8 +42,7 @@ def check_formulas_ahead(problem: Problem, q: Array, v: Array) -> None:
     """
     if problem.contact_joints or not _at_an_edge(problem, q, v):
         return
-    values = {"t": [0.0], "q": q.tolist(), "v": v.tolist(), "p": []}
-    a = np.array(evaluate(list(problem.forward.qdd), values), dtype=float)
+    a = problem.numbers(problem.forward.qdd, q, v=v)
     soon = AHEAD * problem.scene.simulate.duration
     moved = Manifold(problem.model).integrate(q, soon * v + 0.5 * soon * soon * a)
     found = formula_without_value(problem, soon, moved, v + soon * a) if np.isfinite(moved).all() else None

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from robodyn_cli.forces.limits import Limits
 
 # a motion that stays on a limit passes it by rounding
-ROUNDING = 1e-12
+ROUNDING = 1e-9
 
 
 @record

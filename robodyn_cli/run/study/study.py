@@ -15,9 +15,11 @@ from robodyn_cli.expr.variation import Variation
 from robodyn_cli.record import record
 from robodyn_cli.results.provenance import sha256
 from robodyn_cli.run.batch.criteria import lookup, refuse_unknown
+from robodyn_cli.run.many.keys import setting
+from robodyn_cli.run.many.single import number_of
 from robodyn_cli.run.study.design import Design, make_design
 from robodyn_cli.run.study.log import LOG_NAME, Log
-from robodyn_cli.run.study.runs import Row, Runner, Task, Values, number_of, run_all, setting
+from robodyn_cli.run.study.runs import Row, Runner, Task, Values, run_all
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene, StudyOptions
 from robodyn_cli.scene.units import unit_of

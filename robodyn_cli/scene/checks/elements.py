@@ -5,7 +5,7 @@ from __future__ import annotations
 from robodyn_cli.expr.formula import formulas_in, points_of
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.scene.checks.check import Check
-from robodyn_cli.scene.points import BASE, point_link, point_problem
+from robodyn_cli.scene.points import BASE, carrier, point_link, point_problem
 from robodyn_cli.scene.text.nodes import Path
 from robodyn_cli.scene.types import Coupler, Robot, Scene
 
@@ -111,8 +111,3 @@ def _check_places(robot: Robot, force: object, check: Check, path: Path) -> None
         check.fail((*path, "at"), f"{references[0]!r} is fixed to the ground, where a force does nothing")
     if not one and links[0] == links[1]:
         check.fail((*path, "between"), f"both places are on {links[0]!r}; a force acts between two links")
-
-
-def carrier(robot: Robot, reference: str) -> str:
-    """Return the link that carries a named frame or a point which resolves."""
-    return robot.frames[reference].link if reference in robot.frames else point_link(robot, reference)

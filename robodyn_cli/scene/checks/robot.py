@@ -100,6 +100,8 @@ def _connect(robot: Robot, check: Check, joints: list[Path], links: list[Path]) 
         with check:
             if name not in moved:
                 check.fail(path, f"no joint moves link {name!r}; each link needs one joint")
+    if len(check.found) > failures:
+        return robot
     _check_tree(connected, check, joints)
     return dataclasses.replace(robot, joints=tuple(connected))
 
