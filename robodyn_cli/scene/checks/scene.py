@@ -17,6 +17,7 @@ from robodyn_cli.scene.checks.elements import (
     check_forces,
     check_loops,
     check_moving_points,
+    check_spans,
     couplers_of,
 )
 from robodyn_cli.scene.checks.robot import check_robot, columns, moving
@@ -81,6 +82,7 @@ def check_scene(scene: Scene, check: Check) -> Scene:
     check_couplers(scene, couplers, check)
     check_moving_points(scene, check)
     check_forces(scene, check)
+    check_spans(scene, check)
     _check_drives(scene, check)
     _check_initial(scene, check)
     if scene.trajectory is not None:
