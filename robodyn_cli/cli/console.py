@@ -6,20 +6,18 @@ import contextlib
 import functools
 import json
 import os
-import shutil
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any, TextIO
 
-from robodyn_cli.cli import interrupts
+from robodyn_cli.cli import interrupts, terminal
 from robodyn_cli.errors import OutputError, RobodynError, no_linear_algebra, out_of_range
 from robodyn_cli.exit_codes import INTERNAL, INTERRUPTED
 
 QUIET_SECONDS = 2.0  # without a word, on a terminal
 LONG_SECONDS = 10.0  # without a word, elsewhere
-ROOM_FOR_TEXT = 30  # columns beside the head of a line
 
 
 class Console:
@@ -31,36 +29,24 @@ class Console:
         self._shown = 0.0
         self._width = 0
         self._noted = False
-        self._on_terminal = sys.stderr is not None and sys.stderr.isatty()
+        self._on_terminal = terminal.is_terminal(sys.stderr)
 
     def say(self, text: str) -> None:
         """Print results for people."""
         if not self.quiet and not self.as_json:
-            _print(text, sys.stdout)
-
-    def row(self, head: str, text: str) -> None:
-        """Print a line of results; on a terminal that is too narrow the text goes on in the next line."""
-        width = _terminal_width(sys.stdout)
-        if width is None or len(head) + len(text) <= width:
-            self.say(f"{head}{text}".rstrip())
-            return
-        import textwrap
-
-        indent = len(head) if width - len(head) >= ROOM_FOR_TEXT else 4
-        self.say(textwrap.fill(text, width, initial_indent=head, subsequent_indent=" " * indent,
-                               break_long_words=False, break_on_hyphens=False))  # fmt: skip
+            _print(terminal.fitted(text, sys.stdout), sys.stdout)
 
     def note(self, text: str) -> None:
         """Print a message that is not a result."""
         self._noted = True
         if not self.quiet:
             self.clear()
-            _print(text, sys.stderr)
+            _print(terminal.fitted(text, sys.stderr), sys.stderr)
 
     def error(self, text: str) -> None:
         """Print an error, ``--quiet`` or not."""
         self.clear()
-        _print(f"robodyn: error: {text}", sys.stderr)
+        _print(terminal.fitted(f"robodyn: error: {text}", sys.stderr), sys.stderr)
 
     def data(self, report: Any) -> None:
         """Print JSON, where it was asked for."""
@@ -214,13 +200,6 @@ def output_lost(error: OSError, stream: TextIO) -> OutputError | None:
     if isinstance(error, BrokenPipeError):
         return None
     return OutputError(f"cannot write to standard output: {error.strerror}")
-
-
-def _terminal_width(stream: TextIO | None) -> int | None:
-    """Return the columns of a stream's terminal; None where it is none, for other programs read lines."""
-    if stream is None or not stream.isatty():
-        return None
-    return shutil.get_terminal_size().columns
 
 
 def _encodes(stream: TextIO | None) -> bool:

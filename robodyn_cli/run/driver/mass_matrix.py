@@ -104,10 +104,10 @@ def braces(model: Model, q: Array, prescribed: Collection[str] = ()) -> dict[int
 
 
 def _typical(model: Model, q: Array) -> float:
-    """Return the mean of the entries on the diagonal of M at q that are not zero, 1 where there is none."""
-    diagonal = np.diag(np.array(crba(model, q.tolist()), dtype=float))
-    diagonal = diagonal[diagonal > 0.0]
-    return float(diagonal.mean()) if len(diagonal) else 1.0
+    """Return the mean of the known entries on the diagonal of M at q that are not zero, 1 where there is none."""
+    diagonal = np.diag(np.array(crba(model, q.tolist()), dtype=object))
+    known = [float(x) for x in diagonal if is_number(x) and x > 0.0]
+    return sum(known) / len(known) if known else 1.0
 
 
 def _singular(found: Felt) -> NumericalError:
