@@ -121,6 +121,17 @@ class Writer:
         self._taken[1] += -(-more * width // LANES) * LANES
         return Array(f, base, width)
 
+    def room(self, count: int, width: int) -> Array:
+        """Return room for so many vectors in memory of the caller."""
+        f = self.f
+        with f.entry():
+            first: Int | int = self._taken[1]
+            if not isinstance(self.nv, int):
+                first = self._padded * self._taken[0] + first
+            base = f.offset("%work", first)
+        self._taken[1] += -(-count * width // LANES) * LANES
+        return Array(f, base, width)
+
     def workspace(self, name: str, velocities: int, others: int, width: int) -> Array:
         """Return the room called ``name``, the same one each time."""
         if name not in self._named:
