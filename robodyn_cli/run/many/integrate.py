@@ -18,7 +18,7 @@ from robodyn_cli.integrators.runtime.fleet import NO_LIMITS, Limits, Runs
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.record import record
 from robodyn_cli.run.driver.method import FAST_DECAYS, TRIAL
-from robodyn_cli.run.driver.second_run import MOST_STEPS, other_steps, remainder, tighter
+from robodyn_cli.run.driver.second_run import MOST_STEPS, least_growth, other_steps, remainder, tighter
 from robodyn_cli.run.driver.self_check import BEYOND, EPS, is_judged_by_energy
 from robodyn_cli.run.driver.stiffness import COST, FIRST_LOOK, MOST, WORTH
 from robodyn_cli.run.many.start import Starts, starts_of
@@ -26,7 +26,6 @@ from robodyn_cli.run.many.structure import Structure, table_rows
 from robodyn_cli.spatial.algebra import Array
 
 Rows = NDArray[np.bool_]
-SAME_STEPS = 1.02  # times the steps of the first run, up to which the second has taken the same ones
 
 
 @record
@@ -149,6 +148,8 @@ class _Second:
     def __init__(self, batch: Batch, method: str, steps: NDArray[np.int64]) -> None:
         self.batch, self.method, self.first = batch, method, steps
         self.mean_step = batch.ends / np.maximum(steps, 1)
+        self.tight, _ = tighter(batch.options, float(self.mean_step.mean()), method)
+        self.least = least_growth(batch.options, self.tight, method)
 
     def compare(self, y: Array) -> tuple[Array, NDArray[np.int64], Rows]:
         """Return errors (N, nx) of the first run's ends y, steps of the second, and which came to their end."""
@@ -160,8 +161,7 @@ class _Second:
                 break
             runs = way(rows)
             ends[rows], steps[rows], done[rows] = runs.y, runs.steps, runs.arrived
-            same = runs.steps <= SAME_STEPS * self.first[rows]
-            rows = rows[~runs.arrived | (same & (self.batch.options.step is None))]
+            rows = rows[~runs.arrived | (runs.steps < self.least * self.first[rows])]
         scale = remainder(self.method, self.first, steps)
         return scale[:, None] * np.abs(ends - y), steps, done
 
@@ -170,12 +170,11 @@ class _Second:
 
     def _tighter(self, rows: NDArray[np.int64]) -> Runs:
         options = self.batch.options
-        tight, _ = tighter(options, float(self.mean_step.mean()), self.method)
-        step = self._shorter(rows) if tight.max_step < options.max_step else None
-        return self.batch.part(rows).drive(self.method, tight, Limits(step, self._most(rows)))
+        step = self._shorter(rows) if self.tight.max_step < options.max_step else None
+        return self.batch.part(rows).drive(self.method, self.tight, Limits(step, self._most(rows)))
 
     def _other_steps(self, rows: NDArray[np.int64]) -> Runs:
-        options, _ = other_steps(self.batch.options, float(self.mean_step.max()))
+        options, _ = other_steps(self.tight, float(self.mean_step.max()))
         return self.batch.part(rows).drive(
             self.method, options, Limits(self._shorter(rows), self._most(rows))
         )
