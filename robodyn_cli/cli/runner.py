@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.console import Console, width
 from robodyn_cli.cli.interrupts import tidy_up_first
 from robodyn_cli.errors import NumericalError, RobodynError, SceneError
 from robodyn_cli.exit_codes import OF_STATUS, REPLACING
@@ -132,7 +133,7 @@ def show(result: Result, directory: OutputDirectory, console: Console, describe:
     if result.events:
         from robodyn_cli.results.moments import moment_lines
 
-        for line in moment_lines(result):
+        for line in moment_lines(result, width(sys.stdout) or 80):
             console.say(line)
     console.say(f"results: {directory.path}  ({', '.join(directory.outputs)})")
 

@@ -41,7 +41,7 @@ PLOTS: tuple[str, ...] = (
 
 # drawings of commands that look at one configuration
 STILL = ("branches", "mechanism")
-AT_REST = ("assemble", "statics")
+AT_REST = ("assemble", "reach", "statics")
 # drawings of commands whose result is no motion
 ANALYSES: dict[str, tuple[str, ...]] = {
     "info": ("state",),

@@ -16,6 +16,7 @@ from robodyn_cli.integrators.registry import methods
 from robodyn_cli.kernels.report import REPORT
 from robodyn_cli.model.places import with_places
 from robodyn_cli.run.driver.build import build_motion
+from robodyn_cli.run.many.integrate import Batch
 from robodyn_cli.run.many.keys import NUMBER, START, STRUCTURE, _parts, settings, understand
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
@@ -269,3 +270,45 @@ def test_shapes_and_keys_that_do_not_fit_are_refused() -> None:
         mechanism.simulate_many([[1.0]], q=np.zeros((2, 2)))
     with pytest.raises(RobodynError):
         Mechanism(PENDULUM, [MASS, MASS])
+
+
+# -- lanes --------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("method", ["dop853", "dopri5"])
+def test_lanes_make_the_steps_of_the_scalar_loop(method: str) -> None:
+    scene = load_scene(
+        PENDULUM, [f"simulate.integrator={method}", "simulate.duration=2", "simulate.rtol=1e-9"]
+    )
+    mechanism = Mechanism(scene, [MASS, "simulate.duration"])
+    rng = np.random.default_rng(3)
+    values = np.stack([rng.uniform(10, 15, 101), rng.uniform(0.1, 3.0, 101)], axis=1)
+    ((structure, _),) = mechanism._motions.groups(values)
+    assert structure is not None
+    fleet = structure.fleet(method)
+    batch = Batch.of(structure, values, rng.uniform(-1, 1, (101, 2)), None, threads=2)
+    if fleet.lanes == 1:
+        pytest.skip("this processor has no vectors of doubles")
+    found = batch.drive(method, batch.options)
+    fleet.lanes = 1
+    expected = batch.drive(method, batch.options)
+    assert found.arrived.all()
+    np.testing.assert_array_equal(found.time, values[:, 1])
+    np.testing.assert_allclose(found.y, expected.y, atol=2e-8, rtol=0)
+    assert np.abs(found.steps - expected.steps).max() <= 3
+    assert abs(found.steps.mean() - expected.steps.mean()) < 0.5
+
+
+def test_a_lane_that_fails_leaves_the_others_alone() -> None:
+    scene = load_scene(
+        PENDULUM, ["simulate.integrator=dop853", "simulate.duration=1", "simulate.max_steps=200"]
+    )
+    mechanism = Mechanism(scene, [])
+    q = np.random.default_rng(1).uniform(-1, 1, (40, 2))
+    q[::7] = np.nan
+    qd = np.zeros((40, 2))
+    qd[5] = 1e4  # more steps than are allowed
+    found = mechanism.simulate_many(q=q, qd=qd)
+    fails = np.isin(np.arange(40), [*range(0, 40, 7), 5])
+    np.testing.assert_array_equal(found.ok, ~fails)
+    assert "steps" in found.reason[5]
+    alone = mechanism.simulate_many(q=q[3:4], qd=qd[3:4])
+    np.testing.assert_array_equal(alone.q[0], found.q[3])

@@ -19,7 +19,11 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from robodyn_cli.run.inverse.dynamics import ForwardDynamics, InverseDynamics
+    from robodyn_cli.run.many.simulate import Simulation
+    from robodyn_cli.run.poses.inverse_kinematics import InverseKinematics
 
 Values = Mapping[str, Any] | Any
 
@@ -29,7 +33,7 @@ class Mechanism:
 
     Parameters
     ----------
-    scene : a scene, or the path of its file.
+    scene : a scene, its family, or the path of its file.
     vary : keys of the scene, as in ``--set``, that vary between runs: masses, lengths, springs, ``parameters``, the
         initial state, the duration. Any key that holds a number may vary. A value that changes the structure (a mass of
         zero, an angle of a placement) gives its runs a structure of their own, which is built when it is met.
@@ -39,8 +43,8 @@ class Mechanism:
     SceneError : the scene is wrong, or has no such key.
     """
 
-    def __init__(self, scene: Scene | str | os.PathLike[str], vary: Sequence[str] = ()) -> None:
-        self.family = Family.of(scene) if isinstance(scene, Scene) else Family(scene)
+    def __init__(self, scene: Scene | Family | str | os.PathLike[str], vary: Sequence[str] = ()) -> None:
+        self.family = scene if isinstance(scene, Family) else _family_of(scene)
         twice = [name for k, name in enumerate(vary) if name in vary[:k]]
         if twice:
             raise SceneError(f"vary: {twice[0]!r} is there twice", key=twice[0])
@@ -85,6 +89,12 @@ class Mechanism:
 
         return ForwardDynamics(self.scene)
 
+    def inverse_kinematics(self, frame: str, **asked: Any) -> InverseKinematics:
+        """Joint positions that bring a frame to poses; ``asked`` as of ``InverseKinematics``."""
+        from robodyn_cli.run.poses.inverse_kinematics import InverseKinematics
+
+        return InverseKinematics(self.scene, frame, **asked)
+
     # -- many runs --------------------------------------------------------------------------------------
     def simulate_many(
         self,
@@ -114,17 +124,31 @@ class Mechanism:
         ------
         CapabilityError : arrays of shapes that do not fit.
         """
-        from robodyn_cli.run.many.simulate import Simulation
-
         rows = self._rows(values, [q, qd])
         starts = [self._start(x, names, len(rows)) for x, names in zip((q, qd), self._names)]
+        simulation, allowed = self._simulation(rows, of, samples, threads or processors())
+        simulation.one_by_one(simulation.compiled(allowed, *starts), *starts)
+        return simulation.result
+
+    def simulate_compiled(
+        self, rows: Array, of: Sequence[str], threads: int
+    ) -> tuple[ManyRuns, NDArray[np.int64]]:
+        """Return runs with rows of values (N, keys), and the numbers of those that are left to the command itself."""
+        simulation, allowed = self._simulation(rows, of, 0, threads)
+        return simulation.result, simulation.compiled(allowed, None, None)
+
+    def _simulation(
+        self, rows: Array, of: Sequence[str], samples: int, threads: int
+    ) -> tuple[Simulation, NDArray[np.int64]]:
+        """Return what makes the runs, and the numbers of those whose values are allowed."""
+        from robodyn_cli.run.many.simulate import Simulation
+
         result = ManyRuns.empty([k.name for k in self.keys], rows, self._names, of, samples)
-        allowed = np.ones(len(rows), dtype=bool)
-        for row, error in self._allowed.refusals(rows).items():
-            result.code[row], result.reason[row], allowed[row] = error.exit_code, error.message, False
-        simulation = Simulation(self._motions, result, samples, threads or processors())
-        simulation.run(np.flatnonzero(allowed), *starts)
-        return result
+        refused = self._allowed.refusals(rows)
+        for row, error in refused.items():
+            result.code[row], result.reason[row] = error.exit_code, error.message
+        allowed = np.array([k for k in range(len(rows)) if k not in refused], dtype=np.int64)
+        return Simulation(self._motions, result, samples, threads), allowed
 
     def _rows(self, values: Values, others: Sequence[Array | None]) -> Array:
         """Return rows of values (N, keys).
@@ -169,6 +193,10 @@ class Mechanism:
                 f"for each of {', '.join(names)}"
             )
         return array
+
+
+def _family_of(scene: Scene | str | os.PathLike[str]) -> Family:
+    return Family.of(scene) if isinstance(scene, Scene) else Family(scene)
 
 
 def processors() -> int:

@@ -36,8 +36,11 @@ class Simulation:
     def __init__(self, structures: Structures, result: ManyRuns, samples: int, threads: int) -> None:
         self.structures, self.result, self.samples, self.threads = structures, result, samples, threads
 
-    def run(self, rows: Rows, q: Array | None, qd: Array | None) -> None:
-        """Fill these rows of the result; q, qd : initial states (N, nq), (N, nv) in place of the scene's."""
+    def compiled(self, rows: Rows, q: Array | None, qd: Array | None) -> Rows:
+        """Make these rows in compiled code; return those that are left to be made one by one.
+
+        q, qd : initial states (N, nq), (N, nv) in place of the scene's.
+        """
         plain = all(is_plain(key) for key in self.result.outputs)
         left: list[int] = []
         for structure, group in self.structures.groups(self.result.values[rows]):
@@ -46,7 +49,11 @@ class Simulation:
                 left += here.tolist()
             else:
                 left += self._compiled(structure, here, q, qd)
-        for row in sorted(left):
+        return np.array(sorted(left), dtype=np.int64)
+
+    def one_by_one(self, rows: Rows, q: Array | None, qd: Array | None) -> None:
+        """Make these rows as the command does."""
+        for row in rows.tolist():
             self._alone(row, q, qd)
 
     def _compiled(self, structure: Structure, rows: Rows, q: Array | None, qd: Array | None) -> list[int]:
