@@ -19,7 +19,7 @@ from robodyn_cli.integrators.runtime.fleet import NO_LIMITS, Limits, Runs
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.record import record
 from robodyn_cli.run.driver.method import FAST_DECAYS, TRIAL
-from robodyn_cli.run.driver.second_run import MOST_STEPS, other_steps, remainder, tighter
+from robodyn_cli.run.driver.second_run import MOST_STEPS, least_growth, other_steps, remainder, tighter
 from robodyn_cli.run.driver.self_check import BEYOND, EPS, is_judged_by_energy
 from robodyn_cli.run.driver.stiffness import COST, FIRST_LOOK, MOST, WORTH
 from robodyn_cli.run.many.start import Starts, starts_of
@@ -27,7 +27,6 @@ from robodyn_cli.run.many.structure import Structure, table_rows
 from robodyn_cli.spatial.algebra import Array
 
 Masks = NDArray[np.bool_]
-SAME_STEPS = 1.02  # times the steps of the first run, up to which the second has taken the same ones
 
 
 @record
@@ -185,6 +184,8 @@ class Second:
     ) -> None:
         self.batch, self.method, self.first, self.arrived = batch, method, steps, arrived
         self.mean_step = ends / np.maximum(steps, 1)
+        self.tight, _ = tighter(batch.options, float(self.mean_step.mean()), method)
+        self.least = least_growth(batch.options, self.tight, method)
 
     def run(self) -> Ends:
         """Make the runs once more, more accurately."""
@@ -199,8 +200,7 @@ class Second:
             runs = way(rows)
             arrived = self.arrived(runs)
             time[rows], y[rows], steps[rows], done[rows] = runs.time, runs.y, runs.steps, arrived
-            same = runs.steps <= SAME_STEPS * self.first[rows]
-            rows = rows[~arrived | (same & (self.batch.options.step is None))]
+            rows = rows[~arrived | (runs.steps < self.least * self.first[rows])]
         return Ends(time, y, steps, done, remainder(self.method, self.first, steps))
 
     def _most(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -208,12 +208,11 @@ class Second:
 
     def _tighter(self, rows: NDArray[np.int64]) -> Runs:
         options = self.batch.options
-        tight, _ = tighter(options, float(self.mean_step.mean()), self.method)
-        step = self._shorter(rows) if tight.max_step < options.max_step else None
-        return self.batch.part(rows).drive(self.method, tight, Limits(step, self._most(rows)))
+        step = self._shorter(rows) if self.tight.max_step < options.max_step else None
+        return self.batch.part(rows).drive(self.method, self.tight, Limits(step, self._most(rows)))
 
     def _other_steps(self, rows: NDArray[np.int64]) -> Runs:
-        options, _ = other_steps(self.batch.options, float(self.mean_step.max()))
+        options, _ = other_steps(self.tight, float(self.mean_step.max()))
         limits = Limits(self._shorter(rows), self._most(rows))
         return self.batch.part(rows).drive(self.method, options, limits)
 
