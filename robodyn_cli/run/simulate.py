@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from robodyn_cli.errors import RobodynError
-from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.driver.build import build_motion
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.method import supervisor_for
-from robodyn_cli.run.driver.second_run import ErrorEstimate, FirstRun, estimate_error
+from robodyn_cli.run.driver.second_run import ErrorEstimate, FirstRun, estimate_error, grid_of
 from robodyn_cli.run.driver.self_check import Judgement, Run, judge
 from robodyn_cli.run.driver.summary import motion_summary
 from robodyn_cli.run.observation.recorder import Recorder
@@ -53,13 +52,21 @@ def simulate(
 
 def _start(scene: Scene, writer: ResultWriter | None, watch: Stopwatch) -> Run:
     """Build everything, and put the driver to the start."""
-    motion = build_motion(scene, watch)
+    if scene.initial.source is None:
+        motion = build_motion(scene, watch)
+        beginning = motion.beginning
+    else:
+        from robodyn_cli.run.driver.going_on import stored_run
+
+        stored = stored_run(scene)
+        motion = build_motion(stored.completed(), watch)
+        beginning = stored.beginning(motion)
     with watch.stage("equations"):
         recorder = Recorder.of(motion.observer, writer)
     with watch.stage("method"):
         driver = Driver.of(motion, supervisor_for(motion.choice))
-        driver.start(0.0, motion.start)
-    return Run(motion, driver, recorder)
+        driver.start(beginning.time, beginning.state)
+    return Run(motion, beginning, driver, recorder)
 
 
 def _drive(run: Run, progress: Progress, watch: Stopwatch) -> RobodynError | None:
@@ -73,7 +80,7 @@ def _drive(run: Run, progress: Progress, watch: Stopwatch) -> RobodynError | Non
 
     with watch.stage("integrate"):
         try:
-            driver.run(s.duration, Grid.over(s.duration, s.samples), emit)
+            driver.run(s.duration, grid_of(run.motion.scene, run.beginning), emit)
         except RobodynError as error:
             from robodyn_cli.run.driver.failure import explained
 
@@ -85,7 +92,7 @@ def _drive(run: Run, progress: Progress, watch: Stopwatch) -> RobodynError | Non
 def _estimate(run: Run, progress: Progress) -> ErrorEstimate:
     """Return the error of the run just made."""
     duration = run.motion.scene.simulate.duration
-    first = FirstRun.of(run.motion, run.driver.time, run.driver.counters.steps)
+    first = FirstRun.of(run.motion, run.driver.time, run.driver.counters.steps, run.beginning)
     return estimate_error(run.motion, first, run.recorder, lambda time: progress(time, duration))
 
 
