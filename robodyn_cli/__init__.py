@@ -23,7 +23,10 @@ _HOME = {
     "kinematics": "robodyn_cli.run.mechanism.kinematics",
     "statics": "robodyn_cli.run.mechanism.statics",
     "assemble": "robodyn_cli.run.mechanism.assemble",
+    "reach": "robodyn_cli.run.poses.reach",
+    "InverseKinematics": "robodyn_cli.run.poses.inverse_kinematics",
     "plan": "robodyn_cli.run.plan.plan",
+    "Mechanism": "robodyn_cli.run.many.mechanism",
     "InverseDynamics": "robodyn_cli.run.inverse.dynamics",
     "ForwardDynamics": "robodyn_cli.run.inverse.dynamics",
     "Result": "robodyn_cli.results.result",
@@ -51,10 +54,13 @@ if TYPE_CHECKING:  # "as" makes a name part of the API for type checkers
     from robodyn_cli.run.inverse.dynamics import ForwardDynamics as ForwardDynamics
     from robodyn_cli.run.inverse.dynamics import InverseDynamics as InverseDynamics
     from robodyn_cli.run.inverse.inverse import inverse as inverse
+    from robodyn_cli.run.many.mechanism import Mechanism as Mechanism
     from robodyn_cli.run.mechanism.assemble import assemble as assemble
     from robodyn_cli.run.mechanism.kinematics import kinematics as kinematics
     from robodyn_cli.run.mechanism.statics import statics as statics
     from robodyn_cli.run.plan.plan import plan as plan
+    from robodyn_cli.run.poses.inverse_kinematics import InverseKinematics as InverseKinematics
+    from robodyn_cli.run.poses.reach import reach as reach
     from robodyn_cli.run.simulate import simulate as simulate
     from robodyn_cli.scene.load import load_scene as load_scene
     from robodyn_cli.scene.load import load_scene_text as load_scene_text

@@ -37,6 +37,7 @@ COMMANDS: dict[str, Command] = {
     "assemble": Command(
         "Close the loops, and find the ways in which they close.", "mechanism.assemble:assemble", brief=True
     ),
+    "reach": Command("Joint positions that bring a frame to a pose.", "poses.reach:reach", brief=True),
     "statics": Command(
         "Balance and its stability, or torques that hold a pose.", "mechanism.statics:statics", brief=True
     ),
@@ -44,12 +45,13 @@ COMMANDS: dict[str, Command] = {
     "animate": Command("Make a movie of a result, or a strip of stills."),
     "cache": Command("Show how much compiled code is kept, or clear it."),
     "check": Command("Check a result against what its scene expects."),
-    "compare": Command("Compare two results dataset by dataset."),
+    "compare": Command("Compare two results, or two directories of results."),
     "import": Command("Write the robot of a URDF file as YAML."),
     "export": Command("Write a result as CSV, Parquet, MATLAB or NumPy files."),
     "info": Command("Tree, frames, M, C, G and Jacobians at a state."),
     "new": Command("Write a commented scene to begin with."),
     "plot": Command("Draw stored results again, several over one another."),
+    "report": Command("Write results as one page for a browser, moving drawings included."),
     "run": Command("Run many scenes, each by its own command; check them."),
     "schema": Command("Print the JSON Schema of scenes, for editors."),
     "stability": Command(
@@ -57,6 +59,7 @@ COMMANDS: dict[str, Command] = {
     ),
     "sweep": Command("Many runs with other values of some keys: sweeps and Monte Carlo."),
     "validate": Command("Check scenes and list all that is wrong."),
+    "view": Command("Open results in the browser."),
     "work-precision": Command("Error against run time, for every method."),
 }
 

@@ -60,7 +60,7 @@ class NumericalError(RobodynError):
 
 
 def no_linear_algebra(error: Exception) -> NumericalError:
-    """Return the error of a matrix that cannot be decomposed, from numpy's LinAlgError."""
+    """Return the error of a matrix that cannot be decomposed, from numpy's LinAlgError or a division by zero."""
     return NumericalError(
         f"a matrix of the equations cannot be solved with ({error}): numbers of the scene are too large, too "
         "small or too far apart for double precision"

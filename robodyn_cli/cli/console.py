@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, TextIO
 
-from robodyn_cli.cli import interrupts
+from robodyn_cli.cli import interrupts, terminal
 from robodyn_cli.errors import OutputError, RobodynError, no_linear_algebra, out_of_range
 from robodyn_cli.exit_codes import INTERNAL, INTERRUPTED
 
@@ -29,24 +29,24 @@ class Console:
         self._shown = 0.0
         self._width = 0
         self._noted = False
-        self._on_terminal = sys.stderr is not None and sys.stderr.isatty()
+        self._on_terminal = terminal.is_terminal(sys.stderr)
 
     def say(self, text: str) -> None:
         """Print results for people."""
         if not self.quiet and not self.as_json:
-            _print(text, sys.stdout)
+            _print(terminal.fitted(text, sys.stdout), sys.stdout)
 
     def note(self, text: str) -> None:
         """Print a message that is not a result."""
         self._noted = True
         if not self.quiet:
             self.clear()
-            _print(text, sys.stderr)
+            _print(terminal.fitted(text, sys.stderr), sys.stderr)
 
     def error(self, text: str) -> None:
         """Print an error, ``--quiet`` or not."""
         self.clear()
-        _print(f"robodyn: error: {text}", sys.stderr)
+        _print(terminal.fitted(f"robodyn: error: {text}", sys.stderr), sys.stderr)
 
     def data(self, report: Any) -> None:
         """Print JSON, where it was asked for."""
@@ -147,6 +147,8 @@ def guarded(command: Callable[..., int]) -> Callable[..., int]:
             return console.report("MemoryError", "out of memory: ask for fewer samples", INTERNAL)
         except OverflowError as error:
             return console.fail(out_of_range(error))
+        except ZeroDivisionError as error:
+            return console.fail(no_linear_algebra(error))
         except Exception as error:
             if interrupts.seen():
                 return console.interrupted()

@@ -92,6 +92,12 @@ StoredResult = Annotated[
     Path,
     typer.Argument(metavar="RESULT", help="Output directory of a run, or its result.h5.", show_default=False),
 ]
+StoredResults = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="RESULT...", help="Output directories of runs, or their result.h5.", show_default=False
+    ),
+]
 OutDir = Annotated[
     Path | None,
     typer.Option("--out", "-o", metavar="DIR", help="Output directory. [default: outputs/<scene>/<command>]"),
@@ -146,6 +152,10 @@ PlotFormat = Annotated[
         help="Kind of file of plots: png, svg or pdf.",
     ),
 ]
+NoPlan = Annotated[
+    bool,
+    typer.Option("--no-plan", help="Leave the plan of the scene out, which takes longest of large ones."),
+]
 NoPlots = Annotated[bool, typer.Option("--no-plots", help="Draw nothing.")]
 Jobs = Annotated[
     int | None,
@@ -157,6 +167,19 @@ Jobs = Annotated[
         help="Processes at a time. [default: one per core]",
     ),
 ]
+
+tolerance = number("a number >= 0", lambda x: 0.0 <= x < math.inf)
+RelativeTolerance = Annotated[
+    float,
+    typer.Option(
+        "--rtol", metavar="X", parser=tolerance, help="Allowed part of the column's largest magnitude."
+    ),
+]
+AbsoluteTolerance = Annotated[
+    float,
+    typer.Option("--atol", metavar="X", parser=tolerance, help="Allowed in addition, in the dataset's unit."),
+]
+RTOL, ATOL = 1e-9, 1e-12
 
 
 def cores() -> int:

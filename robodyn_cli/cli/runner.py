@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -130,9 +131,10 @@ def show(result: Result, directory: OutputDirectory, console: Console, describe:
     _show_data(directory, console)
     console.say(describe(result.summary))
     if result.events:
+        from robodyn_cli.cli import terminal
         from robodyn_cli.results.moments import moment_lines
 
-        for line in moment_lines(result):
+        for line in moment_lines(result, terminal.width(sys.stdout) or 80):
             console.say(line)
     console.say(f"results: {directory.path}  ({', '.join(directory.outputs)})")
 

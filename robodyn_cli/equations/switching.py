@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.scene import types as sc
+from robodyn_cli.trajectories.led import followed_by
 
 if TYPE_CHECKING:
     from robodyn_cli.equations.constraints import Constraints
@@ -50,9 +51,26 @@ class Switching:
         for name, torque in e.scene.torques.items():
             if not isinstance(torque, sc.Torque):
                 found.append((f"torques.{name}", [e.actuator_torques[e.model.v_names.index(name)]]))
-        for row in (e.constraints.rows[i] for i in e.constraints.rheonomic):
+        known: set[str] = set()
+        if e.scene.prescribed:
+            from robodyn_cli.equations.prescribed import attitude_functions
+
+            attitudes = {} if self.followed is not None else attitude_functions(e.scene, e.t)
+            found += attitudes.items()
+            known = {e.constraints.rows[i].name for i in e.constraints.prescribed}
+            if self.followed is None:
+                known = {name for name in known if name.rpartition(".")[0] in attitudes}
+        rows = [e.constraints.rows[i] for i in e.constraints.rheonomic]
+        for row in (row for row in rows if row.name not in known):
             found.append((row.name, [row.eta, row.eta_t, row.gamma]))
+        found += [(key, [*place, *rate]) for key, place, rate in e.elements.moving]
         return [*found, *e.elements.formulas]
+
+    @property
+    def followed(self) -> tuple[float, ...] | None:
+        """Times at which the trajectory that prescribed joints follow is not smooth, where it knows them itself."""
+        found = followed_by(self.equations.scene.prescribed)
+        return None if found is None else found.breakpoints
 
     @cached_property
     def switches(self) -> list[tuple[str, Expr]]:
@@ -90,6 +108,7 @@ class Switching:
         times = {
             float(row[0]) for torque in tables for row in torque.table
         } | self.equations.elements.breakpoints
+        times.update(self.followed or ())
         for _, switch in self.switches:
             if is_of_time(switch, t):
                 times.update(switching_times(switch, t, duration))

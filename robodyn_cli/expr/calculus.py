@@ -63,8 +63,13 @@ def partials(node: Expr) -> list[tuple[Expr, Scalar]]:
     if op == "pow":
         return _partials_of_power(node, *value)
     if op == "table":
-        knots, values, order = node.value
-        return [] if order else [(a, node.graph.interpolate(a, knots, values, 1))]
+        knots, rows, held = node.value
+        slopes = tuple(
+            tuple(float(i) * x for x in rows[i]) if i > 1 else rows[i] for i in range(1, len(rows))
+        )
+        if not slopes:
+            return []
+        return [(a, node.graph.piecewise(a, knots, slopes, None if held is None else (0.0, 0.0)))]
     if op == "sign":
         return []
     raise CapabilityError(f"the operation {op} has no derivative")

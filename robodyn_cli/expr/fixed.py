@@ -8,13 +8,17 @@ an entry of a rotation, a coefficient of an algorithm) has no place and is part 
 Two ``Fixed`` are the same object when they are computed alike from the same places, but for results of two calls of
 ``derived``, which are told apart. That two of them have equal values is an accident: they are never merged, and 1 and
 -1 are numbers like any other. Only a sum that cancels is zero.
+
+Whatever Python decides by comparing such numbers is structure. ``witnessed`` lists these comparisons, so that it can be
+asked whether other values would have decided alike (``expr/many.py``).
 """
 
 from __future__ import annotations
 
+import contextlib
 import math
 import operator
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, TypeGuard
 from weakref import WeakValueDictionary
 
@@ -80,14 +84,42 @@ class Fixed(float):
         return _made("abs", (self,), abs(float(self)))
 
 
+# comparisons made so far: operator, two numbers (or the entry of a derived one and None), and the outcome
+Witness = tuple[str, Any, Any, bool]
+_witnesses: list[Witness] | None = None
+
+
+@contextlib.contextmanager
+def witnessed() -> Iterator[list[Witness]]:
+    """Give the list of all comparisons with numbers of the scene that are made inside the block."""
+    global _witnesses
+    before, _witnesses = _witnesses, []
+    try:
+        yield _witnesses
+    finally:
+        _witnesses = before
+
+
 def _value_with_array(name: str, reflected: str) -> Callable[[Any, Any], Any]:
     """Return a method of floats that also takes numpy's arrays, which leave it to us as they do arithmetic."""
     own = getattr(float, name)
 
     def method(self: Fixed, other: Any) -> Any:
-        return getattr(other, reflected)(float(self)) if hasattr(other, "dtype") else own(self, other)
+        if hasattr(other, "dtype"):
+            return getattr(other, reflected)(float(self))
+        found = own(self, other)
+        if _witnesses is not None and isinstance(found, bool):
+            _witnesses.append((name.strip("_"), self, other, found))
+        return found
 
     return method
+
+
+def _is_true(x: Fixed) -> bool:
+    found = float(x) != 0.0
+    if _witnesses is not None:
+        _witnesses.append(("ne", x, 0.0, found))
+    return found
 
 
 _MIRRORED = [
@@ -100,6 +132,7 @@ _MIRRORED = [
 ]
 for _name, _other in {*_MIRRORED, *((b, a) for a, b in _MIRRORED)}:
     setattr(Fixed, f"__{_name}__", _value_with_array(f"__{_name}__", f"__{_other}__"))
+Fixed.__bool__ = _is_true  # type: ignore[method-assign,assignment]
 
 # those that are in use, by what they are computed from
 _known: WeakValueDictionary[Any, Fixed] = WeakValueDictionary()
@@ -111,23 +144,38 @@ def literal(value: float, place: str) -> float:
 
 
 class _Inputs(list[float]):
-    """What all results of one call of ``derived`` are computed from."""
+    """What all results of one call of ``derived`` are computed from, and by which function."""
+
+    function: Callable[[Sequence[float]], Sequence[float]]
 
 
 def derived(function: Callable[[Sequence[float]], Sequence[float]], inputs: Sequence[float]) -> list[float]:
     """Return what a function of numbers gives, each entry as a number that is computed from the inputs."""
-    found = function([float(x) for x in inputs])
-    # a zero that other numbers do not share is no structure, such as the difference of two equal moments of inertia
-    varied = [
-        float(x) * (1.0 + 0.1 * math.sin(k + 1)) if isinstance(x, Fixed) else x for k, x in enumerate(inputs)
-    ]
-    others = function(varied)
-    least = ROUNDED * max([abs(x) for x in (*found, *others)], default=0.0)
     shared = _Inputs(inputs)
+    shared.function = function
+    found, kept = derive(shared, [float(x) for x in inputs])
+    if _witnesses is not None:
+        _witnesses.extend(("kept", (shared, k), None, keeps) for k, keeps in enumerate(kept))
     return [
-        _made("entry", (shared, k), float(x)) if abs(x) > least or abs(y) > least else 0.0
-        for k, (x, y) in enumerate(zip(found, others))
+        _made("entry", (shared, k), float(x)) if keeps else 0.0
+        for k, (x, keeps) in enumerate(zip(found, kept))
     ]
+
+
+def derive(inputs: _Inputs, values: Sequence[float]) -> tuple[Sequence[float], list[bool]]:
+    """Return what the function of some inputs gives for other values, and which entries are no structural zeros.
+
+    A zero that other numbers do not share is no structure, such as the difference of two equal moments of inertia.
+    """
+    found = inputs.function(values)
+    others = inputs.function(
+        [
+            value * (1.0 + 0.1 * math.sin(k + 1)) if isinstance(x, Fixed) else value
+            for k, (x, value) in enumerate(zip(inputs, values))
+        ]
+    )
+    least = ROUNDED * max([abs(x) for x in (*found, *others)], default=0.0)
+    return found, [abs(x) > least or abs(y) > least for x, y in zip(found, others)]
 
 
 def is_plain(x: Any, value: float) -> bool:

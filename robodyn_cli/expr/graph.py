@@ -284,15 +284,31 @@ class Graph:
             return a
         return self._node("where", (x, self._as_node(a), self._as_node(b)))
 
-    def interpolate(
-        self, x: Expr, knots: tuple[float, ...], values: tuple[float, ...], order: int = 0
-    ) -> Expr:
-        """Return the piecewise linear function through (knots, values) at x, held beyond the ends.
+    def piecewise(
+        self,
+        x: Expr,
+        knots: tuple[float, ...],
+        rows: tuple[tuple[float, ...], ...],
+        held: tuple[float, float] | None = None,
+    ) -> Scalar:
+        """Return the polynomial sum_i rows[i][k] (x - knots[k])^i of the segment k that x lies in, right-continuous.
 
-        ``order`` 1 is its derivative (right-continuous).
+        Parameters
+        ----------
+        rows : for each power the coefficients of the segments, one fewer than knots.
+        held : values before the first knot and from the last one on; without them the polynomials at the ends go on.
         """
-        rows = tuple(id(e) if isinstance(e, Fixed) else ("plain", e) for e in (*knots, *values))
-        return self._node("table", (x,), (knots, values, order), (rows, order))
+        if len(rows) == 1 and held is None and all(is_plain(x, rows[0][0]) for x in rows[0]):
+            return rows[0][0]
+        numbers = tuple(
+            id(e) if isinstance(e, Fixed) else ("plain", e) for e in (*knots, *sum(rows, ()), *(held or ()))
+        )
+        return self._node("table", (x,), (knots, rows, held), (numbers, len(knots), held is None))
+
+    def interpolate(self, x: Expr, knots: tuple[float, ...], values: tuple[float, ...]) -> Scalar:
+        """Return the piecewise linear function through (knots, values) at x, held beyond the ends."""
+        slopes = tuple((values[k + 1] - values[k]) / (knots[k + 1] - knots[k]) for k in range(len(knots) - 1))
+        return self.piecewise(x, knots, (values[:-1], slopes), (values[0], values[-1]))
 
 
 def _split_sum(a: Expr) -> tuple[float, Scalar]:

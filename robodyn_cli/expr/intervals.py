@@ -191,14 +191,26 @@ def _power(a: Bounds, b: Bounds, rough: Flags) -> Bounds:
 
 
 def _table(node: Expr, a: Bounds, rough: Flags) -> Bounds:
-    """Bounds of a table: the values between, of which knots inside may be the extremes."""
-    knots = np.asarray(node.value[0], dtype=float)
-    ends = [np.asarray(apply(node, [x]), dtype=float) * np.ones(len(rough)) for x in (a.low, a.high)]
-    low, high = _extremes(ends)
-    beside = np.asarray(apply(node, [knots]), dtype=float)
-    first, last = np.searchsorted(knots, a.low), np.searchsorted(knots, a.high, side="right")
-    for k in range(len(knots)):
-        inside = (first <= k) & (k < last)
-        low = np.where(inside, np.minimum(low, beside[k]), low)
-        high = np.where(inside, np.maximum(high, beside[k]), high)
-    return Bounds(low, high, rough | (last > first))
+    """Bounds of a table: those of Horner's scheme in each segment that the interval meets."""
+    knots, rows, held = np.asarray(node.value[0], dtype=float), node.value[1], node.value[2]
+    low, high = np.full(len(rough), np.inf), np.full(len(rough), -np.inf)
+
+    def include(where: Flags, least: Any, most: Any) -> None:
+        low[:] = np.where(where, np.minimum(low, least), low)
+        high[:] = np.where(where, np.maximum(high, most), high)
+
+    edges = knots.copy()
+    if held is None:
+        edges[[0, -1]] = -np.inf, np.inf
+    else:
+        include(a.low < knots[0], held[0], held[0])
+        include(a.high >= knots[-1], held[1], held[1])
+    for k in range(len(knots) - 1):
+        left, right = np.maximum(a.low, edges[k]), np.minimum(a.high, edges[k + 1])
+        s = np.stack([left, right]) - knots[k]
+        least = most = np.full(len(rough), rows[-1][k], dtype=float)
+        for row in reversed(rows[:-1]):
+            least, most = _extremes([x * y + row[k] for x in (least, most) for y in s])
+        include(left <= right, least, most)
+    inside = np.searchsorted(knots, a.high, side="right") > np.searchsorted(knots, a.low)
+    return Bounds(low, high, rough | inside)

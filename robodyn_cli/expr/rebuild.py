@@ -13,13 +13,18 @@ from robodyn_cli.expr.graph import Expr, Scalar, reachable
 
 
 def _table(x: Any, value: tuple[Any, ...]) -> Any:
-    knots, values, order = value
+    knots, rows, held = value
     if isinstance(x, Expr):
-        return x.graph.interpolate(x, knots, values, order)
-    if order == 0:
-        return f.interpolate(x, knots, values)
-    slopes = np.concatenate([[0.0], np.diff(values) / np.diff(knots), [0.0]])
-    return slopes[np.searchsorted(knots, x, side="right")]
+        return x.graph.piecewise(x, knots, rows, held)
+    place = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
+    s = x - np.take(knots, place)
+    found = np.take(rows[-1], place)
+    with np.errstate(invalid="ignore"):  # far beyond the ends, where values are held
+        for row in reversed(rows[:-1]):
+            found = found * s + np.take(row, place)
+    if held is not None:
+        found = np.where(x < knots[0], held[0], np.where(x >= knots[-1], held[1], found))
+    return found if np.ndim(x) else float(found)
 
 
 APPLY: dict[str, Callable[..., Any]] = {

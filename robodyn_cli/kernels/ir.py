@@ -276,6 +276,10 @@ class Function(Flow):
         """Load an address from memory."""
         return self.name(f"load ptr, ptr {address}, align 8")
 
+    def store_address(self, address: str, place: str) -> None:
+        """Store an address in memory."""
+        self.raw(f"store ptr {address}, ptr {place}, align 8")
+
     def offset(self, address: str, index: Int | int) -> str:
         """Return the address ``index`` doubles (or 64-bit integers) further on."""
         if isinstance(index, int) and index == 0:

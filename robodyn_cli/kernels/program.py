@@ -138,10 +138,9 @@ class _Collected:
             return
         self._place[node.index] = len(self.instructions)
         if node.op == "table":
-            knots, values, order = value
-            value = (len(self.numbers), len(knots), order)
-            slopes = [(values[k + 1] - values[k]) / (knots[k + 1] - knots[k]) for k in range(len(knots) - 1)]
-            self.numbers += [*knots, *values, *slopes, 0.0]
+            knots, rows, held = value
+            value = (len(self.numbers), len(knots), len(rows) - 1, held is not None)
+            self.numbers += [*knots, *(x for row in rows for x in row), *(held or ())]
         self.instructions.append(Instruction(node.op, tuple(self._place[a.index] for a in node.args), value))
 
     def entry(self, e: Scalar) -> int | float:

@@ -39,6 +39,11 @@ def axis_frame(joint: sc.Joint) -> Matrix:
     return _from_directions({2: joint.axis or (0.0, 0.0, 1.0), 0: joint.axis2})
 
 
+def joint_axes(joint: sc.Joint) -> Matrix:
+    """Return the axes (columns, body coordinates) of the joint's own frame, that of ``com_frame: joint``."""
+    return identity() if joint.has_dh else axis_frame(joint).T
+
+
 def orientation(given: sc.Orientation) -> Matrix:
     """Return the rotation R (3, 3) of a frame, its axes as columns, from the form in which the scene gives it.
 

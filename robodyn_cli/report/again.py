@@ -28,7 +28,7 @@ def draw_again(
 
         possible = common_plots(found)
     missing = [name for name in drawings.names or () if name not in possible]
-    if not [name for name in possible if drawings.names is None or name in drawings.names]:
+    if not drawings.among(possible):
         whose = (
             "the result has no data for them"
             if len(found) == 1
@@ -39,17 +39,16 @@ def draw_again(
         directory.mkdir(parents=True, exist_ok=True)
     if len(found) == 1:
         return draw_all(found[0], directory, drawings), missing
-    return _over(results, directory, drawings, possible), missing
+    return _over(results, directory, drawings.among(possible), drawings.suffix), missing
 
 
 def _over(
-    results: Sequence[tuple[Path, Result]], directory: Path, drawings: Drawings, possible: Sequence[str]
+    results: Sequence[tuple[Path, Result]], directory: Path, names: Sequence[str], suffix: str
 ) -> list[Path]:
     from robodyn_cli.report.canvas import save
     from robodyn_cli.report.overlay import draw_over, labels_of
     from robodyn_cli.report.style import styled
 
     labelled = dict(zip(labels_of([path for path, _ in results]), (result for _, result in results)))
-    names = [name for name in possible if drawings.names is None or name in drawings.names]
     with styled():
-        return [save(draw_over(labelled, name), directory / f"{name}.{drawings.suffix}") for name in names]
+        return [save(draw_over(labelled, name), directory / f"{name}.{suffix}") for name in names]

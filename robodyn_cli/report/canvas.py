@@ -11,7 +11,7 @@ import textwrap
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
@@ -29,6 +29,7 @@ from robodyn_cli.report.marks import (
     mark_moments,
     marker_of,
 )
+from robodyn_cli.report.ticks import PlainFormatter
 from robodyn_cli.results.atomic import written
 from robodyn_cli.results.moments import moments
 from robodyn_cli.results.output_dir import CREATOR, MARK
@@ -53,7 +54,8 @@ class Panels:
     vertically and ``between`` horizontally.
 
     labels : texts of the legend below. degrees : leaves room for a second scale. bars : adds axes for a colour bar
-    beside each panel. told : what is said above the panels in the colour of alarms.
+    beside each panel. titled : leaves room for a title above the first panels. told : what is said above the panels in
+    the colour of alarms.
     """
 
     panels: int = 1
@@ -64,6 +66,7 @@ class Panels:
     labels: Sequence[str] = ()
     degrees: bool = False
     bars: bool = False
+    titled: bool = False
     told: str = ""
 
 
@@ -78,7 +81,8 @@ class Sheet:
         alarms = [*textwrap.wrap(shape.told, NOTE_WIDTH, max_lines=2), *failure_note(result)]
         notes = [*textwrap.wrap(subtitle, NOTE_WIDTH), *alarms]
         self.columns, lines = legend_shape(list(shape.labels))
-        top = 0.12 + TITLE_LINE * len(title) + SUBTITLE_LINE * len(notes) + 0.14
+        lines_above = len(notes) + (1 if shape.titled else 0)
+        top = 0.12 + TITLE_LINE * len(title) + SUBTITLE_LINE * lines_above + 0.14
         bottom = X_LABEL + (LEGEND_LINE * lines + 0.1 if lines else 0.0) + 0.04
         rows = math.ceil(panels / across)
         total = top + rows * height + (rows - 1) * gap + bottom
@@ -93,6 +97,7 @@ class Sheet:
             x = LEFT + column * (wide + shape.between)
             y = bottom + (rows - 1 - row) * (height + gap)
             self.axes.append(self.figure.add_axes((x / WIDTH, y / total, wide / WIDTH, height / total)))
+            self.axes[-1].yaxis.set_major_formatter(PlainFormatter())
             if shape.bars:
                 place = ((x + wide + 0.15) / WIDTH, y / total, 0.18 / WIDTH, height / total)
                 self.bars.append(self.figure.add_axes(place))
@@ -179,36 +184,41 @@ def save(figure: Figure, target: Path) -> Path:
 
     The suffix says how: ``.png``, ``.svg`` or ``.pdf``. The same figure gives the same bytes.
     """
-    with warnings.catch_warnings():
-        # A title in a script that the font lacks shows boxes; that is no news for a user of the tool.
-        warnings.filterwarnings("ignore", message="Glyph .* missing")
-        # No sync: a drawing can be made again from the result, and a sync is as slow as a plot.
-        with written(target) as temporary:
-            PRINTERS[target.suffix.lower()](figure, temporary)
+    # No sync: a drawing can be made again from the result, and a sync is as slow as a plot.
+    with written(target) as temporary:
+        print_figure(figure, temporary, target.suffix)
     return target
 
 
-def _print_png(figure: Figure, path: Path) -> None:
+def print_figure(figure: Figure, file: Path | BinaryIO, suffix: str) -> None:
+    """Draw ``figure`` into a file or a stream, as the kind that a suffix names."""
+    with warnings.catch_warnings():
+        # A title in a script that the font lacks shows boxes; that is no news for a user of the tool.
+        warnings.filterwarnings("ignore", message="Glyph .* missing")
+        PRINTERS[suffix.lower()](figure, file)
+
+
+def _print_png(figure: Figure, file: Path | BinaryIO) -> None:
     # The strongest compression costs as much as the drawing and saves a tenth.
     canvas: Any = FigureCanvasAgg(figure)
-    canvas.print_png(path, metadata={"Software": MARK}, pil_kwargs={"compress_level": 3})
+    canvas.print_png(file, metadata={"Software": MARK}, pil_kwargs={"compress_level": 3})
 
 
-def _print_svg(figure: Figure, path: Path) -> None:
+def _print_svg(figure: Figure, file: Path | BinaryIO) -> None:
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     canvas: Any = FigureCanvasSVG(figure)
     with rc_context({"svg.hashsalt": MARK}):
-        canvas.print_svg(path, metadata={"Creator": CREATOR, "Date": None})
+        canvas.print_svg(file, metadata={"Creator": CREATOR, "Date": None})
 
 
-def _print_pdf(figure: Figure, path: Path) -> None:
+def _print_pdf(figure: Figure, file: Path | BinaryIO) -> None:
     from matplotlib.backends.backend_pdf import FigureCanvasPdf
 
     canvas: Any = FigureCanvasPdf(figure)
-    canvas.print_pdf(path, metadata={"Creator": CREATOR, "CreationDate": None})
+    canvas.print_pdf(file, metadata={"Creator": CREATOR, "CreationDate": None})
 
 
-PRINTERS: dict[str, Callable[[Figure, Path], None]] = {
+PRINTERS: dict[str, Callable[[Figure, Path | BinaryIO], None]] = {
     ".png": _print_png, ".svg": _print_svg, ".pdf": _print_pdf
 }  # fmt: skip

@@ -51,20 +51,13 @@ def torque_note(result: Result) -> str:
 
 # how moments look that come often; they are drawn at the upper edge of a panel
 MARKERS = {"impact": "v", "contact": "s", "release": "^", "stick": "o", "slip": "D"}
-PLURAL = {
-    "impact": "impacts",
-    "contact": "contacts",
-    "release": "releases",
-    "stick": "sticks",
-    "slip": "slips",
-}
 
 
 def counted(found: Sequence[Moment]) -> dict[str, str]:
     """Return the label of each kind of moment that comes often, with how many there are."""
     kinds = [moment.kind for moment in found]
     return {
-        kind: f"{PLURAL[kind] if kinds.count(kind) > 1 else kind} ({kinds.count(kind)})"
+        kind: f"{kind}{'s' if kinds.count(kind) > 1 else ''} ({kinds.count(kind)})"
         for kind in MARKERS
         if kind in kinds
     }

@@ -11,6 +11,7 @@ import numpy as np
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.decimate import envelope, finite
+from robodyn_cli.report.lines import panel_height
 from robodyn_cli.report.ticks import unit
 from robodyn_cli.results.columns import column_names, units_of
 from robodyn_cli.results.result import Result
@@ -45,12 +46,11 @@ def labels_of(paths: Sequence[Path]) -> list[str]:
 
 def common_plots(results: Sequence[Result]) -> list[str]:
     """Return the plots for which all results have data of the same name."""
-    return [name for name in OVERLAID if shared(results, name)]
+    return [name for name in OVERLAID if shared([_series(result, name) for result in results])]
 
 
-def shared(results: Sequence[Result], name: str) -> list[tuple[str, str]]:
+def shared(all_series: Sequence[Series]) -> list[tuple[str, str]]:
     """Return names and units of the quantities of a plot that all results have."""
-    all_series = [_series(result, name) for result in results]
     common = [key for key in all_series[0] if all(key in series for series in all_series[1:])]
     # what is zero in all of them is left out where there is something else
     return [key for key in common if any(np.any(series[key][1] != 0.0) for series in all_series)] or common
@@ -59,21 +59,17 @@ def shared(results: Sequence[Result], name: str) -> list[tuple[str, str]]:
 def draw_over(results: Mapping[str, Result], name: str) -> Any:
     """Return the figure of a plot of several results, by their labels."""
     all_series = {label: _series(result, name) for label, result in results.items()}
-    keys = shared(list(results.values()), name)
+    keys = shared(list(all_series.values()))
     panels = sorted(_most_different(keys, list(all_series.values())), key=keys.index)
-    title = (
-        next(iter({result.title for result in results.values()}))
-        if _same_title(results)
-        else "Results compared"
-    )
+    titles = {result.title for result in results.values()}
+    title = titles.pop() if len(titles) == 1 else "Results compared"
     subtitle = f"{name.replace('_', ' ').capitalize()} of {len(results)} results"
     if len(panels) < len(keys):
         subtitle += f"; the {len(panels)} of {len(keys)} quantities that differ most"
     across = 1 if len(panels) <= 3 else 2
-    height = {1: 3.3, 2: 2.2}.get(len(panels), 1.6)
     sheet = Sheet(
-        Result("plot", title, "ok", ""), subtitle, panels=len(panels), across=across, height=height, gap=0.5,
-        labels=list(results),
+        Result("plot", title, "ok", ""), subtitle, panels=len(panels), across=across,
+        height=panel_height(len(panels)), gap=0.5, titled=True, labels=list(results),
     )  # fmt: skip
     looks = style.line_styles(len(results))
     handles: list[Any] = []
@@ -89,10 +85,6 @@ def draw_over(results: Mapping[str, Result], name: str) -> Any:
             ax.set_xlabel("time [s]")
     sheet.legend(handles, list(results))
     return sheet.figure
-
-
-def _same_title(results: Mapping[str, Result]) -> bool:
-    return len({result.title for result in results.values()}) == 1
 
 
 def _series(result: Result, name: str) -> Series:

@@ -7,6 +7,7 @@ the PNG. Nothing is computed in a plot that the run should have reported.
 from __future__ import annotations
 
 import importlib
+from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -40,7 +41,7 @@ PLOTS: tuple[str, ...] = (
 
 # drawings of commands that look at one configuration
 STILL = ("branches", "mechanism")
-AT_REST = ("assemble", "statics")
+AT_REST = ("assemble", "reach", "statics")
 # drawings of commands whose result is no motion
 ANALYSES: dict[str, tuple[str, ...]] = {
     "info": ("state",),
@@ -56,6 +57,10 @@ class Drawings:
 
     names: tuple[str, ...] | None = None
     suffix: str = "png"
+
+    def among(self, possible: Sequence[str]) -> list[str]:
+        """Return the plots to draw of those that are possible."""
+        return [name for name in possible if self.names is None or name in self.names]
 
 
 def plot_names() -> list[str]:
@@ -91,7 +96,7 @@ def draw(result: Result, name: str) -> Figure:
 def draw_all(result: Result, directory: str | Path, drawings: Drawings | None = None) -> list[Path]:
     """Draw the plots that apply, or those asked for, into ``directory``, each file atomically; return the files."""
     drawings = drawings or Drawings()
-    names = [name for name in applicable(result) if drawings.names is None or name in drawings.names]
+    names = drawings.among(applicable(result))
     if not names:
         return []
     from robodyn_cli.report.canvas import save

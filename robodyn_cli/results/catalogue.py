@@ -110,7 +110,10 @@ ENTRIES: tuple[Entry, ...] = (
     ),
     Entry("singularity/determinant", ("time",), "1", "determinant of the passive block of Psi"),
     Entry(
-        "branches/q", ("branch", "joint"), "rad or m", "joint positions of the ways in which the loops close"
+        "branches/q",
+        ("branch", "joint"),
+        "rad or m",
+        "joint positions of the ways in which the loops close, or which reach the pose",
     ),
     Entry(
         "branches/determinant",
@@ -171,7 +174,7 @@ ATTRIBUTES: tuple[Attribute, ...] = (
     Attribute(
         "summary",
         "JSON",
-        "the content of `summary.json` without `scene_file`, `run_id` and the list of outputs",
+        "the content of `summary.json` without `scene_file`, `run_id`, `baseline` and the list of outputs",
     ),
 )
 

@@ -5,13 +5,21 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result, Variable
-from robodyn_cli.results.summary import ABSENT, Absent
+from robodyn_cli.results.stated_errors import stated_error
 from robodyn_cli.spatial.algebra import Array
+
+# from what cannot be compared to what only the new result has
+RANK = {"missing": 0, "shape": 0, "units": 0, "names": 0, "entries": 0, "differs": 1, "equal": 2, "extra": 3}
+# what explains the other differences comes before them
+FIRST = ("status", "events", "time")
+# columns that a clock has measured: no two runs have the same ones
+CLOCKED = ("seconds", "run_time_s", "compile_time_s")
 
 
 @record
@@ -20,7 +28,9 @@ class Difference:
 
     ``verdict`` is ``"equal"`` (within tolerance), ``"differs"``, ``"missing"`` (only in the baseline),
     ``"extra"`` (only in the result), ``"shape"``, ``"units"``, ``"names"``, or ``"entries"`` of a dataset that holds
-    no numbers. The other fields describe the worst sample: ``ratio`` is its error over what is allowed there.
+    no numbers. The other fields describe the worst sample: ``ratio`` is its error over what is allowed there,
+    ``stated`` the sum of the errors that both results state there, None where one states none. ``within_stated`` tells
+    whether no sample is farther off than that.
     """
 
     path: str
@@ -32,6 +42,29 @@ class Difference:
     expected: float = math.nan
     time: float | None = None
     column: str = ""
+    stated: float | None = None
+    within_stated: bool | None = None
+
+    @property
+    def agrees(self) -> bool:
+        """Whether this is no failure; what only the new result has is none."""
+        return self.verdict in ("equal", "extra")
+
+    @property
+    def text(self) -> str:
+        """The worst sample in words, beside what is allowed and what the results state of their errors."""
+        if self.verdict in ("missing", "extra"):
+            return "only in the baseline" if self.verdict == "missing" else "only in the result"
+        if self.detail or self.error == 0.0:
+            return self.detail
+        column = f" of {self.column}" if self.column else ""
+        time = f" at t = {self.time:.9g} s" if self.time is not None else ""
+        beside = f"{self.ratio:.3g} times what is allowed"
+        if self.stated is None:
+            beside += "; no error stated"
+        else:
+            beside += f"; {'within' if self.within_stated else 'beyond'} the stated errors, {self.stated:.2g}"
+        return f"worst {self.error:.3g}{column}{time}: {self.value:.12g} instead of {self.expected:.12g} ({beside})"
 
 
 @record
@@ -43,44 +76,12 @@ class Comparison:
     @property
     def agrees(self) -> bool:
         """Whether nothing differs; datasets that only the new result has are no failure."""
-        return all(item.verdict in ("equal", "extra") for item in self.differences)
+        return all(item.agrees for item in self.differences)
 
-
-@record
-class DatasetReport:
-    """How one dataset compares, as reports have it: the worst sample where values were compared, else the detail."""
-
-    path: str
-    verdict: str
-    error: float | Absent = ABSENT
-    ratio: float | Absent = ABSENT
-    value: float | Absent = ABSENT
-    expected: float | Absent = ABSENT
-    time: float | Absent | None = ABSENT
-    column: str | Absent | None = ABSENT
-    detail: str | Absent = ABSENT
-
-    @staticmethod
-    def of(item: Difference) -> DatasetReport:
-        if item.verdict in ("equal", "differs"):
-            worst = item.error, item.ratio, item.value, item.expected, item.time, item.column or None
-            return DatasetReport(item.path, item.verdict, *worst)
-        return DatasetReport(item.path, item.verdict, detail=item.detail or ABSENT)
-
-
-@record
-class ComparisonReport:
-    """What ``compare --json`` prints: the fields are the documented keys."""
-
-    status: str
-    rtol: float
-    atol: float
-    datasets: Sequence[DatasetReport]
-
-    @staticmethod
-    def of(found: Comparison, rtol: float, atol: float) -> ComparisonReport:
-        rows = [DatasetReport.of(item) for item in found.differences]
-        return ComparisonReport("ok" if found.agrees else "failed", rtol, atol, rows)
+    @property
+    def differing(self) -> tuple[Difference, ...]:
+        """Those that are a failure, worst first."""
+        return tuple(item for item in self.differences if not item.agrees)
 
 
 @record
@@ -103,12 +104,15 @@ def compare(
     """Compare ``result`` with ``baseline``: |difference| <= atol + rtol * reference.
 
     The reference is the largest magnitude of the baseline's column (``relative_to="peak"``: a zero crossing
-    is no trap) or the baseline's value at each sample (``"sample"``).
+    is no trap) or the baseline's value at each sample (``"sample"``). Columns that a clock has measured are not
+    compared. A status that is another one is a difference ``status``.
     """
     if relative_to not in ("peak", "sample"):
         raise ValueError(f"relative_to is {relative_to!r}; allowed are 'peak' and 'sample'")
     tolerance = _Tolerance(rtol, atol, relative_to)
     found = [Difference(path, "extra") for path in result.variables if path not in baseline.variables]
+    if result.status != baseline.status:
+        found.append(Difference("status", "entries", f"{result.status} instead of {baseline.status}"))
     for path, expected in baseline.variables.items():
         if path not in result.variables:
             found.append(Difference(path, "missing"))
@@ -118,20 +122,17 @@ def compare(
         if reason is not None:
             found.append(Difference(path, *reason))
         else:
-            found.append(_worst(result, path, actual, expected, tolerance))
+            over_time = expected.dims[:1] == ("time",) and "time" in baseline
+            times = baseline.time if over_time else None
+            found.append(_worst(path, actual, expected, tolerance, _stated(result, baseline, path), times))
     found += _others(result.others, baseline.others)
     found += _events(result, baseline, _Tolerance(rtol, atol))
-    rank = {
-        "missing": 0,
-        "shape": 0,
-        "units": 0,
-        "names": 0,
-        "entries": 0,
-        "differs": 1,
-        "equal": 2,
-        "extra": 3,
-    }
-    return Comparison(tuple(sorted(found, key=lambda item: (rank[item.verdict], -item.ratio, item.path))))
+    return Comparison(tuple(sorted(found, key=_sort_key)))
+
+
+def _sort_key(item: Difference) -> tuple[int, float, int, str]:
+    place = FIRST.index(item.path) if item.path in FIRST else len(FIRST)
+    return RANK[item.verdict], -item.ratio, place, item.path
 
 
 def _others(
@@ -168,9 +169,15 @@ def _events(result: Result, baseline: Result, tolerance: _Tolerance) -> list[Dif
         return [Difference("events", "shape", f"{len(actual)} events instead of {len(expected)}")]
     times = [np.array([float(e["time"]) for e in r.events]) for r in (result, baseline)]
     found, wanted = (Variable(x, ("event",), "s", "time of events") for x in times)
-    worst = _worst(result, "events/time", found, wanted, tolerance)
+    stated = _stated(result, baseline, "events/time")
+    worst = _worst("events/time", found, wanted, tolerance, stated, times[1])
     at = int(np.argmax(np.abs(times[0] - times[1])))
-    return [dataclasses.replace(worst, time=float(times[1][at]), column=expected[at])]
+    return [dataclasses.replace(worst, column=expected[at])]
+
+
+def _stated(result: Result, baseline: Result, path: str) -> Array:
+    """Return the sum of the errors that both results state of a dataset; nan where one states none."""
+    return stated_error(result, path) + stated_error(baseline, path)
 
 
 def _mismatch(actual: Variable, expected: Variable) -> tuple[str, str] | None:
@@ -187,12 +194,14 @@ def _mismatch(actual: Variable, expected: Variable) -> tuple[str, str] | None:
 
 
 def _worst(
-    result: Result,
     path: str,
     actual: Variable,
     expected: Variable,
     tolerance: _Tolerance,
+    stated: Array,
+    times: Array | None,
 ) -> Difference:
+    """Return how two datasets of one shape differ; ``times`` : of their rows [s], where they have some."""
     a, b = actual.data, expected.data
     if not a.size:
         return Difference(path, "equal")
@@ -201,12 +210,14 @@ def _worst(
         # Equal infinities subtract to NaN, and a NaN where the baseline has one is agreement.
         error[(a == b) | (np.isnan(a) & np.isnan(b))] = 0.0
         error[np.isnan(error)] = np.inf
+        if any(clocked := [name in CLOCKED for name in expected.names]):
+            error[..., clocked] = 0.0
         ratio = np.divide(error, tolerance.allowed(b))
     # 0/0: no tolerance, and no difference
     ratio[error == 0.0] = 0.0
     index = np.unravel_index(int(np.argmax(ratio)), ratio.shape)
     worst = float(ratio[index])
-    has_time = expected.dims[:1] == ("time",) and "time" in result
+    bound = float(np.broadcast_to(stated, error.shape)[index])
     return Difference(
         path,
         "differs" if worst > 1.0 else "equal",
@@ -214,6 +225,16 @@ def _worst(
         error=float(error[index]),
         value=float(a[index]),
         expected=float(b[index]),
-        time=float(result.time[index[0]]) if has_time else None,
-        column=expected.names[index[-1]] if expected.names else "",
+        time=float(times[index[0]]) if times is not None else None,
+        column=_column(expected, index),
+        stated=None if np.isnan(bound) else bound,
+        within_stated=None if np.isnan(bound) else not np.any(error > stated),
     )
+
+
+def _column(variable: Variable, index: Sequence[Any]) -> str:
+    """Return the name of the column of an entry; of what has neither columns nor time its row, ``run 12``."""
+    if variable.names:
+        return variable.names[index[-1]]
+    first = variable.dims[0] if variable.dims else "time"
+    return "" if first == "time" else f"{first} {index[0]}"

@@ -16,7 +16,7 @@ import numpy as np
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.record import record
 from robodyn_cli.results.atomic import output_errors, write_bytes, written
-from robodyn_cli.results.columns import units_of
+from robodyn_cli.results.columns import column_names, units_of
 from robodyn_cli.results.result import Result, Variable
 from robodyn_cli.spatial.algebra import Array
 
@@ -73,8 +73,7 @@ def _columns(path: str, variable: Variable) -> list[Column]:
     data = variable.data
     if data.ndim == 1:
         return [Column(path, variable.units, variable.long_name, data)]
-    names = list(variable.names) or [str(k + 1) for k in range(data.shape[-1])]
-    units = units_of(variable)
+    names, units = column_names(variable), units_of(variable)
     columns = []
     for place in np.ndindex(*data.shape[1:]):
         *above, last = place

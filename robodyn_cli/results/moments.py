@@ -24,6 +24,8 @@ LATCH = "latch closes"
 ROOM = 16  # characters that one more time and the end of a line take
 # those that end or change a run as a whole, and are told with their time
 DECISIVE = ("lock", "overload", "bifurcation", "limit")
+# those after which nothing is as before, and which every summary tells
+LASTING = ("lock", "latch", "overload")
 
 
 @record
@@ -54,7 +56,7 @@ def moment_lines(result: Result, width: int = 80) -> list[str]:
     """
     times: dict[str, list[float]] = {}
     for moment in moments(result):
-        if moment.kind not in ("lock", "latch", "overload"):
+        if moment.kind not in LASTING:
             times.setdefault(moment.text, []).append(moment.time)
     lines: list[str] = []
     for text, when in times.items():

@@ -194,6 +194,22 @@ def is_ours(path: Path) -> bool:
     return path.suffix in DRAWING_SUFFIXES and any(CREATOR.encode() in part for part in (start, end))
 
 
+def add_to_summary(directory: Path, key: str, value: Any) -> None:
+    """Add a key to the summary that a run left in a directory.
+
+    Raises
+    ------
+    OutputError : it cannot be written. DirectoryInUseError : another run is writing there.
+    """
+    path = directory / SUMMARY_NAME
+    with output_errors(path):
+        lock = DirectoryLock(directory)
+        try:
+            write_summary({**read_summary(path), key: value}, path)
+        finally:
+            lock.release()
+
+
 def same_run(summary: Mapping[str, Any], attributes: Mapping[str, Any]) -> bool:
     """Tell whether a summary and the attributes of a result file are of one run."""
     return summary.get(RUN_ID) == attributes.get(RUN_ID)

@@ -10,14 +10,29 @@ import numpy as np
 
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.record import mutable_record
+from robodyn_cli.registry import Registry
 from robodyn_cli.results import catalogue
 from robodyn_cli.results.summary import as_keys
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
+    import pandas
+    import xarray
     from typing_extensions import Unpack
 
     from robodyn_cli.scene.types import Scene
+
+# what shows a result, or hands it to another library: named here, and imported when it is called, since drawings
+# are above results
+VIEWS: Registry[Any] = Registry(
+    "robodyn_cli",
+    {
+        "plot": "report.notebook:plot",
+        "html": "report.notebook:as_html",
+        "xarray": "results.frames:to_xarray",
+        "pandas": "results.frames:to_pandas",
+    },
+)
 
 
 @mutable_record
@@ -137,3 +152,32 @@ class Result:
     def time(self) -> Array:
         """Sample times, shape (T,), in seconds."""
         return self["time"]
+
+    def plot(self, name: str) -> Any:
+        """Return a plot as of ``--plots`` (``result.plot("torques")``): a figure of matplotlib, which notebooks show.
+
+        Raises
+        ------
+        CapabilityError : there is no such plot, or no data for it; the message lists those that are possible.
+        """
+        return VIEWS["plot"](self, name)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return all datasets by their paths, with units, times and names of columns; see ``results.frames``."""
+        found: xarray.Dataset = VIEWS["xarray"](self)
+        return found
+
+    def to_pandas(self, table: str | None = None) -> pandas.DataFrame:
+        """Return everything over time, or another table, as a DataFrame; see ``results.frames``."""
+        found: pandas.DataFrame = VIEWS["pandas"](self, table)
+        return found
+
+    def __repr__(self) -> str:
+        """Return a line: what was run, how it ended, and what there is."""
+        samples = f"{len(self.time)} samples, " if "time" in self else ""
+        return f"<Result of {self.command}, {self.title!r}: {self.status}, {samples}{len(self.variables)} datasets>"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the main figures with their errors, and a picture."""
+        found: str = VIEWS["html"](self)
+        return found

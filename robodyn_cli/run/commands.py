@@ -57,7 +57,7 @@ def execute(
     with np.errstate(all="ignore"):  # results are looked at; a user gets no warning of numpy's
         try:
             return functions[command](scene, progress=progress, watch=watch, **options)
-        except np.linalg.LinAlgError as error:
+        except (np.linalg.LinAlgError, ZeroDivisionError) as error:
             raise no_linear_algebra(error) from error
         except OverflowError as error:
             raise out_of_range(error) from error

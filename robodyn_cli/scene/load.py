@@ -79,10 +79,14 @@ def load_scene(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> S
 
 def load_scene_text(text: str, path: str = NO_FILE, overrides: Sequence[str] = ()) -> Scene:
     """Return the checked scene of a YAML text; files that it names are relative to the folder of ``path``."""
+    return _examined_text(text, path, overrides).checked()
+
+
+def _examined_text(text: str, path: str, overrides: Sequence[str] = ()) -> Examined:
     directory = "." if path == NO_FILE else os.path.dirname(path) or "."
     real = "" if path == NO_FILE else os.path.realpath(path)
     source = Source(path, directory, real)
-    return _examine(lambda includer: compose(text, source, includer.faults), path, overrides).checked()
+    return _examine(lambda includer: compose(text, source, includer.faults), path, overrides)
 
 
 def load_urdf(path: str | os.PathLike[str]) -> tuple[Urdf, Scene]:
@@ -129,12 +133,22 @@ class Family:
     """
 
     def __init__(self, path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> None:
-        self.path = os.fspath(path)
         self.overrides = tuple(overrides)
-        found = examine(path, overrides)
+        self._take(os.fspath(path), examine(path, overrides))
+
+    def _take(self, path: str, found: Examined) -> None:
+        self.path = path
         self.own = found.checked()
         assert found.root is not None
         self.root: Node = found.root
+
+    @staticmethod
+    def of(scene: Scene) -> Family:
+        """Return the family of a scene that was read before; files are those that it has read then."""
+        family = Family.__new__(Family)
+        family.overrides = ()
+        family._take(scene.path, _examined_text(scene.text, scene.path))
+        return family
 
     def scene(self, overrides: Sequence[str]) -> Scene:
         """Return the scene with values of its own.

@@ -3,7 +3,21 @@
 from __future__ import annotations
 
 from robodyn_cli.record import record
-from robodyn_cli.schema.fields import Boolean, Choice, Integer, ListOf, Name, Number, Section, Text, key
+from robodyn_cli.scene.robot_types import Orientation
+from robodyn_cli.schema.fields import (
+    Boolean,
+    Choice,
+    Direction,
+    Integer,
+    ListOf,
+    Name,
+    Number,
+    Section,
+    Text,
+    Vector,
+    key,
+)
+from robodyn_cli.trajectories.base import BRANCHES
 
 
 @record
@@ -55,6 +69,37 @@ class AssembleOptions:
     starts: int = key(
         Integer(minimum=1, maximum=1_000_000), default=400, doc="Starts of the search for branches, at most."
     )
+
+
+@record
+class ReachOptions:
+    """The pose of ``reach``, and what decides between the ways to reach it."""
+
+    frame: str = key(Text(), doc="What is brought there: a named point or frame, a link, or `LINK.end`.")
+    position: tuple[float, ...] | None = key(
+        Vector(3), default=None, unit="m", doc="Where its origin is to be, in the world; free without it."
+    )
+    components: str = key(
+        Choice(("xyz", "xy", "xz", "yz", "x", "y", "z")),
+        default="xyz",
+        doc="The components of `position` that are asked for.",
+    )
+    orientation: Orientation | None = key(
+        Section(Orientation), default=None, doc="How its axes are to be turned in the world; free without it."
+    )
+    axis: tuple[float, ...] | None = key(
+        Direction(),
+        default=None,
+        unit="1",
+        doc="A direction in the frame, of which alone the orientation matters: the frame may turn about it.",
+    )
+    branch: str | None = key(Choice(BRANCHES), default=None, doc="The branch of the arm's closed form.")
+    criterion: str = key(
+        Choice(("nearest", "away_from_limits", "least_torque")),
+        default="nearest",
+        doc="What decides between several ways: nearest to `initial.q`, else to the middle of the limits.",
+    )
+    limits: bool = key(Boolean(), default=True, doc="Whether the joints' limits are respected.")
 
 
 @record

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Sequence
+
 from robodyn_cli.errors import did_you_mean
-from robodyn_cli.scene.types import Joint, Robot
+from robodyn_cli.scene.types import Joint, Point, Robot, Scene
 
 BASE = "base"
 BUILT_IN = ("origin", "end", "com")
@@ -68,5 +71,23 @@ def point_link(robot: Robot, reference: str) -> str:
     return robot.points[reference].link if reference in robot.points else reference.partition(".")[0]
 
 
+def carrier(robot: Robot, reference: str) -> str:
+    """Return the link that carries a named frame or a point which resolves."""
+    return robot.frames[reference].link if reference in robot.frames else point_link(robot, reference)
+
+
 def _allowed(robot: Robot) -> str:
     return ", ".join([*robot.points, "LINK.origin", "LINK.end", "LINK.com", "base.origin"])
+
+
+def with_points(scene: Scene, references: Sequence[str]) -> Scene:
+    """Return the scene with points that are referred to (as ``link2.end``) among its named points."""
+    points = dict(scene.robot.points)
+    for reference in references:
+        link, _, at = reference.partition(".")
+        # ``base.NAME`` is a named point too
+        known = points.get(reference) or points.get(at)
+        points[reference] = known or Point(link=link, at=at)
+    if len(points) == len(scene.robot.points):
+        return scene
+    return dataclasses.replace(scene, robot=dataclasses.replace(scene.robot, points=points))

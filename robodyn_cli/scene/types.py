@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.commands import SAMPLERS, SCENE_COMMANDS
 from robodyn_cli.expr.expectation import Expectation
-from robodyn_cli.expr.formula import Formula as FormulaTree
 from robodyn_cli.forces.registry import force_types
 from robodyn_cli.integration_methods import METHODS
 from robodyn_cli.loops.registry import loop_types
@@ -21,6 +20,7 @@ from robodyn_cli.scene.mechanism_options import (
     AssembleOptions,
     KinematicsOptions,
     LoadLimit,
+    ReachOptions,
     StaticsOptions,
 )
 from robodyn_cli.scene.robot_types import Coupler as Coupler
@@ -285,11 +285,11 @@ class Scene:
         unit="N m or N",
         doc="Actuator torques: a number, a formula in t, q and qd, or a table.",
     )
-    prescribed: dict[str, FormulaTree] = key(
-        JointMap(Formula(("t",))),
+    prescribed: dict[str, Any] = key(
+        Either((Choice(("trajectory",)), JointMap(Formula(("t",))))),
         default=None,
         unit="rad or m",
-        doc="Joints whose motion is prescribed.",
+        doc="Joints whose motion is prescribed, or `trajectory`: those that it leads, as it leads them.",
     )
     initial: Initial = key(Section(Initial), default=Initial(), doc="State at t = 0.")
     trajectory: Any = key(
@@ -310,6 +310,7 @@ class Scene:
     kinematics: KinematicsOptions = key(
         Section(KinematicsOptions), default=KinematicsOptions(), doc="Options of `kinematics`."
     )
+    reach: ReachOptions | None = key(Section(ReachOptions), default=None, doc="The pose of `reach`.")
     statics: StaticsOptions = key(
         Section(StaticsOptions), default=StaticsOptions(), doc="Options of `statics`."
     )

@@ -44,7 +44,7 @@ def _plain(kind: kinds.Kind) -> str:
         return ", or ".join(_plain(k) for k in kind.kinds)
     if isinstance(kind, kinds.OrFile):
         return f"{_plain(kind.item)}, or the path of a YAML{' or URDF' if kind.robot else ''} file"
-    if isinstance(kind, kinds.Section):
+    if isinstance(kind, (kinds.Section, kinds.ByPart)):
         return "a map"
     if isinstance(kind, kinds.Inline):
         return f"the keys {', '.join(kind.registry())}"
@@ -53,7 +53,7 @@ def _plain(kind: kinds.Kind) -> str:
     if isinstance(kind, kinds.Variations):
         return "a map from keys of the scene to what they vary over"
     if isinstance(kind, kinds.CsvFile):
-        return "the path of a CSV file"
+        return "the path of a CSV or HDF5 file"
     return "a value"
 
 
@@ -68,6 +68,7 @@ def _collection(kind: kinds.ListOf | kinds.MapOf) -> str:
         kinds.Name: "names",
         kinds.Formula: "formulas",
         kinds.Text: "texts",
+        kinds.JointMap: "maps from names of joints to numbers",
     }
     item = next((noun for cls, noun in nouns.items() if isinstance(kind.item, cls)), "values")
     if isinstance(kind, kinds.MapOf):

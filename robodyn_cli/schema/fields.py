@@ -145,6 +145,14 @@ class Either(Kind):
 
 
 @record
+class ByPart(Kind):
+    """A section, or a map from ``parts`` to such sections: the coordinates of a joint."""
+
+    item: Section
+    parts: tuple[str, ...]
+
+
+@record
 class OrFile(Kind):
     """A value given in place or as the path of a YAML file, relative to the file that names it.
 
@@ -158,14 +166,24 @@ class OrFile(Kind):
 
 @record
 class Inline(Kind):
-    """Optional keys of the section itself, one for each registered class; the value holds (key, instance) pairs."""
+    """Optional keys of the section itself, one for each registered class; the value holds (key, instance) pairs.
+
+    parts : names of parts of the section; a key may hold a map from these to instances instead, which gives pairs with
+    the keys ``key.part``.
+    """
 
     registry: Callable[[], Mapping[str, type]]
+    parts: tuple[str, ...] = ()
+
+    def at(self, key: str) -> Kind:
+        """Return what a key may hold."""
+        section = Section(self.registry()[key])
+        return ByPart(section, self.parts) if self.parts else section
 
 
 @record
 class CsvFile(Kind):
-    """The path of a CSV file; the loader puts its header in the key ``columns`` and its data in ``rows``."""
+    """The path of a CSV or HDF5 file; the loader puts its header in the key ``columns`` and its data in ``rows``."""
 
     columns: str = "columns"
     rows: str = "rows"
@@ -191,7 +209,8 @@ def key(kind: Kind, *, default: Any = REQUIRED, unit: str = "", doc: str = "", n
     metadata = {"kind": kind, "unit": unit, "doc": doc, "name": name}
     if default is REQUIRED:
         return dataclasses.field(metadata=metadata)
-    if default is None and isinstance(kind, (MapOf, Criteria, Variations)):
+    maps = (MapOf, Criteria, Variations)
+    if default is None and any(isinstance(k, maps) for k in getattr(kind, "kinds", (kind,))):
         return dataclasses.field(default_factory=dict, metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
 

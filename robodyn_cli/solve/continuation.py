@@ -19,10 +19,10 @@ from robodyn_cli.record import record
 from robodyn_cli.solve.newton import SINGULAR, PointSolver, Solution
 from robodyn_cli.solve.reach import Singular, Unreachable
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.motion import JointMotion, PointMotion
+from robodyn_cli.trajectories.motion import JointMotion, PointMotion, PoseMotion
 from robodyn_cli.trajectories.quintic_spline import hermite
 
-Target = Callable[[Array], PointMotion]
+Target = Callable[[Array], "PointMotion | PoseMotion"]
 
 MISS = 0.1  # largest error of the extrapolation, rad or m: beyond it the branch could change unnoticed
 FIRST_MISS = 1e-5  # the same for the first step of a redundant chain, which has only one state to start from
@@ -60,7 +60,9 @@ class Follower:
         self.times = times
         self.steps = 0
         self.h = np.inf  # length of the last step
-        self.at_samples = target(times)
+        at_samples = target(times)
+        # position, rates and accelerations (T, k), (T, m), (T, m)
+        self.at_samples = at_samples.values, at_samples.rates, at_samples.accelerations
 
     def run(self, start: Array) -> JointMotion:
         """Return the joint motion (T, n) from the solution nearest to ``start`` (n,).
@@ -69,11 +71,11 @@ class Follower:
         ------
         Unreachable, Singular : with times.
         """
-        found = self.solver.solve(self.at_samples.p[0], start)
+        found = self.solver.solve(self.at_samples[0][0], start)
         if not self.reached(found.residual):
             # in a singular pose, such as a stretched arm, Newton's method may find no direction: leave it by one step
             nudge = 0.05 * np.cos(np.arange(len(start))) * self.solver.moving
-            found = self.solver.solve(self.at_samples.p[0], start + nudge)
+            found = self.solver.solve(self.at_samples[0][0], start + nudge)
         if not self.reached(found.residual):
             raise self.unreachable(0, found.q)
         q = np.empty((len(self.times), len(start)), order="F")
@@ -83,7 +85,7 @@ class Follower:
         for k in range(1, len(self.times)):
             before, now = self.advance(before, now, k)
             q[k] = now.q
-        rates = self.solver.rates(q, self.at_samples.pd, self.at_samples.pdd)
+        rates = self.solver.rates(q, *self.at_samples[1:])
         return JointMotion(q, np.asfortranarray(rates.qd), np.asfortranarray(rates.qdd))
 
     def reached(self, residual: float) -> bool:
@@ -91,19 +93,20 @@ class Follower:
         return residual <= max(self.solver.tolerance, self.solver.floor)
 
     def sample(self, k: int) -> tuple[Array, Array, Array]:
-        """Return p, pd, pdd (m,) of sample k."""
-        return self.at_samples.p[k], self.at_samples.pd[k], self.at_samples.pdd[k]
+        """Return values (k,), rates and accelerations (m,) asked at sample k."""
+        values, rates, accelerations = self.at_samples
+        return values[k], rates[k], accelerations[k]
 
     def between(self, t: float) -> tuple[Array, Array, Array]:
-        """Return p, pd, pdd (m,) at any time."""
+        """Return values (k,), rates and accelerations (m,) asked at any time."""
         target = self.target(np.array([t]))
-        return target.p[0], target.pd[0], target.pdd[0]
+        return target.values[0], target.rates[0], target.accelerations[0]
 
     def state(self, t: float, found: Solution, target: tuple[Array, Array, Array]) -> State:
         """Return the state at a solution for a target."""
         rates = self.solver.rates(found.q[None], target[1][None], target[2][None], found.J[None])
         if not rates.measure[0] > SINGULAR:
-            raise Singular(t, float(rates.measure[0]))
+            raise self.singular(t, found.q)
         return State(t, found.q, rates.qd[0], rates.qdd[0], rates.U[0], rates.Vt[0])
 
     def advance(self, before: State | None, now: State, k: int) -> tuple[State, State]:
@@ -156,28 +159,29 @@ class Follower:
         return dataclasses.replace(new, q=new.q + drift)
 
     def failure(self, now: State, t: float, p: Array, k: int) -> Exception:
-        """Return the error that says why the motion cannot go on from ``now`` to the target p (m,) at time t <= t_k."""
+        """Return the error that says why the motion cannot go on from ``now`` to the target p (k,) at time t <= t_k."""
         here = self.solver.solve(p, now.q)
         # rates grow beyond bounds just before the limit of the reach, so look a few samples ahead as well
         for ahead in range(k, min(k + 3, len(self.times))):
-            there = self.solver.solve(self.at_samples.p[ahead], here.q)
+            there = self.solver.solve(self.at_samples[0][ahead], here.q)
             if not self.reached(there.residual):
                 return self.unreachable(ahead, here.q)
         if self.reached(here.residual):
-            return Singular(now.t, self.measure(now.q))
+            return self.singular(now.t, now.q)
         return Unreachable(t, here.residual, t, here.residual, nearest=False)
 
-    def measure(self, q: Array) -> float:
-        """Return the smallest over the largest singular value of J at q (n,)."""
-        s = np.linalg.svd(self.solver.position(q)[1], compute_uv=False)
-        return float(s[self.solver.rank - 1] / s[0])
+    def singular(self, t: float, q: Array) -> Singular:
+        """Return the error of a singular pose at q (n,), with the joint that moves most where the target does not."""
+        _, s, Vt = np.linalg.svd(self.solver.position(q)[1])
+        last = self.solver.rank - 1
+        return Singular(t, float(s[last] / s[0]), int(np.argmax(np.abs(Vt[last]))))
 
     def unreachable(self, first: int, q: Array) -> Unreachable:
         """Return the error with the distances by which some targets from sample ``first`` on are missed."""
         listed = np.unique(np.linspace(first, len(self.times) - 1, LISTED).round().astype(int))
         left = []
         for k in listed:
-            found = self.solver.solve(self.at_samples.p[k], q)
+            found = self.solver.solve(self.at_samples[0][k], q)
             q = found.q
             left.append(found.residual)
         worst = int(np.argmax(left))

@@ -1,4 +1,4 @@
-"""From the path of a point to the motion of the joints."""
+"""From the path of a point, or of a frame with its axes, to the motion of the joints."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from robodyn_cli.solve.planar_2r import BRANCHES, ELBOW_DOWN, ELBOW_UP, Planar2R
 from robodyn_cli.solve.reach import Singular, Unreachable
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.base import Ik
-from robodyn_cli.trajectories.motion import JointMotion, PointMotion, TaskSpace
+from robodyn_cli.trajectories.motion import JointMotion, PointMotion, PoseMotion, TaskSpace
 
 if TYPE_CHECKING:
+    from robodyn_cli.solve.newton import Drift
     from robodyn_cli.solve.point_kinematics import PointFunction, PointKinematics
 
 Compile = Callable[["PointKinematics"], "PointFunction"]
@@ -26,11 +27,12 @@ Compile = Callable[["PointKinematics"], "PointFunction"]
 
 @record
 class PointTask:
-    """A point of a model and the path that it is to follow.
+    """A point of a model, or a frame there, and the path that it is to follow.
 
     frame : the point. trajectory : its path and the options of the inverse kinematics.
     start : joint positions by name near which the motion starts (``ik.guess``, or the scene's ``initial.q``).
-    parameters : of the scene. where : prefix of messages about the scene.
+    parameters : of the scene. where : prefix of messages about the scene. chosen : whether the start is on the branch
+    that ``ik.branch`` names. drift : of a redundant chain (see ``PointSolver``), None for the least rates.
     """
 
     model: Model
@@ -39,21 +41,31 @@ class PointTask:
     start: Mapping[str, float]
     parameters: Mapping[str, float]
     where: str = ""
+    chosen: bool = False
+    drift: Drift | None = None
 
     @property
     def ik(self) -> Ik:
         options: Ik = self.trajectory.ik
         return options
 
-    def target(self, times: Array) -> PointMotion:
-        """Return the target of the point at ``times`` (T,), world coordinates."""
+    def target(self, times: Array) -> PointMotion | PoseMotion:
+        """Return the target of the point, or of the frame, at ``times`` (T,), world coordinates."""
         return self.trajectory.target(times, self.parameters)
+
+    def point_target(self, times: Array) -> PointMotion:
+        """Return the target of a point that has no orientation."""
+        target = self.target(times)
+        assert isinstance(target, PointMotion)
+        return target
 
     @cached_property
     def arm(self) -> Planar2R | None:
         """The planar arm whose angles follow from the path in closed form, None where there is none."""
-        found = Planar2R.recognise(self.model, self.frame)
-        return found if found is not None and found.in_plane(self.target(np.zeros(1))) is not None else None
+        found, target = Planar2R.recognise(self.model, self.frame), self.target(np.zeros(1))
+        if found is None or isinstance(target, PoseMotion) or found.in_plane(target) is None:
+            return None
+        return found
 
     @property
     def method(self) -> str:
@@ -66,8 +78,9 @@ class PointTask:
 
         graph, names = self.model.graph, self.model.v_names
         q, v = graph.symbols(self.model.q_names, "q"), graph.symbols([f"{n}'" for n in names], "v")
-        components = self.target(np.zeros(1)).p.shape[1]
-        return PointKinematics.of(self.model, q, v, self.frame, components)
+        target = self.target(np.zeros(1))
+        oriented = isinstance(target, PoseMotion)
+        return PointKinematics.of(self.model, q, v, self.frame, target.p.shape[1], oriented)
 
     def start_positions(self) -> Array | None:
         """Return the start as an array (n,), None where there is none."""
@@ -112,16 +125,16 @@ def follow_point(task: PointTask, times: Array, compile: Compile) -> Found:
     if task.frame.body == BASE:
         raise SceneError(f"{task.where}point {point!r} is fixed to the base and cannot follow a trajectory")
     arm = task.arm
-    _check_options(ik, arm, point, task.where)
+    _check_options(task)
     start = task.start_positions()
     try:
         if arm is not None and task.method == "analytic":
             branch = _branch(arm, ik, start, point, task.where)
-            motion = planar_path.follow(arm, task.target, times, branch, start, ik.tolerance)
+            motion = planar_path.follow(arm, task.point_target, times, branch, start, ik.tolerance)
             return Found(motion, "analytic")
         if start is None and arm is not None and ik.branch is not None:
             start = planar_path.follow(
-                arm, task.target, times[:1], BRANCHES[ik.branch], None, ik.tolerance
+                arm, task.point_target, times[:1], BRANCHES[ik.branch], None, ik.tolerance
             ).q[0]
         if start is None:
             raise SceneError(
@@ -135,10 +148,17 @@ def follow_point(task: PointTask, times: Array, compile: Compile) -> Found:
         raise SingularConfigurationError(
             f"{task.where}point {point!r} meets a singular configuration at t = {failure.time:.6g} s "
             f"(measure {failure.measure:.1e}), where the joint rates that keep it on its path do not exist "
-            "or are not unique; change the path or the branch",
+            f"or are not unique{_moves_most(task.model, failure)}; change the path or the branch",
             time=failure.time,
             measure=failure.measure,
         ) from None
+
+
+def _moves_most(model: Model, failure: Singular) -> str:
+    """Return which joint a singular pose concerns, as a part of a sentence."""
+    if failure.joint is None:
+        return ""
+    return f", least of all that of joint {model.joint_of(failure.joint)!r}"
 
 
 def _by_newton(task: PointTask, times: Array, start: Array, compile: Compile) -> Found:
@@ -147,7 +167,8 @@ def _by_newton(task: PointTask, times: Array, start: Array, compile: Compile) ->
     from robodyn_cli.solve.newton import PointSolver
 
     ik = task.ik
-    solver = PointSolver(compile(task.kinematics()), task.model.nv, ik.tolerance, ik.max_iterations)
+    function = compile(task.kinematics())
+    solver = PointSolver(function, task.model.nv, ik.tolerance, ik.max_iterations, task.drift)
     if solver.rank == 0:
         point = task.trajectory.point
         raise SceneError(f"{task.where}no joint moves point {point!r}, so it cannot follow a trajectory")
@@ -156,17 +177,23 @@ def _by_newton(task: PointTask, times: Array, start: Array, compile: Compile) ->
     return Found(motion, "newton", solver.iterations, follower.steps)
 
 
-def _check_options(ik: Ik, arm: Planar2R | None, point: str, where: str) -> None:
+def _check_options(task: PointTask) -> None:
     """Refuse a method or a branch that does not suit the chain."""
+    ik, arm, point, where = task.ik, task.arm, task.trajectory.point, task.where
     if arm is None and ik.method == "analytic":
         raise CapabilityError(
             f"{where}trajectory.ik.method: analytic fits only planar 2R arms (two revolute joints with "
             f"parallel axes that carry point {point!r}); allowed here: auto, newton"
         )
-    if arm is None and ik.branch is not None:
+    if arm is None and ik.branch is not None and not task.chosen:
         raise SceneError(
-            f"{where}trajectory.ik.branch ({ik.branch}) has a meaning only for planar 2R arms (two revolute "
-            f"joints with parallel axes that carry point {point!r}); use trajectory.ik.guess instead"
+            f"{where}trajectory.ik.branch ({ik.branch}) has a meaning only for arms whose branches have names (planar "
+            "arms, SCARA robots, spherical wrists, three parallel axes) and for targets that determine all joints; "
+            "use trajectory.ik.guess instead"
+        )
+    if arm is not None and ik.branch is not None and ik.branch not in BRANCHES:
+        raise SceneError(
+            f"{where}trajectory.ik.branch ({ik.branch}): a planar 2R arm has {', '.join(BRANCHES)}"
         )
 
 

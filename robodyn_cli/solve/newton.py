@@ -4,18 +4,21 @@ A step solves J dq = e in the damped least-squares sense, dq = V S (S^2 + mu^2)^
 (Wampler 1986, Nakamura and Hanafusa 1986): least norm where the chain is redundant, least error where the
 target has a component that the chain cannot follow.
 
-A redundant chain moves with the least-norm rates q-dot = J^+ p-dot at each instant; its acceleration is the
-exact derivative of that, q-ddot = J^+ (p-ddot - J-dot q-dot) + (1 - J^+ J) J-dot^T J^+T q-dot (Golub and
-Pereyra 1973), which satisfies J q-ddot = p-ddot - J-dot q-dot like every other. Radians and metres weigh
-alike in the norm.
+A redundant chain moves at each instant with the rates nearest to a drift u(q), none by default: the least-norm rates
+then. q-dot = J^+ p-dot + (1 - J^+ J) u; its acceleration is the exact derivative of that, q-ddot = J^+ (p-ddot - J-dot
+q-dot) + (1 - J^+ J) (u-dot + J-dot^T J^+T (q-dot - u)) (Golub and Pereyra 1973), which satisfies J q-ddot = p-ddot -
+J-dot q-dot like every other. A drift down the gradient of a criterion keeps the chain near its optimum (Liegeois 1977).
+Radians and metres weigh alike in the norm.
 """
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
 from robodyn_cli.record import record
-from robodyn_cli.solve.point_kinematics import PointFunction
+from robodyn_cli.solve.point_kinematics import PointFunction, what_is_left
 from robodyn_cli.spatial.algebra import Array
 
 RANK = 1e-9
@@ -23,9 +26,15 @@ SINGULAR = 1e-8  # smallest over largest singular value
 MOST_STEP = 1.0  # rad or m
 
 
+class Drift(Protocol):
+    """The rates u (T, n) that a redundant chain should have, and u-dot, at q and v (T, n)."""
+
+    def __call__(self, q: Array, v: Array) -> tuple[Array, Array]: ...
+
+
 @record
 class Solution:
-    """Joint positions (n,), the distance left to the target [m], and the Jacobian J (m, n) there."""
+    """Joint positions (n,), what is left to the target [m, rad], and the Jacobian J (m, n) there."""
 
     q: Array
     residual: float
@@ -47,16 +56,24 @@ class Rates:
 
 
 class PointSolver:
-    """Newton's method for one point of one chain.
+    """Newton's method for one point, or one pose, of one chain.
 
     Parameters
     ----------
     function : p, J and J-dot of the point (see ``PointFunction``); n : number of joints.
-    tolerance : distance to the target that is accepted [m]; max_iterations : per sample.
+    tolerance : what may be left to the target [m, rad]; max_iterations : per sample. drift : of a redundant chain.
     """
 
-    def __init__(self, function: PointFunction, n: int, tolerance: float, max_iterations: int) -> None:
+    def __init__(
+        self,
+        function: PointFunction,
+        n: int,
+        tolerance: float,
+        max_iterations: int,
+        drift: Drift | None = None,
+    ) -> None:
         self.function = function
+        self.drift = drift
         self.n = n
         self.tolerance = tolerance
         self.max_iterations = max_iterations
@@ -77,14 +94,14 @@ class PointSolver:
         return p, J * self.moving, J_rate * self.moving
 
     def position(self, q: Array) -> tuple[Array, Array]:
-        """Return p (m,) and J (m, n) at q (n,)."""
+        """Return the values p (k,) and J (m, n) at q (n,)."""
         p, J, _ = self.kinematics(q[None, :], np.zeros((1, self.n)))
         return p[0], J[0]
 
     def solve(self, target: Array, q: Array) -> Solution:
-        """Return the solution near q (n,) for a target (m,), or the nearest point if it is not reached."""
+        """Return the solution near q (n,) for a target (k,), or the nearest point if it is not reached."""
         p, J = self.position(q)
-        e = target - p
+        e = what_is_left(target, p)
         r = _length(e)
         mu, count = 0.0, 0
         limit = max(self.tolerance, self.floor)
@@ -104,7 +121,7 @@ class PointSolver:
                     step *= MOST_STEP / largest
                 step = np.where(self.moving, step, 0.0)
                 p, J_new = self.position(q + step)
-                e_new = target - p
+                e_new = what_is_left(target, p)
                 r_new = _length(e_new)
                 if r_new < r:
                     break
@@ -126,10 +143,17 @@ class PointSolver:
         with np.errstate(divide="ignore", invalid="ignore"):  # the caller checks the measure first
             V, Ut = np.swapaxes(Vt, 1, 2), np.swapaxes(U, 1, 2)
             qd = _apply(V, _apply(Ut, pd) / s)
+            drift = None
+            if self.redundant and self.drift is not None:
+                drift, _ = self.drift(q, qd)
+                qd = qd + drift - _apply(V, _apply(Vt, drift))
             _, _, J_rate = self.kinematics(q, qd)
             qdd = _apply(V, _apply(Ut, pdd - _apply(J_rate, qd)) / s)
             if self.redundant:
-                turn = _apply(np.swapaxes(J_rate, 1, 2), _apply(U, _apply(Vt, qd) / s))
+                own = qd if drift is None else qd - drift
+                turn = _apply(np.swapaxes(J_rate, 1, 2), _apply(U, _apply(Vt, own) / s))
+                if self.drift is not None:
+                    turn = turn + self.drift(q, qd)[1]
                 qdd += turn - _apply(V, _apply(Vt, turn))
             return Rates(qd * self.moving, qdd * self.moving, s[:, -1] / s[:, 0], U, Vt)
 

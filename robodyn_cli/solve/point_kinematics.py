@@ -1,4 +1,4 @@
-"""Position, Jacobian and Jacobian rate of a point, as expressions and as functions of samples."""
+"""Position, Jacobian and Jacobian rate of a point or a pose, as expressions and as functions of samples."""
 
 from __future__ import annotations
 
@@ -15,18 +15,24 @@ from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
+POSE = 12  # values of a pose: position and axes
+
 
 class PointFunction(Protocol):
-    """Position p (T, m), Jacobian J (T, m, n) and its rate J-dot (T, m, n) at q (T, n) and v (T, n)."""
+    """Values p (T, k), Jacobian J (T, m, n) and its rate J-dot (T, m, n) at q (T, n) and v (T, n).
+
+    For a point k = m; for a pose p is followed by the frame's axes, k = 12 and m = 6.
+    """
 
     def __call__(self, q: Array, v: Array) -> tuple[Array, Array, Array]: ...
 
 
 @record
 class PointKinematics:
-    """Expressions for p-dot = J v and p-ddot = J v-dot + J-dot v of a point fixed to a body.
+    """Expressions for p-dot = J v and p-ddot = J v-dot + J-dot v of a point fixed to a body, or of a frame.
 
-    p : m world coordinates [m] (the first m of x, y, z). J, J_rate : (m, nv) row by row.
+    p : m world coordinates [m] (the first m of x, y, z); of a frame its axes R too, row by row. J, J_rate : (m, nv) row
+    by row; of a frame with the rows of the angular velocity w = J_w v below.
     """
 
     p: tuple[Scalar, ...]
@@ -36,17 +42,25 @@ class PointKinematics:
 
     @staticmethod
     def of(
-        model: Model, q: Sequence[Expr], v: Sequence[Expr], frame: FixedFrame, components: int = 3
+        model: Model,
+        q: Sequence[Expr],
+        v: Sequence[Expr],
+        frame: FixedFrame,
+        components: int = 3,
+        oriented: bool = False,
     ) -> PointKinematics:
         """Build the expressions over the symbols q (nq,) and v (nv,)."""
         X = transforms(model, q)
         pose = poses(model, X)
         at = pose[frame.body].point(frame.p)
-        linear, _ = point_jacobian(model, q, pose, frame.body, at)
-        J = (model.base.E.T @ linear)[:components]
-        entries, qd = list(J.flat), position_rates(model, q, v)
-        p = tuple(model.base.point(at)[:components])
-        return PointKinematics(p, tuple(entries), tuple(directional(entries, q, qd)), model.nv)
+        linear, angular = point_jacobian(model, q, pose, frame.body, at)
+        to_world = model.base.E.T
+        p, entries = list(model.base.point(at)[:components]), list((to_world @ linear)[:components].flat)
+        if oriented:
+            p += list((to_world @ (pose[frame.body].R @ frame.R)).flat)
+            entries += list((to_world @ angular).flat)
+        qd = position_rates(model, q, v)
+        return PointKinematics(tuple(p), tuple(entries), tuple(directional(entries, q, qd)), model.nv)
 
     def outputs(self) -> dict[str, tuple[Scalar, ...]]:
         """Return the expressions by name, as a kernel takes them."""
@@ -54,7 +68,7 @@ class PointKinematics:
 
     def unpack(self, arrays: Mapping[str, Array]) -> tuple[Array, Array, Array]:
         """Return p, J and J-dot from a kernel's arrays (T, entries)."""
-        shape = (-1, len(self.p), self.nv)
+        shape = (-1, len(self.J) // self.nv, self.nv)
         return arrays["p"], arrays["J"].reshape(shape), arrays["J_rate"].reshape(shape)
 
     def interpreted(self) -> PointFunction:
@@ -69,3 +83,19 @@ class PointKinematics:
             return self.unpack(arrays)
 
         return function
+
+
+def what_is_left(wanted: Array, found: Array) -> Array:
+    """Return the rows (..., m) that lead from values to wanted ones: differences, for poses the rotation vector last.
+
+    wanted, found : (..., m) of points, or (..., 12) of poses: position, then the axes row by row.
+    """
+    if wanted.shape[-1] != POSE:
+        left: Array = wanted - found
+        return left
+    A, B = (x[..., 3:].reshape(*x.shape[:-1], 3, 3) for x in (wanted, found))
+    sine = 0.5 * np.sum(np.cross(B, A, axis=-2), axis=-1)
+    cosine = 0.5 * (np.einsum("...ij,...ij->...", A, B) - 1.0)
+    length = np.linalg.norm(sine, axis=-1)
+    factor = np.where(length > 1e-8, np.arctan2(length, cosine) / np.maximum(length, 1e-300), 1.0)
+    return np.concatenate([wanted[..., :3] - found[..., :3], factor[..., None] * sine], axis=-1)

@@ -22,9 +22,10 @@ class Unreachable(Exception):
 class Singular(Exception):
     """A configuration on the way in which the point cannot move in every direction that its path may need.
 
-    measure : the smallest singular value of the Jacobian over the largest, or |sin beta| of a 2R arm.
+    measure : the smallest singular value of the Jacobian over the largest, or |sin beta| of a 2R arm. joint : the place
+    of the velocity coordinate that moves most where the target does not, None where that is not known.
     """
 
-    def __init__(self, time: float, measure: float) -> None:
+    def __init__(self, time: float, measure: float, joint: int | None = None) -> None:
         super().__init__("singular")
-        self.time, self.measure = float(time), measure
+        self.time, self.measure, self.joint = float(time), measure, joint

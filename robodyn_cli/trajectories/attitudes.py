@@ -11,13 +11,13 @@ from robodyn_cli.expr.graph import Expr
 from robodyn_cli.record import mutable_record
 from robodyn_cli.spatial import quaternion
 from robodyn_cli.spatial.algebra import Vector, vector
+from robodyn_cli.trajectories.led import POSITION
 
 FORMS = {
     "quaternion": quaternion.unit,
     "rpy": quaternion.from_rpy,
     "rotation_vector": quaternion.from_rotation_vector,
 }
-POSITION = ("x", "y", "z")
 
 
 @mutable_record
@@ -29,16 +29,14 @@ class JointExpressions:
     a: list[Any]
 
 
-def joint_expressions(
-    formulas: Mapping[str, Any], columns: Sequence[str], t: Expr, env: Mapping[str, Any]
-) -> JointExpressions:
+def joint_expressions(given: Mapping[str, Any], columns: Sequence[str], t: Expr) -> JointExpressions:
     """Return the motion of the joints with these columns of q.
 
     Parameters
     ----------
-    formulas : by column, or for the attitude of a joint several under the name of its form, as ``ball.rpy``.
-        Whatever form it has, v is the angular velocity in body coordinates; a floating joint's also the velocity
-        of its body's origin, in body coordinates.
+    given : expressions of t by column, or for the attitude of a joint several under the name of its form, as
+        ``ball.rpy``. Whatever form it has, v is the angular velocity in body coordinates; a floating joint's also
+        the velocity of its body's origin, in body coordinates.
     """
 
     def rate(entries: Sequence[Any]) -> list[Any]:
@@ -48,9 +46,9 @@ def joint_expressions(
     done: set[str] = set()
     for column in columns:
         joint = column.rpartition(".")[0]
-        form = next((x for x in FORMS if f"{joint}.{x}" in formulas), None)
+        form = next((x for x in FORMS if f"{joint}.{x}" in given), None)
         if form is None:
-            x = [formulas[column].evaluate(env)]
+            x = [given[column]]
             found.q += x
             found.v += rate(x)
             found.a += rate(rate(x))
@@ -58,11 +56,9 @@ def joint_expressions(
         if joint in done:
             continue
         done.add(joint)
-        attitude = FORMS[form](vector([f.evaluate(env) for f in formulas[f"{joint}.{form}"]]))
+        attitude = FORMS[form](vector(given[f"{joint}.{form}"]))
         v = quaternion.angular_velocity(attitude, vector(rate(list(attitude))))
-        place: list[Any] = [
-            formulas[f"{joint}.{x}"].evaluate(env) for x in POSITION if f"{joint}.{x}" in formulas
-        ]
+        place = [given[f"{joint}.{x}"] for x in POSITION if f"{joint}.{x}" in given]
         if place:
             R = quaternion.rotation(attitude)
             along: Vector = R.T @ vector(rate(place))
@@ -71,6 +67,14 @@ def joint_expressions(
         found.v += list(v)
         found.a += rate(list(v))
     return found
+
+
+def evaluated(formulas: Mapping[str, Any], env: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of formulas; an attitude's are a tuple of them."""
+    return {
+        name: [one.evaluate(env) for one in given] if isinstance(given, tuple) else given.evaluate(env)
+        for name, given in formulas.items()
+    }
 
 
 def texts(formulas: Mapping[str, Any], column: str) -> str:

@@ -6,27 +6,56 @@ cannot tell, as (path below the trajectory, message); the loader adds file and l
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Protocol
 
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Integer, JointMap, Number, key
 
+# the sides of an arm that its inverse kinematics chooses between
+SIDES, ELBOWS, WRISTS = ("righty", "lefty"), ("elbow_up", "elbow_down"), ("no_flip", "flip")
+BRANCHES = (*ELBOWS, *(f"{side}-{elbow}-{wrist}" for side in SIDES for elbow in ELBOWS for wrist in WRISTS))
+
 Problems = Iterator[tuple[tuple[str | int, ...], str]]
+
+
+class JointLimits(Protocol):
+    """What a joint may do, None where there is no limit."""
+
+    @property
+    def lower(self) -> float | None: ...
+
+    @property
+    def upper(self) -> float | None: ...
 
 
 class SceneNames(Protocol):
     """What a trajectory may ask about the scene: its moving joints, whether loops close it, whether a point exists.
 
-    joints : names of the columns of q that a trajectory gives: joints, or their coordinates (``slide.d``).
-    quasi : joints whose attitude is given as a whole.
+    joints : names of the columns of q but for those of quasi joints: joints, or their coordinates (``slide.d``).
+    quasi : joints whose attitude is given as a whole. columns, rates : all columns of q and of v.
+    some : whether the trajectory may leave joints to the forces: in loops, and where it prescribes a simulation.
     """
 
     @property
     def joints(self) -> tuple[str, ...]: ...
 
     @property
+    def columns(self) -> tuple[str, ...]: ...
+
+    @property
+    def rates(self) -> tuple[str, ...]: ...
+
+    @property
     def closed(self) -> bool: ...
+
+    @property
+    def some(self) -> bool: ...
+
+    @property
+    def parameters(self) -> Mapping[str, float]: ...
+
+    def limits(self, joint: str) -> JointLimits | None: ...
 
     @property
     def quasi(self) -> tuple[str, ...]: ...
@@ -44,9 +73,10 @@ class Ik:
         doc="`auto` uses the analytic solution if there is one.",
     )
     branch: str | None = key(
-        Choice(("elbow_up", "elbow_down")),
+        Choice(BRANCHES),
         default=None,
-        doc="Branch of a planar 2R arm; elbow_up: theta2 < 0.",
+        doc="Branch of an arm in closed form, by its sides: elbow_up (theta2 < 0) or elbow_down of planar arms and "
+        "SCARA robots; shoulder, elbow and wrist of arms with a spherical wrist or three parallel axes.",
     )
     guess: dict[str, float] = key(
         JointMap(Number(angle=True)),
@@ -54,11 +84,16 @@ class Ik:
         unit="rad or m",
         doc="Start of Newton's method at t = 0.",
     )
+    redundancy: str = key(
+        Choice(("least_rates", "away_from_limits", "least_torque")),
+        default="least_rates",
+        doc="What a redundant arm does with its freedom along the path.",
+    )
     tolerance: float = key(
         Number(minimum=0.0, exclusive=True),
         default=1e-12,
-        unit="m",
-        doc="Distance to the target that is accepted.",
+        unit="m, rad",
+        doc="Distance, and angle, to the target that is accepted.",
     )
     max_iterations: int = key(
         Integer(minimum=1, maximum=100_000), default=50, doc="Newton iterations a sample."
@@ -89,21 +124,56 @@ def joint_problems(
 
 
 def led_joints(names: Sequence[str], scene: SceneNames) -> Sequence[str]:
-    """Return the joints that a motion in joint space must give: all, but in mechanisms those that it chooses to.
+    """Return the joints that a motion in joint space must give: all, or those that it chooses to.
 
-    Loops decide about the others.
+    Loops, or forces, decide about the others.
     """
-    return names if scene.closed else scene.joints
+    return names if scene.some else scene.joints
 
 
-def attitude_problems(kind: str, scene: SceneNames) -> Problems:
-    """Report joints whose attitude a kind of trajectory cannot lead; loops may decide about it."""
-    if scene.quasi and not scene.closed:
-        yield (
-            (),
-            f"a {kind} cannot lead joint {scene.quasi[0]!r}, whose attitude is no list of numbers to interpolate; use "
-            "type: joint with rpy, rotation_vector or quaternion formulas",
-        )
+def position_problems(
+    q: Mapping[str, float],
+    scene: SceneNames,
+    path: tuple[str | int, ...],
+    needed: Sequence[str] | None = None,
+) -> Problems:
+    """Report what is wrong with positions by column of q: names, joints that lack, limits that are passed.
+
+    Parameters
+    ----------
+    needed : the columns that must be there; by default all, or those of ``q`` where some joints are enough.
+    """
+    names = tuple(q)
+    wanted = needed if needed is not None else names if scene.some else scene.columns
+    found = list(joint_problems(names, scene.columns, path, wanted))
+    yield from found
+    if found:
+        return
+    yield from loop_problems(names, scene, path)
+    for name, x in q.items():
+        limits = scene.limits(name)
+        if limits is None:
+            continue
+        for side, bound, sign in (("lower", limits.lower, -1.0), ("upper", limits.upper, 1.0)):
+            if bound is not None and sign * (x - bound) > 1e-12 * max(1.0, abs(bound)):
+                yield (*path, name), f"{x:.6g} is beyond the joint's {side} limit; allowed: {_range(limits)}"
+
+
+def _range(limits: JointLimits) -> str:
+    if limits.lower is None or limits.upper is None:
+        return f"up to {limits.upper:.6g}" if limits.lower is None else f"{limits.lower:.6g} or more"
+    return f"{limits.lower:.6g} to {limits.upper:.6g}"
+
+
+def loop_problems(names: Sequence[str], scene: SceneNames, path: tuple[str | int, ...]) -> Problems:
+    """Report attitudes that a mechanism with loops cannot be led by."""
+    joints = dict.fromkeys(name.partition(".")[0] for name in names)
+    for joint in joints if scene.closed else ():
+        if joint in scene.quasi:
+            yield (
+                (*path, joint),
+                f"joint {joint!r} cannot be led in a mechanism with loops; lead joints of one axis",
+            )
 
 
 def time_problems(times: Sequence[float], paths: Sequence[tuple[str | int, ...]]) -> Problems:
@@ -120,7 +190,12 @@ def point_problems(point: str, ik: Ik, scene: SceneNames) -> Problems:
     problem = scene.point_problem(point)
     if problem is not None:
         yield ("point",), problem
-    yield from attitude_problems("path of a point", scene)
+    if scene.quasi and not scene.closed:
+        yield (
+            (),
+            f"a path of a point cannot lead joint {scene.quasi[0]!r}, whose velocities are no rates of positions; use "
+            "a trajectory in joint space",
+        )
     guessed = tuple(ik.guess)
     for path, message in joint_problems(guessed, scene.joints, ("ik", "guess"), led_joints(guessed, scene)):
         if ik.guess:

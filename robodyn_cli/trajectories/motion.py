@@ -1,7 +1,8 @@
 """What a trajectory yields: joint motion, or the motion asked of a point.
 
 A trajectory is one of two kinds, told apart by the method that it has: ``motion`` in joint space, ``target``
-in task space (``solve`` finds the joints then). Each has a ``duration``, times run from 0 to it.
+in task space (``solve`` finds the joints then) of a point, or of a frame
+with its axes. Each has a ``duration``, times run from 0 to it.
 """
 
 from __future__ import annotations
@@ -39,6 +40,50 @@ class PointMotion:
     pd: Array
     pdd: Array
 
+    @property
+    def values(self) -> Array:
+        """What is asked for as numbers, a row for each time."""
+        return self.p
+
+    @property
+    def rates(self) -> Array:
+        return self.pd
+
+    @property
+    def accelerations(self) -> Array:
+        return self.pdd
+
+
+@record
+class PoseMotion:
+    """Pose asked of a frame at T times, world coordinates: the motion of its origin, and that of its axes.
+
+    p, pd, pdd : (T, 3) as of ``PointMotion``. R : (T, 3, 3), the frame's axes as columns. w, wd : (T, 3) angular
+    velocity [rad/s] and acceleration [rad/s^2].
+    """
+
+    p: Array
+    pd: Array
+    pdd: Array
+    R: Array
+    w: Array
+    wd: Array
+
+    @property
+    def values(self) -> Array:
+        """What is asked for as numbers, a row for each time: p, then R row by row."""
+        return np.concatenate([self.p, self.R.reshape(len(self.R), 9)], axis=1)
+
+    @property
+    def rates(self) -> Array:
+        """p-dot and w (T, 6)."""
+        return np.concatenate([self.pd, self.w], axis=1)
+
+    @property
+    def accelerations(self) -> Array:
+        """p-ddot and w-dot (T, 6)."""
+        return np.concatenate([self.pdd, self.wd], axis=1)
+
 
 @runtime_checkable
 class JointSpace(Protocol):
@@ -68,8 +113,11 @@ class TaskSpace(Protocol):
     @property
     def ik(self) -> Any: ...
 
-    def target(self, times: Array, parameters: Mapping[str, float]) -> PointMotion:
-        """Return what is asked of the point at ``times`` (T,); ``parameters`` are those of the scene."""
+    def target(self, times: Array, parameters: Mapping[str, float]) -> PointMotion | PoseMotion:
+        """Return what is asked of the point, or of the frame there, at ``times`` (T,).
+
+        parameters : of the scene.
+        """
         ...
 
 

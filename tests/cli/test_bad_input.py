@@ -238,6 +238,17 @@ def test_a_cycle_of_links(tmp_path: Path) -> None:
     assert "cycle" in message and "l1" in message and "l2" in message
 
 
+def test_a_link_that_nothing_moves_as_a_parent(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(
+        "schema: 1\ngravity: [0, 0, -9.81]\nrobot:\n  joints:\n"
+        "  - {name: a, type: revolute, axis: [0, 0, 1], parent: second}\n"
+        "  links: [{name: first}, {name: second}]\n"
+    )
+    done = invoke("info", scene)
+    assert done.code == 2 and "no joint moves link 'second'" in done.err
+
+
 def test_two_hundred_joints_in_one_wrong_order(tmp_path: Path) -> None:
     """A long chain given from the far end is fine; one link that nothing moves is not."""
     joints, links = [], []

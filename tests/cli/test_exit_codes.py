@@ -127,6 +127,36 @@ def test_3_a_singular_mass_matrix(scene: Path, tmp_path: Path) -> None:
     assert files(tmp_path / "out") == {"summary.json"}  # nothing was computed
 
 
+@pytest.mark.parametrize("command", ["validate", "simulate"])
+def test_3_numbers_that_leave_nothing_to_solve_with(command: str, tmp_path: Path) -> None:
+    """Squared, a distance of 1e300 leaves no inertia of the bodies that can be told from zero."""
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(FAR)
+    done = invoke(
+        command, scene, *(["--no-plots", "--out", tmp_path / "out"] if command == "simulate" else [])
+    )
+    assert done.code == 3 and "too far apart" in done.err + done.out and "Traceback" not in done.err
+
+
+FAR = """
+schema: 1
+gravity: [1, -9, -4]
+robot:
+  joints:
+  - {name: t1, type: revolute, axis: [0, 0, 1]}
+  - {name: t2, type: revolute, axis: [0, 1, 1], origin: {xyz: [1, 0, 0]}}
+  - {name: t3, type: revolute, axis: [1, 0, 0], origin: {xyz: [1, 0, 0]}}
+  links:
+  - {name: A}
+  - {name: B, mass: 2, com: [-1.0e+300, 0, 0], inertia: {xx: 0.01, yy: 0.5, zz: 0.5}}
+  - {name: C, mass: 1, com: [0.5, 0, 0], inertia: {xx: 0.01, yy: 0.1, zz: 0.1}}
+  points: {pivot: {link: base, at: [2, 0, 0]}, tip: {link: C, at: [0, 0, 0]}}
+loops:
+- {name: last, type: distance, between: [pivot, tip], length: 1}
+initial: {q: {t1: 0.1, t2: 0.2, t3: 0.3}}
+"""
+
+
 @pytest.mark.parametrize("command", ["simulate", "deploy"])
 def test_4_a_bifurcation(command: str, tmp_path: Path) -> None:
     done = invoke(command, CONFIGS / "parallelogram.yaml", "--json", "--out", tmp_path)

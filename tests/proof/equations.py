@@ -263,17 +263,13 @@ class Equations:
         zero = np.zeros(self.nv)
         M = pin.crba(model, data, qp)
         M = (np.triu(M) + np.triu(M, 1).T)[self.square] + np.diag(self.armature)
-        if self.carried or self.mechanism.loops:
-            pin.forwardKinematics(model, data, qp, vp, zero)
         if self.carried:
-            external = self._external(t, q, v, modes)
-            h = pin.rnea(model, data, qp, vp, zero, external)[self.to_v]
-            if self.mechanism.loops:
-                pin.forwardKinematics(model, data, qp, vp, zero)
+            pin.forwardKinematics(model, data, qp, vp, zero)  # places and velocities of the points
+            h = pin.rnea(model, data, qp, vp, zero, self._external(t, q, v, modes))[self.to_v]
         else:
             h = pin.nonLinearEffects(model, data, qp, vp)[self.to_v]
-            if self.mechanism.loops:
-                pin.forwardKinematics(model, data, qp, vp, zero)
+        if self.mechanism.loops:
+            pin.forwardKinematics(model, data, qp, vp, zero)  # for their rows, without gravity
         for at, place, force in self.joint_forces:
             h[place] -= force(q[at], v[place], modes)
         for (k, c), formula in self.mechanism.torques.items():

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tests.proof import scenes
-from tests.proof.mechanism import Body, Branch, Formula, Loop, Mechanism, Point
+from tests.proof.mechanism import Body, Branch, Loop, Mechanism, Point
 from tests.proof.scenes import Rng, flat, rounded, unit
 
 # methods, and the tightest tolerance that is asked of them; 0 where they take fixed steps
@@ -106,10 +106,6 @@ def spatial_loops(rng: Rng) -> Mechanism:
 
 
 # -- passages of poses in which all bars lie on one line ------------------------------------------------------------
-def _constant(x: float) -> Formula:
-    return Formula(x, lambda t, s, q, v: x)
-
-
 def passages(rng: Rng) -> Mechanism:
     """Return a parallelogram with any number of legs, or an isosceles slider-crank, that swings through flat poses."""
     m = _parallelogram(rng) if rng.uniform() < 0.65 else _isosceles(rng)

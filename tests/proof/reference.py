@@ -7,7 +7,6 @@ events, so that no stage of a step lies on the wrong side.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -32,11 +31,10 @@ class UndecidedError(Exception):
 
 @dataclasses.dataclass
 class Motion:
-    """Samples of q (T, nq) and v (T, nv), and how many events there were."""
+    """Samples of q (T, nq) and v (T, nv)."""
 
     q: Array
     v: Array
-    events: int
 
 
 class Reference:
@@ -276,9 +274,7 @@ class Reference:
         return y
 
     # -- the run --------------------------------------------------------------------------------------
-    def run(
-        self, q: Array, v: Array, times: Array, watch: Callable[[float, Array], None] | None = None
-    ) -> Motion:
+    def run(self, q: Array, v: Array, times: Array) -> Motion:
         """Integrate from the first of the times, at which the state is given, through all of them."""
         y = np.concatenate([q, v])
         marks = np.unique(np.concatenate([times, [b for b in self.m.breaks if times[0] < b < times[-1]]]))
@@ -297,7 +293,7 @@ class Reference:
                 self.settle(float(start), y)
             y = self.advance(float(start), float(stop), y)
         q, v = self.q_v(y)
-        return Motion(np.array([*qs, q]), np.array([*vs, v]), self.events)
+        return Motion(np.array([*qs, q]), np.array([*vs, v]))
 
     def advance(self, t: float, end: float, y: Array) -> Array:
         """Integrate to the end of a stretch without jumps."""

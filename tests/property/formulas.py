@@ -313,7 +313,7 @@ def in_digits(e: Any, x: list[Any]) -> Any:
         elif node.op == "const":
             value[node.index] = mp.mpf(node.value)
         elif node.op == "table":
-            value[node.index] = _table(value[node.args[0].index], node.value[2])
+            value[node.index] = _table(value[node.args[0].index], 2 - len(node.value[1]))
         else:
             value[node.index] = MP[node.op](*[value[a.index] for a in node.args])
     return value[e.index]

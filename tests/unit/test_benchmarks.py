@@ -42,6 +42,13 @@ def test_throughput(tmp_path: Path) -> None:
     assert {row["work"] for row in rows if row["engine"] == "robodyn"} == wanted
 
 
+def test_movies(tmp_path: Path) -> None:
+    file = tmp_path / "movies.json"
+    assert "347 frames" in run("movies.py", "--alone", "--repeats", "1", "--json", str(file))
+    (row,) = rows_of(file)
+    assert row["process"] == "robodyn animate" and row["cpu_s"] > 0.0
+
+
 def test_throughput_finds_wrong_results() -> None:
     """The reference is no echo of the engine: a wrong mass, or a sample that is off, shows in both errors."""
     sys.path.insert(0, str(BENCHMARKS))

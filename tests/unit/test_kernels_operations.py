@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from robodyn_cli.expr import functions as f
+from robodyn_cli.expr.calculus import jacobian
+from robodyn_cli.expr.intervals import bounds
 from robodyn_cli.expr.rebuild import evaluate
 from tests.kernels import SPECIAL, WIDTHS, compiled, symbols, ulps
 
@@ -209,7 +211,8 @@ def test_tables(name: str, order: int, width: int) -> None:
     middle = [0.5 * (a + b) for a, b in zip(knots, knots[1:])]
     around = [np.nextafter(k, d) for k in knots for d in (-np.inf, np.inf)]
     points = np.array([*knots, *middle, *around, knots[0] - 5, knots[-1] + 5, -np.inf, np.inf, 1e300, 0.0])
-    e = x.graph.interpolate(x, knots, values, order)
+    e = x.graph.interpolate(x, knots, values)
+    e = jacobian([e], [x])[0][0] if order else e
     got = compiled({"r": [e]}, width, points[:, None])["r"][:, 0]
     expected = evaluate([e], {"x": [points]})[0]
     slope = np.abs(np.diff(values) / np.diff(knots)).max()
@@ -220,6 +223,40 @@ def test_tables(name: str, order: int, width: int) -> None:
         assert np.array_equal(got[:at], values), "exact at the knots"
         outside = np.clip(points, knots[0], knots[-1]) != points
         assert set(got[outside]) <= {values[0], values[-1]}
+
+
+@widths
+@pytest.mark.parametrize("held", [None, (7.0, -7.0)])
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_piecewise_polynomials(order: int, held: tuple[float, float] | None, width: int) -> None:
+    rng = np.random.default_rng(4)
+    knots, rows = np.cumsum(rng.uniform(0.2, 2.0, 9)), rng.standard_normal((4, 8))
+    (x,) = symbols(1)
+    e = x.graph.piecewise(x, tuple(knots.tolist()), tuple(tuple(r) for r in rows.tolist()), held)
+    for _ in range(order):
+        e = jacobian([e], [x])[0][0]
+        held = held and (0.0, 0.0)
+    points = np.array([*knots, *rng.uniform(knots[0] - 1.0, knots[-1] + 1.0, 200)])
+    expected = []
+    for at in points:
+        k = min(max(int(np.sum(knots <= at)) - 1, 0), len(knots) - 2)
+        p = np.polynomial.Polynomial(rows[:, k])
+        expected.append((p.deriv(order) if order else p)(at - knots[k]))
+        if held and not knots[0] <= at < knots[-1]:
+            expected[-1] = held[int(at >= knots[-1])]
+    got = compiled({"r": [e]}, width, points[:, None])["r"][:, 0]
+    scale = np.abs(expected).max()
+    np.testing.assert_allclose(got, expected, rtol=0, atol=1e-14 * scale)
+    np.testing.assert_allclose(evaluate([e], {"x": [points]})[0], expected, rtol=0, atol=1e-14 * scale)
+    low = np.sort(points)[:-5]
+    high = np.sort(points)[5:]
+    found = bounds(e, x, low, high)
+    assert (found.low[:, None] <= np.array(expected) + 1e-12).all(
+        where=(points >= low[:, None]) & (points <= high[:, None])
+    )
+    assert (found.high[:, None] >= np.array(expected) - 1e-12).all(
+        where=(points >= low[:, None]) & (points <= high[:, None])
+    )
 
 
 @widths

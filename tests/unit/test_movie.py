@@ -13,10 +13,14 @@ from PIL import Image
 
 from robodyn_cli.cli.app import run
 from robodyn_cli.errors import CapabilityError
+from robodyn_cli.report.drawing.build import make_drawing
+from robodyn_cli.report.drawing.painter import Painted
+from robodyn_cli.report.drawing.stroke import PAPER, mixed
 from robodyn_cli.report.movie import files
 from robodyn_cli.report.movie.animate import animate
 from robodyn_cli.report.movie.frames import Frames
 from robodyn_cli.report.movie.plan import HOLD, MOST_FRAMES, plan_movie, usual_speed
+from robodyn_cli.report.movie.strip import draw_strip
 from robodyn_cli.report.style import styled
 from robodyn_cli.results.hdf5 import write
 from robodyn_cli.results.result import Result
@@ -138,6 +142,18 @@ def test_a_camera_that_follows_keeps_the_point_in_place(result: Result) -> None:
     assert (frames.picture(0).copy() != frames.picture(9)).any()
 
 
+def test_a_strip_follows_a_point_in_a_flat_drawing(result: Result) -> None:
+    """In every still the coupler begins where the camera looks, at its origin, for there is the pin."""
+    with styled():
+        figure = draw_strip(result, follow="pin")
+    links = make_drawing(result, [0]).links
+    colour = mixed(next(part.colour for part in links if part.name == "coupler"), PAPER, 0.62)
+    for ax in figure.axes:
+        painted = next(artist for artist in ax.artists if isinstance(artist, Painted))
+        coupler = next(stroke.points for stroke in painted.strokes if stroke.colour == colour)
+        assert np.linalg.norm(coupler, axis=1).min() < 1e-9 * np.ptp(ax.get_xlim())
+
+
 def test_moments_are_told_when_they_happen(result: Result) -> None:
     frames = Frames(result, plan_movie(result, 1.0, 25.0, False))
     frames.picture(len(frames) - 1)
@@ -165,8 +181,8 @@ def test_mistakes_are_one_message_and_leave_nothing(
         ([str(stored), "--file", "a"], 2, "allowed: .gif"),
         ([str(stored), "--file", "a.mp4"], 2, "pip install 'robodyn[movie]'"),
         ([str(other), "--file", "a.gif"], 2, "has no poses to draw"),
-        ([str(foreign), "--file", "a.gif"], 2, "cannot be read as a result of robodyn"),
-        ([str(damaged), "--file", "a.gif"], 2, "cannot be read as a result of robodyn"),
+        ([str(foreign), "--file", "a.gif"], 2, "cannot be read as HDF5"),
+        ([str(damaged), "--file", "a.gif"], 2, "cannot be read as HDF5"),
         ([str(old), "--file", "a.gif"], 2, "the scene stored in the result cannot be read"),
         ([str(tmp_path / "none.h5"), "--file", "a.gif"], 2, "no such file"),
         ([str(stored), "--file", "a.gif", "--follow", "pinn"], 2, "did you mean 'pin'"),

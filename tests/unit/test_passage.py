@@ -11,6 +11,8 @@ from scipy.integrate import solve_ivp
 
 from robodyn_cli import load_scene, load_scene_text, simulate
 from robodyn_cli.errors import SingularConfigurationError
+from robodyn_cli.run.driver.build import build_motion
+from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.spatial.algebra import rotation_rpy
 from tests.mechanisms import CONFIGS, close
 from tests.windows import windows
@@ -109,6 +111,23 @@ def test_any_number_of_windows_passes_its_flat_poses(count: int, speed: float) -
     for k in range(1, count + 1):
         close(np.sin((found["q"][:, 0] - found["q"][:, 2 * k]) / 2), 0.0, 1e-9)
     assert found.summary["energy_drift"] < 1e-6
+
+
+@pytest.mark.parametrize("singular", ["pass", "stop"])
+@pytest.mark.parametrize("rpy", [(0.0, 0.0, 0.0), (0.4, -0.7, 1.1)])
+def test_a_look_ahead_hears_of_no_events(rpy: tuple[float, float, float], singular: str) -> None:
+    """In an oblique plane rows are redundant, and combinations of them are chosen anew by events of their own.
+
+    An owner that was asked on such a way ended it there, so that samples before the pose were those of another time.
+    """
+    motion = build_motion(load_scene_text(windows(1, rpy=rpy, singular=singular)))
+    driver = Driver.of(motion)
+    driver.start(0.0, motion.start)
+    fine = np.linspace(0.0, 2.0, 20001)
+    before = float(fine[np.flatnonzero(parallelogram(1, fine) < 0.01)[0]])
+    driver.advance(before)
+    assert driver.time == before
+    close(motion.system.split(driver.state)[0][0], parallelogram(1, np.array([0.0, before]))[-1], 1e-8)
 
 
 @pytest.mark.parametrize("count", [1, 5, 6, 7])

@@ -155,3 +155,95 @@ def test_datasets_without_numbers_are_compared_entry_by_entry(tmp_path: Path) ->
         assert not found.agrees
         assert (found.differences[0].path, found.differences[0].verdict) == (key, verdict)
     assert not compare(read(write(inverse_result(), tmp_path / "d.h5")), baseline).agrees
+
+
+def stating(**summary: Any) -> Result:
+    """Return a short result that says this in its summary."""
+    result = Result("simulate", "", "ok", "", summary=summary)
+    result.add("time", [0.0, 1.0, 2.0])
+    result.add("q", np.array([[0.0, 1.0], [1.0, 2.0], [2.0, 3.0]]), names=("a", "b"))
+    result.add("energy/total", [5.0, 5.0, 5.0])
+    result.add("points/tip", np.ones((3, 3)))
+    return result
+
+
+def test_a_difference_stands_beside_the_errors_that_both_results_state() -> None:
+    first, second = (stating(error_estimate={"q_max": error}) for error in (1e-6, 3e-6))
+    first["q"][1, 0] += 3.9e-6
+    first["points/tip"][2, 1] += 1e-3
+    found = {item.path: item for item in compare(first, second).differences}
+    assert found["q"].verdict == "differs" and found["q"].stated == pytest.approx(4e-6)
+    assert found["q"].within_stated is True and "within the stated errors, 4e-06" in found["q"].text
+    # the largest difference is judged, not the one that is worst beside its column
+    first["q"][2, 1] += 4.1e-6
+    worst = compare(first, second).differences[1]
+    assert (worst.path, worst.column, worst.within_stated) == ("q", "a", False)
+    assert "beyond the stated errors" in worst.text
+    assert found["points/tip"].stated is None is found["points/tip"].within_stated
+    assert "no error stated" in found["points/tip"].text
+
+
+def test_both_results_must_state_an_error() -> None:
+    first, second = stating(error_estimate={"q_max": 1e-3}), stating(error_estimate=None)
+    first["q"][1, 0] += 1e-6
+    assert compare(first, second).differences[0].stated is None
+    # the structure behind a lock states its own
+    lock: dict[str, Any] = {
+        "error_estimate": {"q_max": 1e-9},
+        "after_lock": {"error_estimate": {"q_max": 2e-9}},
+    }
+    found = {item.path: item.stated for item in compare(stating(**lock), stating(**lock)).differences}
+    assert found["q"] == pytest.approx(6e-9)
+    lock["after_lock"] = {"error_estimate": None}
+    assert all(item.stated is None for item in compare(stating(**lock), stating(**lock)).differences)
+
+
+def test_drift_is_the_error_of_an_energy_that_stays_the_same() -> None:
+    for balance, known in (("kinetic + potential", True), ("kinetic + potential - work", False)):
+        result = stating(energy_drift=1e-8, energy_balance=balance)
+        found = {item.path: item for item in compare(result, result).differences}
+        assert (found["energy/total"].stated == pytest.approx(2e-8)) is known
+        assert (found["energy/total"].within_stated is None) is not known
+
+
+def test_a_lock_states_the_error_of_its_time() -> None:
+    locked = [
+        stating(lock={"time": 2.0, "time_error": 1e-3}),
+        stating(lock={"time": 2.002, "time_error": 1e-3}),
+    ]
+    locked[1]["time"][2] = 2.002
+    for result in locked:
+        result.events = [
+            {"time": 0.5, "name": "a", "kind": "stick"},
+            {"time": result.time[2], "name": "pin", "kind": "lock"},
+        ]
+    found = {item.path: item for item in compare(*locked).differences}
+    for path in ("time", "events/time"):
+        assert found[path].stated == pytest.approx(2e-3) and found[path].within_stated
+    locked[0].events[0]["time"] = 0.4
+    found = {item.path: item for item in compare(*locked).differences}
+    assert found["events/time"].column == "stick of a" and found["events/time"].stated is None
+
+
+def test_a_study_states_the_error_of_each_run() -> None:
+    studies = []
+    for shift in (0.0, 1e-5):
+        result = Result("sweep", "", "ok", "")
+        result.add("outputs/x", [1.0, 2.0 + shift, 3.0 + shift], units="1", long_name="x", dims=("run",))
+        result.add("errors/x", [1e-6, 1e-6, 1e-3], units="1", long_name="error of x", dims=("run",))
+        studies.append(result)
+    worst = compare(*studies).differences[0]
+    assert (worst.path, worst.column, worst.within_stated) == ("outputs/x", "run 1", False)
+    assert worst.stated == pytest.approx(2e-6)
+
+
+def test_status_comes_first_and_clocks_are_left_out() -> None:
+    first, second = stating(), stating()
+    first.status, first.variables["q"].units = "no_lock", "deg"
+    for result, seconds in ((first, 1.0), (second, 2.0)):
+        result.add("stability/methods", [[1e-3, seconds]], units="1, s", long_name="", dims=("trial", "quantity"),
+                   names=("error", "seconds"))  # fmt: skip
+    found = compare(first, second).differences
+    assert [(item.path, item.verdict) for item in found[:2]] == [("status", "entries"), ("q", "units")]
+    assert found[0].detail == "no_lock instead of ok"
+    assert {item.path: item.verdict for item in found}["stability/methods"] == "equal"

@@ -126,7 +126,7 @@ def test_csv_path_must_be_text(tmp_path: Path, wrong: str) -> None:
     path = write(
         tmp_path, scene_yaml=SCENE + TABLE.replace("data/motion.csv", wrong), parts__robot_yaml=ROBOT
     )
-    assert "trajectory.file: must be the path of a CSV file" in refuse(path).message
+    assert "trajectory.file: must be the path of a CSV or HDF5 file" in refuse(path).message
 
 
 def test_errors_name_the_included_file(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from robodyn_cli import load_scene, load_scene_text, simulate
-from robodyn_cli.errors import CapabilityError, NumericalError
+from robodyn_cli.errors import CapabilityError, NumericalError, SceneError
 from robodyn_cli.integration_methods import REPRESENTATIVES
 from robodyn_cli.integrators.methods.stability_region import amplification, limits, radius
 from robodyn_cli.integrators.methods.tableaus import DOP853, DOPRI5, RK4
@@ -65,7 +65,7 @@ def test_spectrum_of_a_damped_oscillator() -> None:
         < 1e-12
     )
     assert found.fastest_decay == pytest.approx(1.0) and found.stiffness_ratio == pytest.approx(1.0 / 5.0)
-    steps = {x.method: found.largest_steps(x)[0] for x in limits()}
+    steps = {x.method: h for x, h in zip(limits(), found.step_limits[0])}
     direction = expected / abs(expected)
     assert steps["rk4"] == pytest.approx(radius(RK4, direction)[0] / 5.0, rel=1e-9)
 
@@ -122,14 +122,25 @@ def test_a_given_step_below_the_limit_of_its_iteration_is_never_cut(name: str) -
             assert fixed_steps(scene, limit.method, 3.0 * limit.largest_step)[0] > 0
 
 
+def test_data_that_are_missing_are_named() -> None:
+    chain = "[{name: a, type: revolute, axis: [0, 0, 1]}, {name: b, type: prismatic, axis: [1, 0, 0]}]"
+    robot = f"{{joints: {chain}, links: [{{name: l, mass: 1}}, {{name: m}}]}}"
+    initial = "{q: {a: 0, b: 1}, qd: {a: 1}}"
+    scene = load_scene_text(f"{{schema: 1, gravity: [0, 0, 0], robot: {robot}, initial: {initial}}}")
+    with pytest.raises(SceneError, match="mass of m"):
+        stability(scene, quick=True)
+
+
 @pytest.mark.filterwarnings("error")
 def test_iterations_of_rates_that_depend_on_nothing_have_no_limit() -> None:
     still = np.zeros((1, 2, 2))
     spring = np.array([[[0.0, 1.0], [-4.0, 0.0]]])
     damper = np.array([[[0.0, 1.0], [0.0, -5.0]]])
-    found = reach(np.concatenate([still, spring, damper]), 1, 0.1)
+    slowly, fast = 1e-100 * damper, 1e120 * damper
+    found = reach(np.concatenate([still, spring, damper, slowly, fast]), 1, 0.1)
     # s^2 4 = 0.1 and s 5 = 0.1
-    assert found[0] == np.inf and found[1:] == pytest.approx([math.sqrt(0.1 / 4.0), 0.1 / 5.0], rel=1e-5)
+    expected = [math.sqrt(0.1 / 4.0), 0.1 / 5.0, 0.1 / 5e-100, 0.1 / 5e120]
+    assert found[0] == np.inf and found[1:] == pytest.approx(expected, rel=1e-5)
 
 
 def test_spikes_between_samples_are_seen() -> None:

@@ -12,10 +12,10 @@ from robodyn_cli.trajectories.cartesian import CartesianTrajectory
 from robodyn_cli.trajectories.circle import CircleTrajectory
 from robodyn_cli.trajectories.joint import JointTrajectory
 from robodyn_cli.trajectories.motion import JointSpace, TaskSpace
-from robodyn_cli.trajectories.quintic import QuinticTrajectory, WayPoint
 from robodyn_cli.trajectories.quintic_spline import QuinticSpline
 from robodyn_cli.trajectories.registry import trajectory_types
 from robodyn_cli.trajectories.table import TableTrajectory
+from robodyn_cli.trajectories.way_points import QuinticTrajectory, WayPoint
 from tests.numeric import assert_close, first_derivative, second_derivative
 
 ROBOT = """\
@@ -195,7 +195,7 @@ def test_tables_reproduce_polynomials(name: str, degree: int) -> None:
         assert_close(array[:, 0], [-TIMES, -np.ones(41), np.zeros(41)][order], 1e-12, scale=1.0)
 
 
-@pytest.mark.parametrize(("rows", "fits"), [(4, "linear or cubic"), (2, "linear")])
+@pytest.mark.parametrize(("rows", "fits"), [(4, "linear or monotone or cubic"), (2, "linear")])
 def test_a_short_table_says_what_would_fit(rows: int, fits: str) -> None:
     lines = ", ".join(f"[{k}, 0, 1]" for k in range(rows))
     with pytest.raises(SceneError) as caught:

@@ -9,7 +9,7 @@ import pytest
 from robodyn_cli import deploy, load_scene
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.run.driver.build import build_motion
-from robodyn_cli.run.numerics import work_precision as module
+from robodyn_cli.run.numerics import entries
 from robodyn_cli.run.numerics.work_precision import reference, work_precision
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -34,7 +34,7 @@ def test_loops_are_compared_with_chosen_gains() -> None:
 
 def test_references_that_never_agree_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     motion = build_motion(load_scene(CONFIGS / "double_pendulum.yaml"), work=False)
-    monkeypatch.setattr(module, "REFERENCES", ("gauss", "implicit_midpoint"))
+    monkeypatch.setattr(entries, "REFERENCES", ("gauss", "implicit_midpoint"))
     with pytest.raises(NumericalError, match="there is no reference"):
         reference(motion, 10.0)
 

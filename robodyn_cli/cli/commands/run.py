@@ -13,12 +13,16 @@ import typer
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.interrupts import tidy_up_first
 from robodyn_cli.cli.options import (
+    ATOL,
+    RTOL,
+    AbsoluteTolerance,
     Jobs,
     NoPlots,
     Overrides,
     PlotFormat,
     PlotNames,
     Quiet,
+    RelativeTolerance,
     ReportAsJson,
     SceneFiles,
     cores,
@@ -26,6 +30,7 @@ from robodyn_cli.cli.options import (
     number,
 )
 from robodyn_cli.cli.worker import command_line
+from robodyn_cli.errors import CapabilityError
 from robodyn_cli.exit_codes import worst
 
 if TYPE_CHECKING:
@@ -59,36 +64,56 @@ def command(
     no_plots: NoPlots = False,
     plots: PlotNames = None,
     format_: PlotFormat = "png",
+    baseline: Annotated[
+        Path | None,
+        typer.Option(
+            "--baseline", metavar="DIR", help="Stored results that those of the batch must agree with."
+        ),
+    ] = None,
+    update: Annotated[
+        bool, typer.Option("--update-baseline", help="Store what differs, or is new, in the baseline.")
+    ] = False,
+    rtol: RelativeTolerance = RTOL,
+    atol: AbsoluteTolerance = ATOL,
     as_json: ReportAsJson = False,
     quiet: Quiet = False,
 ) -> int:
     """Run the batch, print a line for each scene, write the reports; return the worst exit code."""
-    from robodyn_cli.results.summary import as_keys
+    from robodyn_cli.results.summary import as_keys, jsonable
     from robodyn_cli.run.batch.report_records import BatchReport
     from robodyn_cli.run.batch.reports import tally, write_reports
 
+    if update and baseline is None:
+        raise CapabilityError("--update-baseline needs --baseline DIR: the directory of the stored results")
     start, console = time.perf_counter(), Console(as_json, quiet)
     entries: list[Entry] = []
     tidy_up_first()
     try:
         from robodyn_cli.kernels.cache import cache_directory
+        from robodyn_cli.run.batch.baseline import Baseline
         from robodyn_cli.run.batch.batch import Batch
         from robodyn_cli.run.batch.entries import listed, load
         from robodyn_cli.run.batch.gather import gather
 
         cache_directory()  # says what is wrong with it once, for all scenes
         settings, drawn = overrides or (), drawings(no_plots, plots, format_)
+        stored = None if baseline is None else Baseline(baseline, out, rtol, atol, update)
         entries += listed(gather(scenes))
         load(entries, out, settings)
         worker = functools.partial(command_line, drawn, settings)
         for entry in Batch(entries, jobs or cores(), worker, _ends(drawn), force, timeout).run():
+            if stored is not None:
+                stored.judge(entry)
             _tell(entry, max(len(e.name) for e in entries), console)
+        if stored is not None and update:
+            replaced = stored.replace_old(entries)
+            console.say(f"{baseline}: {len(replaced)} of {len(entries)} stored anew")
     finally:
         # an interrupted batch reports the scenes that have run
         write_reports(entries, junit, markdown)
     code = worst(e.exit_code for e in entries)
     console.say(f"{tally(entries)}; {time.perf_counter() - start:.2f} s")
-    console.data(as_keys(BatchReport.of(entries, code)))
+    console.data(jsonable(as_keys(BatchReport.of(entries, code))))
     return code
 
 
@@ -105,7 +130,7 @@ def _tell(entry: Entry, width: int, console: Console) -> None:
         console.note(f"robodyn: warning: {entry.directory} held results of another scene, {entry.replaced}")
     time_taken = "unchanged" if entry.unchanged else f"{entry.seconds:.2f} s"
     console.say(f"{entry.verdict:<7} {entry.name:<{width}}  {entry.command or '-':<8} {time_taken:>9}")
-    for problem in entry.problems if entry.verdict != "ok" else ():
+    for problem in entry.problems if entry.verdict != "ok" else entry.differences:
         console.say(f"        {problem}")
     if console.quiet and entry.verdict == "error":
         console.error(f"{entry.name}: {'; '.join(entry.problems)}")

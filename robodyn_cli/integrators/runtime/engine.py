@@ -29,11 +29,13 @@ ADDRESS, NUMBER, DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 class Engine:
     """Runs the compiled functions on memory that stays where it is; see ``locate_event.PLACES`` for what lies where.
 
-    interpreted : whether long programs are interpreted. memory : of the run, its copy from before the step with an
-    event. p : parameters. out : block of samples. bracket : see ``locate_event_function``.
+    interpreted : whether long programs are interpreted; they may be at first unless that is not wanted. tables : of
+    numbers that the code reads. addresses : of ``run_to_event``, ``trial_step`` and of what both take. memory : of the
+    run, its copy from before the step with an event. p : parameters. out : block of samples. bracket : see
+    ``locate_event_function``.
     """
 
-    def __init__(self, system: System, method: str, p: Array) -> None:
+    def __init__(self, system: System, method: str, p: Array, interpreted: bool = True) -> None:
         self._system, self._name, self._method = system, method, methods[method]
         self.p = p
         self.memory = Memory(len(system.events), system.size, self._method.dense_size(system))
@@ -43,10 +45,10 @@ class Engine:
         self._values = np.zeros(len(system.events))
         self.out = np.zeros(0)
         self._method.check(system)
-        self._tables = self._method.tables(system)
-        operations = sum(program.operations for program in self._tables.programs)
+        self.tables = self._method.tables(system)
+        operations = sum(program.operations for program in self.tables.programs)
         self._patience = max(PATIENCE, int(STEPS_PER_OPERATION * operations))
-        self._load(interpreted=operations > MANY and not system.dynamics.any_size)
+        self._load(interpreted=interpreted and operations > MANY and not system.dynamics.any_size)
 
     def patience(self, taken: int, most: int) -> int:
         """Return up to how many steps to run, ``most`` or fewer, when so many are taken; a long run is compiled.
@@ -62,17 +64,19 @@ class Engine:
         system, kind, self.interpreted = self._system, self._method, interpreted
         host = machine()
         compiled = compile_module(
-            f"run{' interpreted' * interpreted} {self._name} {system.digest} {self._tables.digest}"
+            f"run{' interpreted' * interpreted} {self._name} {system.digest} {self.tables.digest}"
             f"{' in stretches' if system.breakpoints else ''}",
             lambda: write_run(system, kind, Programs(host.fused, interpreted)),
         )
         self._run_to_event = compiled.function("run_to_event", ADDRESS, result=NUMBER)
+        trial = compiled.address("trial_step") if system.events else 0
+        self.addresses = compiled.address("run_to_event"), trial, self._at
         if system.events:
             self._switching = compiled.function("switching", ADDRESS)
             self._trial_step = compiled.function("trial_step", ADDRESS, DOUBLE, NUMBER, result=NUMBER)
         room = compiled.function("memory", NUMBER, result=NUMBER)(system.nv)
         registers = compiled.function("registers", result=NUMBER)()
-        memory = (aligned_zeros(room), self._tables.numbers, aligned_zeros(registers))
+        memory = (aligned_zeros(room), self.tables.numbers, aligned_zeros(registers))
         self.fixed = (*system.dynamics.memory(), *memory)
         self._note_places()
 

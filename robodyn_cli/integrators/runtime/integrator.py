@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -15,6 +14,8 @@ from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.events import GO_ON, Event, EventKind, Jump, Outcome, Owner, Repartition
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods
+from robodyn_cli.integrators.runtime.begin import doubles_at_start, first_step, integers_at_start
+from robodyn_cli.integrators.runtime.crowd import Crowd
 from robodyn_cli.integrators.runtime.engine import Engine
 from robodyn_cli.integrators.runtime.grid import Grid as Grid
 from robodyn_cli.integrators.runtime.grid import stretches
@@ -28,15 +29,10 @@ if TYPE_CHECKING:
     from robodyn_cli.integrators.event_location.events import Root
 
 DEFAULTS = Options()
-SMALLEST_ATOL = 1e-300  # keeps weights finite where the tolerance is zero
 # the compiled loop runs for about this long [s] at a time; the number of steps adapts itself
 SLICE_TIME = 0.02
 FIRST_SLICE = 256
-FIRST = 1e-3  # first step of a run, as a part of the time to its end
 RESTART = 1 / 16  # first step after a jump, as a part of the time since the last one
-# chattering: so many steps with events within this part of the time so far (or of a second)
-CROWD = 200
-CROWDED = 1e-9
 TRIAL_STEPS = 200  # that a trial may take; more are needed only towards a pose that no trial should cross
 BEYOND = 7  # doublings of the resolution within which a function that is zero is expected to cross
 
@@ -75,19 +71,16 @@ class Integrator:
         self.options, self._step = options, options.step
         self.memory.clear()
         w, n = self.w, self.n
-        n[IntegerSlot.VELOCITIES] = self.system.nv
         self.y[:] = state
-        w[DoubleSlot.T] = time
-        w[DoubleSlot.RTOL], w[DoubleSlot.ATOL] = options.rtol, max(options.atol, SMALLEST_ATOL)
-        w[DoubleSlot.H_MAX] = options.max_step
-        w[DoubleSlot.CONTRACTION] = w[DoubleSlot.LAST_ERROR] = 1.0
-        n[IntegerSlot.LAST_SAMPLE] = -1
-        w[DoubleSlot.T_AFTER], w[DoubleSlot.T_BEFORE] = -math.inf, math.inf
+        for slot, value in doubles_at_start(time, options).items():
+            w[slot] = value
+        for slot, count in integers_at_start(self.system.nv).items():
+            n[slot] = count
         self.events_seen = 0
-        self._since, self._restart = time, math.inf
+        self._since, self._restart, self._middle = time, math.inf, math.nan
         self.before = 0
         self.pause: int | None = None
-        self._crowd: deque[float] = deque(maxlen=CROWD)  # times of the last events
+        self._crowd = Crowd()
         if self.system.partition is not None:
             self.parameters.start(time, self.y)
 
@@ -133,10 +126,7 @@ class Integrator:
         if self._step is not None:
             w[DoubleSlot.H] = self._step
         elif not w[DoubleSlot.H] > 0.0:
-            # start well below any sensible step: growth is quick, and a first step that is far too long can
-            # look good where derivatives happen to vanish
-            first = FIRST * self.options.first * (end - w[DoubleSlot.T])
-            w[DoubleSlot.H] = min(first, self.options.max_step)
+            w[DoubleSlot.H] = min(first_step(end - w[DoubleSlot.T], self.options), self.options.max_step)
             if not self.method.adaptive:
                 # no control lets a fixed step grow again, so an event must not shorten it for good
                 self._step = w[DoubleSlot.H]
@@ -209,7 +199,7 @@ class Integrator:
         ----------
         grid : sample times; those from the current time on are written.
         emit : takes times (m,) and states (m, nx), in order, each sample once.
-        watch : whether to look for events at all; those of a partition are looked for in any case.
+        watch : whether owners hear of events; that of a partition does in any case, and then of its own alone.
 
         Returns
         -------
@@ -218,7 +208,7 @@ class Integrator:
         s, n = self.system, self.n
         capacity = max(1, min(block, grid.count))
         self._begin_samples(grid, capacity, emit)
-        # a partition must be chosen anew whether events are wanted or not
+        heard = None if watch else EventKind.REPARTITION  # which must happen in any case
         watch = (watch or s.partition is not None) and bool(s.events)
         if not watch:
             n[IntegerSlot.WATCH] = 0
@@ -244,20 +234,13 @@ class Integrator:
                 if status is Status.DONE:
                     break
                 if status is Status.EVENT:
-                    self._refuse_crowd(self.memory.saved_w[DoubleSlot.T])
-                    outcome = self._handle(self._locate(stop, grid, flush))
+                    self._crowd.refuse(s.events[n[IntegerSlot.EVENT]], self.memory.saved_w[DoubleSlot.T])
+                    outcome = self._handle(self._locate(stop, grid, flush), heard)
                     if outcome is not GO_ON:
                         return outcome
                 else:
                     self._check(status)
-        return self._handle(self._at_end()) if watch else GO_ON
-
-    def _refuse_crowd(self, time: float) -> None:
-        self._crowd.append(time)
-        if len(self._crowd) == CROWD and time - self._crowd[0] <= CROWDED * max(1.0, time):
-            from robodyn_cli.integrators.event_location.events import chatter
-
-            raise chatter(self.system.events[self.n[IntegerSlot.EVENT]], time)
+        return self._handle(self._at_end(), heard) if watch else GO_ON
 
     def _begin_samples(self, grid: Grid, capacity: int, emit: Callable[[Array, Array], None]) -> None:
         """Provide room for a block of samples, and write one that lies at the current time."""
@@ -272,13 +255,15 @@ class Integrator:
             first += 1
         n[IntegerSlot.NEXT_SAMPLE], n[IntegerSlot.LAST_SAMPLE] = first, grid.count - 1
 
-    def _handle(self, events: Sequence[Event]) -> Outcome:
+    def _handle(self, events: Sequence[Event], heard: EventKind | None) -> Outcome:
         """Hand simultaneous events to their owners, each with the state that the one before has left.
 
-        Returns what ends the run, or GO_ON.
+        heard : the only kind that is handed on; None for all. Returns what ends the run, or GO_ON.
         """
         end: Outcome = GO_ON
         for k, event in enumerate(events):
+            if heard not in (None, event.function.kind):
+                continue
             # a re-partition does not change the motion
             self.events_seen += event.function.kind is not EventKind.REPARTITION
             outcome = (dataclasses.replace(event, state=self.state) if k else event).outcome()
@@ -312,16 +297,22 @@ class Integrator:
 
     def _locate(self, stop: float, grid: Grid, flush: Callable[[], None]) -> tuple[Event, ...]:
         """Find the first event in the step ahead, and others at the same time, and go there."""
-        n, last = self.n, grid.count - 1
-        seen = n[IntegerSlot.EVENT]
-        if n[IntegerSlot.LOCATED]:
-            time, fine = self.time, resolution(self.memory.saved_w[DoubleSlot.T], self.time)
+        n, last, start = self.n, grid.count - 1, self.memory.saved_w[DoubleSlot.T]
+        seen, located = n[IntegerSlot.EVENT], bool(n[IntegerSlot.LOCATED])
+        time, roots = (self.time, ()) if located else self._sort_out(seen, stop, flush)
+        if self._step is not None and self.options.first < 1.0 and start != self._middle:
+            # an event cuts a step to the same length whatever the step asked for
+            self._middle = 0.5 * (start + time)
+            self._go(self._middle, last, flush)
+            self._watch(self.engine.seen(), {})
+            return ()
+        if located:
+            fine = resolution(start, time)
             if n[IntegerSlot.NEXT_SAMPLE] <= last and grid.begins_by(n[IntegerSlot.NEXT_SAMPLE], time):
                 sign = math.copysign(1.0, self.w[DoubleSlot.SIZE + seen])
                 self._go(time, last, flush)
                 self._watch(self.engine.seen(), {seen: sign})
             return (self._event(seen, fine),)
-        time, roots = self._sort_out(seen, stop, flush)
         # take the step for good, samples included
         self._go(time, last, flush)
         self._watch(self.engine.seen(), {r.index: r.sign for r in roots})

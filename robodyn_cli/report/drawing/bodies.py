@@ -11,7 +11,7 @@ from robodyn_cli.model.model import BASE, Body, FixedFrame, Model
 from robodyn_cli.report.drawing.expressions import Expressions
 from robodyn_cli.report.drawing.record import Part
 from robodyn_cli.report.style import COLOURS
-from robodyn_cli.scene.points import point_link
+from robodyn_cli.scene.points import carrier, point_link
 from robodyn_cli.scene.types import Robot, Scene
 from robodyn_cli.spatial.algebra import Array, vector
 
@@ -38,10 +38,10 @@ def carriers(robot: Robot) -> dict[str, str]:
     }
     found: dict[str, str] = {}
     for link in [GROUND, *(link.name for link in robot.links)]:
-        carrier = link
-        while carrier in fixed:
-            carrier = fixed[carrier]
-        found[link] = carrier
+        holder = link
+        while holder in fixed:
+            holder = fixed[holder]
+        found[link] = holder
     return found
 
 
@@ -49,7 +49,7 @@ class Links:
     """The links of a scene with the places that each takes in."""
 
     def __init__(self, scene: Scene, model: Model, expressions: Expressions) -> None:
-        self.scene, self.model, self.expressions = scene, model, expressions
+        self.model, self.expressions = model, expressions
         self.carrier = carriers(scene.robot)
         moving = [b.name for b in model.bodies]
         self.spots: dict[str, list[int]] = {GROUND: [], **{name: [] for name in moving}}
@@ -64,12 +64,7 @@ class Links:
                 self.add(point_link(scene.robot, reference), frame)
         for force in model.forces:
             for reference, frame in zip(force.element.references, force.ends):
-                self.add(self.link_of(reference), frame)
-
-    def link_of(self, reference: str) -> str:
-        """Return the link that a reference of a force to a point or a frame is on."""
-        frames = self.scene.robot.frames
-        return frames[reference].link if reference in frames else point_link(self.scene.robot, reference)
+                self.add(carrier(scene.robot, reference), frame)
 
     def add(self, link: str, frame: FixedFrame) -> None:
         """Let a link take in a place."""
@@ -87,10 +82,10 @@ class Links:
         barred = any(len(self.spots[body.name]) > 1 for body in self.model.bodies)
         for place, body in enumerate(self.model.bodies):
             spots, colour = self.spots[body.name], colour_of(place)
-            centres = self._centres(body)
+            centres = self._centres(place, body)
             # nothing but its centre of mass says where the body at the end of a chain is
             alone = len(spots) <= 1 and place not in carried
-            boxes = self._boxes(body) if _turns_freely(body) or (alone and not barred) else []
+            boxes = self._boxes(place, body) if _turns_freely(body) or (alone and not barred) else []
             if alone:
                 spots += [centre for centre in centres if centre not in spots]
                 bobs += [] if boxes else centres or spots
@@ -99,27 +94,26 @@ class Links:
             masses += [centre for centre in centres if centre not in spots]
         return parts, masses, bobs
 
-    def _centres(self, body: Body) -> list[int]:
+    def _centres(self, place: int, body: Body) -> list[int]:
         """Return the centres of mass of the links that a body is made of, where they are given."""
         found = []
         for part in body.parts:
             if _numbers([part.m, *part.c]) and part.m > 0.0:
-                number = self.expressions.vertex(self.model.bodies.index(body), part.frame.point(part.c))
+                number = self.expressions.vertex(place, part.frame.point(part.c))
                 found += [] if number is None else [number]
         return found
 
-    def _boxes(self, body: Body) -> list[tuple[int, ...]]:
+    def _boxes(self, place: int, body: Body) -> list[tuple[int, ...]]:
         """Return the corners of cuboids with the masses and inertias of a body's links, where these are given."""
         boxes = []
-        index = self.model.bodies.index(body)
         for part in body.parts:
             if not _numbers([part.m, *part.c, *part.I_com.flat]) or not part.m > 0.0:
                 continue
             corners = cuboid(float(part.m), np.array(part.I_com, dtype=float))
             if corners is None:
                 continue
-            places = [part.frame.point(part.c + vector(corner)) for corner in corners.tolist()]
-            numbers = [self.expressions.vertex(index, place) for place in places]
+            at = [part.frame.point(part.c + vector(corner)) for corner in corners.tolist()]
+            numbers = [self.expressions.vertex(place, p) for p in at]
             boxes.append(tuple(number for number in numbers if number is not None))
         return [box for box in boxes if len(box) == len(CORNERS)]
 

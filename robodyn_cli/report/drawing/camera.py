@@ -51,8 +51,8 @@ class Camera:
         return np.stack([x, y, depth], axis=-1)
 
     def aimed_at(self, target: Array) -> Camera:
-        """Return the camera moved so that it looks at another place."""
-        return dataclasses.replace(self, target=target)
+        """Return the camera moved so that it looks at another place; the world's coordinates are lost by that."""
+        return dataclasses.replace(self, target=target, labels=None)
 
 
 def along_axis(axis: int) -> Camera:

@@ -33,7 +33,7 @@ class Connections:
     """What holds the links of a scene together."""
 
     def __init__(self, scene: Scene, model: Model, links: Links, expressions: Expressions) -> None:
-        self.scene, self.model, self.links, self.expressions = scene, model, links, expressions
+        self.scene, self.links, self.expressions = scene, links, expressions
         self.parts: list[Part] = []
         self.pins: list[Pin] = []
         for k, body in enumerate(model.bodies):

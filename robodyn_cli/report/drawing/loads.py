@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robodyn_cli.model.placement import axis_frame
+from robodyn_cli.model.placement import joint_axes
 from robodyn_cli.record import record
 from robodyn_cli.report.drawing.expressions import Expressions
 from robodyn_cli.report.drawing.record import Arrow
 from robodyn_cli.results.result import Result, Variable
-from robodyn_cli.spatial.algebra import Array, Matrix, identity, zeros
+from robodyn_cli.spatial.algebra import Array, Matrix, zeros
 
 COMPONENTS = ("fx", "fy", "fz")
 
@@ -63,9 +63,7 @@ def reactions(result: Result, expressions: Expressions, samples: Array) -> list[
     joints = {joint.name: joint for joint in problem.scene.robot.joints}
     places: list[tuple[str, int, Array, Matrix]] = []
     for k, body in enumerate(problem.model.bodies):
-        joint = joints[body.joint_name]
-        R = identity() if joint.has_dh else axis_frame(joint).T
-        places.append((f"reactions/{body.joint_name}", k, zeros(3), R))
+        places.append((f"reactions/{body.joint_name}", k, zeros(3), joint_axes(joints[body.joint_name])))
     for loop in problem.model.loops:
         places.append((f"loop_reactions/{loop.name}", loop.first.body, loop.first.p, loop.first.R))
     found = []

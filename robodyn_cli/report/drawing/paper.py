@@ -118,12 +118,8 @@ def where(view: View) -> str:
 def caption(view: View, grid: bool = True) -> str:
     """Return what the marks of a view mean: its grid and its arrows."""
     words = [f"grid {number(view.pitch)} m"] if grid else []
-    largest = max(
-        (float(np.linalg.norm(np.nan_to_num(a.force), axis=1).max(initial=0.0)) for a in view.drawing.arrows),
-        default=0.0,
-    )
-    if largest > 0.0:
-        words.append(f"longest arrow {number(largest)} N")
+    if view.drawing.strongest > 0.0:
+        words.append(f"longest arrow {number(view.drawing.strongest)} N")
     return ", ".join(words)
 
 

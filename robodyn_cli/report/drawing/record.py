@@ -1,4 +1,4 @@
-"""What there is to draw of a mechanism, in numbers: the one description that stills and movies are painted from."""
+"""What there is to draw of a mechanism, in numbers: the one description of all pictures."""
 
 from __future__ import annotations
 
@@ -114,6 +114,12 @@ class Drawing:
         points = self.everything
         extent = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
         return extent if 0.0 < extent < math.inf else 1.0
+
+    @cached_property
+    def strongest(self) -> float:
+        """Largest force of all arrows [N]; 0 without any."""
+        sizes = [np.linalg.norm(np.nan_to_num(arrow.force), axis=1).max(initial=0.0) for arrow in self.arrows]
+        return float(max(sizes, default=0.0))
 
     @cached_property
     def up(self) -> Array:

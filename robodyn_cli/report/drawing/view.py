@@ -45,10 +45,10 @@ class View:
     @property
     def link_width(self) -> float:
         """Width of links [pt]: less where they are short."""
-        return float(np.clip(0.11 * self._length / self.pt, NARROWEST, WIDEST)) if self._length else 6.0
+        return float(np.clip(0.11 * self.length / self.pt, NARROWEST, WIDEST)) if self.length else 6.0
 
     @cached_property
-    def _length(self) -> float:
+    def length(self) -> float:
         """Median length of links as they are seen first [m], 0 where none has any."""
         lengths = []
         for part in self.drawing.links:
@@ -131,16 +131,22 @@ class View:
                 for axis in (0, 1)
                 for line in _lines(self.low + shift, self.high + shift, pitch, axis, shift)
             ]
-        points = self.drawing.everything
-        if not len(points):
+        if self.floor is None:
             return []
-        up = self.drawing.up
-        axes = _level_axes(up)
-        low, high = ((points @ axes.T).min(axis=0), (points @ axes.T).max(axis=0))
+        axes, low, high = self.floor
         low, high = (np.floor(low / pitch) - 1.0) * pitch, (np.ceil(high / pitch) + 1.0) * pitch
         lines = [line for axis in (0, 1) for line in _lines(low, high, pitch, axis, np.zeros(2))]
-        placed = [line @ axes + self.level * up for line in lines]
+        placed = [line @ axes + self.level * self.drawing.up for line in lines]
         return [self.project(line, k)[:, :2] for line in placed]
+
+    @cached_property
+    def floor(self) -> tuple[Array, Array, Array] | None:
+        """Two level directions (2, 3), and how far everything reaches along them, (2,) each."""
+        points = self.drawing.everything
+        if not len(points):
+            return None
+        axes = _level_axes(self.drawing.up)
+        return axes, (points @ axes.T).min(axis=0), (points @ axes.T).max(axis=0)
 
     def _shift(self, k: int) -> Array:
         assert self.follow is not None
@@ -168,6 +174,4 @@ def _lines(low: Array, high: Array, pitch: float, axis: int, shift: Array) -> li
 
 def _arrow_scale(drawing: Drawing) -> float:
     """Return the length of an arrow over its force [m/N]."""
-    sizes = [np.linalg.norm(np.nan_to_num(arrow.force), axis=1).max(initial=0.0) for arrow in drawing.arrows]
-    largest = max(sizes, default=0.0)
-    return ARROW * drawing.size / largest if 0.0 < largest < math.inf else 0.0
+    return ARROW * drawing.size / drawing.strongest if 0.0 < drawing.strongest < math.inf else 0.0

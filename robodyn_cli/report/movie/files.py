@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError
+from robodyn_cli.report.drawing.instants import evenly
 from robodyn_cli.report.movie.frames import Frames
 from robodyn_cli.results.atomic import written
 from robodyn_cli.spatial.algebra import Array
@@ -80,7 +81,7 @@ def _palette(frames: Frames) -> Any:
     """
     from PIL import Image
 
-    chosen = np.unique(np.linspace(0, len(frames) - 1, SAMPLED).round().astype(int))
+    chosen = evenly(len(frames), SAMPLED)
     pixels = np.concatenate([frames.picture(int(k))[..., :3].reshape(-1, 3) for k in chosen])
     packed = pixels.astype(np.uint32) @ np.array([65536, 256, 1], dtype=np.uint32)
     colours, counts = np.unique(packed, return_counts=True)

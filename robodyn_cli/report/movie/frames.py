@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import bisect
 import textwrap
 from collections.abc import Iterator
 from functools import cached_property
@@ -15,14 +14,13 @@ from matplotlib.figure import Figure
 from robodyn_cli.report import style
 from robodyn_cli.report.drawing import paper
 from robodyn_cli.report.drawing.build import make_drawing
-from robodyn_cli.report.drawing.camera import Camera, default_camera
+from robodyn_cli.report.drawing.camera import default_camera
 from robodyn_cli.report.drawing.painter import paint
-from robodyn_cli.report.drawing.record import Drawing
 from robodyn_cli.report.drawing.strokes import strokes
 from robodyn_cli.report.drawing.view import View
 from robodyn_cli.report.movie.plan import Plan
 from robodyn_cli.report.ticks import number
-from robodyn_cli.results.moments import Moment, moments
+from robodyn_cli.results.moments import LASTING, Moment, moments
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 
@@ -45,9 +43,8 @@ class Frames:
         self.plan = plan
         self.drawing = make_drawing(result, plan.samples)
         places = None if follow is None else result[f"points/{follow}"][plan.samples]
-        self.view = View(self.drawing, _camera(self.drawing, places), places)
+        self.view = View(self.drawing, default_camera(self.drawing), places)
         self.moments = moments(result)
-        self._times = [moment.time for moment in self.moments]
         height = paper.height_of(self.view, WIDTH, LEAST, MOST)
         total = round((height + TITLE + FOOT) * DPI / 2) * 2 / DPI
         self.figure = Figure(figsize=(WIDTH, total), dpi=DPI)
@@ -101,28 +98,18 @@ class Frames:
         """Write the time, and what has just happened."""
         time = float(self.drawing.times[k])
         self.clock.set_text(f"t = {time:.{self._digits}f} s")
-        last = bisect.bisect_right(self._times, time * (1.0 + 1e-12)) - 1
-        shown = [m for m in self.moments[: last + 1] if self._fresh(m, time)]
-        self.told.set_text("; ".join(dict.fromkeys(m.text for m in shown[-3:])))
+        shown = [m.text for m in self.moments if self._fresh(m, time)]
+        self.told.set_text("; ".join(dict.fromkeys(shown[-3:])))
         self.clock.draw(renderer)
         self.told.draw(renderer)
 
     def _fresh(self, moment: Moment, time: float) -> bool:
-        """Tell whether a moment is told: for a while, and a lock for good."""
-        return (
-            moment.kind in ("lock", "latch", "overload") or time - moment.time <= SHOWN_FOR * self.plan.speed
-        )
+        """Tell whether a moment is told: for a while, and what a run ends or changes by for good."""
+        passed = time * (1.0 + 1e-12) - moment.time
+        return passed >= 0.0 and (moment.kind in LASTING or passed <= SHOWN_FOR * self.plan.speed)
 
     @property
     def _digits(self) -> int:
         """Digits of the clock behind the point: as many as a frame moves."""
         step = self.plan.speed / self.plan.fps
         return int(np.clip(np.ceil(-np.log10(step)), 0, 9))
-
-
-def _camera(drawing: Drawing, places: Array | None) -> Camera:
-    """Return the usual camera; one that follows a point has no numbered axes."""
-    camera = default_camera(drawing)
-    if places is None:
-        return camera
-    return Camera(camera.right, camera.up, camera.back, camera.target, camera.distance)

@@ -1,4 +1,4 @@
-"""All the ways in which a mechanism closes, one over the other."""
+"""All the ways in which a mechanism closes, or an arm reaches a pose, one over the other."""
 
 from __future__ import annotations
 
@@ -33,7 +33,14 @@ def draw(result: Result) -> Any:
     view = View(drawing, default_camera(drawing))
     across = min(shown, 2)
     height = paper.height_of(view, WIDTHS[across], 1.6)
-    sheet = Sheet(result, _subtitle(view, count, shown), panels=shown, across=across, height=height, gap=0.45)
+    sheet = Sheet(
+        result,
+        _subtitle(view, result.command, count, shown),
+        panels=shown,
+        across=across,
+        height=height,
+        gap=0.45,
+    )
     others = [Stroke(line, OTHERS, 1.0) for k in range(shown) for line in silhouette(view, k)]
     for k, ax in enumerate(sheet.axes):
         paper.set_up(ax, view)
@@ -46,15 +53,18 @@ def draw(result: Result) -> Any:
     return sheet.figure
 
 
-def _subtitle(view: View, count: int, shown: int) -> str:
+def _subtitle(view: View, command: str, count: int, shown: int) -> str:
     more = f", {shown} of them drawn" if shown < count else ""
     plural = "es" if count != 1 else ""
-    return f"{count} branch{plural} of the closed loops {paper.where(view)}{more}"
+    of = "of the closed loops" if command == "assemble" else "that reach the pose"
+    return f"{count} branch{plural} {of} {paper.where(view)}{more}"
 
 
 def _name(result: Result, k: int) -> str:
     """Return what stands above a panel: number, orientation, whether the assembly chose it."""
-    listed = result.summary.get("branches") or []
+    listed = [x for x in result.summary.get("branches") or [] if x.get("reached", True)]
     facts: dict[str, Any] = listed[k] if k < len(listed) else {}
     sign = {1: ", orientation +", -1: ", orientation \u2212"}.get(facts.get("orientation", 0), "")
-    return f"branch {k + 1}{sign}" + (", chosen" if facts.get("chosen") else "")
+    name = facts.get("name", "")
+    label = f"branch {k + 1}" if not name or name.isdigit() else name.replace("_", " ").replace("-", ", ")
+    return f"{label}{sign}" + (", chosen" if facts.get("chosen") else "")

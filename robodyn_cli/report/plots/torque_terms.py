@@ -10,14 +10,13 @@ from robodyn_cli.report.canvas import TimeSheet
 from robodyn_cli.report.decimate import finite
 from robodyn_cli.report.lines import draw_columns, quiet_axis
 from robodyn_cli.report.style import COLOURS, DASHES, FONT_SIZE
-from robodyn_cli.report.ticks import labelled
+from robodyn_cli.report.ticks import load_label
 from robodyn_cli.results.columns import column_names, units_of
 from robodyn_cli.results.result import Result
 
 # The order of the contract, so that a term has the same colour in every drawing.
 ORDER = ("inertia", "coriolis", "gravity", "friction", "passive", "external", "stops", "gear")
 MOST_JOINTS = 8
-QUANTITY = {"N m": "torque", "N": "force"}
 
 
 def applies(result: Result) -> bool:
@@ -44,7 +43,9 @@ def draw(result: Result) -> Any:
     count = len(joints)
     height = {1: 3.3, 2: 2.0}.get(count, 1.6)
     across = 1 if count <= 3 else 2
-    sheet = TimeSheet(result, subtitle, panels=count, across=across, height=height, gap=0.36, labels=labels)
+    sheet = TimeSheet(
+        result, subtitle, panels=count, across=across, height=height, gap=0.36, titled=True, labels=labels
+    )
     styles = [_look(name) for name in order]
     styles.append({"color": "#000000", "linestyle": "-", "linewidth": 1.8})
     handles: list[Any] = []
@@ -54,7 +55,7 @@ def draw(result: Result) -> Any:
         scale = max((peak[k] for k in range(len(names)) if units[k] == units[joint]), default=0.0)
         quiet_axis(ax, np.column_stack(columns), scale)
         ax.set_title(names[joint], fontsize=FONT_SIZE, loc="left", pad=4)
-        ax.set_ylabel(labelled(QUANTITY.get(units[joint], "torque or force"), units[joint]))
+        ax.set_ylabel(load_label("torque or force", units[joint]))
     sheet.label_time()
     sheet.legend(handles, labels)
     return sheet.figure

@@ -13,12 +13,10 @@ from robodyn_cli.report.decimate import finite, where_largest
 from robodyn_cli.report.heatmap import draw_map
 from robodyn_cli.report.lines import draw_groups, panel_height, quiet_axis
 from robodyn_cli.report.marks import torque_note
-from robodyn_cli.report.ticks import labelled, number, unit
+from robodyn_cli.report.ticks import load_label, number, unit
 from robodyn_cli.results.columns import by_unit, column_names, units_of
 from robodyn_cli.results.result import Result, Variable
 from robodyn_cli.solve.quadrature import root_mean_square_over
-
-QUANTITY = {"N m": "torque", "N": "force"}
 
 
 def applies(result: Result) -> bool:
@@ -57,7 +55,7 @@ def draw(result: Result) -> Any:
             ax.plot(*place, "o", color=colour, markersize=5, clip_on=False, zorder=3)
             ax.axhline(float(rms[column]), color=colour, linewidth=0.8, linestyle=dash, alpha=0.7)
         quiet_axis(ax, data[:, columns])
-        ax.set_ylabel(labelled(QUANTITY.get(units_here, "torque or force"), units_here))
+        ax.set_ylabel(load_label("torque or force", units_here))
     sheet.label_time()
     sheet.legend(handles, labels)
     return sheet.figure

@@ -7,7 +7,7 @@ import stat
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from robodyn_cli.results.result import Result, Variable
 # time limit of reading a file [s]; a damaged one may make the library loop forever
 SECONDS = 10.0
 BYTES_PER_SECOND = 5e6
+T = TypeVar("T")
 
 _FIELDS = ("filetype", "format_version", "command", "title", "status", "scene", "scene_sha256", "summary")
 _TEXT_ATTRIBUTES = ("robodyn_version", "cpu", "integrator")
@@ -32,6 +33,16 @@ def read(path: str | Path, select: Callable[[str], bool] | None = None) -> Resul
     ResultFileError : the file is not a result of robodyn, is damaged, or is of a newer format.
     """
     path = Path(path)
+    return guarded(path, partial(_read, path, select))
+
+
+def guarded(path: Path, action: Callable[[], T]) -> T:
+    """Return what reading a file gives, which is tried in a process of its own first.
+
+    Raises
+    ------
+    ResultFileError : there is no such file, or it is damaged.
+    """
     try:
         mode = path.stat().st_mode
     except (OSError, ValueError) as error:
@@ -42,12 +53,12 @@ def read(path: str | Path, select: Callable[[str], bool] | None = None) -> Resul
     if not stat.S_ISREG(mode):
         raise ResultFileError(f"{path} is a pipe or a device; name a file", path=str(path))
     try:
-        survive(partial(_read, path, select), SECONDS + path.stat().st_size / BYTES_PER_SECOND)
-        return _read(path, select)
+        survive(action, SECONDS + path.stat().st_size / BYTES_PER_SECOND)
+        return action()
     except ResultFileError:
         raise
     except Exception as error:  # a damaged file can raise any error
-        message = f"{path} cannot be read as a result of robodyn: {error}"
+        message = f"{path} cannot be read as HDF5: {error}"
         raise ResultFileError(message, path=str(path)) from error
 
 

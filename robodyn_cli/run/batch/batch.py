@@ -151,7 +151,7 @@ class Batch:
         if not self.force:
             summary = finished(entry, self.drawn)
             if summary is not None:
-                entry.unchanged = True
+                entry.unchanged = entry.has_result = True
                 settle(entry, exit_code(summary), summary)
                 entry.seconds = time.perf_counter() - start
                 return
@@ -163,8 +163,8 @@ class Batch:
             entry.message = f"ended after {self.timeout:g} s: the time limit of a scene (--timeout)"
             return
         # with other codes the file, if there is one, is an earlier run's
-        found = code in exit_codes.REPLACING
-        summary = read_summary(entry.directory / SUMMARY_NAME) if found else _summary(printed)
+        entry.has_result = code in exit_codes.REPLACING
+        summary = read_summary(entry.directory / SUMMARY_NAME) if entry.has_result else _summary(printed)
         if not summary or exit_code(summary) != code:
             summary = {"status": "failed", "error": {"exit_code": code, "message": said}}
         settle(entry, code, summary)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from robodyn_cli.exit_codes import FAILED
 from robodyn_cli.record import mutable_record
+from robodyn_cli.run.batch.compare_records import BaselineReport
 from robodyn_cli.run.batch.criteria import Outcome
 
 if TYPE_CHECKING:
@@ -19,7 +20,9 @@ class Entry:
     """One scene of a batch and what became of it.
 
     ``stopped`` : not done, as all are at first. ``unchanged`` : an earlier result was kept. ``replaced`` : another
-    scene, whose results were in the directory. ``verdict`` is ``ok``, ``failed`` (a criterion, or no lock),
+    scene, whose results were in the directory. ``has_result`` : the directory holds what this run, or an earlier one of
+    the same scene, left. ``baseline``, ``differences`` : how that compares with a stored result, for programs and in
+    words. ``verdict`` is ``ok``, ``failed`` (a criterion, or no lock),
     ``error`` or ``stopped``.
     """
 
@@ -33,7 +36,10 @@ class Entry:
     seconds: float = 0.0
     message: str = ""
     replaced: Path | None = None
+    has_result: bool = False
     criteria: list[Outcome] = dataclasses.field(default_factory=list)
+    baseline: BaselineReport | None = None
+    differences: list[str] = dataclasses.field(default_factory=list)
 
     @property
     def command(self) -> str:
@@ -51,4 +57,4 @@ class Entry:
     def problems(self) -> list[str]:
         """What went wrong, in words."""
         found = [str(outcome) for outcome in self.criteria if not outcome.holds]
-        return [self.message, *found] if self.message else found
+        return [*([self.message] if self.message else []), *found, *self.differences]

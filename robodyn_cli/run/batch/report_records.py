@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from robodyn_cli.record import record
+from robodyn_cli.results.summary import ABSENT, Absent
+from robodyn_cli.run.batch.compare_records import BaselineReport
 from robodyn_cli.run.batch.criteria import Outcome
 from robodyn_cli.run.batch.entry import Entry
 from robodyn_cli.run.batch.findings import Finding
@@ -24,6 +26,7 @@ class SceneReport:
     message: str | None
     criteria: Sequence[Outcome]
     directory: str | None
+    baseline: BaselineReport | Absent
 
     @staticmethod
     def of(entry: Entry) -> SceneReport:
@@ -38,6 +41,7 @@ class SceneReport:
             message=entry.message or None,
             criteria=entry.criteria,
             directory=None if entry.directory is None else str(entry.directory),
+            baseline=entry.baseline or ABSENT,
         )
 
 

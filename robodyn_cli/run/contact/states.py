@@ -57,6 +57,7 @@ class ContactStates(Watcher):
 
     functions: tuple[ContactFunction, ...]
     changes_motion = True
+    sets_start = True
     slowest = 1.0  # times the rate below which a joint does not bounce any more
 
     def __init__(self, problem: Problem) -> None:

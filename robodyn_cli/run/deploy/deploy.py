@@ -36,6 +36,7 @@ from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.singular.singularity import refuse_singular_start
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.trajectories.led import led_joints
 
 
 @record
@@ -269,7 +270,7 @@ def _reason(done: Deployment, lock: Lock) -> str:
         ahead = next(time for time, _ in done.found.dead_points if time >= lock.time)
         return f"{reason}, on the way to the dead point at t = {ahead:.9g} s"
     if done.found.driven:
-        names = ", ".join(done.motion.scene.prescribed)
+        names = ", ".join(led_joints(done.motion.scene.prescribed))
         return (
             f"dead point under the prescribed motion of {names}: the passive joints cannot follow, and the "
             "multipliers diverge"

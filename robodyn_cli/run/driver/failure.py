@@ -13,6 +13,7 @@ from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.mass_matrix import nearly_singular
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.singular.singularity import driven_dead_point
+from robodyn_cli.trajectories.led import led_joints
 
 # kinds of failure that lie in the motion rather than in what the run may take
 BREAKDOWNS = ("step_too_small", "not_finite", "not_solved")
@@ -27,7 +28,7 @@ def explained(error: RobodynError, motion: Motion, driver: Driver) -> RobodynErr
     pose = driven_dead_point(problem, motion.passive, q, driver.time, motion.scene.simulate.duration)
     if pose is not None:
         time, where, kind = pose
-        names = ", ".join(problem.scene.prescribed)
+        names = ", ".join(led_joints(problem.scene.prescribed))
         what = "dead point" if kind == "dead_point" else "singular configuration"
         return SingularConfigurationError(
             f"{what} at t = {time:.9g} s under the prescribed motion of {names}: the passive joints cannot follow, "

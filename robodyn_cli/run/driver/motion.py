@@ -52,13 +52,14 @@ class Watcher:
     """Follows a motion while it is integrated: owns event functions, and sees the start and every sample.
 
     functions : what it watches, in the mechanism's symbols; the system is built with them. changes_motion : whether its
-    answers may be others than to go on or to stop.
+    answers may be others than to go on or to stop. sets_start : whether ``begin`` or ``arm`` may change the start.
 
     A watcher overrides what it needs. One object follows one integration; ``again`` gives that of a second one.
     """
 
     functions: tuple[EventFunction, ...] = ()
     changes_motion = False
+    sets_start = False
 
     @property
     def log(self) -> list[dict[str, Any]]:
@@ -71,8 +72,8 @@ class Watcher:
         return []
 
     @property
-    def error(self) -> float:
-        """What its own integrations add to the error of rates [rad/s, m/s], as far as a second run may share it."""
+    def rounding(self) -> float:
+        """What rounding in its own integrations is expected to leave in the rates [rad/s, m/s]."""
         return 0.0
 
     def facts(self, end: float) -> dict[str, Any]:

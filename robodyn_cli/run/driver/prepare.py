@@ -14,6 +14,7 @@ from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import RANK_TOLERANCE, Assembled, assemble
 from robodyn_cli.solve.closure import rank
+from robodyn_cli.trajectories.led import position_columns, velocity_columns
 
 if TYPE_CHECKING:
     from robodyn_cli.equations.dependence import Dependence
@@ -46,11 +47,11 @@ def prepare(scene: Scene, watch: Stopwatch | None = None, neutral: bool = False)
         given = initial_positions(scene, problem)
         held = held_columns(scene, problem)
     with watch.stage("assemble"):
-        if problem.constraints.rheonomic:
+        if problem.constraints.rheonomic or problem.elements.moving:
             from robodyn_cli.run.mechanism.prescribed import check_prescribed
 
             check_prescribed(problem)
-        hold = [*held, *(n for n in scene.prescribed if n not in held)]
+        hold = [*held, *(n for n in position_columns(scene.prescribed) if n not in held)]
         assembled = assemble(problem, given, dict(scene.initial.qd), hold)
         if scene.torques or scene.prescribed or problem.model.forces:
             from robodyn_cli.run.mechanism.formulas import check_formulas, check_formulas_ahead
@@ -68,7 +69,7 @@ def prepare(scene: Scene, watch: Stopwatch | None = None, neutral: bool = False)
 
 
 def _positions_given(scene: Scene, problem: Problem) -> bool:
-    given = {*scene.initial.q, *scene.prescribed}
+    given = {*scene.initial.q, *position_columns(scene.prescribed)}
     return given.issuperset(problem.model.q_names)
 
 
@@ -119,9 +120,10 @@ def passive_coordinates(problem: Problem) -> tuple[int, ...]:
     scene, model = problem.scene, problem.model
     if not model.closures:
         return ()
-    driven = {*scene.torques, *scene.prescribed}
+    prescribed = velocity_columns(scene.prescribed)
+    driven = {*scene.torques, *prescribed}
     if scene.actuated is not None:
-        driven = {*scene.prescribed, *(x for name in scene.actuated for x in model.v_columns(name))}
+        driven = {*prescribed, *(x for name in scene.actuated for x in model.v_columns(name))}
     return tuple(k for k, name in enumerate(model.v_names) if name not in driven)
 
 

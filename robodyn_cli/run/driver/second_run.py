@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +28,10 @@ from robodyn_cli.spatial.algebra import Array
 Tick = Callable[[float], None] | None
 MORE_STEPS = 1.9  # times the steps of the first run: both together take less than three times its time
 MOST_STEPS = 4  # times the steps of the first run, at which the second is given up
-TIGHTER = 50.0  # times, at most: a tolerance so much tighter is enough even where it takes fewer steps
-TIGHTEST_RTOL = 1e-14  # not below what double precision can resolve
+TIGHTER = 200.0  # times, at most: a tolerance so much tighter is enough even where it takes fewer steps
+TIGHTEST_RTOL = 2e-14  # not below what double precision can resolve
 FINEST_RTOL = 1e-12  # below it, methods of high order are at rounding, where a tighter tolerance says nothing
+FINER = 0.45  # times a fixed step: where implicit methods halve theirs, the second run must not take the same steps
 SHORTER = 0.6  # times the mean step of the first run, where a tighter tolerance says nothing
 FIRST_STEPS = (
     0.4  # times the first steps, at the start and behind events, or both runs would share their errors
@@ -51,8 +53,10 @@ def tighter(options: Options, mean_step: float, method: str) -> tuple[Options, s
     if options.step is not None:
         # a step longer than the run is as long as the run
         taken = options.step if options.step < 2.0 * mean_step else mean_step
-        return dataclasses.replace(options, step=taken / 2), "step halved"
+        return dataclasses.replace(options, step=FINER * taken, first=FIRST_STEPS), shorter(FINER)
     factor = min(TIGHTER, MORE_STEPS ** (kind.order / kind.proportion))
+    if kind.order >= HIGH_ORDER:
+        factor = min(factor, options.rtol / TIGHTEST_RTOL)
     rtol = options.rtol / factor
     fine = options.rtol >= FINEST_RTOL if kind.order >= HIGH_ORDER else rtol >= TIGHTEST_RTOL
     if kind.adaptive and fine:
@@ -65,9 +69,12 @@ def tighter(options: Options, mean_step: float, method: str) -> tuple[Options, s
 def other_steps(options: Options, mean_step: float) -> tuple[Options, str]:
     """Return the options of a second run with shorter steps, and how it differs in words."""
     longest = min(options.max_step, SHORTER * mean_step)
-    return dataclasses.replace(
-        options, max_step=longest, first=FIRST_STEPS
-    ), f"steps {SHORTER:g} times as long"
+    return dataclasses.replace(options, max_step=longest, first=FIRST_STEPS), shorter(SHORTER)
+
+
+def shorter(part: float) -> str:
+    """Say how a second run differs that takes shorter steps."""
+    return f"steps {part:g} times as long"
 
 
 @record
@@ -192,8 +199,8 @@ def estimate_error(motion: Motion, first: FirstRun, recorder: Recorder, tick: Ti
 
     The difference of the two, D = e_1 - e_2, is the error of the first up to that of the second, which is smaller by
     (n_1 / n_2)^p for n steps each and order p: e_1 = D / (1 - (n_1 / n_2)^p). Reported are the largest over all
-    samples, for q and qd apart. Nothing else about the two runs is shared but the method, and what watchers say of
-    their own errors.
+    samples, for q and qd apart, and no less than what rounding is expected to leave. Nothing else about the two runs is
+    shared but the method.
     """
     grid = first.grid.every(recorder.every)
     try:
@@ -206,9 +213,6 @@ def estimate_error(motion: Motion, first: FirstRun, recorder: Recorder, tick: Ti
     other_q, other_qd, _ = motion.system.split(states[: len(q)])
     scale = remainder(first.method, first.steps, second.steps)
     dq, dv = scale * np.abs(other_q - q), scale * np.abs(other_qd - qd)
-    # what both runs may share, as the rounding of a leap, shows in no difference of theirs
-    shared = sum(watcher.error for watcher in motion.watchers)
-    dq, dv = np.maximum(dq, shared), np.maximum(dv, shared)
     found_q, found_v = float(dq.max(initial=0.0)), float(dv.max(initial=0.0))
     floor = rounding_floor(motion, recorder, len(q), first.steps, max(found_q, found_v))
     q_max, qd_max = max(found_q, floor.q), max(found_v, floor.qd)
@@ -220,8 +224,8 @@ def estimate_error(motion: Motion, first: FirstRun, recorder: Recorder, tick: Ti
         q_max=q_max,
         qd_max=qd_max,
         state_max=max(q_max, qd_max),
-        q_end=float(dq[-1].max(initial=0.0)),
-        qd_end=float(dv[-1].max(initial=0.0)),
+        q_end=float(dq[-1].max(initial=floor.q)),
+        qd_end=float(dv[-1].max(initial=floor.qd)),
         rounding_floor=max(floor.q, floor.qd),
         steps=second.steps,
         at_rounding=at_rounding,
@@ -236,13 +240,16 @@ def _lost(error: Array, motion: Array) -> NDArray[np.bool_]:
     return found
 
 
-def remainder(method: str, steps: int, more: int) -> float:
-    """Return 1 / (1 - (n_1 / n_2)^p), at most 2: what the second run's own error hides of the first one's."""
+def remainder(method: str, steps: Any, more: Any) -> Any:
+    """Return 1 / (1 - (n_1 / n_2)^p), at most 2: what the second run's own error hides of the first one's.
+
+    steps, more : numbers or arrays.
+    """
     kind = registry[method]
     # between steps the dense output decides
     power = min(kind.order, kind.dense_order + 1)
-    left = min(1.0, steps / max(more, 1)) ** power
-    return float(1.0 / (1.0 - min(left, 0.5)))
+    left = np.minimum(1.0, steps / np.maximum(more, 1)) ** power
+    return 1.0 / (1.0 - np.minimum(left, 0.5))
 
 
 @record
@@ -259,12 +266,13 @@ def rounding_floor(motion: Motion, recorder: Recorder, samples: int, steps: int,
     The state's own rounding grows as sqrt(steps). Where an estimate ``found`` is not far above that, what constants and
     the conditioning of the equations do counts too: delta(v-dot) over the run in the rates, and over the time in which
     rates change in the positions; what closing the loops leaves. Both runs share some of it, so that their difference
-    hides it.
+    hides it. Beside that there is what watchers say of their own integrations.
     """
     q, qd, qdd = (recorder.array(path)[:samples] for path in ("q", "qd", "qdd"))
     largest_q, largest_v = float(np.abs(q).max(initial=0.0)), float(np.abs(qd).max(initial=0.0))
     walk = HALF_UNIT * max(1.0, steps) ** 0.5
-    floor = Floor(walk * largest_q, walk * largest_v)
+    watched = sum(watcher.rounding for watcher in motion.watchers)
+    floor = Floor(max(walk * largest_q, watched), max(walk * largest_v, watched))
     if found > NEAR_ROUNDING * max(floor.q, floor.qd):
         return floor
     from robodyn_cli.run.observation.rounding import acceleration_rounding, closing_rounding

@@ -99,8 +99,8 @@ def energy_out_of_balance(run: Run) -> NumericalError | None:
     """Return the error of a run that gains or loses more energy than its tolerances explain, with its time.
 
     Allowed is BEYOND times the largest of: rtol times the largest energy (summed over the steps where there are very
-    many); what an error of atol in each coordinate, and of what watchers have integrated, makes of the energy; rounding
-    over the steps.
+    many); what an error of atol in each coordinate, and the rounding of what watchers have integrated, makes of the
+    energy; rounding over the steps.
     """
     recorder, steps, options = run.recorder, run.driver.counters.steps, run.motion.options
     if not recorder.samples:
@@ -117,7 +117,7 @@ def energy_out_of_balance(run: Run) -> NumericalError | None:
     rounding = EPS * max(steps, 1) * (exchanged + np.abs(potential).max())
     rtol = options.rtol if options.step is None else STEADY
     allowed = np.maximum(rtol * max(1.0, steps / MANY) * exchanged, rounding)
-    least = options.atol + sum(watcher.error for watcher in run.motion.watchers)
+    least = options.atol + sum(watcher.rounding for watcher in run.motion.watchers)
     allowed = BEYOND * np.maximum(allowed, least * _sensitivity(recorder, exchanged))
     beyond = np.flatnonzero(drift > allowed)
     if not len(beyond):

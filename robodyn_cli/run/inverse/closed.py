@@ -12,8 +12,9 @@ from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.loops.base import Row
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.inverse.program import InverseProgram, Loops, Outputs, Sampled, expressions_of
+from robodyn_cli.run.inverse.program import InverseProgram, Loops, Sampled, expressions_of
 from robodyn_cli.run.inverse.sharing import refuse_gears, share_load
+from robodyn_cli.run.inverse.terms import Outputs
 from robodyn_cli.run.mechanism.guided_motion import guided_motion
 from robodyn_cli.run.mechanism.loop_conditions import Lead, lead_of, velocity_places
 from robodyn_cli.run.mechanism.motion import Planned, with_led_point
@@ -23,6 +24,7 @@ from robodyn_cli.run.observation.singular_values import singular_values
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import LostRank, TooFewActuators, accelerations, share
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.trajectories.led import led_joints
 
 
 def build_closed(scene: Scene) -> ClosedLoops:
@@ -160,7 +162,7 @@ def actuated_joints(problem: Problem, lead: Lead) -> tuple[str, ...]:
     scene = problem.scene
     if scene.actuated is not None:
         return scene.actuated
-    led = (*lead.joints, *scene.prescribed)
+    led = (*lead.joints, *led_joints(scene.prescribed))
     found = tuple(dict.fromkeys(led if led else scene.torques))
     if not found:
         raise SceneError(

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.expr.graph import Scalar, is_nonzero
+from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.model.model import MOTION_GROUPS
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
+from robodyn_cli.run.inverse.terms import Outputs, torque_terms
 from robodyn_cli.run.mechanism.motion import Planned
 from robodyn_cli.run.observation.evaluation import SampleFunction, without_idle_unknowns
 from robodyn_cli.run.observation.places import place_outputs
@@ -24,7 +25,6 @@ from robodyn_cli.trajectories.motion import JointMotion
 if TYPE_CHECKING:
     from robodyn_cli.solve.load_sharing import Shared
 
-Outputs = dict[str, list[Scalar]]
 RIGID = ("inertia", "coriolis", "gravity")
 
 
@@ -179,20 +179,6 @@ class InverseProgram(ABC):
     @abstractmethod
     def add_loops(self, result: Result, sampled: Sampled) -> None:
         """Add multipliers, residuals and singular values of the loops to a result, where there are loops."""
-
-
-def torque_terms(problem: Problem) -> Outputs:
-    """Return the parts of tau = M qdd + C qd + G - tau_passive - tau_friction - tau_external, by name.
-
-    Inertia is always included; any other part that vanishes identically is left out. Friction has the exact sign of
-    the rate.
-    """
-    terms: Outputs = {name: list(term) for name, term in problem.rigid_terms().items()}
-    for name, term in problem.passive_forces(smooth=False).items():
-        terms[name] = [-x for x in term]
-    return {
-        name: term for name, term in terms.items() if name == "inertia" or any(is_nonzero(x) for x in term)
-    }
 
 
 def energies(problem: Problem, terms: Outputs) -> Outputs:

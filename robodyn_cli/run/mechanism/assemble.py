@@ -23,6 +23,7 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import assemble as close_loops
 from robodyn_cli.solve.closure import RANK
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.trajectories.led import position_columns
 
 
 @record
@@ -66,7 +67,7 @@ def assemble(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch
         raise CapabilityError(f"{scene.path}: assemble closes loops; this scene has none")
     with watch.stage("equations"):
         problem = Problem(scene)
-        held = tuple(dict.fromkeys((*scene.initial.hold, *scene.prescribed)))
+        held = tuple(dict.fromkeys((*scene.initial.hold, *position_columns(scene.prescribed))))
     with watch.stage("assemble"):
         closed = close(problem)
     branches = None
@@ -88,7 +89,7 @@ def close(problem: Problem) -> Closed:
     scene = problem.scene
     given = initial_positions(scene, problem)
     check_prescribed(problem)
-    stays = (*held_columns(scene, problem), *scene.prescribed)
+    stays = (*held_columns(scene, problem), *position_columns(scene.prescribed))
     found = close_loops(problem, given, dict(scene.initial.qd), stays)
     conditions = LoopConditions(problem, nothing_led(), np.zeros(1))
     F, J = conditions.at(found.q, 0.0)

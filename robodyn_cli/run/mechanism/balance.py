@@ -21,6 +21,7 @@ from robodyn_cli.run.observation.evaluation import without_idle_unknowns
 from robodyn_cli.run.observation.finite import cause
 from robodyn_cli.solve.equilibrium import Balance, balance
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.trajectories.led import position_columns
 
 
 class _RestForces:
@@ -66,7 +67,8 @@ class _RestForces:
 def _stay(problem: Problem, q: Array) -> Lead:
     """Return a lead that keeps the held joints where they are."""
     model = problem.model
-    held = [x for x in held_columns(problem.scene, problem) if x not in problem.scene.prescribed]
+    prescribed = position_columns(problem.scene.prescribed)
+    held = [x for x in held_columns(problem.scene, problem) if x not in prescribed]
     quasi = [name for name in problem.scene.initial.hold if model.body_of(name).joint.quasi]
     if quasi:
         raise CapabilityError(

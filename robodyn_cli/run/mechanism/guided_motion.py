@@ -47,7 +47,7 @@ def guided_motion(problem: Problem, lead: Lead, times: Array) -> Planned:
     motion = JointMotion(*(np.asfortranarray([getattr(p, name) for p in places]) for name in ("q", "v", "a")))
     counters = {"iterations": guide.iterations, "steps": guide.steps}
     reached = times[: len(places)]
-    target = None if lead.point is None else lead.asked(reached)[0]
+    target = None if lead.point is None else lead.asked(reached)[0][:, : lead.components]
     method = None if lead.point is None else "newton"
     residuals = _residuals(conditions, places)
     return Planned(reached, motion, lead.point, target, method, residuals, counters, stopped)

@@ -8,13 +8,14 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SingularConfigurationError
-from robodyn_cli.run.inverse.program import torque_terms
 from robodyn_cli.run.inverse.sharing import lost_rank, refuse_gears
+from robodyn_cli.run.inverse.terms import torque_terms
 from robodyn_cli.run.mechanism.at_rest import AtRest, refuse_unknown
 from robodyn_cli.run.mechanism.loop_conditions import LoopConditions, nothing_led, velocity_places
 from robodyn_cli.run.mechanism.summary import Held
 from robodyn_cli.solve.load_sharing import LostRank, Shared, TooFewActuators, share
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.trajectories.led import led_joints
 
 
 def held(problem: Problem, q: Array) -> AtRest:
@@ -46,7 +47,7 @@ def _holding(problem: Problem) -> tuple[str, ...]:
     scene, model = problem.scene, problem.model
     if scene.actuated is not None:
         return scene.actuated
-    driven = tuple(dict.fromkeys((*scene.torques, *scene.prescribed, *scene.initial.hold)))
+    driven = tuple(dict.fromkeys((*scene.torques, *led_joints(scene.prescribed), *scene.initial.hold)))
     return driven if model.closures and driven else model.joint_names
 
 

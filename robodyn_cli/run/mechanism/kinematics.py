@@ -16,7 +16,7 @@ from robodyn_cli.run.driver.prepare import held_columns
 from robodyn_cli.run.mechanism.guided_motion import guided_motion
 from robodyn_cli.run.mechanism.loop_conditions import Lead, lead_of, refuse_quasi
 from robodyn_cli.run.mechanism.mobility import Mobility, mobility
-from robodyn_cli.run.mechanism.motion import Planned, plan_motion, with_led_point, with_points
+from robodyn_cli.run.mechanism.motion import Planned, plan_motion, with_led_point, without_following
 from robodyn_cli.run.mechanism.report import add_rows
 from robodyn_cli.run.mechanism.summary import (
     Closure,
@@ -33,8 +33,10 @@ from robodyn_cli.run.observation.singular_values import singular_values
 from robodyn_cli.run.observation.units import add_motion
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
+from robodyn_cli.scene.points import with_points
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.trajectories.led import velocity_columns
 
 
 @np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite
@@ -53,6 +55,8 @@ def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwat
     singular configuration; attribute ``result`` then holds what was reached.
     """
     watch = watch or Stopwatch()
+    if scene.kinematics.sweep is None:
+        scene = without_following(scene)
     with watch.stage("equations"):
         problem = Problem(with_points(with_led_point(scene), scene.kinematics.transmission or ()))
     with watch.stage("solve"):
@@ -94,7 +98,7 @@ def plan(problem: Problem) -> tuple[Planned, tuple[str, ...]]:
     else:
         lead, duration = _swept(problem), abs(sweep.stop - sweep.start) / sweep.rate
     found = guided_motion(problem, lead, np.linspace(0.0, duration, samples))
-    return found, (*lead.joints, *scene.prescribed)
+    return found, (*lead.joints, *velocity_columns(scene.prescribed))
 
 
 def _swept(problem: Problem) -> Lead:

@@ -15,9 +15,9 @@ from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 from robodyn_cli.run.observation.evaluation import compiling
 from robodyn_cli.solve.closure import mechanism_size
-from robodyn_cli.solve.point_kinematics import PointKinematics
+from robodyn_cli.solve.point_kinematics import PointKinematics, what_is_left
 from robodyn_cli.spatial.algebra import Array, dot
-from robodyn_cli.trajectories.motion import JointSpace, TaskSpace
+from robodyn_cli.trajectories.motion import JointSpace, PoseMotion, TaskSpace
 
 INTERPRETED = 2e-7  # seconds that an operation on plain numbers takes
 # the given motion at times (T,): values, rates and accelerations (T, k)
@@ -26,12 +26,17 @@ Asked = Callable[[Array], tuple[Array, Array, Array]]
 
 @record
 class Lead:
-    """The joints, or the point, that lead a mechanism beside its prescribed joints, and their motion."""
+    """The joints, or the point, that lead a mechanism beside its prescribed joints, and their motion.
+
+    components : of the point's position that are led. oriented : whether the axes at the point are led too; the values
+    asked are those of a pose then.
+    """
 
     asked: Asked
     joints: tuple[str, ...] = ()
     point: str | None = None
     components: int = 3
+    oriented: bool = False
 
 
 def nothing_led() -> Lead:
@@ -51,9 +56,10 @@ def lead_of(problem: Problem) -> Lead:
 
         def point(times: Array) -> tuple[Array, Array, Array]:
             target = trajectory.target(times, parameters)
-            return target.p, target.pd, target.pdd
+            return target.values, target.rates, target.accelerations
 
-        return Lead(point, point=trajectory.point, components=some.p.shape[1])
+        oriented = isinstance(some, PoseMotion)
+        return Lead(point, point=trajectory.point, components=some.p.shape[1], oriented=oriented)
     both = [name for name in trajectory.joints if name in scene.prescribed]
     if both:
         raise SceneError(
@@ -108,16 +114,18 @@ class LoopConditions:
             lengths.append(model.v_units[place] == "m")
         if lead.point is not None:
             frame = model.points[lead.point]
-            point = PointKinematics.of(model, problem.q, problem.v, frame, lead.components)
+            point = PointKinematics.of(model, problem.q, problem.v, frame, lead.components, lead.oriented)
             values += point.p
             J += point.J
-            for i in range(lead.components):
+            axes = [*"xyz"[: lead.components], *(("rx", "ry", "rz") if lead.oriented else ())]
+            for i, axis in enumerate(axes):
                 rate = point.J_rate[i * model.nv : (i + 1) * model.nv]
                 bias.append(dot(rate, problem.v))
-                names.append(f"{lead.point}.{'xyz'[i]}")
-                lengths.append(True)
+                names.append(f"{lead.point}.{axis}")
+                lengths.append(len(axis) == 1)
         self.names = tuple(names)
         self.led = len(names) - len(rows)
+        self._values = len(values)  # of a pose its axes, in the place of three rows
         self.prescribed = problem.constraints.prescribed
         self.sizes = np.where(lengths, self.size, 1.0)
         self.lengths = np.array([self.size if unit == "m" else 1.0 for unit in model.v_units])
@@ -130,7 +138,7 @@ class LoopConditions:
             self._asked[t] = (found[0][k], found[1][k], found[2][k])
 
     def asked(self, t: float) -> tuple[Array, Array, Array]:
-        """Return value, rate and acceleration (k,) of the led joints or point."""
+        """Return values (k,), rates and accelerations (m,) of the led joints or point."""
         if t not in self._asked:
             found = self.lead.asked(np.array([t]))
             self._asked[t] = (found[0][0], found[1][0], found[2][0])
@@ -139,9 +147,10 @@ class LoopConditions:
     def at(self, q: Array, t: float) -> tuple[Array, Array]:
         found = self._here(q, np.zeros(self.model.nv), t)
         m = len(self.names)
-        F = found[:m].copy()
-        F[m - self.led :] -= self.asked(t)[0]
-        return F, found[m:].reshape(m, self.model.nv)
+        rows, values = m - self.led, self._values
+        wanted, here = self.asked(t)[0], found[rows:values]
+        left = what_is_left(wanted, here) if self.lead.oriented else wanted - here
+        return np.concatenate([found[:rows], -left]), found[values:].reshape(m, self.model.nv)
 
     def rates(self, q: Array, v: Array, t: float) -> tuple[Array, Array]:
         found = self._rates(q, v, t)

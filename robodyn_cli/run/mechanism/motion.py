@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import GeometryError, SceneError, SingularConfigurationError
+from robodyn_cli.errors import CapabilityError, GeometryError, SceneError, SingularConfigurationError
+from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
-from robodyn_cli.scene.types import Point, Scene
+from robodyn_cli.scene.points import with_points
+from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.trajectories.led import followed_by, position_columns
 from robodyn_cli.trajectories.motion import JointMotion, JointSpace, TaskSpace
 
 if TYPE_CHECKING:
@@ -43,17 +45,9 @@ def with_led_point(scene: Scene) -> Scene:
     return with_points(scene, [trajectory.point]) if isinstance(trajectory, TaskSpace) else scene
 
 
-def with_points(scene: Scene, references: Sequence[str]) -> Scene:
-    """Return the scene with points that are referred to (as ``link2.end``) among its named points."""
-    points = dict(scene.robot.points)
-    for reference in references:
-        link, _, at = reference.partition(".")
-        # ``base.NAME`` is a named point too
-        known = points.get(reference) or points.get(at)
-        points[reference] = known or Point(link=link, at=at)
-    if len(points) == len(scene.robot.points):
-        return scene
-    return dataclasses.replace(scene, robot=dataclasses.replace(scene.robot, points=points))
+def without_following(scene: Scene) -> Scene:
+    """Return the scene without motions prescribed by its trajectory, for commands that follow it themselves."""
+    return scene if followed_by(scene.prescribed) is None else dataclasses.replace(scene, prescribed={})
 
 
 def plan_motion(problem: Problem, times: Array) -> Planned:
@@ -73,6 +67,7 @@ def plan_motion(problem: Problem, times: Array) -> Planned:
             key="trajectory",
         )
     if not isinstance(trajectory, TaskSpace):
+        _refuse_some(model, trajectory)
         return Planned(times, trajectory.motion(times, model.q_names, scene.parameters))
     from robodyn_cli.solve.inverse_kinematics import follow_point
 
@@ -83,15 +78,40 @@ def plan_motion(problem: Problem, times: Array) -> Planned:
     return Planned(times, found.motion, trajectory.point, target, found.method, counters=counters)
 
 
+def _refuse_some(model: Model, trajectory: JointSpace) -> None:
+    """Refuse a motion of some joints only, which is enough for a simulation that it prescribes.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    led = position_columns(trajectory.joints)
+    missing = [name for name in model.q_names if name not in led]
+    if missing:
+        raise CapabilityError(
+            f"the trajectory does not lead joint {missing[0]!r}, and the motion of all joints is needed here; only "
+            "`simulate` leaves others to the forces"
+        )
+
+
 def point_task(problem: Problem) -> PointTask:
-    """Return the point that the scene's trajectory leads, and its path."""
+    """Return the point, or the frame, that the scene's trajectory leads, and its path."""
     from robodyn_cli.solve.inverse_kinematics import PointTask
 
     scene, model = problem.scene, problem.model
     trajectory: Any = scene.trajectory
-    start = trajectory.ik.guess or scene.initial.q
     where = f"{scene.path}: " if scene.path else ""
-    return PointTask(model, model.points[trajectory.point], trajectory, start, scene.parameters, where)
+    frame, ik = model.points[trajectory.point], trajectory.ik
+    task = PointTask(model, frame, trajectory, ik.guess or scene.initial.q, scene.parameters, where)
+    named, redundant = ik.branch is not None and task.arm is None, ik.redundancy != "least_rates"
+    if not named and not redundant:
+        return task
+    from robodyn_cli.run.poses.path import drift_of, start_of
+
+    start = start_of(problem, task)
+    if start is not None:
+        task = dataclasses.replace(task, start=start, chosen=True)
+    return dataclasses.replace(task, drift=drift_of(problem, task)) if redundant else task
 
 
 def compile_point(kinematics: PointKinematics) -> PointFunction:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
 from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
@@ -10,23 +13,34 @@ from robodyn_cli.errors import NumericalError, SceneError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.loops.base import Row
+from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.spatial.algebra import zeros
+from robodyn_cli.trajectories.attitudes import FORMS, evaluated, joint_expressions
+from robodyn_cli.trajectories.formulas import time_symbol
+from robodyn_cli.trajectories.joint_space import attitude_places
+from robodyn_cli.trajectories.led import followed_by, position_columns
 
 BESIDE = (1e-9, 1e-7, 1e-5)  # parts of the duration: distances from a jump at which both sides are evaluated
 JUMP = 1e-6  # rad, rad/s, m or m/s
 
 
 def prescribed_starts(scene: Scene) -> dict[str, float]:
-    """Return where the prescribed joints are at t = 0.
+    """Return where the prescribed joints are at t = 0, by column of q.
 
     Raises
     ------
     SceneError : initial.q says something else. NumericalError : a formula has no value there.
     """
-    starts = {}
-    for name, formula in scene.prescribed.items():
-        env = {"t": 0.0, **{f"p.{n}": x for n, x in scene.parameters.items()}}
-        start = float(formula.evaluate(env))
+    t, env = time_symbol(scene.parameters)
+    columns = position_columns(scene.prescribed)
+    found = joint_expressions(evaluated(scene.prescribed, env), columns, t).q
+    starts = dict(zip(columns, (float(x) for x in evaluate(found, {"t": [0.0]}))))
+    for places in attitude_places(columns).values():
+        names = [columns[k] for k in places]
+        if sum(scene.initial.q.get(name, starts[name]) * starts[name] for name in names) < 0.0:
+            starts |= {name: -starts[name] for name in names}  # the same attitude
+    for name, start in starts.items():
         given = scene.initial.q.get(name)
         if given is not None and abs(given - start) > 1e-9 * max(1.0, abs(start)):
             raise SceneError(
@@ -34,7 +48,6 @@ def prescribed_starts(scene: Scene) -> dict[str, float]:
                 f"{start:.9g}; leave it out of initial.q, or make them agree",
                 file=scene.path, key=f"initial.q.{name}",
             )  # fmt: skip
-        starts[name] = start
     return starts
 
 
@@ -46,57 +59,111 @@ def check_prescribed(problem: Problem) -> None:
     NumericalError : the rate or the acceleration at t = 0 is not finite. SceneError : position or rate jump.
     """
     constraints = problem.constraints
+    _check_moving_ends(problem)
     for i in constraints.rheonomic:
-        row = constraints.rows[i]
+        row = _Course(problem, constraints.rows[i])
         name = row.name.partition(".")[2] if i in constraints.prescribed else row.name.rpartition(".")[0]
         where = f"the prescribed motion in {name!r} (row {row.name})"
         if i in constraints.prescribed:
-            formula = problem.scene.prescribed[name]
+            formula = _formula(problem.scene.prescribed, name)
             where = f"{formula.where or f'prescribed.{name}'}: the motion {formula.text!r}"
-        for what, entry in (("rate", row.eta_t), ("acceleration", row.gamma)):
-            if not np.isfinite(_at(entry, 0.0)):
+        for what, value in (("rate", row.rate), ("acceleration", row.acceleration)):
+            if not np.isfinite(value(0.0)):
                 raise NumericalError(
                     f"{where} has no finite {what} at t = 0", time=0.0, joint=name, status="not_finite"
                 )
-        for time in _doubtful_times(problem, row):
-            step = _beside(row, time, problem.scene.simulate.duration)
-            slack = JUMP + 10.0 * step * max(abs(_at(row.gamma, t)) for t in (time - step, time + step))
-            for what, entry in (("position", row.eta), ("rate", row.eta_t)):
-                before, after = -_at(entry, time - step), -_at(entry, time + step)
-                if abs(after - before) > slack + 10.0 * step * abs(_at(row.eta_t, time + step)):
-                    raise SceneError(
-                        f"{where} jumps at t = {time:.9g} s: its {what} goes from {before:.6g} to {after:.6g}, which "
-                        "takes an infinite torque; let it go there in finite time",
-                        joint=name, time=time,
-                    )  # fmt: skip
+        _refuse_jumps(problem, row, where, i in constraints.prescribed)
 
 
-def _beside(row: Row, time: float, duration: float) -> float:
+def _refuse_jumps(problem: Problem, row: _Course, where: str, prescribed: bool, rates: bool = True) -> None:
+    """Refuse a motion that jumps, in its position or, unless ``rates`` is false, in its rate.
+
+    Raises
+    ------
+    SceneError : with the time and both values.
+    """
+    name = row.name.partition(".")[2] if prescribed else row.name.rpartition(".")[0]
+    for time in _doubtful_times(problem, row.row, prescribed):
+        step = _beside(row, time, problem.scene.simulate.duration)
+        slack = JUMP + 10.0 * step * max(abs(row.acceleration(t)) for t in (time - step, time + step))
+        for what, value in (("position", row.position), ("rate", row.rate))[: 1 + rates]:
+            before, after = value(time - step), value(time + step)
+            if abs(after - before) > slack + 10.0 * step * abs(row.rate(time + step)):
+                raise SceneError(
+                    f"{where} jumps at t = {time:.9g} s: its {what} goes from {before:.6g} to {after:.6g}, which "
+                    "takes an infinite torque; let it go there in finite time",
+                    joint=name, time=time,
+                )  # fmt: skip
+
+
+def _check_moving_ends(problem: Problem) -> None:
+    """Refuse ends of forces on the ground that jump; their rates may jump, and dampers with them.
+
+    Raises
+    ------
+    SceneError : with the force, the time and both places. NumericalError : no finite place or rate at t = 0.
+    """
+    for key, place, rate in problem.elements.moving:
+        for x, v in zip(place, rate):
+            where = f"the motion of the place {key!r}"
+            row = _Course(problem, Row(key, -x, zeros(0), 0.0, -v))
+            if not (np.isfinite(row.position(0.0)) and np.isfinite(row.rate(0.0))):
+                raise NumericalError(
+                    f"{where} has no finite place or rate at t = 0", time=0.0, status="not_finite"
+                )
+            _refuse_jumps(problem, row, where, False, rates=False)
+
+
+class _Course:
+    """The motion that a row asks for, as it is seen from the neutral pose at rest."""
+
+    def __init__(self, problem: Problem, row: Row) -> None:
+        self.row, self.name = row, row.name
+        self._pose = Manifold(problem.model).neutral().tolist()
+        self._rest = [0.0] * problem.model.nv
+
+    def _at(self, entry: Scalar, time: float) -> float:
+        try:
+            return -float(evaluate([entry], {"t": [time], "q": self._pose, "v": self._rest})[0])
+        except (ArithmeticError, ValueError):
+            return float("nan")
+
+    def position(self, time: float) -> float:
+        return self._at(self.row.eta, time)
+
+    def rate(self, time: float) -> float:
+        return self._at(self.row.eta_t, time)
+
+    def acceleration(self, time: float) -> float:
+        return self._at(self.row.gamma, time)
+
+
+def _formula(prescribed: Mapping[str, Any], column: str) -> Any:
+    """Return the formula of a column, or the first one of its joint's attitude."""
+    joint = column.rpartition(".")[0]
+    found = prescribed.get(column) or next(
+        prescribed[f"{joint}.{x}"] for x in FORMS if f"{joint}.{x}" in prescribed
+    )
+    return found[0] if isinstance(found, tuple) else found
+
+
+def _beside(row: _Course, time: float, duration: float) -> float:
     """Return the smallest distance from a time [s] at which the motion has values on both sides."""
     for part in BESIDE:
-        there = [_at(entry, time + s * part * duration) for entry in (row.eta_t, row.gamma) for s in (-1, 1)]
+        there = [value(time + s * part * duration) for value in (row.rate, row.acceleration) for s in (-1, 1)]
         if np.all(np.isfinite(there)):
             break
     return part * duration
 
 
-def _doubtful_times(problem: Problem, row: Row) -> list[float]:
+def _doubtful_times(problem: Problem, row: Row, prescribed: bool) -> list[float]:
     """Return the times at which the motion may jump: formulas switch there, or are not smooth."""
-    found = [s for s in switches([row.eta, row.eta_t, row.gamma]) if is_of_time(s, problem.t)]
     duration = problem.scene.simulate.duration
+    followed = followed_by(problem.scene.prescribed) if prescribed else None
+    if followed is not None and followed.breakpoints is not None:
+        return sorted({x for x in followed.breakpoints if 0.0 < x < duration})
+    found = [s for s in switches([row.eta, row.eta_t, row.gamma]) if is_of_time(s, problem.t)]
     times = {x for s in found for x in switching_times(s, problem.t, duration) if 0.0 < x < duration}
-    hidden = [x for key, found in problem.switching.time_structures if key == row.name for x in found.points]
+    keys = (row.name, row.closure)  # those of an attitude have one key
+    hidden = [x for key, found in problem.switching.time_structures if key in keys for x in found.points]
     return sorted(times.union(hidden))
-
-
-def _at(entry: Scalar, time: float) -> float:
-    """Return an entry of a row that depends on time, q and v (both taken as 0)."""
-    try:
-        return float(evaluate([entry], {"t": [time], "q": _Zeros(), "v": _Zeros()})[0])
-    except (ArithmeticError, ValueError):
-        return float("nan")
-
-
-class _Zeros:
-    def __getitem__(self, index: int) -> float:
-        return 0.0

@@ -35,4 +35,7 @@ def add_rows(
     columns = loop_columns(rows, dependent)
     for path, data in arrays.items():
         column = columns[path]
-        result.add(path, data, units=column.units, long_name=column.long_name, names=column.names)
+        result.add(
+            path, data, units=column.units, long_name=column.long_name, names=column.names,
+            column_units=column.column_units,
+        )  # fmt: skip

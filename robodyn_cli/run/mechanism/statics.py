@@ -27,6 +27,7 @@ from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import assemble
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.trajectories.led import position_columns
 from robodyn_cli.trajectories.motion import JointMotion
 
 
@@ -69,7 +70,7 @@ def closed_configuration(problem: Problem) -> Array:
     """Return the initial configuration q (nq,) with the loops closed, held joints where they are."""
     scene = problem.scene
     given = initial_positions(scene, problem)
-    held = tuple(dict.fromkeys((*held_columns(scene, problem), *scene.prescribed)))
+    held = tuple(dict.fromkeys((*held_columns(scene, problem), *position_columns(scene.prescribed))))
     check_prescribed(problem)
     q = assemble(problem, given, {}, held).q
     check_formulas(problem, q, np.zeros(problem.model.nv))

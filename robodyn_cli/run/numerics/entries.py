@@ -5,13 +5,14 @@ from __future__ import annotations
 import dataclasses
 import statistics
 import time
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError, NumericalError, SingularConfigurationError
 from robodyn_cli.formulations.system import System
+from robodyn_cli.integration_methods import REFERENCES
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.options import Options
@@ -22,8 +23,11 @@ from robodyn_cli.run.driver.build import watched_system
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.method import LARGEST
 from robodyn_cli.run.driver.motion import Motion
-from robodyn_cli.run.numerics.trial import Deadline, ran_out
+from robodyn_cli.run.numerics.trial import Deadline, ran_out, tight
 from robodyn_cli.scene.types import Baumgarte
+from robodyn_cli.spatial.algebra import Array
+
+T = TypeVar("T")
 
 LONGEST = 400_000  # steps after which a run counts as too slow
 SECONDS = 20.0  # as the last resort, the time after which it does; three times that for a reference
@@ -71,6 +75,24 @@ def driver_of(motion: Motion, method: str, options: Options, seconds: float) -> 
     driver = Driver(motion.system, method, options, motion.watchers)
     driver.tick = Deadline(seconds)
     return driver
+
+
+def tight_runs(motion: Motion, run: Callable[[str, Options], T]) -> Iterator[tuple[str, T]]:
+    """Yield what ``run`` makes of a motion by each method for references that gets through at tight tolerance."""
+    for method in REFERENCES:
+        if not supported(method, motion.system):
+            continue
+        try:
+            found = run(method, Options(tight(method), tight(method), max_steps=5 * LONGEST))
+        except (NumericalError, SingularConfigurationError):
+            continue
+        yield method, found
+
+
+def positions_and_rates(system: System, states: Array) -> Array:
+    """Return q and v (..., nq + nv) of states (..., nx)."""
+    q, v, _ = system.split(states)
+    return np.concatenate([q, v], axis=-1)
 
 
 def run_entry(

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from robodyn_cli.errors import NumericalError, SingularConfigurationError
-from robodyn_cli.integration_methods import REFERENCES
+from robodyn_cli.errors import NumericalError
 from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.record import record
@@ -13,8 +12,7 @@ from robodyn_cli.run.deploy.lock import TRUSTED
 from robodyn_cli.run.deploy.scan import DeadPoint, watcher_of
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.motion import Motion
-from robodyn_cli.run.numerics.entries import LONGEST, SECONDS, Entry, driver_of, supported
-from robodyn_cli.run.numerics.trial import tight
+from robodyn_cli.run.numerics.entries import SECONDS, Entry, driver_of, tight_runs
 from robodyn_cli.scene.types import Scene
 
 AGREED = 1e-7  # relative agreement about the time of a lock, without which there is no reference
@@ -50,21 +48,18 @@ def lock_reference(motion: Motion) -> LockReference | None:
     ------
     NumericalError : fewer than two methods get through, or they do not agree.
     """
-    found: list[tuple[str, float]] = []
-    for method in REFERENCES:
-        if not supported(method, motion.system):
-            continue
-        options = Options(tight(method), tight(method), max_steps=5 * LONGEST)
+
+    def run(method: str, options: Options) -> float | None:
         driver = driver_of(motion, method, options, 3.0 * SECONDS)
-        try:
-            driver.start(0.0, motion.start)
-            time = run_to_lock(driver, motion)
-        except (NumericalError, SingularConfigurationError):
-            continue
-        if time is None and not found:
-            return None
+        driver.start(0.0, motion.start)
+        return run_to_lock(driver, motion)
+
+    found: list[tuple[str, float]] = []
+    for method, time in tight_runs(motion, run):
         if time is not None:
             found.append((method, time))
+        elif not found:
+            return None
         if len(found) == 2:
             break
     if len(found) < 2:

@@ -15,7 +15,7 @@ from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.record import record
 from robodyn_cli.run.driver.motion import Motion
-from robodyn_cli.run.numerics.entries import LONGEST, SECONDS, driver_of
+from robodyn_cli.run.numerics.entries import LONGEST, SECONDS, driver_of, positions_and_rates
 from robodyn_cli.spatial.algebra import Array
 
 CHANGE = 1e-7  # of the start, relative
@@ -44,8 +44,7 @@ class Sensitivity:
 
 def motion_at(motion: Motion, method: str, start: Array, grid: Grid, options: Options) -> Array:
     """Return q and v (T, nq + nv) on a grid."""
-    q, v, _ = motion.system.split(_states(motion, method, start, grid, options))
-    return np.concatenate([q, v], axis=-1)
+    return positions_and_rates(motion.system, _states(motion, method, start, grid, options))
 
 
 def _states(motion: Motion, method: str, start: Array, grid: Grid, options: Options) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from robodyn_cli.expr.graph import free_symbols, is_nonzero
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.methods.stability_region import Limit, limits
+from robodyn_cli.integrators.methods.stability_region import limits
 from robodyn_cli.kernels.rolled import RolledForwardDynamics
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
@@ -32,22 +32,30 @@ class Spectrum:
     """Eigenvalues [1/s] at some instants of a run.
 
     times : (T,). eigenvalues : (T, k) complex, of the linearised equations of motion; with loops, of its part along the
-    constraints; 0 where a state has fewer. reaches : by the contraction that an iteration for stages needs, the step
-    times the spectral radius of A at which it still has it [s] (T,); see ``reach``. complete : whether these are all
-    eigenvalues, or the largest only. duration : of the run [s].
+    constraints; 0 where a state has fewer. jacobians : of the whole state there (T, n, n). nv : velocities in it.
+    complete : whether these are all eigenvalues, or the largest only. duration : of the run [s].
     """
 
     times: Array
     eigenvalues: Array
-    reaches: Mapping[float, Array]
+    jacobians: Array
+    nv: int
     complete: bool
     duration: float
 
-    def largest_steps(self, limit: Limit) -> Array:
-        """Return the largest step of a method at each instant (T,) [s]; infinite where nothing limits it."""
-        if limit.contraction is None:
-            return np.array([limit.largest_step(row) for row in self.eigenvalues])
-        return limit.real * self.reaches[limit.contraction]
+    @cached_property
+    def step_limits(self) -> Array:
+        """The largest step of each of ``limits()`` at each instant (T, methods) [s]; infinite without a limit."""
+        table = limits()
+        needed = {limit.contraction for limit in table if limit.contraction is not None}
+        reaches = {contraction: reach(self.jacobians, self.nv, contraction) for contraction in needed}
+        columns = [
+            [limit.largest_step(row) for row in self.eigenvalues]
+            if limit.contraction is None
+            else limit.real * reaches[limit.contraction]
+            for limit in table
+        ]
+        return np.array(columns).T.reshape(len(self.times), len(table))
 
     @property
     def fastest_decay(self) -> float:
@@ -96,13 +104,11 @@ def spectrum(problem: Problem, system: System, times: Array, states: Array, dura
     complete = system.nv <= DENSE
     found = [_eigenvalues(j, complete) for _, j in kept]
     whole = J[[bool(np.all(np.isfinite(j))) for _, j in rows]]
-    needed = {x.contraction for x in limits() if x.contraction is not None}
-    reaches = {c: reach(whole, system.nv, c) for c in needed}
     width = max((len(x) for x in found), default=0)
     table = np.zeros((len(found), width), dtype=complex)
     for row, values in zip(table, found):
         row[: len(values)] = values
-    return Spectrum(np.array([t for t, _ in kept]), table, reaches, complete, duration)
+    return Spectrum(np.array([t for t, _ in kept]), table, whole, system.nv, complete, duration)
 
 
 def _eigenvalues(J: Array, complete: bool) -> Array:
@@ -130,16 +136,18 @@ def reach(J: Array, nv: int, contraction: float) -> Array:
     bound = np.linalg.norm(first, axis=(1, 2)) + np.sqrt(np.linalg.norm(second, axis=(1, 2)))
     idle = ~(bound > TINY)  # rates that depend on no state
     bound[idle] = 1.0
-    low = np.log(NEAREST * contraction) - np.log(bound)
-    high = np.log(FARTHEST) - np.log(bound)
+    # s times the bound is what is looked for: so no rate is too fast or too slow
+    by_bound = 1.0 / bound[:, None, None]
+    first, second = first * by_bound, second * by_bound * by_bound
+    low, high = np.full(len(J), np.log(NEAREST * contraction)), np.full(len(J), np.log(FARTHEST))
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         s = np.exp(middle)[:, None, None]
         radius = np.abs(np.linalg.eigvals(s * s * second + s * first)).max(axis=1)
         beyond = ~(radius <= contraction)
         low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
-    unlimited = idle | (high >= np.log(FARTHEST) - np.log(bound))
-    return np.where(unlimited, np.inf, np.exp(low))
+    unlimited = idle | (high >= np.log(FARTHEST))
+    return np.where(unlimited, np.inf, np.exp(low) / bound)
 
 
 def _reduce(J: Array, tangent: Array | None) -> Array:

@@ -10,8 +10,11 @@ import numpy as np
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.formulations.build import build_system
+from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.integration_methods import FIXED_STEP, REPRESENTATIVES
 from robodyn_cli.integrators.methods.stability_region import limits
+from robodyn_cli.kernels.program import unknown_data
+from robodyn_cli.model.model import unknown_among
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT
@@ -145,9 +148,16 @@ def at_start(setup: Setup) -> Spectrum | None:
 
 
 def eigenvalues(setup: Setup, times: Array, q: Array, v: Array) -> Spectrum | None:
-    """Return the spectrum at states q (T, nq), v (T, nv), None where the equations cannot be linearised."""
+    """Return the spectrum at states q (T, nq), v (T, nv), None where the equations cannot be linearised.
+
+    Raises
+    ------
+    SceneError : the accelerations depend on data that the scene does not give.
+    """
     problem: Problem = setup.problem
     system = build_system(problem, "none", work=False)
+    if not isinstance(system.dynamics, Rolled) and (missing := unknown_among(system.rates)):
+        raise unknown_data(missing)
     states = np.stack([system.join(*x) for x in zip(q, v)])
     try:
         found = spectrum(problem, system, times, states, problem.scene.simulate.duration)
@@ -166,14 +176,18 @@ def along(setup: Setup, ref: Reference | None) -> Spectrum | None:
 
 def step_limits(found: Spectrum | None) -> list[StepLimit]:
     """Return, for each method whose step stability limits, the extents of its region and its largest step [s]."""
-    table = []
-    for limit in limits():
-        steps = found.largest_steps(limit) if found is not None else ()
-        finite = [h for h in steps if np.isfinite(h)]
-        table.append(
-            StepLimit(limit.method, limit.kind, limit.real, limit.imaginary, min(finite, default=None))
+    table = limits()
+    steps = found.step_limits.T if found is not None else [np.zeros(0)] * len(table)
+    return [
+        StepLimit(
+            limit.method,
+            limit.kind,
+            limit.real,
+            limit.imaginary,
+            min(h[np.isfinite(h)].tolist(), default=None),
         )
-    return table
+        for limit, h in zip(table, steps)
+    ]
 
 
 def gain_planes(scene: Scene, effort: Effort) -> dict[str, GainPlane]:

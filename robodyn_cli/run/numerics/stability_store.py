@@ -35,15 +35,13 @@ def add_spectrum(result: Result, found: Spectrum | None) -> None:
         dims=("instant",),
         long_name="fastest decay over the slowest rate of the run",
     )
-    table = limits()
-    steps = np.array([found.largest_steps(limit) for limit in table]).T
     result.add(
         "stability/step_limit",
-        steps.reshape(len(found.times), len(table)),
+        found.step_limits,
         units="s",
         long_name="largest stable step",
         dims=("instant", "method"),
-        names=tuple(limit.method for limit in table),
+        names=tuple(limit.method for limit in limits()),
     )
 
 

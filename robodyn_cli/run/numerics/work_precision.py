@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-from robodyn_cli.errors import CapabilityError, NumericalError, SingularConfigurationError
-from robodyn_cli.formulations.system import System
-from robodyn_cli.integration_methods import EXTREMES, REFERENCES
+from robodyn_cli.errors import CapabilityError, NumericalError
+from robodyn_cli.integration_methods import EXTREMES
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.integrators.runtime.grid import Grid
-from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.record import mutable_record, record
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, Absent
@@ -22,17 +21,18 @@ from robodyn_cli.run.driver.build import build_motion, follow_changes, with_stab
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.motion import Gains, Motion
 from robodyn_cli.run.numerics.entries import (
-    LONGEST,
     Entry,
     fields_of,
     in_formulation,
+    positions_and_rates,
     run_entry,
     supported,
+    tight_runs,
     values_of,
 )
 from robodyn_cli.run.numerics.lock_precision import judge_lock, lock_reference, locks
 from robodyn_cli.run.numerics.sensitivity import Sensitivity, motion_at, sensitivity
-from robodyn_cli.run.numerics.trial import SAMPLES, Reference, agreed, tight
+from robodyn_cli.run.numerics.trial import SAMPLES, Reference, agreed
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Baumgarte, Scene
@@ -46,12 +46,6 @@ AGREED = 1e-9  # agreement of the references, relative to the range, up to which
 LEAST_AGREED = 1e-6  # the same for all others, whose errors do not run away
 
 
-def _motion(system: System, states: Array) -> Array:
-    """Return q and v (..., nq + nv) of states (..., nx)."""
-    q, v, _ = system.split(states)
-    return np.concatenate([q, v], axis=-1)
-
-
 def two_references(motion: Motion, grid: Grid) -> list[tuple[str, Array]]:
     """Return the motions q, v (T, nq + nv) by the first two methods that get through at tight tolerance.
 
@@ -59,18 +53,13 @@ def two_references(motion: Motion, grid: Grid) -> list[tuple[str, Array]]:
     ------
     NumericalError : fewer than two do.
     """
-    found: list[tuple[str, Array]] = []
-    for method in REFERENCES:
-        if not supported(method, motion.system):
-            continue
-        options = Options(tight(method), tight(method), max_steps=5 * LONGEST)
-        try:
-            found.append((method, motion_at(motion, method, motion.start, grid, options)))
-        except (NumericalError, SingularConfigurationError):
-            continue
-        if len(found) == 2:
-            return found
-    raise NumericalError("no two methods get through this scene at tight tolerance, so there is no reference")
+    runs = tight_runs(motion, lambda method, options: motion_at(motion, method, motion.start, grid, options))
+    found = list(itertools.islice(runs, 2))
+    if len(found) < 2:
+        raise NumericalError(
+            "no two methods get through this scene at tight tolerance, so there is no reference"
+        )
+    return found
 
 
 def reference(motion: Motion, duration: float) -> tuple[Reference, Sensitivity]:
@@ -131,7 +120,7 @@ def judge_motion(driver: Driver, entry: Entry, motion: Motion, ref: Reference) -
     """Run over the comparable time; fill in the largest error."""
     grid = Grid.over(ref.until, len(ref.times))
     states = driver.samples(ref.until, grid, watch=bool(motion.watchers))
-    difference = np.abs(_motion(motion.system, states) - ref.states)
+    difference = np.abs(positions_and_rates(motion.system, states) - ref.states)
     entry.error = float(difference.max())
     if np.max(difference / ref.scale) > 0.1:
         entry.status = "inaccurate"

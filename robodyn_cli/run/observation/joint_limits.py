@@ -17,12 +17,15 @@ if TYPE_CHECKING:
     from robodyn_cli.forces.limits import Limits
 
 # a motion that stays on a limit passes it by rounding
-ROUNDING = 1e-12
+ROUNDING = 1e-9
 
 
 @record
 class LimitedJoint:
-    """A joint that moves, and its limits; ``place`` : of its coordinate in q, ``velocity`` : in v; ``unit`` : of q."""
+    """A joint that moves, or a coordinate of one, and its limits.
+
+    place : of its coordinate in q. velocity : in v. unit : of q.
+    """
 
     name: str
     limits: Limits
@@ -35,11 +38,12 @@ def limited_joints(scene: Scene, model: Model) -> list[LimitedJoint]:
     """Return the joints with limits in the order of the scene."""
     found = []
     for joint in scene.robot.joints:
-        limits = dict(joint.forces).get("limits")
-        if limits is not None and joint.name in model.q_names:
-            place = model.q_names.index(joint.name)
-            velocity = model.v_names.index(joint.name)
-            found.append(LimitedJoint(joint.name, limits, place, velocity, model.q_units[place]))
+        for key, limits in joint.forces:
+            kind, _, coordinate = key.partition(".")
+            name = f"{joint.name}.{coordinate}" if coordinate else joint.name
+            if kind == "limits" and name in model.q_names:
+                place, velocity = model.q_names.index(name), model.v_names.index(name)
+                found.append(LimitedJoint(name, limits, place, velocity, model.q_units[place]))
     return found
 
 

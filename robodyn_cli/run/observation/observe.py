@@ -45,7 +45,7 @@ def observed(problem: Problem, accelerations: bool = True) -> dict[str, Sequence
     """Return the expressions that are evaluated at the samples of a simulation, by output."""
     outputs: dict[str, Sequence[Scalar]] = {
         "tau": _actuator_torques(problem),
-        "energy": [problem.kinetic, _potential(problem)],
+        "energy": [problem.kinetic, potential_energy(problem)],
     }
     if problem.model.forces:
         outputs["forces.potential"] = [effect.potential for effect in problem.elements.effects]
@@ -65,7 +65,7 @@ def observed(problem: Problem, accelerations: bool = True) -> dict[str, Sequence
     return {**outputs, **place_outputs(problem)}
 
 
-def _potential(problem: Problem) -> Scalar:
+def potential_energy(problem: Problem) -> Scalar:
     """Return the potential energy; unknown data that only shift it by a constant count as zero. These are the data
     that its gradient does not depend on, such as the height of the centre of mass of a cart on level ground.
     """
@@ -95,10 +95,12 @@ def loop_columns(rows: Sequence[Row], dependent: bool = False) -> dict[str, Colu
     """Return units and names of the datasets of constraint rows, by path; ``dependent`` : whether rows depend on each
     other."""
     dims, names = ("time", "constraint"), tuple(row.name for row in rows)
-    force = "N" if all(row.kind == "force" for row in rows) else "N or N m"
+    units = ["N" if row.kind in ("force", "m") else "N m" for row in rows]
+    mixed = tuple(units) if len(set(units)) > 1 else ()
+    force = "N or N m" if mixed else "".join(units[:1]) or "N"
     least = " (rows depend on each other: those of least norm)" if dependent else ""
     return {
-        "constraints/multipliers": Column(force, f"Lagrange multipliers{least}", dims, names),
+        "constraints/multipliers": Column(force, f"Lagrange multipliers{least}", dims, names, mixed),
         "constraints/position_residual": Column("m", "residual of position constraints", dims, names),
         "constraints/velocity_residual": Column("m/s", "residual of velocity constraints", dims, names),
     }

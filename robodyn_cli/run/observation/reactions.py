@@ -13,12 +13,11 @@ from robodyn_cli.algorithms.reactions import Reactions, reactions
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.model.model import BASE, Model, are_known
-from robodyn_cli.model.placement import axis_frame
+from robodyn_cli.model.placement import joint_axes
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.wrenches import magnitude
 from robodyn_cli.run.observation.evaluation import SampleFunction
-from robodyn_cli.scene import types as sc
 from robodyn_cli.scene.points import point_link
 from robodyn_cli.spatial.algebra import Array, Matrix, Wrench, identity
 from robodyn_cli.trajectories.motion import JointMotion
@@ -26,11 +25,6 @@ from robodyn_cli.trajectories.motion import JointMotion
 NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
 REACTION_GROUPS = ("t", "q", "v", "a", "lam")
 BASE_PATH = "base_wrench"
-
-
-def joint_axes(joint: sc.Joint) -> Matrix:
-    """Return the axes (columns, body coordinates) of the joint's own frame, that of ``com_frame: joint``."""
-    return identity() if joint.has_dh else axis_frame(joint).T
 
 
 class ReactionSamples:

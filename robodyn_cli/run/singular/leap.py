@@ -289,21 +289,23 @@ class Leap:
         return self.start.time + self.length * gauss_table(n).c[n // 2 - 1 : n // 2 + 1]
 
     @property
-    def noise(self) -> float:
-        """The rounding that the nodes close to the pose bring into v over the leap, by the last coefficients of v-dot.
-
-        There the constraints are ill conditioned: rounding of v-dot is many times that of the motion, and does not
-        fall with the tolerance. n values with errors of size e have coefficients of size e, and a mean with an error
-        e / sqrt(n).
-        """
-        n = len(self.a)
-        return float(0.5 * self.length * np.abs(self.a[-2:]).max(initial=0.0) / np.sqrt(n))
-
-    @property
     def tail(self) -> float:
         """The last coefficients of positions [rad, m]."""
         n = len(self.qd)
         return float(0.5 * self.length * np.abs(self.qd[-2:]).max() / n)
+
+
+def leap_rounding(equations: Equations, leap: Leap) -> float:
+    """Return the rounding that the nodes close to the pose bring into v over a leap, by the last coefficients of v-dot.
+
+    There the constraints are ill conditioned: rounding of v-dot is many times that of the motion, and does not fall
+    with the tolerance. n values with errors of size e have coefficients of size e, and a mean with an error
+    e / sqrt(n). Behind the leap the loops are closed again, which leaves what is along them.
+    """
+    end = np.array([leap.end])
+    free = Bases.at(equations.constraints(end, leap.at(end)[0])[1], equations.rank).free[0]
+    along = leap.a[-2:] @ free.T @ free
+    return float(0.5 * leap.length * np.abs(along).max(initial=0.0) / np.sqrt(len(leap.a)))
 
 
 def extrapolated(times: Sequence[float], values: Sequence[Array], t: float) -> Array:

@@ -24,7 +24,7 @@ from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.motion import Motion, Watcher
 from robodyn_cli.run.singular.beside import BesidePose
-from robodyn_cli.run.singular.leap import Equations, State
+from robodyn_cli.run.singular.leap import Equations, State, leap_rounding
 from robodyn_cli.run.singular.leap import Leap as FoundLeap
 from robodyn_cli.run.singular.pose_ahead import NODES, REACH, Approach, Pose, Unresolved
 from robodyn_cli.run.singular.singularity import classify, culprit, refuse_dependent_rows
@@ -34,7 +34,9 @@ NEAR = 0.03  # ratio of singular values at the highest threshold
 RUNGS = 8
 LOWER = 1 / 16  # one threshold of the closeness over the one before: a quarter of the distance, squared
 SCOUTED = 20_000  # steps towards a pose, far more than it takes; steps that shrink to nothing get no further
-OTHER_NODES, OTHER_REACH = 20, 0.3  # of a leap in a second integration, which must not repeat its error
+# of a leap in a second integration, which must not repeat its error; its nodes are hardly closer to the pose, where
+# rounding grows as the distance falls
+OTHER_NODES, OTHER_REACH = 14, 0.3
 
 
 class PosesAhead(Watcher):
@@ -155,15 +157,15 @@ class Passage(PosesAhead):
     def __init__(self, problem: Problem) -> None:
         super().__init__(problem)
         self.crossed: list[float] = []
-        self._noise = 0.0
+        self._rounding = 0.0
 
     def begin(self, t: float, x: Array, options: Options) -> Array:
-        self.crossed, self._noise = [], 0.0
+        self.crossed, self._rounding = [], 0.0
         return super().begin(t, x, options)
 
     @property
-    def error(self) -> float:
-        return self._noise
+    def rounding(self) -> float:
+        return self._rounding
 
     def facts(self, end: float) -> dict[str, Any]:
         return {"passed": [time for time in self.crossed if time <= end]}
@@ -208,7 +210,7 @@ class Passage(PosesAhead):
             )  # fmt: skip
         self.crossed.append(found.time)
         leap = found.leap
-        self._noise += leap.noise
+        self._rounding += leap_rounding(self.equations, leap)
 
         def states(t: Array) -> Array:
             """Return states (T, nx): of the way to the leap, then of the leap itself."""

@@ -15,47 +15,19 @@ from typing import Any
 
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.exit_codes import INTERNAL
-from robodyn_cli.record import record
-from robodyn_cli.results.result import Result
-from robodyn_cli.run.batch.criteria import exit_code, judge, lookup_number
+from robodyn_cli.run.batch.criteria import judge
 from robodyn_cli.run.commands import execute
+from robodyn_cli.run.many.keys import settings
+from robodyn_cli.run.many.single import error_of, number_of, reason_of, summary_of
 from robodyn_cli.run.progress import no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
-from robodyn_cli.scene.load import Family
+from robodyn_cli.run.study.compiled import blocks, suits
+from robodyn_cli.run.study.row import Row, Task, Values
 from robodyn_cli.scene.types import Scene
 
 FEWEST_IN_PROCESSES = 16  # a process takes as long to start as some ten runs take
 LONGEST_CHUNK = 64  # runs that a process is given at a time
 SECONDS_OF_CHUNK = 0.5  # about
-
-Values = tuple[float, ...]
-
-
-@record
-class Row:
-    """What one run gave.
-
-    code : exit code that the command would have. outputs, errors : numbers, nan where a run has none. holds : whether
-    all of ``expect`` holds. reason : why a run failed.
-    """
-
-    values: Values
-    code: int
-    outputs: tuple[float, ...]
-    errors: tuple[float, ...]
-    holds: bool
-    reason: str
-    seconds: float
-
-
-@record
-class Task:
-    """What all runs of a study share: their scenes, the command, the keys that vary, the outputs."""
-
-    family: Family
-    command: str
-    keys: tuple[str, ...]
-    outputs: tuple[str, ...]
 
 
 class Runner:
@@ -71,7 +43,7 @@ class Runner:
         ------
         SceneError : a value is not allowed there.
         """
-        return self.task.family.scene([setting(key, x) for key, x in zip(self.task.keys, values)])
+        return self.task.family.scene(settings(self.task.keys, values))
 
     def one(self, values: Values) -> Row:
         """Return what the run with these values gives; whatever ends it is part of the row."""
@@ -84,10 +56,10 @@ class Runner:
         reason, code, holds = "", INTERNAL, False
         try:
             scene = self.scene(values)
-            summary, code = self._summary(scene)
+            command = self.task.command
+            summary, code, _ = summary_of(lambda: execute(command, scene, no_progress, Stopwatch()))
             holds = all(o.holds for o in judge(scene.expect, summary))
-            error = summary.get("error")
-            reason = "" if code == 0 else str(error["message"] if error else summary["termination"]["reason"])
+            reason = reason_of(summary, code)
         except RobodynError as error:
             code, reason = error.exit_code, error.message
         except Exception as error:  # a fault of the program in one run leaves the others as they are
@@ -95,37 +67,6 @@ class Runner:
         outputs = tuple(number_of(summary, key) for key in self.task.outputs)
         errors = tuple(error_of(summary, key) for key in self.task.outputs)
         return Row(values, code, outputs, errors, holds, reason, time.perf_counter() - start), summary
-
-    def _summary(self, scene: Scene) -> tuple[dict[str, Any], int]:
-        """Return the summary of a run, which may have failed on the way, and its exit code."""
-        try:
-            result = execute(self.task.command, scene, no_progress, Stopwatch())
-        except RobodynError as error:
-            if not isinstance(error.result, Result):
-                raise
-            return {**error.result.summary, **error.result.head, "error": error.facts}, error.exit_code
-        summary = {**result.summary, **result.head}
-        return summary, exit_code(summary)
-
-
-def setting(key: str, value: float) -> str:
-    """Return the option of ``--set`` that gives a key a value; it reads back as the same number."""
-    whole = value.is_integer() and abs(value) < 2**53
-    return f"{key}={int(value)}" if whole else f"{key}={value!r}"
-
-
-def number_of(summary: Mapping[str, Any], key: str) -> float:
-    """Return a number of a summary; nan where it has none there."""
-    value = lookup_number(summary, key)
-    return math.nan if value is None else value
-
-
-def error_of(summary: Mapping[str, Any], key: str) -> float:
-    """Return the estimated error of a number of a summary, where the summary tells one."""
-    beside = lookup_number(summary, f"{key}_error")
-    if beside is None and key.startswith(("final.q.", "final.qd.")):
-        beside = lookup_number(summary, f"error_estimate.{key.split('.')[1]}_end")
-    return math.nan if beside is None else beside
 
 
 # -- side by side ---------------------------------------------------------------------------------------
@@ -144,13 +85,26 @@ def _run_chunk(points: Sequence[Values]) -> list[Row]:
     return [_runner.one(values) for values in points]
 
 
-def run_all(task: Task, points: Sequence[Values], jobs: int) -> Iterator[Row]:
-    """Yield the rows of all points, in the order in which they are done.
+def run_all(task: Task, points: Sequence[Values], jobs: int) -> Iterator[list[Row]]:
+    """Yield the rows of all points, some at a time, in the order in which they are done.
 
     Parameters
     ----------
-    jobs : processes; with one, or for a few points, this process runs them itself.
+    jobs : threads, or processes where compiled code does not do; with one process, or for a few points, this one runs
+        them itself.
     """
+    if suits(task):
+        left: list[Values] = []
+        for block in blocks(task, points, jobs):
+            left += block.left
+            yield block.rows
+        points = left
+    for row in _one_by_one(task, points, jobs):
+        yield [row]
+
+
+def _one_by_one(task: Task, points: Sequence[Values], jobs: int) -> Iterator[Row]:
+    """Yield the rows of points whose runs are whole commands."""
     if jobs == 1 or len(points) < FEWEST_IN_PROCESSES:
         runner = Runner(task)
         yield from (runner.one(values) for values in points)

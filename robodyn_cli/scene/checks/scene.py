@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.formula import parse
@@ -16,12 +17,18 @@ from robodyn_cli.scene.checks.elements import (
     check_forces,
     check_loops,
     check_moving_points,
+    check_spans,
     couplers_of,
 )
 from robodyn_cli.scene.checks.robot import check_robot, columns, moving
 from robodyn_cli.scene.points import BASE, point_problem
 from robodyn_cli.scene.text.nodes import Node, Path, Scalar, find
 from robodyn_cli.scene.types import Robot, Scene, Torque
+from robodyn_cli.trajectories.led import follow_trajectory, led_joints, velocity_columns
+from robodyn_cli.trajectories.registry import trajectory_types
+
+if TYPE_CHECKING:
+    from robodyn_cli.forces.limits import Limits
 
 
 @record
@@ -30,10 +37,24 @@ class _SceneNames:
 
     robot: Robot
     closed: bool = False
+    some: bool = False
+    parameters: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     @property
     def joints(self) -> tuple[str, ...]:
         return columns(self.robot, quasi=False)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        return columns(self.robot)
+
+    @property
+    def rates(self) -> tuple[str, ...]:
+        return columns(self.robot, velocities=True)
+
+    def limits(self, joint: str) -> Limits | None:
+        found = next((j for j in self.robot.joints if j.name == joint), None)
+        return None if found is None else dict(found.forces).get("limits")
 
     @property
     def quasi(self) -> tuple[str, ...]:
@@ -46,6 +67,9 @@ class _SceneNames:
 def check_scene(scene: Scene, check: Check) -> Scene:
     """Return the scene with the robot's connections filled in; ``check.found`` holds all errors."""
     robot = check_robot(scene.robot, check)
+    follow = isinstance(scene.prescribed, str)
+    if follow:
+        scene = dataclasses.replace(scene, prescribed={})
     couplers = couplers_of(scene)
     scene = dataclasses.replace(scene, robot=robot, couplers=tuple(couplers.values()))
     joints = {joint.name for joint in robot.joints}
@@ -58,15 +82,38 @@ def check_scene(scene: Scene, check: Check) -> Scene:
     check_couplers(scene, couplers, check)
     check_moving_points(scene, check)
     check_forces(scene, check)
+    check_spans(scene, check)
     _check_drives(scene, check)
     _check_initial(scene, check)
     if scene.trajectory is not None:
-        for path, message in scene.trajectory.problems(
-            _SceneNames(robot, bool(scene.loops or scene.couplers))
-        ):
+        closed = bool(scene.loops or scene.couplers)
+        names = _SceneNames(robot, closed, closed or follow, scene.parameters)
+        for path, message in scene.trajectory.problems(names):
             with check:
                 check.fail(("trajectory", *path), message)
+        if hasattr(scene.trajectory, "completed") and not check.found:
+            scene = dataclasses.replace(scene, trajectory=scene.trajectory.completed(names))
+    if follow:
+        scene = _following(scene, check)
     _check_runs(scene, check)
+    return scene
+
+
+def _following(scene: Scene, check: Check) -> Scene:
+    """Return the scene with the joints prescribed that its trajectory leads."""
+    with check:
+        trajectory = scene.trajectory
+        if not hasattr(trajectory, "expressions"):
+            what = "there is none" if trajectory is None else f"one of type {trajectory.type} leads a point"
+            kinds = [name for name in trajectory_types if hasattr(trajectory_types[name], "expressions")]
+            check.fail(
+                ("prescribed",),
+                f"no trajectory gives the joints' motion: {what}; allowed: {', '.join(kinds)}",
+            )
+        if not check.found:
+            prescribed = follow_trajectory(trajectory, scene.simulate.duration)
+            scene = dataclasses.replace(scene, prescribed=prescribed)
+            _check_drives(scene, check)
     return scene
 
 
@@ -98,13 +145,6 @@ def _check_drives(scene: Scene, check: Check) -> None:
     check.unique(actuated or (), "joint", [path for _, path in _items(actuated or (), "actuated")])
     _check_joints(scene, _keys(scene.torques, "torques"), check, at_key=True)
     _check_joints(scene, _keys(scene.prescribed, "prescribed"), check, at_key=True)
-    for name, path in _keys(scene.prescribed, "prescribed"):
-        with check:
-            if any(joint.name == name and joint_types[joint.type].quasi for joint in scene.robot.joints):
-                message = f"the motion of joint {name!r} cannot be prescribed, because its velocities are no rates of"
-                check.fail(
-                    path, f"{message} positions; prescribe joints of one axis in its place", at_key=True
-                )
     for name, torque in scene.torques.items():
         with check:
             _check_torque(scene, name, torque, check)
@@ -116,7 +156,7 @@ def _check_torque(scene: Scene, name: str, torque: object, check: Check) -> None
     if scene.actuated is not None and joint not in scene.actuated:
         allowed = ", ".join(scene.actuated) or "none"
         check.fail(path, f"joint {joint!r} is not in 'actuated'; allowed: {allowed}", at_key=True)
-    if name in scene.prescribed:
+    if name in velocity_columns(scene.prescribed):
         check.fail(path, f"the motion of {name!r} is prescribed, so its torque is a result", at_key=True)
     if isinstance(torque, Torque):
         for k in range(1, len(torque.table)):
@@ -177,6 +217,10 @@ def _check_runs(scene: Scene, check: Check) -> None:
                 ("simulate", "max_step"), f"{message}; allowed: with methods that choose their own steps"
             )
     _check_kinematics(scene, check)
+    if scene.reach is not None:
+        from robodyn_cli.scene.checks.reach import check_reach
+
+        check_reach(scene.robot, scene.reach, check)
     _check_deploy(scene, check)
     if scene.deploy.latch is not None:
         between = scene.deploy.latch.between
@@ -215,7 +259,7 @@ def _check_kinematics(scene: Scene, check: Check) -> None:
                     ("kinematics", "sweep", "stop"), "is where the sweep begins; allowed: another position"
                 )
         with check:
-            if options.sweep.joint in scene.prescribed:
+            if options.sweep.joint in led_joints(scene.prescribed):
                 check.fail(joint, f"the motion of {options.sweep.joint!r} is prescribed; sweep another joint")
     for k, reference in enumerate(options.transmission or ()):
         with check:

@@ -22,14 +22,13 @@ from robodyn_cli.scene.text.nodes import (
     mapping,
     scalar,
     sequence,
-    shown,
 )
-from robodyn_cli.scene.text.scalars import resolve
 from robodyn_cli.scene.text.yaml_nodes import compose, read_text
 from robodyn_cli.schema.fields import (
     ATTACH,
     INCLUDE,
     PREFIX,
+    ByPart,
     CsvFile,
     Either,
     Inline,
@@ -69,6 +68,9 @@ def concrete(kind: Kind, node: Node) -> Kind | None:
     if isinstance(kind, Either):
         found = next((k for k in kind.kinds if fits(k, node)), None)
         return concrete(found, node) if found is not None else None
+    if isinstance(kind, ByPart):
+        by_part = isinstance(node, Mapping) and any(key.text in kind.parts for key, _ in node.entries)
+        return MapOf(kind.item, of="coordinate") if by_part else kind.item
     if isinstance(kind, Tagged) and isinstance(node, Mapping):
         tag = node.get(kind.tag)
         cls = kind.registry().get(tag.text) if isinstance(tag, Scalar) else None
@@ -83,7 +85,7 @@ def child_kind(kind: Kind | None, step: str) -> Kind | None:
             if key_name(field) == step and not isinstance(field.metadata.get("kind"), Inline):
                 return field.metadata.get("kind")
             if isinstance(field.metadata.get("kind"), Inline) and step in field.metadata["kind"].registry():
-                return Section(field.metadata["kind"].registry()[step])
+                return field.metadata["kind"].at(step)
     if isinstance(kind, (MapOf, ListOf)):
         return kind.item
     return None
@@ -217,21 +219,26 @@ class Includer:
         return os.path.join(node.source.directory, node.text)
 
     def csv(self, kind: CsvFile, key: str, section: Mapping, path: Path) -> Mapping:
-        """Return a section with the CSV file that it names replaced by the file's columns and rows."""
+        """Return a section with the table, CSV or HDF5, that it names replaced by the file's columns and rows."""
         node = section.get(key)
         if node is None or (isinstance(node, Scalar) and node.value is None):
             return section
+        from robodyn_cli.scene.text.tables import csv_table, hdf5_table, is_hdf5
+
         here = dotted((*path, key))
         if not isinstance(node, Scalar) or not isinstance(node.value, str):
-            raise located(node, here, "must be the path of a CSV file")
+            raise located(node, here, "must be the path of a CSV or HDF5 file")
         for other in (kind.columns, kind.rows):
             if section.get(other) is not None:
                 raise located(section.key(key) or node, here, f"give either {key!r} or {other!r}, not both")
         name, real = self.locate(node)
-        text = read_text(self.opened(node), node, here, name)
         self.sources.append(name)
         source = Source(name, os.path.dirname(name) or ".", real, node.source)
-        columns, rows = _table(text, source, dotted((*path, kind.rows)))
+        if is_hdf5(name):
+            columns, rows = hdf5_table(self.opened(node), node, source, here)
+        else:
+            text = read_text(self.opened(node), node, here, name)
+            columns, rows = csv_table(text, source, dotted((*path, kind.rows)))
         entries = [(k, v) for k, v in section.entries if k.text != key]
         entries += [(scalar(columns, kind.columns), columns), (scalar(rows, kind.rows), rows)]
         return mapping(section, entries)
@@ -241,40 +248,3 @@ def _is_xml(text: str) -> bool:
     """Tell XML from YAML, in which a merge key may come first."""
     start = text.lstrip()
     return start.startswith("<") and not start.startswith("<<")
-
-
-def _table(text: str, source: Source, key: str) -> tuple[Sequence, Sequence]:
-    """Return header and rows of a CSV text; blank lines and lines that start with ``#`` are skipped."""
-    header: list[Node] = []
-    rows: list[Node] = []
-    start = Scalar(source, 1, 1, "", None)
-    for number, line in enumerate(text.splitlines(), start=1):
-        if not line.strip() or line.lstrip().startswith("#"):
-            continue
-        cells: list[Node] = []
-        column = 1
-        for cell in line.split(","):
-            place = Scalar(source, number, column + len(cell) - len(cell.lstrip()), "", None)
-            cells.append(_cell(cell.strip(), place, bool(header), key))
-            column += len(cell) + 1
-        if header:
-            rows.append(sequence(cells[0], cells))
-        else:
-            header = cells
-    if not header:
-        raise located(
-            start, key, "there is no header row; allowed: a row of column names, then rows of numbers"
-        )
-    return sequence(header[0], header), sequence(start, rows)
-
-
-def _cell(text: str, place: Scalar, is_number: bool, key: str) -> Scalar:
-    if not is_number:
-        return scalar(place, text)
-    try:
-        value = resolve(text)
-    except ValueError:
-        value = text
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise located(place, key, f"must be a number (value {shown(text)})")
-    return scalar(place, value)

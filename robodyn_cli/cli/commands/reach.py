@@ -1,0 +1,90 @@
+"""``robodyn reach``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+import typer
+
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.options import (
+    AsJson,
+    NoPlots,
+    OutDir,
+    Overrides,
+    PlotFormat,
+    PlotNames,
+    Quiet,
+    SceneFile,
+    Strict,
+    drawings,
+    utf8,
+)
+from robodyn_cli.cli.runner import SceneRun, run_scene
+from robodyn_cli.cli.words import number, table
+
+
+def command(
+    scene: SceneFile,
+    frame: Annotated[
+        str | None,
+        typer.Option(
+            "--frame", metavar="NAME", parser=utf8, help="What is to go there: point, frame or link."
+        ),
+    ] = None,
+    position: Annotated[
+        str | None, typer.Option("--position", metavar="X,Y,Z", parser=utf8, help="Where, in the world [m].")
+    ] = None,
+    rpy: Annotated[
+        str | None,
+        typer.Option("--rpy", metavar="R,P,Y", parser=utf8, help="Its roll, pitch, yaw; `90 deg` goes too."),
+    ] = None,
+    branch: Annotated[
+        str | None, typer.Option("--branch", metavar="NAME", parser=utf8, help="The branch to take.")
+    ] = None,
+    out: OutDir = None,
+    overrides: Overrides = None,
+    no_plots: NoPlots = False,
+    plots: PlotNames = None,
+    format_: PlotFormat = "png",
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+    strict: Strict = False,
+) -> int:
+    """Run the command; return its exit code."""
+    settings = list(overrides or ())
+    settings += [f"reach.frame={frame}"] if frame is not None else []
+    settings += [f"reach.position=[{position}]"] if position is not None else []
+    settings += [f"reach.orientation.rpy=[{rpy}]"] if rpy is not None else []
+    settings += [f"reach.branch={branch}"] if branch is not None else []
+    job = SceneRun("reach", scene, out, settings, drawings(no_plots, plots, format_), strict)
+    return run_scene(job, Console(as_json, quiet), describe)
+
+
+def describe(summary: Mapping[str, Any]) -> str:
+    """Return the summary for the terminal."""
+    branch = summary.get("branch")
+    how = f"in closed form, branch {branch}" if branch else "by damped steps"
+    lines = [
+        f"{summary['title']}",
+        f"  {summary['frame']:<18} brought to the pose {how}; error {number(summary['error'], 3)} m or rad",
+    ]
+    rows = [["coordinate", "position"]]
+    rows += [[name, number(q, 9)] for name, q in summary["configuration"].items()]
+    lines.append(table(rows))
+    lines.append(f"  singular ratio     {number(summary['singular_ratio'], 3)} (0: a singular pose)")
+    if summary["freedom"]:
+        lines.append(f"  freedom left       {summary['freedom']}: there are infinitely many ways")
+    listed = summary.get("branches") or []
+    if listed:
+        rows = [["branch", *listed[0]["configuration"], "reached", "within limits"]]
+        for facts in listed:
+            name = f"{facts['name']} (chosen)" if facts["chosen"] else facts["name"]
+            q = [number(x, 6) if facts["reached"] else "-" for x in facts["configuration"].values()]
+            within = ("yes" if facts["within_limits"] else "no") if facts["reached"] else "-"
+            rows.append([name, *q, "yes" if facts["reached"] else "no", within])
+        lines.append(table(rows))
+        if not branch:
+            lines.append("  that there are no other ways is not proved")
+    return "\n".join(lines)

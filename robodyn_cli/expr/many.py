@@ -1,0 +1,201 @@
+"""Numbers of a scene for many runs at once: what a program's table holds for other values of some keys.
+
+A ``Fixed`` remembers how it was computed, so the same arithmetic on arrays, an entry a run, gives its values in all
+runs. This holds for runs whose graph is the same, that is where every comparison with such numbers that was made while
+the graph was built (``fixed.witnessed``) turns out as it did there.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.expr.fixed import CANCELLED, Fixed, Witness, derive
+from robodyn_cli.expr.graph import Expr, Scalar, reachable
+from robodyn_cli.expr.rebuild import APPLY, apply
+
+Array = NDArray[Any]
+COMPARE: dict[str, Callable[[Any, Any], Any]] = {
+    name: getattr(operator, name) for name in ("lt", "le", "gt", "ge", "eq", "ne")
+}
+CONSTANT = -1
+
+
+class Recipe:
+    """How numbers follow from those at places that vary: steps, each from steps before it.
+
+    Parameters
+    ----------
+    places : in the scene, that vary.
+    """
+
+    def __init__(self, places: Collection[str]) -> None:
+        self.places = frozenset(places)
+        # operation, arguments (number of a step, or ``CONSTANT`` and a value)
+        self.steps: list[tuple[str, Any, list[tuple[int, Any]]]] = []
+        # by identity: the number itself, so that its identity stays its own, and its step
+        self._known: dict[int, tuple[Any, int]] = {}
+
+    def step_of(self, x: Any) -> int:
+        """Return the step that computes a number, ``CONSTANT`` where it is the same in all runs."""
+        if not isinstance(x, Fixed):
+            return CONSTANT
+        known = self._known.get(id(x))
+        if known is not None:
+            return known[1]
+        stack: list[Fixed] = [x]
+        while stack:
+            top = stack[-1]
+            if id(top) not in self._known:
+                waiting = [a for a in _inputs(top) if isinstance(a, Fixed) and id(a) not in self._known]
+                if waiting:
+                    stack += waiting
+                    continue
+                self._known[id(top)] = top, self._add(top)
+            stack.pop()
+        return self._known[id(x)][1]
+
+    def _add(self, x: Fixed) -> int:
+        """Add the step of a number whose inputs are known."""
+        if x.op == "literal":
+            return self._append("literal", x.args[0], []) if x.args[0] in self.places else CONSTANT
+        args = [self._argument(a) for a in _inputs(x)]
+        if all(step == CONSTANT for step, _ in args):
+            return CONSTANT
+        if x.op != "entry":
+            return self._append(x.op, None, args)
+        shared, k = x.args
+        return self._append("entry", k, [(self.derived(shared), None)])
+
+    def derived(self, shared: Any) -> int:
+        """Return the step that computes all results of one call of ``derived``, from what they share."""
+        if id(shared) not in self._known:
+            step = self._append("derived", shared, [self._argument(x) for x in shared])
+            self._known[id(shared)] = shared, step
+        return self._known[id(shared)][1]
+
+    def _argument(self, x: Any) -> tuple[int, Any]:
+        step = self.step_of(x)
+        return step, float(x) if step == CONSTANT else None
+
+    def _append(self, op: str, data: Any, args: list[tuple[int, Any]]) -> int:
+        self.steps.append((op, data, args))
+        return len(self.steps) - 1
+
+    def deciding(self, witnesses: Sequence[Witness]) -> list[Witness]:
+        """Return the comparisons that may turn out otherwise in other runs."""
+        return [
+            w for w in witnesses
+            if any(self.step_of(x) != CONSTANT for x in (w[1][0] if w[0] == "kept" else w[1:3]))
+        ]  # fmt: skip
+
+
+class ManyNumbers:
+    """The values of numbers of a scene in many runs.
+
+    Parameters
+    ----------
+    given : values (N,) by place in the scene (``robot.links.link1.mass``), of all that vary in the recipe.
+    """
+
+    def __init__(self, recipe: Recipe, given: Mapping[str, Array], runs: int) -> None:
+        self.recipe, self.given, self.runs = recipe, given, runs
+        self._values: list[Any] = []  # by step
+
+    def of(self, x: Any) -> Any:
+        """Return the values (N,) of a number, a float where it is the same in all runs."""
+        step = self.recipe.step_of(x)
+        return float(x) if step == CONSTANT else self._value(step)
+
+    def table(self, numbers: Sequence[float]) -> Array:
+        """Return the values (N, n) of n numbers."""
+        out = np.empty((self.runs, len(numbers)))
+        with np.errstate(all="ignore"):
+            for k, x in enumerate(numbers):
+                out[:, k] = self.of(x)
+        return out
+
+    def evaluate(self, expressions: Expressions, inputs: Mapping[str, Sequence[Any]]) -> Array:
+        """Return the values (N, outputs) of expressions.
+
+        inputs : for each symbol of a group its values (N,), or a number, by group.
+        """
+        value: dict[int, Any] = {}
+        with np.errstate(all="ignore"):
+            for node in expressions.nodes:
+                if node.op == "sym":
+                    _, group, position = node.value
+                    value[node.index] = inputs[group][position]
+                elif node.op == "const":
+                    value[node.index] = self.of(node.value)
+                elif node.op == "table":
+                    value[node.index] = self._looked_up(value[node.args[0].index], node)
+                else:
+                    value[node.index] = apply(node, [value[a.index] for a in node.args])
+            out = np.empty((self.runs, len(expressions.outputs)))
+            for k, e in enumerate(expressions.outputs):
+                out[:, k] = value[e.index] if isinstance(e, Expr) else self.of(e)
+        return out
+
+    def decided_alike(self, witnesses: Sequence[Witness]) -> NDArray[np.bool_]:
+        """Return in which runs (N,) all comparisons turn out as they did."""
+        alike = np.ones(self.runs, dtype=bool)
+        with np.errstate(all="ignore"):
+            for name, a, b, outcome in witnesses:
+                if name == "kept":
+                    shared, k = a
+                    alike &= self._value(self.recipe.derived(shared))[1][:, k] == outcome
+                else:
+                    alike &= COMPARE[name](self.of(a), self.of(b)) == outcome
+        return alike
+
+    def _value(self, step: int) -> Any:
+        for op, data, args in self.recipe.steps[len(self._values) : step + 1]:
+            values = [constant if k == CONSTANT else self._values[k] for k, constant in args]
+            self._values.append(self._computed(op, data, values))
+        return self._values[step]
+
+    def _computed(self, op: str, data: Any, args: list[Any]) -> Any:
+        if op == "literal":
+            return self.given[data]
+        if op == "entry":
+            return args[0][0][:, data]
+        if op == "derived":
+            rows = np.stack([np.broadcast_to(x, self.runs) for x in args], axis=1).tolist()
+            lists = [derive(data, row) for row in rows]
+            return np.array([x for x, _ in lists], dtype=float), np.array([kept for _, kept in lists])
+        found = APPLY[op](*args)
+        if op in ("add", "sub"):  # what cancels is zero, as in the arithmetic of one
+            largest = np.maximum(np.abs(args[0]), np.abs(args[1]))
+            found = np.where(np.abs(found) <= CANCELLED * largest, 0.0, found)
+        return found
+
+    def _looked_up(self, x: Any, node: Expr) -> Any:
+        """Return the values of a table whose knots and values may be others in each run."""
+        knots, values, order = node.value
+        rows = self.table(knots), self.table(values)
+        xs = np.broadcast_to(x, self.runs)
+        if order == 0:
+            return np.array([np.interp(u, *row) for u, *row in zip(xs, *rows)])
+        slopes = np.pad(np.diff(rows[1]) / np.diff(rows[0]), ((0, 0), (1, 1)))
+        return np.array([s[np.searchsorted(k, u, side="right")] for u, k, s in zip(xs, rows[0], slopes)])
+
+
+class Expressions:
+    """Expressions to be evaluated for many runs; their order of evaluation is found once."""
+
+    def __init__(self, outputs: Sequence[Scalar]) -> None:
+        self.outputs = list(outputs)
+        self.nodes = reachable(self.outputs)
+
+
+def _inputs(x: Fixed) -> Sequence[Any]:
+    """Return what a number is computed from."""
+    if x.op == "literal":
+        return ()
+    inputs: Sequence[Any] = x.args[0] if x.op == "entry" else x.args
+    return inputs

@@ -1,0 +1,243 @@
+"""Many runs of one system with numbers of their own, side by side in threads that hold no interpreter lock.
+
+Each run starts from empty memory and nothing is shared between runs, so its bits depend neither on the number of
+threads nor on the order.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.formulations.system import System
+from robodyn_cli.integrators.registry import methods
+from robodyn_cli.integrators.runtime.begin import doubles_at_start, first_step, integers_at_start
+from robodyn_cli.integrators.runtime.engine import ADDRESS, NUMBER, Engine
+from robodyn_cli.integrators.runtime.layout import UNARMED, DoubleSlot, IntegerSlot, Status
+from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.integrators.stepping.lanes import suits, write_lanes
+from robodyn_cli.integrators.stepping.many import JOB, write_many
+from robodyn_cli.kernels.compiler import CompiledModule, compile_module, machine
+from robodyn_cli.kernels.program import NUMBERS
+from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
+
+Integers = NDArray[np.int64]
+CHUNK = 64  # runs of one call into compiled code, at most: between calls interrupts are handled
+PER_LANE = 64  # the same for each lane: the last runs of a call leave lanes idle
+MOST_FUNCTIONS = 63  # events that fit into the bits of a number
+WAIT = 0.1  # s between looks of the calling thread at interrupts
+
+
+@record
+class Limits:
+    """Limits of single runs (N,): the longest step [s], the number of steps; None: as the options say."""
+
+    step: Array | None = None
+    steps: Integers | None = None
+
+
+NO_LIMITS = Limits()
+
+
+@record
+class Runs:
+    """Rows of memory, one a run: before they are driven their starts, afterwards their ends.
+
+    w, n : see ``DoubleSlot`` and ``IntegerSlot``. y : states. numbers : what the programs read. out : samples
+    (N, nx, rows). status : see ``Status``.
+    """
+
+    w: Array
+    n: Integers
+    y: Array
+    numbers: Array
+    out: Array
+    status: Integers
+
+    def __len__(self) -> int:
+        return len(self.y)
+
+    @property
+    def time(self) -> Array:
+        """Where the runs have come to [s]."""
+        return self.w[:, DoubleSlot.T]
+
+    @property
+    def steps(self) -> Integers:
+        """Accepted steps."""
+        return self.n[:, IntegerSlot.ACCEPTED]
+
+    @property
+    def rejected(self) -> Integers:
+        """Rejected steps."""
+        return self.n[:, IntegerSlot.REJECTED]
+
+    @property
+    def evaluations(self) -> Integers:
+        """Evaluations of the rates, a vector of lanes counted as one."""
+        return self.n[:, IntegerSlot.EVALUATIONS]
+
+    @property
+    def arrived(self) -> NDArray[np.bool_]:
+        """Which runs have come to their end."""
+        return self.status == Status.DONE
+
+
+class Fleet:
+    """The compiled code of a system and a method, for many runs.
+
+    watch : whether to look for events. A run goes on at those in ``passing``, by number, and ends at others.
+    """
+
+    def __init__(
+        self, system: System, method: str, p: Array, watch: bool = True, passing: Sequence[int] = ()
+    ) -> None:
+        self.system, self.method = system, method
+        self.watch = watch and bool(system.events)
+        self._passing = sum(1 << k for k in passing if k < MOST_FUNCTIONS)
+        self._p = p
+        self._engines = [self._engine()]
+        self._clear = np.zeros_like(self._engines[0].memory.block)
+        self._many = _callable(compile_module("many runs", write_many))
+        host, kind = machine(), methods[method]
+        self.lanes = host.lanes if suits(system, kind) else 1
+        if self.lanes > 1:
+            self._in_lanes = _callable(
+                compile_module(
+                    f"lanes {method} {system.digest} {self.tables.digest}",
+                    lambda: write_lanes(system, kind, host.fused, host.lanes),
+                )
+            )
+
+    def _engine(self) -> Engine:
+        return Engine(self.system, self.method, self._p.copy(), interpreted=False)
+
+    @property
+    def tables(self) -> Any:
+        """The tables of numbers that the code reads: a run's row holds them one after another."""
+        return self._engines[0].tables
+
+    def begin(
+        self,
+        starts: Array,
+        numbers: Array,
+        ends: Array,
+        options: Options,
+        limits: Limits = NO_LIMITS,
+        samples: int = 0,
+    ) -> Runs:
+        """Return runs from ``starts`` (N, nx) at t = 0 to ``ends`` (N,) [s].
+
+        Parameters
+        ----------
+        limits : of single runs. samples : uniform ones of each run after its start, the last at its end.
+        """
+        memory, count = self._engines[0].memory, len(starts)
+        w = np.zeros((count, len(memory.w)))
+        n = np.zeros((count, IntegerSlot.SIZE), dtype=np.int64)
+        for slot, value in doubles_at_start(0.0, options).items():
+            w[:, slot] = value
+        for slot, number in integers_at_start(self.system.nv).items():
+            n[:, slot] = number
+        w[:, DoubleSlot.H_MAX] = options.max_step if limits.step is None else limits.step
+        n[:, IntegerSlot.MAX_STEPS] = options.max_steps if limits.steps is None else limits.steps
+        if self.watch:
+            n[:, IntegerSlot.WATCH] = UNARMED
+        self._set_steps(w, ends, options)
+        if samples:
+            n[:, IntegerSlot.NEXT_SAMPLE], n[:, IntegerSlot.LAST_SAMPLE] = 1, samples
+            n[:, IntegerSlot.CAPACITY] = samples
+            w[:, DoubleSlot.SAMPLE_STEP] = ends / samples
+        out = np.zeros((count, self.system.size, samples))
+        return Runs(w, n, np.array(starts), np.ascontiguousarray(numbers), out, np.full(count, -1))
+
+    def _set_steps(self, w: Array, ends: Array, options: Options) -> None:
+        longest = w[:, DoubleSlot.H_MAX]
+        w[:, DoubleSlot.T_END] = ends
+        if options.step is not None:
+            longest[:] = options.step
+            first: Any = options.step
+        else:
+            first = np.minimum(first_step(ends, options), longest)
+        w[:, DoubleSlot.H] = w[:, DoubleSlot.H_OLD] = first
+
+    def drive(self, runs: Runs, threads: int = 1, tell: Callable[[int], None] | None = None) -> None:
+        """Make the runs, up to their end, their first event or what stops them.
+
+        Parameters
+        ----------
+        tell : is told how many are made, now and then, by the calling thread.
+        """
+        # runs with samples are made one after another
+        lanes = self.lanes if runs.out.size == 0 else 1
+        many, most = (self._many, CHUNK) if lanes == 1 else (self._in_lanes, PER_LANE * lanes)
+        size = max(lanes, min(most, len(runs) // (4 * threads)))
+        chunks = deque((k, min(k + size, len(runs))) for k in range(0, len(runs), size))
+        crew_size = min(threads, len(chunks))
+        while len(self._engines) < crew_size:
+            self._engines.append(self._engine())
+        stop = np.zeros(1, dtype=np.int64)
+        job = self._job(runs, stop)
+        workers = [_Worker(engine, many, job, chunks) for engine in self._engines[:crew_size]]
+        if len(workers) < 2:
+            for worker in workers:
+                worker.work(tell)
+            return
+        crew = [threading.Thread(target=worker.work, daemon=True) for worker in workers]
+        try:
+            for thread in crew:
+                thread.start()
+            for thread in crew:
+                while thread.is_alive():
+                    thread.join(WAIT)
+                    if tell is not None:
+                        tell(sum(worker.made for worker in workers))
+        except BaseException:
+            stop[0] = 1
+            chunks.clear()
+            raise
+
+    def _job(self, runs: Runs, stop: Integers) -> Integers:
+        """Return the table ``JOB`` of these runs, all of whose arrays are kept by the caller."""
+        run, trial, _ = self._engines[0].addresses
+        found: dict[str, int] = {
+            "run": run, "trial": trial, "stop": stop.ctypes.data, "clear": self._clear.ctypes.data,
+            "events": len(self.system.events), "passing": self._passing, "all.status": runs.status.ctypes.data,
+        }  # fmt: skip
+        rows = {"w": runs.w, "n": runs.n, "y": runs.y, NUMBERS: runs.numbers, "out": runs.out}
+        for name, array in rows.items():
+            found[f"all.{name}"] = array.ctypes.data
+            found[f"bytes.{name}"] = array.nbytes // max(len(array), 1)
+        return np.array([found[name] for name in JOB], dtype=np.int64)
+
+
+def _callable(compiled: CompiledModule) -> Callable[..., int]:
+    return compiled.function("many", ADDRESS, ADDRESS, NUMBER, NUMBER, result=NUMBER)
+
+
+class _Worker:
+    """One thread's engine, and the chunks of runs that it takes from the queue; ``made`` : runs so far."""
+
+    def __init__(
+        self, engine: Engine, many: Callable[..., int], job: Integers, chunks: deque[tuple[int, int]]
+    ) -> None:
+        self._places, self._job, self._many, self._chunks = engine.addresses[2], job, many, chunks
+        self.made = 0
+
+    def work(self, tell: Callable[[int], None] | None = None) -> None:
+        """Make chunk after chunk until there are none."""
+        while True:
+            try:
+                first, last = self._chunks.popleft()
+            except IndexError:
+                return
+            self._many(self._places, self._job.ctypes.data, first, last)
+            self.made += last - first
+            if tell is not None:
+                tell(self.made)

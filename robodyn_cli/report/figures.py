@@ -1,0 +1,208 @@
+"""The main figures of a result, each with its error beside it, as small tables of text."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from robodyn_cli.record import record
+from robodyn_cli.results.columns import column_names, units_of
+from robodyn_cli.results.result import Result
+
+MOST_ROWS = 12  # that a small table shows
+Summary = Mapping[str, Any]
+
+
+@record
+class Table:
+    """A table of text; the first column names its rows."""
+
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+def figure(value: Any, error: Any = None, unit: str = "") -> str:
+    """Return a number, its error where one is known, and its unit if it has one: ``12.2829956 ± 5e-13 s``."""
+    if not _is_number(value):
+        return "-" if value is None else str(value)
+    known = _is_number(error)
+    text = f"{value:.{_digits(abs(float(value)), float(error)) if known else 6}g}"
+    return f"{text}{f' ± {float(error):.1g}' if known else ''}{f' {unit}' if unit not in ('', '1') else ''}"
+
+
+def _digits(size: float, error: float) -> int:
+    """Return how many digits of a number its error leaves: 6 to 10, for more are hard to read."""
+    if size == 0.0 or not error > 0.0:
+        return 10
+    return min(10, max(6, math.ceil(math.log10(size / error))))
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def tables(result: Result) -> list[Table]:
+    """Return the main figures of a result; none of a command that has no small tables."""
+    make = TABLES.get(result.command)
+    found = make(result, result.summary) if make is not None else []
+    return [table for table in found if table.rows]
+
+
+def notes(result: Result) -> list[str]:
+    """Return what else is to be known of a result, a sentence each: its lock, its errors, warnings."""
+    summary = result.summary
+    found = _lock(summary)
+    for key, words, unit in NOTES:
+        value = _at(summary, *key)
+        if _is_number(value):
+            found.append(f"{words} {value:.2g}{f' {unit}' if unit else ''}")
+    estimate = summary.get("error_estimate")
+    if isinstance(estimate, Mapping) and estimate.get("reason"):
+        found.append(f"no error estimate: {estimate['reason']}")
+    if result.status == "failed":
+        found.append(f"failed: {_at(summary, 'termination', 'reason')}")
+    return [*found, *(f"warning: {text}" for text in summary.get("warnings", ()))]
+
+
+NOTES = (
+    (("error_estimate", "q_max"), "largest error of q", "rad or m"),
+    (("error_estimate", "qd_max"), "largest error of qd", "rad/s or m/s"),
+    (("ik_residual",), "path off by", "m"),
+    (("round_trip",), "forward after inverse dynamics: relative error", ""),
+    (("energy_drift",), "energy drift", "J"),
+    (("constraint_residual", "position"), "loops off by", "m or rad"),
+    (("error_estimate", "closure", "position"), "loops off by", "m or rad"),
+    (("error_estimate", "force_residual"), "forces out of balance by", "N m or N"),
+)
+
+
+def _at(summary: Any, *keys: str) -> Any:
+    """Return what lies under a path of keys; None where there is nothing."""
+    for key in keys:
+        summary = summary.get(key) if isinstance(summary, Mapping) else None
+    return summary
+
+
+def _lock(summary: Summary) -> list[str]:
+    lock = summary.get("lock")
+    if not isinstance(lock, Mapping):
+        return []
+    kind = str(lock.get("kind", "lock")).replace("_", " ")
+    return [f"locked at t = {figure(lock.get('time'), lock.get('time_error'), 's')}: {kind}"]
+
+
+def _inverse(result: Result, summary: Summary) -> list[Table]:
+    rounding = _at(summary, "error_estimate", "torque_rounding")
+    quadrature = _at(summary, "error_estimate", "energy_quadrature")
+    rows = []
+    for name, joint in summary.get("joints", {}).items():
+        units = joint["units"]
+        rows.append(
+            [
+                name,
+                figure(joint["peak_torque"], rounding, units["torque"]),
+                figure(joint["rms_torque"], rounding, units["torque"]),
+                figure(joint["peak_speed"], None, units["speed"]),
+                figure(joint["peak_power"], None, units["power"]),
+                figure(joint["energy"], quadrature, units["energy"]),
+            ]
+        )
+    return [Table(("joint", "peak torque", "RMS torque", "peak speed", "peak power", "energy"), rows)]
+
+
+def _motion(result: Result, summary: Summary) -> list[Table]:
+    """Return the last state, with the error of the end."""
+    final = summary.get("final")
+    if not isinstance(final, Mapping):
+        return []
+    units = {key: _units(result, key) for key in ("q", "qd")}
+    when = f"at {figure(final.get('time'))} s"
+    cells = {
+        key: {
+            name: figure(value, _at(summary, "error_estimate", f"{key}_end"), units[key].get(name, ""))
+            for name, value in final[key].items()
+        }
+        for key in ("q", "qd")
+    }
+    if list(cells["q"]) == list(cells["qd"]):
+        rows = [[name, q, cells["qd"][name]] for name, q in cells["q"].items()]
+        return [Table(("joint", f"q {when}", f"qd {when}"), rows)]
+    # joints whose velocities are no rates of their coordinates: balls, floating bodies
+    return [Table(("", f"{key} {when}"), list(cells[key].items())) for key in ("q", "qd")]
+
+
+def _units(result: Result, path: str) -> dict[str, str]:
+    variable = result.variables.get(path)
+    return {} if variable is None else dict(zip(column_names(variable), units_of(variable)))
+
+
+def _kinematics(result: Result, summary: Summary) -> list[Table]:
+    keys = ("smallest", "largest", "peak_speed", "peak_acceleration")
+    units = _units(result, "q")
+    joints = [
+        [name, *(figure(row[key], None, _per(units.get(name, ""), k)) for key, k in zip(keys, (0, 0, 1, 2)))]
+        for name, row in summary.get("joints", {}).items()
+    ]
+    points = [
+        [
+            name,
+            *(figure(row[key], None, _per("m", k)) for key, k in zip(("path_length", *keys[2:]), (0, 1, 2))),
+        ]
+        for name, row in summary.get("points", {}).items()
+    ]
+    fast = ("peak speed", "peak acceleration")
+    return [
+        Table(("joint", "smallest", "largest", *fast), joints),
+        Table(("point", "path length", *fast), points),
+    ]
+
+
+def _per(unit: str, order: int) -> str:
+    """Return a unit per second, to a power."""
+    return f"{unit}{('', '/s', '/s^2')[order]}" if unit else ""
+
+
+def _configuration(result: Result, summary: Summary) -> list[Table]:
+    """Return positions, with the torques that hold them where there are some."""
+    units, loads = _units(result, "q"), _units(result, "tau")
+    torques = summary.get("torques_of_joints", {})
+    rows = [
+        [name, figure(q, None, units.get(name, "")), figure(torques.get(name), None, loads.get(name, ""))]
+        for name, q in summary.get("configuration", {}).items()
+    ]
+    return [
+        Table(("joint", "position", "torque"), rows)
+        if torques
+        else Table(("joint", "position"), [r[:2] for r in rows])
+    ]
+
+
+def _study(result: Result, summary: Summary) -> list[Table]:
+    rows = []
+    for name, spread in summary.get("results", {}).items():
+        if spread is None:
+            continue
+        worst = spread.get("largest_error")
+        rows.append(
+            [
+                name,
+                figure(spread["nominal"], worst),
+                figure(spread["mean"], spread.get("mean_error")),
+                figure(spread["sd"]),
+                figure(spread["minimum"], worst),
+                figure(spread["maximum"], worst),
+            ]
+        )
+    return [Table(("output", "nominal", "mean", "standard deviation", "smallest", "largest"), rows)]
+
+
+TABLES: dict[str, Callable[[Result, Summary], list[Table]]] = {
+    "inverse": _inverse,
+    "simulate": _motion,
+    "deploy": _motion,
+    "kinematics": _kinematics,
+    "statics": _configuration,
+    "assemble": _configuration,
+    "sweep": _study,
+}

@@ -1,0 +1,78 @@
+"""A result as a notebook shows it: its main figures with an error beside each, and a picture."""
+
+from __future__ import annotations
+
+import base64
+import functools
+import html
+import io
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.report.figures import MOST_ROWS, Table, notes, tables
+from robodyn_cli.results.result import Result
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PICTURE_WIDTH = 480  # pixels on the screen; the picture has more, for dense ones
+PADDING = "padding:0.1em 0.6em"
+
+
+def plot(result: Result, name: str) -> Figure:
+    """Return a plot of a result, which a notebook shows and ``savefig`` stores.
+
+    Raises
+    ------
+    CapabilityError : there is no such plot, or the result has no data for it.
+    """
+    from robodyn_cli.report.registry import applicable, draw
+
+    possible = applicable(result)
+    if name not in possible:
+        raise CapabilityError(f"no plot {name!r} of this result; possible: {', '.join(possible) or 'none'}")
+    figure = draw(result, name)
+    # notebooks ask an object itself where pyplot has not told them what to do with figures
+    vars(figure)["_repr_png_"] = functools.partial(png, figure)
+    return figure
+
+
+def png(figure: Figure) -> bytes:
+    """Return a drawing as PNG."""
+    from robodyn_cli.report.canvas import print_figure
+    from robodyn_cli.report.style import styled
+
+    stream = io.BytesIO()
+    with styled():
+        print_figure(figure, stream, ".png")
+    return stream.getvalue()
+
+
+def as_html(result: Result) -> str:
+    """Return what a notebook shows: tables, notes, and the mechanism, or else the first plot with data."""
+    from robodyn_cli.report.registry import applicable, draw
+
+    possible = applicable(result)
+    shown = next((name for name in ("mechanism", *possible) if name in possible), None)
+    picture = ""
+    if shown is not None:
+        data = base64.b64encode(png(draw(result, shown))).decode()
+        picture = f'<img alt="{shown}" width="{PICTURE_WIDTH}" src="data:image/png;base64,{data}">'
+    head = f"<b>{html.escape(result.title)}</b><br>{html.escape(f'{result.command}: {result.status}')}"
+    said = "".join(f"<br>{html.escape(text)}" for text in notes(result))
+    left = f"<div><p>{head}{said}</p>{''.join(_table(table) for table in tables(result))}</div>"
+    return f'<div style="display:flex;flex-wrap:wrap;gap:2em;align-items:flex-start">{left}{picture}</div>'
+
+
+def _table(table: Table) -> str:
+    more = len(table.rows) - MOST_ROWS
+    rows = "".join(_row(row, "td") for row in table.rows[:MOST_ROWS])
+    foot = f"<p>and {more} more</p>" if more > 0 else ""
+    return f"<table><thead>{_row(table.head, 'th')}</thead><tbody>{rows}</tbody></table>{foot}"
+
+
+def _row(cells: Sequence[str], kind: str) -> str:
+    first, *others = (html.escape(cell) for cell in cells)
+    right = "".join(f'<{kind} style="text-align:right;{PADDING}">{cell}</{kind}>' for cell in others)
+    return f'<tr><th style="text-align:left;{PADDING}">{first}</th>{right}</tr>'

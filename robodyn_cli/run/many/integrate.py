@@ -1,0 +1,208 @@
+"""Many runs of one structure in compiled code: method, integration, error estimate, and which of them can be trusted.
+
+What is done for each run is what ``simulate`` does, with its options and its second integration. A run that does not
+come to its end, or that looks doubtful, is left to ``simulate`` itself.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.expr.many import ManyNumbers
+from robodyn_cli.integration_methods import DEFAULT, STIFF
+from robodyn_cli.integrators.runtime.fleet import NO_LIMITS, Limits, Runs
+from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.record import record
+from robodyn_cli.run.driver.method import FAST_DECAYS, TRIAL
+from robodyn_cli.run.driver.second_run import MOST_STEPS, other_steps, remainder, tighter
+from robodyn_cli.run.driver.self_check import BEYOND, EPS, is_judged_by_energy
+from robodyn_cli.run.driver.stiffness import COST, FIRST_LOOK, MOST, WORTH
+from robodyn_cli.run.many.start import Starts, starts_of
+from robodyn_cli.run.many.structure import Structure, table_rows
+from robodyn_cli.spatial.algebra import Array
+
+Rows = NDArray[np.bool_]
+SAME_STEPS = 1.02  # times the steps of the first run, up to which the second has taken the same ones
+
+
+@record
+class Batch:
+    """Runs of one structure, ready to be driven: rows of values (N, keys), their numbers, starts and ends [s]."""
+
+    structure: Structure
+    values: Array
+    numbers: ManyNumbers
+    starts: Starts
+    states: Array
+    ends: Array
+    options: Options
+    threads: int
+    tables: dict[str, Array]  # of numbers (N, n), by method
+
+    @staticmethod
+    def of(structure: Structure, values: Array, q: Array | None, qd: Array | None, threads: int) -> Batch:
+        """Return the runs of rows of values; q, qd : initial states in place of the scene's."""
+        numbers = structure.numbers(values)
+        starts = starts_of(structure, values, numbers, q, qd)
+        ends = structure.column("duration", values)
+        if ends is None:
+            ends = np.full(len(values), structure.motion.scene.simulate.duration)
+        states = starts.states(structure)
+        return Batch(structure, values, numbers, starts, states, ends, structure.motion.options, threads, {})
+
+    def part(self, rows: Any) -> Batch:
+        """Return some of the runs."""
+        if len(rows) == len(self.values):
+            return self
+        numbers = self.structure.numbers(self.values[rows])
+        starts = Starts(self.starts.q[rows], self.starts.v[rows], self.starts.sound[rows])
+        tables = {method: table[rows] for method, table in self.tables.items()}
+        return Batch(
+            self.structure, self.values[rows], numbers, starts, self.states[rows], self.ends[rows], self.options,
+            self.threads, tables,
+        )  # fmt: skip
+
+    def drive(
+        self, method: str, options: Options, limits: Limits = NO_LIMITS, samples: int = 0, watch: bool = True
+    ) -> Runs:
+        """Return the runs, driven; samples, limits : see ``Fleet.begin``. watch : whether to look for events."""
+        fleet = self.structure.fleet(method, watch)
+        if method not in self.tables:
+            self.tables[method] = table_rows(fleet.tables, self.numbers)
+        runs = fleet.begin(self.states, self.tables[method], self.ends, options, limits, samples)
+        fleet.drive(runs, self.threads)
+        return runs
+
+
+@record
+class Driven:
+    """What a batch came to: the first run, errors at the end (N, nx), nan where none is estimated, and for which runs
+    all of it can be trusted."""
+
+    runs: Runs
+    errors: Array
+    second_steps: NDArray[np.int64]
+    trusted: Rows
+
+
+def method_of(batch: Batch) -> NDArray[np.str_]:
+    """Return the method of each run: what the scene asks for, or what ``choose`` would take."""
+    choice, count = batch.structure.motion.choice, len(batch.values)
+    found = np.full(count, DEFAULT if choice.may_change else choice.method, dtype="<U20")
+    if not choice.may_change:
+        return found
+    decays = _fastest_decays(batch)
+    stiff = np.flatnonzero(decays * batch.ends >= FAST_DECAYS)
+    if len(stiff):
+        part = batch.part(stiff)
+        trial = np.maximum(TRIAL * part.ends, np.minimum(part.ends, 20.0 / decays[stiff]))
+        part, most = dataclasses.replace(part, ends=trial), np.full(len(stiff), MOST)
+        costs = {}
+        for method in (DEFAULT, STIFF):
+            runs = part.drive(method, batch.options, Limits(steps=most), watch=False)
+            costs[method] = np.where(runs.arrived, COST[method] * runs.evaluations, np.inf)
+        found[stiff[costs[STIFF] < costs[DEFAULT]]] = STIFF
+    return found
+
+
+def _fastest_decays(batch: Batch) -> Array:
+    """Return the largest -Re of the eigenvalues of the Jacobian at the starts (N,) [1/s]."""
+    system, x = batch.structure.motion.system, batch.states
+    groups = {"t": [0.0], "q": x.T[: system.nq], "v": x.T[system.nq : system.nq + system.nv],
+              "z": x.T[system.nq + system.nv :], "p": []}  # fmt: skip
+    J = batch.numbers.evaluate(batch.structure.jacobian, groups).reshape(len(x), system.size, system.size)
+    sound = np.isfinite(J).all(axis=(1, 2))
+    J[~sound] = 0.0
+    found: Array = np.maximum(0.0, -np.linalg.eigvals(J).real.min(axis=1))
+    return found
+
+
+def integrate(batch: Batch, method: str, samples: int = 0) -> Driven:
+    """Make the runs of a batch by one method, and estimate their errors by a second integration."""
+    motion = batch.structure.motion
+    most = np.full(len(batch.values), batch.options.max_steps)
+    if motion.choice.may_change:
+        # more steps: ``StiffnessWatch`` would think about another method
+        most = np.minimum(most, FIRST_LOOK + WORTH)
+    runs = batch.drive(method, batch.options, Limits(steps=most), samples)
+    trusted = runs.arrived & batch.starts.sound & np.isfinite(runs.y).all(axis=1)
+    if is_judged_by_energy(motion):
+        trusted &= _keeps_energy(batch, runs)
+    errors = np.full(runs.y.shape, np.nan)
+    steps = np.zeros(len(runs), dtype=np.int64)
+    if motion.scene.simulate.error_estimate and trusted.any():
+        rows = np.flatnonzero(trusted)
+        second = _Second(batch.part(rows), method, runs.steps[rows])
+        difference, steps[rows], done = second.compare(runs.y[rows])
+        errors[rows] = difference
+        trusted[rows] &= done
+    return Driven(runs, errors, steps, trusted)
+
+
+class _Second:
+    """The second integration of many runs; see ``run/driver/second_run.py``, whose rules these are."""
+
+    def __init__(self, batch: Batch, method: str, steps: NDArray[np.int64]) -> None:
+        self.batch, self.method, self.first = batch, method, steps
+        self.mean_step = batch.ends / np.maximum(steps, 1)
+
+    def compare(self, y: Array) -> tuple[Array, NDArray[np.int64], Rows]:
+        """Return errors (N, nx) of the first run's ends y, steps of the second, and which came to their end."""
+        ends, steps, done = np.full_like(y, np.nan), np.zeros_like(self.first), np.zeros(len(y), dtype=bool)
+        rows = np.arange(len(y))
+        # each run has a mean step of its own, so those that a tolerance does not decide go on one by one
+        for way in (self._tighter, self._other_steps):
+            if not len(rows):
+                break
+            runs = way(rows)
+            ends[rows], steps[rows], done[rows] = runs.y, runs.steps, runs.arrived
+            same = runs.steps <= SAME_STEPS * self.first[rows]
+            rows = rows[~runs.arrived | (same & (self.batch.options.step is None))]
+        scale = remainder(self.method, self.first, steps)
+        return scale[:, None] * np.abs(ends - y), steps, done
+
+    def _most(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+        return np.minimum(4 * self.batch.options.max_steps, MOST_STEPS * self.first[rows] + 1000)
+
+    def _tighter(self, rows: NDArray[np.int64]) -> Runs:
+        options = self.batch.options
+        tight, _ = tighter(options, float(self.mean_step.mean()), self.method)
+        step = self._shorter(rows) if tight.max_step < options.max_step else None
+        return self.batch.part(rows).drive(self.method, tight, Limits(step, self._most(rows)))
+
+    def _other_steps(self, rows: NDArray[np.int64]) -> Runs:
+        options, _ = other_steps(self.batch.options, float(self.mean_step.max()))
+        return self.batch.part(rows).drive(
+            self.method, options, Limits(self._shorter(rows), self._most(rows))
+        )
+
+    def _shorter(self, rows: NDArray[np.int64]) -> Array:
+        return np.array([other_steps(self.batch.options, float(h))[0].max_step for h in self.mean_step[rows]])
+
+
+def _keeps_energy(batch: Batch, runs: Runs) -> Rows:
+    """Tell in which runs the energy at the end is that at the start and the work, as far as tolerances explain.
+
+    A stricter form of ``energy_out_of_balance``, which looks at samples: what it refuses, ``simulate`` judges.
+    """
+    structure, numbers = batch.structure, batch.numbers
+    system = structure.motion.system
+
+    def energies(t: Any, x: Array) -> Array:
+        q, v, _ = system.split(x)
+        groups = {"t": [t], "q": q.T, "v": v.T, "p": []}
+        return numbers.evaluate(structure.energies, groups)
+
+    before, after = energies(0.0, batch.states), energies(batch.ends, runs.y)
+    work = system.split(runs.y)[2][:, -1] if system.further else np.zeros(len(runs))
+    drift = np.abs(after.sum(axis=1) - before.sum(axis=1) - work)
+    exchanged = after[:, 0] + before[:, 0] + np.abs(after[:, 1] - before[:, 1]) + np.abs(work)
+    exchanged += np.abs(after[:, 1]) * EPS
+    rtol = max(batch.options.rtol, EPS)
+    rounding = EPS * np.maximum(runs.steps, 1) * (exchanged + np.abs(after[:, 1]))
+    found: Rows = drift <= BEYOND * np.maximum(rtol * exchanged, rounding)
+    return found

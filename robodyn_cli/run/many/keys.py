@@ -1,0 +1,189 @@
+"""What keys that vary between runs are to a scene: numbers of its table, its start, options, or structure."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.errors import SceneError
+from robodyn_cli.expr.fixed import Fixed
+from robodyn_cli.expr.formula import Formula
+from robodyn_cli.expr.formula_tree import Num
+from robodyn_cli.model.places import with_places
+from robodyn_cli.record import record
+from robodyn_cli.scene.load import Family
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.spatial.algebra import Array
+
+NUMBER, START, OPTION, STRUCTURE = "number", "start", "option", "structure"
+OPTIONS = ("duration",)
+# values that a key is tried with until two are allowed, to see what they change
+TRIED = (0.8137, 1.2871, 0.1019, 0.0123, 7.31, 113.7, -0.8137, -1.2871, 1013.0, 1e5, 3.0, 5.0)
+UNREAD = frozenset({"text", "sources", "expect", "study", "title"})  # what equations do not know of a scene
+CORNERS = 6  # keys of one element whose extremes are checked together; more: run by run
+
+
+@record
+class Key:
+    """A key that varies, and what it is.
+
+    place : of its number in the scene, the column of a start, or the name of an option. special : values that are
+    structure, because a key that is zero, or what it is by default, leaves terms out. element : checked together.
+    """
+
+    name: str
+    sort: str
+    place: str = ""
+    special: tuple[float, ...] = ()
+
+    @property
+    def element(self) -> str:
+        return self.name.rpartition(".")[0]
+
+
+def setting(key: str, value: float) -> str:
+    """Return the option of ``--set`` that gives a key a value; it reads back as the same number."""
+    whole = value.is_integer() and abs(value) < 2**53
+    return f"{key}={int(value)}" if whole else f"{key}={value!r}"
+
+
+def settings(keys: Sequence[str], values: Iterable[float]) -> list[str]:
+    """Return the options of ``--set`` that give keys their values."""
+    return [setting(key, float(x)) for key, x in zip(keys, values)]
+
+
+def understand(family: Family, name: str) -> Key:
+    """Return what a key is, from what changes in the scene with it.
+
+    Raises
+    ------
+    SceneError : the scene has no such key, or it takes no numbers.
+    """
+    found: list[tuple[float, Scene]] = []
+    refused: SceneError | None = None
+    for value in TRIED:
+        try:
+            found.append((value, family.scene([setting(name, value)])))
+        except SceneError as error:
+            refused = refused or error
+        if len(found) == 2:
+            break
+    if not found:
+        assert refused is not None
+        raise refused
+    if len(found) == 1:  # whole numbers, or a narrow range
+        return Key(name, STRUCTURE)
+    return _sort(name, found)
+
+
+def _sort(name: str, found: Sequence[tuple[float, Scene]]) -> Key:
+    (x, one), (y, two) = found
+    changes = list(_differences(with_places(one), with_places(two), (), None))
+    if len(changes) != 1 or (changes[0].one, changes[0].two) != (x, y):
+        return Key(name, STRUCTURE)
+    change = changes[0]
+    if isinstance(change.one, Fixed) and change.one.op == "literal":
+        special = (0.0,) if change.default is None else (0.0, change.default)
+        return Key(name, NUMBER, change.one.args[0], special)
+    if change.path[:2] in (("initial", "q"), ("initial", "qd")):
+        return Key(name, START, ".".join(change.path[1:]))
+    if change.path[0] == "simulate" and change.path[-1] in OPTIONS:
+        return Key(name, OPTION, change.path[-1])
+    return Key(name, STRUCTURE)
+
+
+@record
+class _Change:
+    """Two values of one leaf of a scene; path : of names; default : of its key, where that is a number."""
+
+    path: tuple[str, ...]
+    one: Any
+    two: Any
+    default: float | None
+
+
+def _differences(one: Any, two: Any, path: tuple[str, ...], default: Any) -> Iterator[_Change]:
+    """Yield the leaves in which two values of one shape differ."""
+    if one is two or (not isinstance(one, Fixed) and _same(one, two)):
+        return
+    parts, others = _parts(one), _parts(two)
+    if parts is None or others is None or [k for k, _, _ in parts] != [k for k, _, _ in others]:
+        yield _Change(path, one, two, default if isinstance(default, float) else None)
+        return
+    for (name, a, own), (_, b, _) in zip(parts, others):
+        yield from _differences(a, b, (*path, name), own)
+
+
+def _same(one: Any, two: Any) -> bool:
+    return type(one) is type(two) and bool(
+        isinstance(one, (str, int, bool, float, type(None))) and one == two
+    )
+
+
+def _parts(x: Any) -> list[tuple[str, Any, Any]] | None:
+    """Return the parts of a value, (name, part, default); None where it has none."""
+    if isinstance(x, Formula) and isinstance(x.root, Num):
+        return [("", x.root.number, None)]
+    if dataclasses.is_dataclass(x):
+        return [
+            (f.name, getattr(x, f.name), f.default) for f in dataclasses.fields(x) if f.name not in UNREAD
+        ]
+    if isinstance(x, Mapping):
+        return [(str(name), part, None) for name, part in x.items()]
+    if isinstance(x, (tuple, list)):
+        return [(str(k), part, None) for k, part in enumerate(x)]
+    return None
+
+
+class Allowed:
+    """What values a scene allows its keys.
+
+    What a scene asks of numbers (bounds, an order, a sum) holds between two values where it holds at both, and links
+    keys of one element alone. So scenes are read with the extremes of each element, and all where one is refused.
+    """
+
+    def __init__(self, family: Family, keys: Sequence[Key]) -> None:
+        self.family, self.keys = family, keys
+        self.names = [key.name for key in keys]
+        self._low, self._high = np.full(len(keys), np.inf), np.full(len(keys), -np.inf)  # known to be allowed
+
+    def refusals(self, values: Array) -> dict[int, SceneError]:
+        """Return the rows of values (N, keys) that the scene does not allow, with the errors."""
+        found: dict[int, SceneError] = {}
+        if self._box_holds(values):
+            return found
+        for k, row in enumerate(values):
+            if (error := self._refusal(row)) is not None:
+                found[k] = error
+        return found
+
+    def _box_holds(self, values: Array) -> bool:
+        """Tell whether all values between the extremes are allowed, as far as that can be told at once."""
+        if not np.all(np.isfinite(values)):
+            return False
+        low = np.minimum(values.min(axis=0, initial=np.inf), self._low)
+        high = np.maximum(values.max(axis=0, initial=-np.inf), self._high)
+        if np.all(low == self._low) and np.all(high == self._high):
+            return True
+        for element in dict.fromkeys(key.element for key in self.keys):
+            columns = [k for k, key in enumerate(self.keys) if key.element == element]
+            if len(columns) > CORNERS:
+                return False
+            for corner in itertools.product(*({low[k], high[k]} for k in columns)):
+                row = values[0].copy()
+                row[columns] = corner
+                if self._refusal(row) is not None:
+                    return False
+        self._low, self._high = low, high
+        return True
+
+    def _refusal(self, row: Array) -> SceneError | None:
+        try:
+            self.family.scene(settings(self.names, row))
+        except SceneError as error:
+            return error
+        return None

@@ -1,0 +1,204 @@
+"""``Mechanism``: one scene, compiled once, run many times with other numbers."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from robodyn_cli.errors import CapabilityError, SceneError
+from robodyn_cli.run.driver.build import build_motion
+from robodyn_cli.run.many.keys import Allowed, Key, understand
+from robodyn_cli.run.many.record import ManyRuns
+from robodyn_cli.run.many.structure import Structures
+from robodyn_cli.scene.load import Family
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.spatial.algebra import Array
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from robodyn_cli.run.inverse.dynamics import ForwardDynamics, InverseDynamics
+    from robodyn_cli.run.many.simulate import Simulation
+    from robodyn_cli.run.poses.inverse_kinematics import InverseKinematics
+
+Values = Mapping[str, Any] | Any
+
+
+class Mechanism:
+    """A scene as one compiled object, whose numbers may vary between runs.
+
+    Parameters
+    ----------
+    scene : a scene, its family, or the path of its file.
+    vary : keys of the scene, as in ``--set``, that vary between runs: masses, lengths, springs, ``parameters``, the
+        initial state, the duration. Any key that holds a number may vary. A value that changes the structure (a mass of
+        zero, an angle of a placement) gives its runs a structure of their own, which is built when it is met.
+
+    Raises
+    ------
+    SceneError : the scene is wrong, or has no such key.
+    """
+
+    def __init__(self, scene: Scene | Family | str | os.PathLike[str], vary: Sequence[str] = ()) -> None:
+        self.family = scene if isinstance(scene, Family) else _family_of(scene)
+        twice = [name for k, name in enumerate(vary) if name in vary[:k]]
+        if twice:
+            raise SceneError(f"vary: {twice[0]!r} is there twice", key=twice[0])
+        self.keys: tuple[Key, ...] = tuple(understand(self.family, name) for name in vary)
+        self._allowed = Allowed(self.family, self.keys)
+        self._motions = Structures(self.family, self.keys, build_motion)
+
+    @property
+    def scene(self) -> Scene:
+        """The scene as it stands."""
+        return self.family.own
+
+    @cached_property
+    def _names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        from robodyn_cli.model.build import build_model
+
+        model = build_model(self.scene)
+        return model.q_names, model.v_names
+
+    @property
+    def q_names(self) -> tuple[str, ...]:
+        """Columns of positions."""
+        return self._names[0]
+
+    @property
+    def qd_names(self) -> tuple[str, ...]:
+        """Columns of rates."""
+        return self._names[1]
+
+    # -- functions of samples ---------------------------------------------------------------------------
+    @cached_property
+    def inverse_dynamics(self) -> InverseDynamics:
+        """Joint torques of samples (q, qd, qdd) for the scene as it stands."""
+        from robodyn_cli.run.inverse.dynamics import InverseDynamics
+
+        return InverseDynamics(self.scene)
+
+    @cached_property
+    def forward_dynamics(self) -> ForwardDynamics:
+        """Joint accelerations of samples (q, qd, tau) for the scene as it stands."""
+        from robodyn_cli.run.inverse.dynamics import ForwardDynamics
+
+        return ForwardDynamics(self.scene)
+
+    def inverse_kinematics(self, frame: str, **asked: Any) -> InverseKinematics:
+        """Joint positions that bring a frame to poses; ``asked`` as of ``InverseKinematics``."""
+        from robodyn_cli.run.poses.inverse_kinematics import InverseKinematics
+
+        return InverseKinematics(self.scene, frame, **asked)
+
+    # -- many runs --------------------------------------------------------------------------------------
+    def simulate_many(
+        self,
+        values: Values = None,
+        *,
+        q: Array | None = None,
+        qd: Array | None = None,
+        of: Sequence[str] = (),
+        samples: int = 0,
+        threads: int | None = None,
+    ) -> ManyRuns:
+        """Simulate many runs, each with its own steps, events and error estimate.
+
+        Parameters
+        ----------
+        values : of the keys that vary, in SI units: arrays (N,) or numbers by key, or an array (N, keys).
+        q, qd : initial positions (N, nq) [rad, m] and rates (N, nv) [1/s of these] in place of the scene's.
+        of : keys of the summary of ``simulate`` that are wanted of each run.
+        samples : at so many uniform times from the start to the end, states are wanted too.
+        threads : that make runs; by default one for each processor. The result does not depend on it.
+
+        Returns
+        -------
+        A row for each run. A run that fails is a row with its exit code and reason; the others go on.
+
+        Raises
+        ------
+        CapabilityError : arrays of shapes that do not fit.
+        """
+        rows = self._rows(values, [q, qd])
+        starts = [self._start(x, names, len(rows)) for x, names in zip((q, qd), self._names)]
+        simulation, allowed = self._simulation(rows, of, samples, threads or processors())
+        simulation.one_by_one(simulation.compiled(allowed, *starts), *starts)
+        return simulation.result
+
+    def simulate_compiled(
+        self, rows: Array, of: Sequence[str], threads: int
+    ) -> tuple[ManyRuns, NDArray[np.int64]]:
+        """Return runs with rows of values (N, keys), and the numbers of those that are left to the command itself."""
+        simulation, allowed = self._simulation(rows, of, 0, threads)
+        return simulation.result, simulation.compiled(allowed, None, None)
+
+    def _simulation(
+        self, rows: Array, of: Sequence[str], samples: int, threads: int
+    ) -> tuple[Simulation, NDArray[np.int64]]:
+        """Return what makes the runs, and the numbers of those whose values are allowed."""
+        from robodyn_cli.run.many.simulate import Simulation
+
+        result = ManyRuns.empty([k.name for k in self.keys], rows, self._names, of, samples)
+        refused = self._allowed.refusals(rows)
+        for row, error in refused.items():
+            result.code[row], result.reason[row] = error.exit_code, error.message
+        allowed = np.array([k for k in range(len(rows)) if k not in refused], dtype=np.int64)
+        return Simulation(self._motions, result, samples, threads), allowed
+
+    def _rows(self, values: Values, others: Sequence[Array | None]) -> Array:
+        """Return rows of values (N, keys).
+
+        Raises
+        ------
+        CapabilityError : keys or shapes that do not fit.
+        """
+        names = [key.name for key in self.keys]
+        if values is None:
+            values = {}
+        if not isinstance(values, Mapping):
+            rows = np.array(values, dtype=float)
+            if rows.ndim != 2 or rows.shape[1] != len(names):
+                raise CapabilityError(
+                    f"values have shape {rows.shape}; needed: (runs, {len(names)}), a column for each of {names}"
+                )
+            return rows
+        if set(values) != set(names):
+            raise CapabilityError(
+                f"values are given of {list(values)}; needed: of each of {names}, which vary"
+            )
+        columns = [np.asarray(values[name], dtype=float) for name in names]
+        lengths = {len(x) for x in (*columns, *others) if x is not None and np.ndim(x)}
+        if len(lengths) > 1:
+            raise CapabilityError(f"arrays of different lengths: {sorted(lengths)}")
+        count = lengths.pop() if lengths else 1
+        return (
+            np.stack([np.broadcast_to(x, count) for x in columns], axis=1)
+            if columns
+            else np.zeros((count, 0))
+        )
+
+    @staticmethod
+    def _start(x: Array | None, names: Sequence[str], count: int) -> Array | None:
+        if x is None:
+            return None
+        array = np.asarray(x, dtype=float)
+        if array.shape != (count, len(names)):
+            raise CapabilityError(
+                f"a start has shape {array.shape}; needed: ({count}, {len(names)}), a row for each run and a column "
+                f"for each of {', '.join(names)}"
+            )
+        return array
+
+
+def _family_of(scene: Scene | str | os.PathLike[str]) -> Family:
+    return Family.of(scene) if isinstance(scene, Scene) else Family(scene)
+
+
+def processors() -> int:
+    """Return how many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

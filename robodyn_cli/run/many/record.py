@@ -1,0 +1,66 @@
+"""What many runs gave."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.record import mutable_record
+from robodyn_cli.spatial.algebra import Array
+
+
+@mutable_record
+class ManyRuns:
+    """What many runs gave, a row each.
+
+    values : of the keys (N, keys). code : exit code that the command would have; reason : why a run failed. time :
+    where it ended [s]. q, qd : positions (N, nq) and rates (N, nv) there [rad or m, 1/s of these], columns as in
+    ``q_names`` and ``qd_names``. q_error, qd_error : their estimated errors. outputs, errors : (N,) by key of the
+    summary, as far as they were asked for. steps : of the integration. one_by_one : which runs were made by the driver
+    in Python. samples : times (N, M) [s], positions (N, M, nq) and rates (N, M, nv), where they were asked for.
+
+    What a run does not have is nan.
+    """
+
+    keys: tuple[str, ...]
+    values: Array
+    q_names: tuple[str, ...]
+    qd_names: tuple[str, ...]
+    code: NDArray[np.int64]
+    reason: list[str]
+    time: Array
+    q: Array
+    qd: Array
+    q_error: Array
+    qd_error: Array
+    steps: NDArray[np.int64]
+    one_by_one: NDArray[np.bool_]
+    outputs: dict[str, Array]
+    errors: dict[str, Array]
+    samples: dict[str, Array]
+
+    @property
+    def ok(self) -> NDArray[np.bool_]:
+        """Which runs ended as they should."""
+        return self.code == 0
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    @staticmethod
+    def empty(keys: Any, values: Array, names: tuple[Any, Any], of: Any, samples: int) -> ManyRuns:
+        """Return rows without anything in them; names : columns of q and of qd."""
+        count, (nq, nv) = len(values), (len(n) for n in names)
+
+        def nothing(*shape: int) -> Array:
+            return np.full((count, *shape), np.nan)
+
+        grid = {"time": nothing(samples), "q": nothing(samples, nq), "qd": nothing(samples, nv)}
+        return ManyRuns(
+            tuple(keys), values, tuple(names[0]), tuple(names[1]),
+            np.full(count, -1), [""] * count, nothing(), nothing(nq), nothing(nv), nothing(nq), nothing(nv),
+            np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool),
+            {key: nothing() for key in of}, {key: nothing() for key in of}, grid if samples else {},
+        )  # fmt: skip

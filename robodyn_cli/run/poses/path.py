@@ -1,0 +1,110 @@
+"""Where a path of poses begins, and what a redundant arm does along it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from robodyn_cli.algorithms.kinematics import position_rates
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import GeometryError, SceneError
+from robodyn_cli.expr.calculus import directional, substitute
+from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.run.poses.criteria import Criterion
+from robodyn_cli.run.poses.explain import explain_miss
+from robodyn_cli.run.poses.inverse_kinematics import InverseKinematics
+from robodyn_cli.solve.inverse_kinematics import PointTask
+from robodyn_cli.solve.newton import Drift
+from robodyn_cli.spatial.algebra import Array, vector
+from robodyn_cli.trajectories.motion import PoseMotion
+
+SETTLING = 10.0  # times the drift towards the criterion's optimum decays by e along a path
+
+
+def solver_of(
+    problem: Problem, task: PointTask, criterion: Criterion = Criterion.NEAREST
+) -> InverseKinematics:
+    """Return the inverse kinematics of what a path leads.
+
+    Raises
+    ------
+    CapabilityError : the criterion has no meaning for the arm.
+    """
+    target = task.target(np.zeros(1))
+    return InverseKinematics(
+        problem,
+        task.trajectory.point,
+        position="xyz"[: target.p.shape[1]],
+        orientation="full" if isinstance(target, PoseMotion) else "free",
+        criterion=criterion.value,
+    )
+
+
+def start_of(problem: Problem, task: PointTask) -> Mapping[str, float] | None:
+    """Return the joint positions at t = 0 on the branch ``ik.branch``, or at the best value of ``ik.redundancy``.
+
+    None where neither decides: then the motion starts near the positions given, or the closed form of a planar arm
+    knows its branch itself.
+
+    Raises
+    ------
+    SceneError : the arm has no such branch. GeometryError : it does not reach the path there.
+    """
+    ik = task.ik
+    wanted = ik.branch if task.arm is None else None
+    redundant = ik.redundancy != "least_rates"
+    if wanted is None and not redundant:
+        return None
+    criterion = Criterion(ik.redundancy) if redundant else Criterion.NEAREST
+    solver = solver_of(problem, task, criterion)
+    if redundant and not solver.freedom:
+        raise SceneError(
+            f"{task.where}trajectory.ik.redundancy ({ik.redundancy}): the path determines all joints, so nothing "
+            "is left to choose"
+        )
+    if wanted is not None and wanted not in solver.branch_names:
+        if not solver.branch_names:
+            return None  # the caller says which arms have named branches
+        raise SceneError(
+            f"{task.where}trajectory.ik.branch ({wanted}) is no branch of this arm; allowed: "
+            f"{', '.join(solver.branch_names)}"
+        )
+    target = task.target(np.zeros(1))
+    p = np.zeros((1, 3))
+    p[:, : target.p.shape[1]] = target.p
+    R = target.R if isinstance(target, PoseMotion) else None
+    found = solver.solve(p, R, near=task.start_positions(), branch=wanted)
+    if not found.reached[0]:
+        raise GeometryError(
+            f"{task.where}point {task.trajectory.point!r} cannot reach its target at t = 0 s"
+            + (f" on branch {wanted}" if wanted else "")
+            + f": {explain_miss(solver, found, 0)}",
+            time=0.0,
+            distance=float(found.error[0]),
+        )
+    return dict(zip(problem.model.q_names, found.q[0].tolist()))
+
+
+def drift_of(problem: Problem, task: PointTask) -> Drift:
+    """Return the rates u = -k grad h(q) towards the best value of h = |c|^2 / 2, and u-dot (Liegeois 1977).
+
+    k is such that the distance from the optimum decays by e ``SETTLING`` times along the path, in the units of the
+    criterion.
+    """
+    model = problem.model
+    equations = solver_of(problem, task, Criterion(task.ik.redundancy)).equations
+    c, C = equations.criterion_rows
+    gain = SETTLING / task.trajectory.duration
+    u = [-gain * x for x in vector(C.T @ vector(c))]
+    limits = equations.limits.numbers.tolist()
+    numbers = {symbol.index: x for symbol, x in zip((*equations.lower, *equations.upper), limits)}
+    u = substitute(u, dict(numbers))
+    rates = directional(u, problem.q, position_rates(model, problem.q, problem.v))
+    kernel = SampleKernel({"u": u, "rate": rates}, ("q", "v"))
+
+    def drift(q: Array, v: Array) -> tuple[Array, Array]:
+        found = kernel.evaluate(len(q), {"q": q, "v": v})
+        return found["u"], found["rate"]
+
+    return drift

@@ -1,0 +1,1 @@
+"""Inverse kinematics of poses: closed forms by structure, damped steps as expressions for all other mechanisms."""

@@ -1,0 +1,161 @@
+"""Joint motions one after another, once or several times."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.expr.functions import where
+from robodyn_cli.expr.graph import Expr
+from robodyn_cli.record import record
+from robodyn_cli.schema.fields import Choice, Integer, ListOf, OrFile, Tagged, key
+from robodyn_cli.spatial.algebra import Array, vector
+from robodyn_cli.trajectories.attitudes import FORMS
+from robodyn_cli.trajectories.base import Problems, SceneNames
+from robodyn_cli.trajectories.joint_space import JointSpaceTrajectory, attitude_places
+from robodyn_cli.trajectories.led import QUATERNION, position_columns, with_attitudes
+from robodyn_cli.trajectories.motion import JointMotion, JointSpace
+from robodyn_cli.trajectories.registry import trajectory_types
+
+MEET = 1e-9  # rad, m, and the same per second: how well segments have to meet
+
+
+@record
+class SequenceTrajectory(JointSpaceTrajectory):
+    """Motions in joint space one after another; each begins where, and as fast as, the one before it ends."""
+
+    type: str = key(Choice(("sequence",)), doc="Kind of trajectory.")
+    segments: tuple[Any, ...] = key(
+        ListOf(OrFile(Tagged(lambda: trajectory_types)), minimum=1),
+        doc="Trajectories in joint space, in their order.",
+    )
+    repeat: int = key(Integer(minimum=1, maximum=10_000), default=1, doc="How many times all of it is done.")
+
+    def problems(self, scene: SceneNames) -> Problems:
+        """Report what single keys cannot tell."""
+        wrong = False
+        for k, segment in enumerate(self.segments):
+            if not hasattr(segment, "expressions"):
+                yield ("segments", k, "type"), "leads a point; allowed in a sequence: motions in joint space"
+                wrong = True
+                continue
+            for path, message in segment.problems(scene):
+                yield ("segments", k, *path), message
+                wrong = True
+        if not wrong:
+            yield from self.completed(scene)._meeting_problems(scene)
+
+    def _meeting_problems(self, scene: SceneNames) -> Problems:
+        for k, segment in enumerate(self.segments):
+            others = {*position_columns(segment.joints)} ^ {*self.joints}
+            if others:
+                other = min(others)
+                yield (
+                    ("segments", k),
+                    f"leads other joints than the first segment ({other!r}); allowed: the same ones",
+                )
+                return
+        last = len(self.segments) if self.repeat > 1 else len(self.segments) - 1
+        for k in range(last):
+            after = (k + 1) % len(self.segments)
+            gap = _gap(self.segments[k], self.segments[after], scene.parameters)
+            if gap is not None:
+                ends = "the segment before ends" if after > k else "the last one ends"
+                yield ("segments", after), f"{gap}, where {ends}; allowed: the same position and rate"
+
+    def completed(self, scene: SceneNames) -> SequenceTrajectory:
+        """Return the trajectory with the limits of the joints in segments that give none of their own."""
+        found = (s.completed(scene) if hasattr(s, "completed") else s for s in self.segments)
+        return dataclasses.replace(self, segments=tuple(found))
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The columns of q whose motion it gives."""
+        return position_columns(self.segments[0].joints)
+
+    @property
+    def duration(self) -> float:
+        """Time of all segments and repetitions [s]."""
+        return float(self._starts[-1])
+
+    @cached_property
+    def _starts(self) -> Array:
+        """When each segment of each repetition begins, and the end of the last one [s]."""
+        lengths = [segment.duration for segment in self.segments] * self.repeat
+        return np.concatenate([[0.0], np.cumsum(lengths)])
+
+    @property
+    def knots(self) -> tuple[float, ...] | None:  # type: ignore[override]
+        if any(segment.knots is None for segment in self.segments):
+            return None
+        found = [*self._starts[1:-1].tolist()]
+        for start, segment in zip(self._starts, self.segments * self.repeat):
+            found += [float(start) + knot for knot in segment.knots]
+        return tuple(sorted(found))
+
+    def expressions(self, t: Expr, env: Mapping[str, Any]) -> Mapping[str, Any]:
+        starts, count = tuple(self._starts.tolist()), len(self.segments)
+        pieces = len(starts) - 1
+        own = t.graph.piecewise(t, starts, ((0.0,) * pieces, (1.0,) * pieces))  # time since a segment began
+        which = t.graph.piecewise(t, starts, (tuple(float(k % count) for k in range(pieces)),))
+        found: dict[str, Any] = {}
+        for k, segment in enumerate(self.segments):
+            here = _with_quaternions(segment.expressions(own, {**env, "t": own}))
+            for name, value in here.items():
+                found[name] = where(which - (k - 0.5), value, found[name]) if k else value
+        for name, signs in self._signs(env).items():
+            found[name] = found[name] * t.graph.piecewise(t, starts, (signs,))
+        return with_attitudes(found)
+
+    def _signs(self, env: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
+        """Return the signs by column of quaternions, segment by segment, which make them continuous."""
+        parameters = {name[2:]: float(x) for name, x in env.items() if name.startswith("p.")}
+        columns = position_columns(self.segments[0].joints)
+        ends = [_ends(segment, columns, parameters) for segment in self.segments]
+        found: dict[str, tuple[float, ...]] = {}
+        for joint, places in attitude_places(columns).items():
+            signs = [1.0]
+            for k in range(1, len(self._starts) - 1):
+                before, here = ends[(k - 1) % len(ends)].q[1, places], ends[k % len(ends)].q[0, places]
+                signs.append(signs[-1] * (-1.0 if before @ here < 0.0 else 1.0))
+            if min(signs) < 0.0:
+                found |= {f"{joint}.{x}": tuple(signs) for x in QUATERNION}
+        return found
+
+
+def _with_quaternions(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return columns with the entries of unit quaternions in place of attitudes in any form."""
+    found: dict[str, Any] = {}
+    for name, value in given.items():
+        joint, _, form = name.rpartition(".")
+        if form in FORMS:
+            found |= {f"{joint}.{x}": e for x, e in zip(QUATERNION, FORMS[form](vector(value)))}
+        else:
+            found[name] = value
+    return found
+
+
+def _ends(segment: JointSpace, columns: Sequence[str], parameters: Mapping[str, float]) -> JointMotion:
+    """Return the motion at the start and at the end."""
+    return segment.motion(np.array([0.0, segment.duration]), columns, parameters)
+
+
+def _gap(first: JointSpace, second: JointSpace, parameters: Mapping[str, float]) -> str | None:
+    """Return in words how the start of a motion differs from the end of another, None where they meet."""
+    columns = position_columns(first.joints)
+    before, after = _ends(first, columns, parameters), _ends(second, columns, parameters)
+    q0, q1 = before.q[1], after.q[0].copy()
+    for places in attitude_places(columns).values():
+        q1[places] *= -1.0 if q0[places] @ q1[places] < 0.0 else 1.0
+    for k, name in enumerate(columns):
+        if abs(q1[k] - q0[k]) > MEET * max(1.0, abs(q0[k])):
+            return f"{name} begins at {q1[k]:.9g}, not at {q0[k]:.9g}"
+    scale = max(1.0, float(np.abs(before.qd[1]).max()))
+    if np.abs(after.qd[0] - before.qd[1]).max() > MEET * scale:
+        k = int(np.argmax(np.abs(after.qd[0] - before.qd[1])))
+        return f"the motion begins with a rate of {after.qd[0, k]:.6g}, not of {before.qd[1, k]:.6g}"
+    return None

@@ -1,0 +1,314 @@
+"""Many runs of one compiled object give what single runs of their own scenes give."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robodyn_cli import Mechanism, load_scene, load_scene_text, simulate
+from robodyn_cli.errors import CapabilityError, RobodynError, SceneError
+from robodyn_cli.expr.fixed import Fixed, literal, witnessed
+from robodyn_cli.expr.many import ManyNumbers, Recipe
+from robodyn_cli.integrators.registry import methods
+from robodyn_cli.kernels.report import REPORT
+from robodyn_cli.model.places import with_places
+from robodyn_cli.run.driver.build import build_motion
+from robodyn_cli.run.many.integrate import Batch
+from robodyn_cli.run.many.keys import NUMBER, START, STRUCTURE, _parts, settings, understand
+from robodyn_cli.scene.load import Family
+from robodyn_cli.scene.types import Scene
+
+CONFIGS = Path(__file__).resolve().parents[2] / "configs"
+PENDULUM = str(CONFIGS / "double_pendulum.yaml")
+SCENES = sorted(
+    p
+    for p in CONFIGS.rglob("*.yaml")
+    if "command: simulate" in p.read_text(encoding="utf-8") and p.stem != "bennett"
+)
+QUICK = [
+    "double_pendulum",
+    "tumbling_body",
+    "adams_rot_spring",
+    "adams_rev_spherical",
+    "drake_four_bar",
+    "slider_crank",
+]
+MASS, LENGTH = "robot.links.link1.mass", "robot.joints.theta1.a"
+
+
+def numbers_of(x: Any, found: dict[str, float]) -> dict[str, float]:
+    """Return the numbers of a scene by place."""
+    if isinstance(x, Fixed):
+        found[x.args[0]] = float(x)
+        return found
+    for _, part, _ in _parts(x) or ():
+        numbers_of(part, found)
+    return found
+
+
+def varied(scene: Scene, count: int, seed: int) -> list[str]:
+    """Return some keys of a scene whose numbers may be a little larger."""
+    family = Family.of(scene)
+    found = numbers_of(with_places(scene), {})
+    places = [p for p in found if "#" not in p and "stop" not in p]
+    np.random.default_rng(seed).shuffle(places)
+    keys: list[str] = []
+    for place in places:
+        try:
+            family.scene(settings([place], [1.01 * found[place]]))
+        except SceneError:
+            continue  # forces in joints have keys without "forces"
+        keys.append(place)
+        if len(keys) == count:
+            break
+    return keys
+
+
+def around(scene: Scene, keys: list[str], runs: int, seed: int) -> dict[str, np.ndarray]:
+    found = numbers_of(with_places(scene), {})
+    rng = np.random.default_rng(seed)
+    return {key: found[key] * rng.uniform(0.99, 1.01, runs) for key in keys}
+
+
+def own_scene(scene: Scene, values: dict[str, np.ndarray], run: int) -> Scene:
+    return Family.of(scene).scene(settings(list(values), [values[key][run] for key in values]))
+
+
+# -- numbers ------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("path", SCENES, ids=lambda p: p.stem)
+def test_recipe_gives_the_numbers_that_a_build_of_its_own_gives(path: Path) -> None:
+    scene = load_scene(str(path))
+    keys = varied(scene, 6, seed=2)
+    values = around(scene, keys, 3, seed=3)
+
+    def build(own: Scene) -> Any:
+        motion = build_motion(own)
+        return methods[motion.choice.method].tables(motion.system)
+
+    with witnessed() as witnesses:
+        tables = build(scene)
+    places = {key: understand(Family.of(scene), key).place for key in keys}
+    recipe = Recipe(list(places.values()))
+    numbers = ManyNumbers(recipe, {places[key]: values[key] for key in keys}, 3)
+    alike = numbers.decided_alike(recipe.deciding(witnesses))
+    rows = np.hstack([numbers.table(p.numbers or (0.0,)) for p in tables.programs])
+    for run in range(3):
+        own = build(own_scene(scene, values, run))
+        if alike[run]:
+            assert own.digest == tables.digest
+            np.testing.assert_allclose(rows[run], own.numbers, rtol=1e-12, atol=1e-300)
+
+
+def test_what_a_comparison_decides_is_remembered() -> None:
+    a, b = literal(2.0, "a"), literal(1.0, "b")
+    with witnessed() as witnesses:
+        assert a > b and a - 2.0 == 0.0 and bool(a)
+    recipe = Recipe(["a"])
+    numbers = ManyNumbers(recipe, {"a": np.array([2.0, 0.5, 3.0, 0.0])}, 4)
+    deciding = recipe.deciding(witnesses)
+    np.testing.assert_array_equal(numbers.decided_alike(deciding), [True, False, False, False])
+    assert not Recipe(["c"]).deciding(witnesses)
+
+
+def test_keys_are_numbers_starts_or_structure() -> None:
+    family = Family(PENDULUM)
+    assert understand(family, MASS).sort == NUMBER
+    assert understand(family, "gravity.1").special == (0.0,)
+    assert understand(family, "initial.q.theta1").sort == START
+    assert understand(family, "simulate.samples").sort == STRUCTURE
+    with pytest.raises(SceneError, match="mas"):
+        understand(family, "robot.links.link1.mas")
+
+
+# -- runs ---------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("name", QUICK)
+def test_many_runs_are_those_of_their_own_scenes(name: str) -> None:
+    (path,) = [p for p in SCENES if p.stem == name]
+    scene = load_scene(str(path))
+    keys = varied(scene, 4, seed=1)
+    values = around(scene, keys, 4, seed=4)
+    found = Mechanism(scene, keys).simulate_many(values, of=["final.time", "error_estimate.q_end"])
+    assert found.ok.all() and not found.one_by_one.any(), found.reason
+    for run in range(4):
+        single = simulate(own_scene(scene, values, run))
+        estimate = single.summary["error_estimate"]
+        bound = 10 * max(estimate["q_end"], estimate["qd_end"]) + 1e-11
+        np.testing.assert_allclose(found.q[run], single["q"][-1], atol=bound, rtol=0)
+        np.testing.assert_allclose(found.qd[run], single["qd"][-1], atol=bound * 10, rtol=0)
+        assert found.outputs["final.time"][run] == single.time[-1]
+        assert found.outputs["error_estimate.q_end"][run] == pytest.approx(
+            estimate["q_end"], rel=2, abs=2e-12
+        )
+
+
+def test_the_bits_depend_neither_on_threads_nor_on_order() -> None:
+    rng = np.random.default_rng(0)
+    values = rng.uniform(10, 14, (300, 1))
+    q = rng.uniform(-1, 1, (300, 2))
+    mechanism = Mechanism(load_scene(PENDULUM, ["simulate.duration=1"]), [MASS])
+    one = mechanism.simulate_many(values, q=q, threads=1)
+    order = rng.permutation(300)
+    for threads in (2, 3):
+        other = mechanism.simulate_many(values[order], q=q[order], threads=threads)
+        for field in ("q", "qd", "q_error", "time", "steps"):
+            np.testing.assert_array_equal(getattr(other, field), getattr(one, field)[order])
+    alone = mechanism.simulate_many(values[7:8], q=q[7:8])
+    np.testing.assert_array_equal(alone.q[0], one.q[7])
+
+
+def test_a_value_that_is_structure_makes_a_group_of_its_own() -> None:
+    scene = load_scene(PENDULUM, ["simulate.duration=1"])
+    values = {"gravity.1": np.array([-9.81, 0.0, -1.62, 0.0])}
+    found = Mechanism(scene, list(values)).simulate_many(values)
+    assert found.ok.all() and not found.one_by_one.any()
+    for run in range(4):
+        single = simulate(own_scene(scene, values, run))
+        np.testing.assert_allclose(found.q[run], single["q"][-1], atol=1e-11, rtol=0)
+    np.testing.assert_array_equal(found.q[1], found.q[3])
+
+
+def test_an_angle_of_a_placement_is_structure_and_still_right() -> None:
+    scene = load_scene(PENDULUM, ["simulate.duration=0.5"])
+    values = {"robot.joints.theta1.offset": np.array([0.1, 0.2, 0.1, -0.4])}
+    found = Mechanism(scene, list(values)).simulate_many(values)
+    assert found.ok.all()
+    for run in range(4):
+        single = simulate(own_scene(scene, values, run))
+        np.testing.assert_allclose(found.q[run], single["q"][-1], atol=1e-11, rtol=0)
+
+
+def test_a_changed_number_compiles_nothing() -> None:
+    mechanism = Mechanism(load_scene(PENDULUM, ["simulate.duration=0.5"]), [MASS, LENGTH])
+    mechanism.simulate_many([[12.0, 1.1]])
+    before = REPORT.compiled, REPORT.cached
+    mechanism.simulate_many(np.random.default_rng(0).uniform(1.0, 2.0, (50, 2)))
+    assert (REPORT.compiled, REPORT.cached) == before
+
+
+def test_a_run_that_fails_is_a_row_with_its_reason() -> None:
+    mechanism = Mechanism(load_scene(PENDULUM, ["simulate.duration=0.5"]), [MASS, "simulate.duration"])
+    found = mechanism.simulate_many({MASS: [12.0, -1.0, 13.0], "simulate.duration": [0.5, 0.5, 0.25]})
+    assert found.code.tolist() == [0, 2, 0]
+    assert "mass" in found.reason[1] and np.isnan(found.q[1]).all()
+    assert found.time.tolist()[::2] == [0.5, 0.25]
+
+
+def test_loops_that_cannot_close_are_rows_too() -> None:
+    scene = load_scene(str(CONFIGS / "benchmarks" / "drake_four_bar.yaml"), ["simulate.duration=0.1"])
+    family = Family.of(scene)
+    lengths = [p for p in numbers_of(with_places(scene), {}) if p.endswith((".a", "origin.xyz.0", "at.0"))]
+    keys = [key for key in lengths if understand(family, key).sort == NUMBER][:1]
+    own = numbers_of(with_places(scene), {})[keys[0]]
+    found = Mechanism(scene, keys).simulate_many({keys[0]: np.array([1.0, 1.01, 50.0]) * own})
+    assert found.code.tolist()[:2] == [0, 0] and found.code[2]
+    assert "close" in found.reason[2]
+
+
+SWITCHING = """
+schema: 1
+command: simulate
+gravity: [0, 0, -9.81]
+robot:
+  joints: [{name: swing, type: revolute, axis: [0, 1, 0]}]
+  links: [{name: bob, mass: 1.3, com: [0.2, 0, -0.7], inertia: {yy: 0.02}}]
+parameters: {dry: 0.3}
+torques: {swing: "-dry*sign(qd.swing) - 0.1*qd.swing"}
+initial: {q: {swing: 1.2}, qd: {swing: 0.5}}
+simulate: {duration: 1.5, samples: 11}
+"""
+
+
+def test_runs_go_on_over_switches_of_their_formulas() -> None:
+    scene = load_scene_text(SWITCHING)
+    values = {"parameters.dry": np.linspace(0.05, 0.6, 5), "robot.links.bob.mass": np.linspace(1.0, 2.0, 5)}
+    found = Mechanism(scene, list(values)).simulate_many(values, samples=11)
+    assert found.ok.all()
+    assert not found.one_by_one.all(), "a switch that comes in one place is located in compiled code"
+    for run in range(5):
+        single = simulate(own_scene(scene, values, run))
+        np.testing.assert_allclose(found.q[run], single["q"][-1], atol=1e-8, rtol=0)
+        np.testing.assert_allclose(found.samples["q"][run], single["q"], atol=1e-8, rtol=0)
+        np.testing.assert_allclose(found.samples["time"][run], single.time, atol=1e-14)
+
+
+def test_contacts_are_made_one_by_one() -> None:
+    scene = load_scene(str(CONFIGS / "stick_slip.yaml"))
+    keys = varied(scene, 1, seed=0)
+    values = around(scene, keys, 2, seed=1)
+    found = Mechanism(scene, keys).simulate_many(values, of=["energy_drift"])
+    assert found.ok.all() and found.one_by_one.all()
+    for run in range(2):
+        single = simulate(own_scene(scene, values, run))
+        np.testing.assert_array_equal(found.q[run], single["q"][-1])
+        assert found.outputs["energy_drift"][run] == single.summary["energy_drift"]
+
+
+def test_stiff_runs_choose_their_method_one_by_one() -> None:
+    scene = load_scene_text(
+        SWITCHING.replace("sign(qd.swing)", "qd.swing").replace("0.1*", "1.0*").replace("1.5,", "3,")
+    )
+    values = {"parameters.dry": np.array([0.1, 3e4])}
+    found = Mechanism(scene, list(values)).simulate_many(values)
+    assert found.ok.all() and not found.one_by_one.any(), found.reason
+    singles = [simulate(own_scene(scene, values, run)) for run in range(2)]
+    assert singles[0].summary["integrator"] != singles[1].summary["integrator"]
+    for run, single in enumerate(singles):
+        assert found.steps[run] == pytest.approx(single.summary["counters"]["steps"], rel=0.1)
+        np.testing.assert_allclose(found.q[run], single["q"][-1], atol=1e-8, rtol=0)
+
+
+def test_shapes_and_keys_that_do_not_fit_are_refused() -> None:
+    mechanism = Mechanism(PENDULUM, [MASS])
+    with pytest.raises(CapabilityError, match="needed"):
+        mechanism.simulate_many({"robot.links.link2.mass": [1.0]})
+    with pytest.raises(CapabilityError, match="shape"):
+        mechanism.simulate_many([[1.0, 2.0]])
+    with pytest.raises(CapabilityError, match="needed"):
+        mechanism.simulate_many([[1.0]], q=np.zeros((2, 2)))
+    with pytest.raises(RobodynError):
+        Mechanism(PENDULUM, [MASS, MASS])
+
+
+# -- lanes --------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("method", ["dop853", "dopri5"])
+def test_lanes_make_the_steps_of_the_scalar_loop(method: str) -> None:
+    scene = load_scene(
+        PENDULUM, [f"simulate.integrator={method}", "simulate.duration=2", "simulate.rtol=1e-9"]
+    )
+    mechanism = Mechanism(scene, [MASS, "simulate.duration"])
+    rng = np.random.default_rng(3)
+    values = np.stack([rng.uniform(10, 15, 101), rng.uniform(0.1, 3.0, 101)], axis=1)
+    ((structure, _),) = mechanism._motions.groups(values)
+    assert structure is not None
+    fleet = structure.fleet(method)
+    batch = Batch.of(structure, values, rng.uniform(-1, 1, (101, 2)), None, threads=2)
+    if fleet.lanes == 1:
+        pytest.skip("this processor has no vectors of doubles")
+    found = batch.drive(method, batch.options)
+    fleet.lanes = 1
+    expected = batch.drive(method, batch.options)
+    assert found.arrived.all()
+    np.testing.assert_array_equal(found.time, values[:, 1])
+    np.testing.assert_allclose(found.y, expected.y, atol=2e-8, rtol=0)
+    assert np.abs(found.steps - expected.steps).max() <= 3
+    assert abs(found.steps.mean() - expected.steps.mean()) < 0.5
+
+
+def test_a_lane_that_fails_leaves_the_others_alone() -> None:
+    scene = load_scene(
+        PENDULUM, ["simulate.integrator=dop853", "simulate.duration=1", "simulate.max_steps=200"]
+    )
+    mechanism = Mechanism(scene, [])
+    q = np.random.default_rng(1).uniform(-1, 1, (40, 2))
+    q[::7] = np.nan
+    qd = np.zeros((40, 2))
+    qd[5] = 1e4  # more steps than are allowed
+    found = mechanism.simulate_many(q=q, qd=qd)
+    fails = np.isin(np.arange(40), [*range(0, 40, 7), 5])
+    np.testing.assert_array_equal(found.ok, ~fails)
+    assert "steps" in found.reason[5]
+    alone = mechanism.simulate_many(q=q[3:4], qd=qd[3:4])
+    np.testing.assert_array_equal(alone.q[0], found.q[3])

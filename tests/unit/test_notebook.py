@@ -1,0 +1,146 @@
+"""A result in a notebook: tables, errors, pictures, plots."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from robodyn_cli import assemble, deploy, inverse, kinematics, load_scene, simulate, statics
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.report.figures import figure, notes, tables
+from tests.unit.synthetic_results import inverse_result
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+RUNS = {
+    "inverse": (inverse, "2r_circle"),
+    "simulate": (simulate, "tumbling_body"),
+    "deploy": (deploy, "four_bar_deploy"),
+    "kinematics": (kinematics, "mechanisms/four_bar_kinematics"),
+    "statics": (statics, "mechanisms/balanced_four_bar"),
+    "assemble": (assemble, "four_bar_deploy"),
+}
+
+
+class Page(HTMLParser):
+    """Rows of the tables, texts and pictures; every element that is opened is closed, in its order."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.rows: list[list[str]] = []
+        self.pictures: list[str] = []
+        self.text = ""
+        self.open: list[str] = []
+        self.names: set[str] = set()
+        self.feed(text)
+        self.close()
+        assert not self.open, self.open
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.names.add(tag)
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("td", "th"):
+            self.rows[-1].append("")
+        if tag == "img":
+            self.pictures.append(str(dict(attrs)["src"]))
+        elif tag != "br":
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+        if self.open and self.open[-1] in ("td", "th"):
+            self.rows[-1][-1] += data
+
+
+@pytest.mark.parametrize("command", RUNS)
+def test_every_command_shows_its_figures_and_its_mechanism(command: str) -> None:
+    run, scene = RUNS[command]
+    result = run(load_scene(CONFIGS / f"{scene}.yaml"))
+    page = Page(result._repr_html_())
+    assert result.title in page.text and f"{command}: {result.status}" in page.text
+    names = [row[0] for row in page.rows]
+    for name in result.variables["q"].names:
+        assert name in names
+    (picture,) = page.pictures
+    kind, _, data = picture.partition(",")
+    assert kind == "data:image/png;base64"
+    image = matplotlib.image.imread(io.BytesIO(base64.b64decode(data)))
+    assert image.shape[1] > 500 and len(np.unique(image[..., 0])) > 20, "the drawing is not empty"
+
+
+def test_the_error_of_a_figure_stands_beside_it() -> None:
+    result = simulate(load_scene(CONFIGS / "double_pendulum.yaml"))
+    (table,) = tables(result)
+    error = result.summary["error_estimate"]["q_end"]
+    value, bound, unit = re.fullmatch(r"(\S+) ± (\S+) (\S+)", table.rows[0][1]).groups()
+    assert float(value) == pytest.approx(result["q"][-1, 0], rel=1e-9)
+    assert float(bound) == pytest.approx(error, rel=0.5) and unit == "rad"
+    assert any(text.startswith("largest error of q ") for text in notes(result))
+    without = simulate(load_scene(CONFIGS / "double_pendulum.yaml", ["simulate.error_estimate=false"]))
+    assert "±" not in tables(without)[0].rows[0][1]
+    locked = deploy(load_scene(CONFIGS / "four_bar_deploy.yaml"))
+    assert re.match(r"locked at t = 12\.28299561 ± \S+e-1\d s: dead point", notes(locked)[0])
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "shown"),
+    [
+        (12.28299560963, 2e-13, "12.28299561 ± 2e-13 m"),
+        (12.28299560963, 0.03, "12.283 ± 0.03 m"),
+        (1.0, None, "1 m"),
+        (0.0, 1e-9, "0 ± 1e-09 m"),
+        (None, 1e-9, "-"),
+        (True, None, "True"),
+    ],
+)
+def test_digits_follow_the_error(value: Any, error: float | None, shown: str) -> None:
+    assert figure(value, error, "m") == shown
+
+
+def test_texts_of_a_scene_are_no_markup() -> None:
+    result = inverse_result()
+    result.title = "<script>alert(1)</script>"
+    result.summary = {"joints": {}, "warnings": ["a < b & <b>"]}
+    page = Page(result._repr_html_())
+    assert (
+        "script" not in page.names and "<script>alert(1)</script>" in page.text and "a < b & <b>" in page.text
+    )
+
+
+def test_long_tables_say_what_is_left_out() -> None:
+    result = simulate(load_scene(CONFIGS / "double_pendulum.yaml"))
+    joints = {f"j{k}": 0.1 * k for k in range(40)}
+    result.summary["final"] = {"time": 1.0, "q": joints, "qd": joints}
+    page = Page(result._repr_html_())
+    assert len(page.rows) == 13 and "and 28 more" in page.text
+
+
+def test_a_failed_run_says_so() -> None:
+    result = inverse_result()
+    result.status, result.summary = "failed", {"termination": {"reason": "step size underflow"}}
+    assert "failed: step size underflow" in Page(result._repr_html_()).text
+
+
+def test_a_line_for_the_terminal() -> None:
+    assert repr(inverse_result()).startswith("<Result of inverse, ") and len(repr(inverse_result())) < 200
+
+
+def test_plots_show_themselves_and_can_be_stored(tmp_path: Path) -> None:
+    result = inverse_result()
+    figure = result.plot("torques")
+    assert figure._repr_png_()[:8] == b"\x89PNG\r\n\x1a\n"  # type: ignore[attr-defined]
+    figure.savefig(tmp_path / "torques.svg")
+    assert (tmp_path / "torques.svg").stat().st_size > 1000
+    with pytest.raises(CapabilityError, match=r"no plot 'torque' of this result; possible: .*torques"):
+        result.plot("torque")
