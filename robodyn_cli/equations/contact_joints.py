@@ -85,6 +85,11 @@ def contact_joints(model: Model) -> tuple[ContactJoint, ...]:
     return tuple(found)
 
 
+def is_contact(force: JointForce) -> bool:
+    """Tell whether a force in a joint has a contact state: friction that sticks, or rigid stops."""
+    return getattr(force.element, "set_valued", False) or getattr(force.element, "rigid", False)
+
+
 def _by_coordinate(body: Body) -> list[list[JointForce]]:
     """Return the forces in a joint by the coordinate that they act on."""
     found: dict[str, list[JointForce]] = {}

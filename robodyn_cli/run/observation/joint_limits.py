@@ -73,6 +73,20 @@ class Bound:
         )
 
 
+def warnings_at_rest(joints: Sequence[LimitedJoint], q: Array, tau: Array) -> list[str]:
+    """Return a warning for each limit of position and effort that a balance is beyond; ``q`` (nq,), ``tau`` (nv,)."""
+    now, found = np.zeros(1), []
+    for joint in joints:
+        bounds = [*position_bounds(joint, now, q[None]), *rate_bounds(joint, now, {"tau": tau[None]})]
+        found += [
+            f"joint {joint.name!r} at rest is beyond its {bound.name} limit of {bound.limit:.6g} {bound.unit}: "
+            f"{bound.values[0]:.6g} {bound.unit}"
+            for bound in bounds
+            if bound.passed
+        ]
+    return found
+
+
 def position_bounds(joint: LimitedJoint, times: Array, q: Array) -> Iterator[Bound]:
     """Yield the limits of position; ``q`` (T, nq)."""
     x, limits = q[:, joint.place], joint.limits
