@@ -33,6 +33,11 @@ def streams(command: str, scene: Scene) -> bool:
     return COMMANDS[command].streamed and scene.simulate.samples > STREAMED_ABOVE
 
 
+def keeps_journal(command: str, scene: Scene) -> bool:
+    """Tell whether a run leaves what it can go on from when it is killed."""
+    return command == "simulate" and streams(command, scene)
+
+
 def execute(
     command: str,
     scene: Scene,

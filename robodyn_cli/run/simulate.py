@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from robodyn_cli.errors import RobodynError
+from typing import TYPE_CHECKING
+
+from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.driver.build import build_motion
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.method import supervisor_for
+from robodyn_cli.run.driver.motion import Beginning
 from robodyn_cli.run.driver.second_run import ErrorEstimate, FirstRun, estimate_error, grid_of
 from robodyn_cli.run.driver.self_check import Judgement, Run, judge
 from robodyn_cli.run.driver.summary import motion_summary
@@ -17,12 +20,16 @@ from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 
+if TYPE_CHECKING:
+    from robodyn_cli.run.going_on.journal import Journal
+
 
 def simulate(
     scene: Scene,
     progress: Progress = no_progress,
     watch: Stopwatch | None = None,
     writer: ResultWriter | None = None,
+    journal: Journal | None = None,
 ) -> Result:
     """Integrate the scene over its duration.
 
@@ -30,6 +37,7 @@ def simulate(
     ----------
     writer : takes the datasets block by block while the run goes on; the Result then holds a selection of the
         samples, and the caller finishes the file.
+    journal : takes what a run that is killed goes on from; one with blocks of such a run goes on with them.
 
     Returns
     -------
@@ -41,7 +49,7 @@ def simulate(
     """
     watch = watch or Stopwatch()
     run = _start(scene, writer, watch)
-    stopped = _drive(run, progress, watch)
+    stopped = _drive(run, progress, watch, journal)
     judgement = judge(run, stopped)
     estimate = None
     if judgement.failure is None and scene.simulate.error_estimate:
@@ -56,7 +64,7 @@ def _start(scene: Scene, writer: ResultWriter | None, watch: Stopwatch) -> Run:
         motion = build_motion(scene, watch)
         beginning = motion.beginning
     else:
-        from robodyn_cli.run.driver.going_on import stored_run
+        from robodyn_cli.run.going_on.stored import stored_run
 
         stored = stored_run(scene)
         motion = build_motion(stored.completed(), watch)
@@ -69,16 +77,24 @@ def _start(scene: Scene, writer: ResultWriter | None, watch: Stopwatch) -> Run:
     return Run(motion, beginning, driver, recorder)
 
 
-def _drive(run: Run, progress: Progress, watch: Stopwatch) -> RobodynError | None:
+def _drive(run: Run, progress: Progress, watch: Stopwatch, journal: Journal | None) -> RobodynError | None:
     """Integrate over the duration and record; return why the run ended before, with its last state recorded."""
     s, driver, recorder = run.motion.scene.simulate, run.driver, run.recorder
     driver.tick = lambda time: progress(time, s.duration)
 
     def emit(t: Array, x: Array) -> None:
+        if t[0] <= recorder.last_time:  # a run that is taken up begins with the last sample that it has
+            t, x = t[1:], x[1:]
+        if not len(t):
+            return
         recorder.emit(t, x, driver.parameters)
+        if journal is not None:
+            journal.add(t, x, driver)
         progress(float(t[-1]), s.duration)
 
     with watch.stage("integrate"):
+        if journal is not None and journal.taken:
+            _take_up(run, journal)
         try:
             driver.run(s.duration, grid_of(run.motion.scene, run.beginning), emit)
         except RobodynError as error:
@@ -87,6 +103,25 @@ def _drive(run: Run, progress: Progress, watch: Stopwatch) -> RobodynError | Non
             recorder.keep_last_state(driver.time, driver.state, driver.parameters)
             return explained(error, run.motion, driver)
     return None
+
+
+def _take_up(run: Run, journal: Journal) -> None:
+    """Record the samples that an earlier process has come to, and put the driver to the last of them.
+
+    Raises
+    ------
+    CapabilityError : events have changed the motion, and who answers them does not know of earlier ones.
+    """
+    if any(watcher.changes_motion for watcher in run.driver.watchers):
+        raise CapabilityError(
+            f"{run.motion.scene.path}: a run with joints that stick or meet rigid stops, or that passes singular "
+            "poses, does not go on after it was killed; run it without --resume"
+        )
+    for block in journal.blocks():
+        for watcher in run.driver.watchers:
+            watcher.see(block.t, block.x)
+        run.recorder.emit(block.t, block.x, block.p)
+    run.driver.go_on(Beginning(float(block.t[-1]), block.x[-1]), block.counters, block.changes)
 
 
 def _estimate(run: Run, progress: Progress) -> ErrorEstimate:

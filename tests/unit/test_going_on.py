@@ -7,16 +7,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robodyn_cli.errors import RobodynError, SceneError
+from robodyn_cli.errors import CapabilityError, RobodynError, SceneError
 from robodyn_cli.results.hdf5 import write
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.commands import execute
+from robodyn_cli.run.driver.driver import Driver
+from robodyn_cli.run.going_on.journal import Journal
 from robodyn_cli.run.progress import no_progress
 from robodyn_cli.run.simulate import simulate
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.load import load_scene
 
 ROOT = Path(__file__).parents[2]
+NAME = "samples"
 SCENES = {
     # open chain; loops; floating joint; sticking; impacts; losses with work; prescribed joint
     "configs/double_pendulum.yaml": (2.0, 1e-8),
@@ -107,3 +110,71 @@ def test_other_commands_do_not_go_on(tmp_path: Path) -> None:
     scene = load_scene(ROOT / "configs/four_bar_deploy.yaml", [f"initial.from={tmp_path}"])
     with pytest.raises(SceneError, match="'deploy' does not go on"):
         execute("deploy", scene, no_progress, Stopwatch())
+
+
+class Killed(Exception):
+    """What stands for the end of the process."""
+
+
+LONG = {
+    # plain; loops and a prescribed joint; a floating body with a stiff method
+    "configs/double_pendulum.yaml": ["simulate.duration=2"],
+    "configs/four_bar_prescribed.yaml": ["simulate.duration=1"],
+    "configs/tumbling_body.yaml": ["simulate.duration=2", "simulate.integrator=radau13"],
+}
+
+
+@pytest.mark.parametrize("torn", [0, 1000])
+@pytest.mark.parametrize("scene", LONG)
+def test_a_run_that_was_killed_goes_on(
+    scene: str, torn: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """``torn`` : bytes that the last block lacks, because the process ended while it was written."""
+    monkeypatch.setattr(Driver.run, "__defaults__", (50, True))  # samples in a block
+    loaded = load_scene(ROOT / scene, [*LONG[scene], "simulate.samples=501"])
+    whole = simulate(loaded)
+    path = tmp_path / NAME
+
+    def end(done: float, duration: float) -> None:
+        if done > 0.6 * duration:
+            raise Killed
+
+    with pytest.raises(Killed), Journal(path, loaded) as journal:
+        simulate(loaded, progress=end, journal=journal)
+    if torn:
+        path.write_bytes(path.read_bytes()[:-torn])
+    with Journal(path, loaded, resume=True) as journal:
+        assert journal.taken
+        kept = sum(len(block.t) for block in journal.blocks())
+        assert 200 < kept < 450
+        rest = simulate(loaded, journal=journal)
+    np.testing.assert_array_equal(rest.variables["time"].data, whole.variables["time"].data)
+    for name in ("q", "qd", "energy/total"):
+        found, expected = rest.variables[name].data, whole.variables[name].data
+        np.testing.assert_array_equal(found[:kept], expected[:kept])
+        np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-8)
+    assert rest.summary["samples"] == 501
+    assert whole.summary["counters"]["steps"] <= rest.summary["counters"]["steps"]
+    assert rest.summary["error_estimate"]["state_max"] < 1e-7
+
+
+def test_the_blocks_of_another_run_are_refused(tmp_path: Path) -> None:
+    path, scene = tmp_path / NAME, ROOT / "configs/double_pendulum.yaml"
+    first = load_scene(scene, ["simulate.duration=1", "simulate.samples=11"])
+    with Journal(path, first) as journal:
+        simulate(first, journal=journal)
+    with pytest.raises(SceneError, match="another scene, other settings"):
+        Journal(path, load_scene(scene, ["simulate.duration=2"]), resume=True)
+    assert not Journal(path, first).taken
+    assert not Journal(tmp_path / "none", first, resume=True).taken
+
+
+def test_a_run_whose_contacts_change_does_not_go_on(tmp_path: Path) -> None:
+    scene = load_scene(ROOT / "configs/stick_slip.yaml", ["simulate.duration=1", "simulate.samples=11"])
+    with Journal(tmp_path / NAME, scene) as journal:
+        simulate(scene, journal=journal)
+    with (
+        Journal(tmp_path / NAME, scene, resume=True) as journal,
+        pytest.raises(CapabilityError, match="--resume"),
+    ):
+        simulate(scene, journal=journal)
