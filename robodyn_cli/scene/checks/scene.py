@@ -172,6 +172,10 @@ def _check_initial(scene: Scene, check: Check) -> None:
     _check_joints(scene, _keys(initial.qd, "initial", "qd"), check, at_key=True)
     _check_joints(scene, _items(initial.hold, "initial", "hold"), check, at_key=False)
     check.unique(initial.hold, "joint", [path for _, path in _items(initial.hold, "initial", "hold")])
+    if initial.at is not None and initial.source is None:
+        check.fail(
+            ("initial", "at"), "says when to go on from a stored run, but `from` names none", at_key=True
+        )
     for k, joint in enumerate(scene.robot.joints):
         if joint_types[joint.type].units != ("m",):
             continue
