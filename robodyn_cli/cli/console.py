@@ -6,18 +6,28 @@ import contextlib
 import functools
 import json
 import os
+import re
+import shutil
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any, TextIO
 
-from robodyn_cli.cli import interrupts, terminal
+from robodyn_cli.cli import interrupts
 from robodyn_cli.errors import OutputError, RobodynError, no_linear_algebra, out_of_range
 from robodyn_cli.exit_codes import INTERNAL, INTERRUPTED
 
 QUIET_SECONDS = 2.0  # without a word, on a terminal
 LONG_SECONDS = 10.0  # without a word, elsewhere
+# by what a line begins with; all else stays as it is
+COLOURS = {
+    "ok": "32", "equal": "32",
+    "failed": "31", "error": "31", "differs": "31", "missing": "31", "unreadable": "31", "stopped": "33", "extra": "33",
+    "robodyn: error:": "31", "robodyn: warning:": "33",
+}  # fmt: skip
+_COLOURED = re.compile(rf"(?:{'|'.join(sorted(COLOURS, key=len, reverse=True))})(?= )")
+_GAP = re.compile(r"\s{2,}(?=\S)")  # between a label and its text
 
 
 class Console:
@@ -29,24 +39,24 @@ class Console:
         self._shown = 0.0
         self._width = 0
         self._noted = False
-        self._on_terminal = terminal.is_terminal(sys.stderr)
+        self._on_terminal = is_terminal(sys.stderr)
 
     def say(self, text: str) -> None:
         """Print results for people."""
         if not self.quiet and not self.as_json:
-            _print(terminal.fitted(text, sys.stdout), sys.stdout)
+            _print(fitted(text, sys.stdout), sys.stdout)
 
     def note(self, text: str) -> None:
         """Print a message that is not a result."""
         self._noted = True
         if not self.quiet:
             self.clear()
-            _print(terminal.fitted(text, sys.stderr), sys.stderr)
+            _print(fitted(text, sys.stderr), sys.stderr)
 
     def error(self, text: str) -> None:
         """Print an error, ``--quiet`` or not."""
         self.clear()
-        _print(terminal.fitted(f"robodyn: error: {text}", sys.stderr), sys.stderr)
+        _print(fitted(f"robodyn: error: {text}", sys.stderr), sys.stderr)
 
     def data(self, report: Any) -> None:
         """Print JSON, where it was asked for."""
@@ -200,6 +210,47 @@ def output_lost(error: OSError, stream: TextIO) -> OutputError | None:
     if isinstance(error, BrokenPipeError):
         return None
     return OutputError(f"cannot write to standard output: {error.strerror}")
+
+
+def is_terminal(stream: TextIO | None) -> bool:
+    """Tell whether somebody reads a stream as it is written."""
+    return stream is not None and stream.isatty()
+
+
+def width(stream: TextIO | None) -> int | None:
+    """Return the columns of a stream's terminal; None where it is none, for other programs read lines."""
+    return shutil.get_terminal_size().columns if is_terminal(stream) else None
+
+
+def fitted(text: str, stream: TextIO | None) -> str:
+    """Return text for a stream: on a terminal with colours, and lines that are too long go on below their text."""
+    columns = width(stream)
+    if columns is None:
+        return text
+    lines = [line if len(line) <= columns else _wrapped(line, columns) for line in text.split("\n")]
+    return "\n".join(map(_painted, lines) if _has_colours() else lines)
+
+
+def _wrapped(line: str, columns: int) -> str:
+    import textwrap
+
+    starts = [gap.end() for gap in _GAP.finditer(line) if gap.end() <= columns // 2]
+    indent = " " * (starts[-1] if starts else 4)
+    return textwrap.fill(
+        line, columns, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    )
+
+
+def _has_colours() -> bool:
+    """Tell whether colours are wanted (https://no-color.org)."""
+    return not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+
+
+def _painted(line: str) -> str:
+    word = _COLOURED.match(line)
+    if word is None:
+        return line
+    return f"\x1b[{COLOURS[word.group()]}m{word.group()}\x1b[0m{line[word.end() :]}"
 
 
 def _encodes(stream: TextIO | None) -> bool:

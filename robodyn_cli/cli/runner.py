@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.console import Console, width
 from robodyn_cli.cli.interrupts import tidy_up_first
 from robodyn_cli.errors import NumericalError, RobodynError, SceneError
 from robodyn_cli.exit_codes import OF_STATUS, REPLACING
@@ -131,10 +131,9 @@ def show(result: Result, directory: OutputDirectory, console: Console, describe:
     _show_data(directory, console)
     console.say(describe(result.summary))
     if result.events:
-        from robodyn_cli.cli import terminal
         from robodyn_cli.results.moments import moment_lines
 
-        for line in moment_lines(result, terminal.width(sys.stdout) or 80):
+        for line in moment_lines(result, width(sys.stdout) or 80):
             console.say(line)
     console.say(f"results: {directory.path}  ({', '.join(directory.outputs)})")
 

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from robodyn_cli.cli import terminal
+from robodyn_cli.cli.console import width
 
 
 def table(rows: Sequence[Sequence[str]], columns: int | None = None) -> str:
@@ -16,7 +16,7 @@ def table(rows: Sequence[Sequence[str]], columns: int | None = None) -> str:
     A table that is wider than the terminal (``columns``) is continued below, with the first column again.
     """
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    room = columns or terminal.width(sys.stdout) or math.inf
+    room = columns or width(sys.stdout) or math.inf
     parts: list[list[int]] = [[]]
     for k in range(1, len(widths)):
         if parts[-1] and sum(widths[j] + 2 for j in [0, *parts[-1], k]) > room:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from robodyn_cli.cli import terminal
+from robodyn_cli.cli.console import fitted
 from robodyn_cli.cli.words import table
 from tests.cli.batch_scenes import arm
 from tests.cli.tool import COMMAND, CONFIGS, ROOT
@@ -34,17 +34,17 @@ def columns(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
 
 def test_long_lines_go_on_below_their_text(columns: pytest.MonkeyPatch) -> None:
     text = "  energy drift       8.4e-09 J (kinetic + potential), which is little\nshort"
-    assert terminal.fitted(text, Terminal()).splitlines() == [
+    assert fitted(text, Terminal()).splitlines() == [
         "  energy drift       8.4e-09 J (kinetic +",
         "                     potential), which is",
         "                     little",
         "short",
     ]  # fmt: skip
-    assert terminal.fitted(text, io.StringIO()) == text == terminal.fitted(text, None)
+    assert fitted(text, io.StringIO()) == text == fitted(text, None)
 
 
 def test_a_label_that_is_too_wide_does_not_squeeze_the_text(columns: pytest.MonkeyPatch) -> None:
-    found = terminal.fitted(f"differs  {'very/' * 6}long  worst of all by far and much more", Terminal())
+    found = fitted(f"differs  {'very/' * 6}long  worst of all by far and much more", Terminal())
     assert max(len(CODES.sub("", line)) for line in found.splitlines()) <= 44
     assert "".join(found.split()).endswith("worstofallbyfarandmuchmore")
 
@@ -60,13 +60,13 @@ def test_a_label_that_is_too_wide_does_not_squeeze_the_text(columns: pytest.Monk
     ],
 )
 def test_colours(line: str, shown: str, columns: pytest.MonkeyPatch) -> None:
-    assert terminal.fitted(line, Terminal()) == shown
+    assert fitted(line, Terminal()) == shown
     columns.setenv("NO_COLOR", "1")
-    assert terminal.fitted(line, Terminal()) == line
+    assert fitted(line, Terminal()) == line
     columns.setenv("NO_COLOR", "")
-    assert terminal.fitted(line, Terminal()) == shown, "an empty variable says nothing"
+    assert fitted(line, Terminal()) == shown, "an empty variable says nothing"
     columns.setenv("TERM", "dumb")
-    assert terminal.fitted(line, Terminal()) == line
+    assert fitted(line, Terminal()) == line
 
 
 def test_a_wide_table_goes_on_below() -> None:

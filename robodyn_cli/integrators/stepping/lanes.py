@@ -29,7 +29,8 @@ COUNTED = {
     REJECTED: IntegerSlot.REJECTED,
     EVALUATIONS: IntegerSlot.EVALUATIONS,
 }
-IDLE = -1  # in place of the number of a run
+IDLE, UNUSED = -1, -2  # in place of the number of a run
+NEVER = 1e300  # a time that no run comes to
 
 
 def suits(system: System, method: Method) -> bool:
@@ -154,8 +155,8 @@ def _is_over(w: LaneWriter, counts: Condition) -> Condition:
 class _Queue:
     """The runs that are to be made, and the lanes that make them.
 
-    following : the next run. busy : lanes with a run. runs : of each lane its run, or ``IDLE``. over : lanes to turn
-    over, as bits; all of them at first.
+    following : the next run. busy : lanes with a run. runs : of each lane its run, ``IDLE`` or ``UNUSED``. over : lanes
+    to turn over, as bits; all of them at first.
     """
 
     def __init__(self, w: LaneWriter) -> None:
@@ -167,7 +168,7 @@ class _Queue:
         f.store_int(0, self.busy)
         f.store_int(2**w.width - 1, self.over)
         for lane in range(w.width):
-            f.store_int(IDLE, f.offset(self.runs, lane))
+            f.store_int(UNUSED, f.offset(self.runs, lane))
 
     def note(self, over: Condition) -> None:
         self.f.store_int(over.mask(), self.over)
@@ -185,8 +186,16 @@ class _Queue:
                 self._take_next(place, lane)
 
     def _take_next(self, place: str, lane: Int) -> None:
-        f = self.f
+        """Give a lane the next run; one without goes on with the last it had, of which nothing is kept.
+
+        At first that is the first run: numbers of no meaning take many times as long.
+        """
+        f, w = self.f, self.w
+        with f.when(f.compare_int("eq", f.load_int(place), UNUSED)):
+            self._load(f.int_argument("first"), lane)
         f.store_int(IDLE, place)
+        f.store(NEVER, self._entry(w.slots, DoubleSlot.T_END, lane))
+        f.store(NEVER, self._entry(w.slots, MOST, lane))
         following = f.load_int(self.following)
         wanted = f.compare_int("eq", f.load_int("%stop"), 0)
         with f.when(f.compare_int("slt", following, f.int_argument("last")) & wanted):

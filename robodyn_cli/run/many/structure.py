@@ -48,6 +48,7 @@ class Structure:
         self._deciding = self.recipe.deciding(witnesses)
         self.obstacle = obstacle(self.motion, self._times_vary())
         self._fleets: dict[tuple[str, bool], Fleet] = {}
+        self._last: tuple[Array, ManyNumbers] | None = None  # asked for, by rows: several ask for the same
         self._confirmed = np.zeros(len(row))  # how far from its own row another one has been built
 
     def _times_vary(self) -> bool:
@@ -59,8 +60,10 @@ class Structure:
 
     def numbers(self, values: Array) -> ManyNumbers:
         """Return the numbers of the scene for rows of values (N, keys)."""
-        given = {k.place: values[:, j] for j, k in enumerate(self.keys) if k.sort == NUMBER}
-        return ManyNumbers(self.recipe, given, len(values))
+        if self._last is None or not np.array_equal(self._last[0], values):
+            given = {k.place: values[:, j] for j, k in enumerate(self.keys) if k.sort == NUMBER}
+            self._last = values, ManyNumbers(self.recipe, given, len(values))
+        return self._last[1]
 
     def column(self, place: str, values: Array) -> Array | None:
         """Return the values of the key that is a start or an option of this name; None where none varies."""
