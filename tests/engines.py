@@ -80,7 +80,7 @@ def to_pinocchio(model: Model) -> PinocchioModel:
         out.appendBodyToJoint(joint[k], pin.Inertia(m, c, I), pin.SE3.Identity())
         index[body.v] = out.idx_vs[joint[k]]
         armature[index[body.v]] = float(body.armature)
-    for name, frame in {**model.links, **model.frames, **model.points}.items():
+    for name, frame in {**model.links, **model.points, **model.frames}.items():
         place = pin.SE3(real(frame.R), real(frame.p))
         out.addFrame(pin.Frame(name, joint[frame.body], 0, place, pin.FrameType.OP_FRAME))
     out.armature = armature
