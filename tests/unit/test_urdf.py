@@ -148,6 +148,23 @@ def test_limits(limit: str, limits: dict[str, float], remark: str) -> None:
     assert any(remark in text for text in found.tree.joint_remarks["j1"]) or not remark
 
 
+@pytest.mark.parametrize(
+    ("name", "target"),
+    [
+        ("arm.urdf", "arm_expanded.urdf"),
+        ("arm.urdf.xacro", "arm.urdf"),
+        ("arm.xacro", "arm.urdf"),
+        ("arm", "arm.urdf"),
+    ],
+)
+def test_the_advice_for_xacro_does_not_overwrite_the_file(tmp_path: Path, name: str, target: str) -> None:
+    path = tmp_path / name
+    path.write_text(ARM.replace("</robot>", "<xacro:macro name='x'/></robot>"), encoding="utf-8")
+    with pytest.raises(SceneError) as caught:
+        load_urdf(path)
+    assert caught.value.message.endswith(f"xacro {path} > {tmp_path / target}")
+
+
 def test_names_that_scenes_do_not_allow() -> None:
     assert joint_names(["a.b", "a_b", "a-b", "9", "pi", "t"]) == {
         "a_b": "a_b", "a.b": "a_b_2", "a-b": "a_b_3", "9": "_9", "pi": "pi_2", "t": "t_2",
