@@ -146,6 +146,8 @@ def test_limits(limit: str, limits: dict[str, float], remark: str) -> None:
     assert given == limits
     assert stated is None or stated.stop is None
     assert any(remark in text for text in found.tree.joint_remarks["j1"]) or not remark
+    crossed = [text for text in scene.warnings if "j1 (line 5: lower 2, upper 1)" in text]
+    assert len(crossed) == ('lower="2" upper="1"' in limit)
 
 
 @pytest.mark.parametrize(
