@@ -47,7 +47,7 @@ def draw(result: Result) -> Any:
     if np.nanmax(moment, initial=0.0) > NOTHING * np.nanmax(force, initial=0.0):
         panels.append((moment, labelled("moment", "N m")))
     else:
-        subtitle += "; no moments"
+        subtitle += ", no moments"
     sheet = TimeSheet(result, subtitle, panels=len(panels), height=2.4, labels=names)
     handles: list[Any] = []
     for ax, (data, label) in zip(sheet.axes, panels):
