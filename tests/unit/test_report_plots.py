@@ -136,6 +136,23 @@ def test_the_root_mean_square_in_the_drawing_is_that_of_the_summary() -> None:
         assert f"RMS {number(figures['rms_torque'], 4)} N·m" in drawn
 
 
+def test_small_torques_beside_large_ones_have_a_panel_of_their_own() -> None:
+    result = inverse_result()
+    wave = np.sin(result.time)
+    result.add(
+        "tau",
+        np.column_stack([60.0 * wave - 70.0, 20.0 * wave, 0.5 * wave]),
+        names=("a", "b", "c"),
+        units="N m",
+    )
+    large, small = draw(result, "torques").axes
+    assert np.ptp(small.get_ylim()) < 2.0 < 100.0 < np.ptp(large.get_ylim())
+    levels = [float(line.get_ydata()[0]) for line in large.lines if line.get_linewidth() == 0.8]
+    assert levels[0] < -60.0, "the root mean square is drawn where the torque is"
+    result["tau"][:, 2] *= 40.0
+    assert len(draw(result, "torques").axes) == 1
+
+
 def test_captions_state_the_figures() -> None:
     drawn = texts(inverse_result(), "torques")
     time, tau = inverse_result().time, inverse_result()["tau"][:, 0]
