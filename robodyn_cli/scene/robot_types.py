@@ -24,39 +24,7 @@ from robodyn_cli.schema.fields import (
     key,
     like,
 )
-
-
-@record
-class Orientation:
-    """How a frame is turned in the frame around it, in one of five forms; without any it is not turned."""
-
-    rpy: tuple[float, ...] | None = key(
-        Vector(3, angle=True), default=None, unit="rad", doc="Roll, pitch, yaw about fixed axes."
-    )
-    quaternion: tuple[float, ...] | None = key(
-        Vector(4), default=None, unit="1", doc="Unit quaternion, scalar first."
-    )
-    axis: tuple[float, ...] | None = key(
-        Direction(), default=None, unit="1", doc="Axis of one rotation, by `angle`."
-    )
-    angle: float | None = key(
-        Number(angle=True), default=None, unit="rad", doc="Angle of the rotation about `axis`."
-    )
-    matrix: tuple[tuple[float, ...], ...] | None = key(
-        ListOf(Vector(3), minimum=3, maximum=3),
-        default=None,
-        unit="1",
-        doc="Rotation matrix by rows; its columns are the new axes.",
-    )
-    x: tuple[float, ...] | None = key(Direction(), default=None, unit="1", doc="Direction of the new x axis.")
-    y: tuple[float, ...] | None = key(Direction(), default=None, unit="1", doc="Direction of the new y axis.")
-    z: tuple[float, ...] | None = key(Direction(), default=None, unit="1", doc="Direction of the new z axis.")
-
-    @property
-    def plain(self) -> bool:
-        """Whether it is given by roll, pitch and yaw, or not at all."""
-        others = (self.quaternion, self.axis, self.angle, self.matrix, self.x, self.y, self.z)
-        return all(value is None for value in others)
+from robodyn_cli.schema.fields import Orientation as Orientation
 
 
 @record
@@ -81,6 +49,8 @@ class Inertia:
 
 
 DH = ("a", "alpha", "d", "theta")
+# what forces may act on in joints with several coordinates, of all kinds of joint (``Joint.freedoms``)
+FREEDOMS = ("theta1", "theta2", "theta", "d", "x", "y", "translation", "rotation")
 
 
 @record
@@ -131,19 +101,23 @@ class Joint:
         unit="m/rad",
         doc="Advance of a helical joint along its axis, lead / (2 pi); positive for a right-handed thread.",
     )
-    gear_ratio: float = key(
-        Number(), default=1.0, unit="1", doc="N: motor turns per joint turn (may be negative)."
+    gear_ratio: Any = key(
+        Either((Number(), MapOf(Number(), of="coordinate"))),
+        default=1.0,
+        unit="1",
+        doc="N: motor turns per joint turn (may be negative); by coordinate for joints with several.",
     )
-    rotor_inertia: float = key(
-        Number(minimum=0.0),
+    rotor_inertia: Any = key(
+        Either((Number(minimum=0.0), MapOf(Number(minimum=0.0), of="coordinate"))),
         default=0.0,
         unit="kg m^2",
-        doc="J of the rotor, reflected as N^2 J on the joint.",
+        doc="J of the rotor, reflected as N^2 J on the joint; by coordinate for joints with several.",
     )
     forces: tuple[tuple[str, Any], ...] = key(
-        Inline(lambda: joint_forces),
+        Inline(lambda: joint_forces, FREEDOMS),
         default=(),
-        doc="Joint forces: each registered kind (`friction`, `spring`, `damper`, `limits`, `gear`) is a key.",
+        doc="Joint forces: each registered kind (`friction`, `spring`, `damper`, `limits`, `gear`) is a key. Joints "
+        "with several coordinates take a map by coordinate.",
     )
 
     @property
@@ -196,7 +170,8 @@ class Point(Place):
         ListOf(Formula(("t",)), minimum=3, maximum=3),
         default=None,
         unit="m",
-        doc="Displacement from `at` along the axes of the base, formulas in t: for points on `base` that loops join.",
+        doc="Displacement from `at` along the axes of the base, formulas in t: for points on `base`, which loops join "
+        "and forces act between.",
     )
 
 
@@ -275,4 +250,4 @@ class Robot:
     @property
     def limited(self) -> bool:
         """Whether any joint has limits."""
-        return any(name == "limits" for joint in self.joints for name, _ in joint.forces)
+        return any(name.partition(".")[0] == "limits" for joint in self.joints for name, _ in joint.forces)

@@ -205,6 +205,12 @@ class TimedPath:
         return str(self.way.point)
 
     @property
+    def relative_to(self) -> str | None:
+        """The place in whose coordinates the path is given."""
+        found: str | None = self.way.relative_to
+        return found
+
+    @property
     def ik(self) -> Any:
         """Options of the inverse kinematics."""
         return self.way.ik

@@ -18,6 +18,7 @@ trajectory_types: Registry[type] = Registry(
         "fastest": "fastest:FastestTrajectory",
         "table": "table:TableTrajectory",
         "circle": "circle:CircleTrajectory",
+        "path": "path:PathTrajectory",
         "cartesian": "cartesian:CartesianTrajectory",
     },
 )

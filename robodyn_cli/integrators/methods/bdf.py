@@ -20,7 +20,6 @@ from robodyn_cli.integrators.stepping.control import (
     Attempt,
     Controller,
     mean_squares,
-    rejected_before,
     tolerance,
 )
 from robodyn_cli.integrators.stepping.factors import derivatives_of, real_factors
@@ -325,7 +324,7 @@ class BdfStepper(Stepper[Taken]):
             best = f.max(present, f.max(down, up))
             falls = f.compare("oge", down, best)
             rises = f.compare("oge", up, best) & ~falls
-            growth = f.min(best, f.select(rejected_before(self.w), 1.0, f.constant(self.control.most)))
+            growth = f.min(best, f.select(self.w.rejected_before(), 1.0, f.constant(self.control.most)))
             held = f.compare("olt", growth, HOLD) & f.compare("oge", growth, 0.9)
             growth = f.select(held, f.constant(1.0), f.max(growth, self.control.least))
             changed = f.compare("une", growth, 1.0) | falls | rises

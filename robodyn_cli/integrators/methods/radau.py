@@ -20,7 +20,6 @@ from robodyn_cli.integrators.stepping.control import (
     Attempt,
     Controller,
     mean_squares,
-    rejected_before,
     tolerance,
 )
 from robodyn_cli.integrators.stepping.factors import ComplexFactors, complex_factors, derivatives_of
@@ -136,7 +135,7 @@ class RadauStepper(Stepper[Array]):
         fresh = f.compare_int("eq", f.load_int(w.integer_at(IntegerSlot.ACCEPTED)), 0)
         large = f.compare("oge", f.load(self.square), 1.0)
         # once more from where the estimate leads, which damps what is stiff (Hairer and Wanner 1996, IV.8.20)
-        with f.when(large & (rejected_before(w) | fresh)):
+        with f.when(large & (w.rejected_before() | fresh)):
             for c in w.each(w.size):
                 self.error[c] = w.state[c] + self.error[c]
             w.rate(t, self.error, self.rate0)

@@ -54,6 +54,7 @@ class Method:
     dense_order = 0
     proportion = 1.0
     lanes = 1  # stages that are evaluated at once
+    vectors = False  # whether steps can be written for vectors of runs (``stepping/lanes.py``)
     instead = "auto, gauss, radau13"  # methods to name in a refusal
 
     def __init__(self, facts: IntegrationMethod) -> None:

@@ -51,8 +51,8 @@ def inertias_felt(model: Model, q: Array) -> list[Felt] | None:
     for k in reversed(range(len(model.bodies))):
         body = model.bodies[k]
         here = slice_q(body, q.tolist())
-        for s in columns(body.joint.S(here)):
-            one, other = ((inertia @ s).dot(s) + body.armature for inertia in (free[k], locked[k]))
+        for s, rotor in zip(columns(body.joint.S(here)), body.rotors):
+            one, other = ((inertia @ s).dot(s) + rotor for inertia in (free[k], locked[k]))
             if not (is_number(one) and is_number(other) and np.isfinite(float(other))):
                 return None
             found.append(Felt(body.joint_name, float(one), float(other)))
