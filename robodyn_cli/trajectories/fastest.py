@@ -144,7 +144,9 @@ class FastestTrajectory:
     @property
     def way(self) -> Any:
         """The path as a trajectory over its own parameter."""
-        return ThroughPoints(self.points) if self.points else self.path
+        if self.points:
+            return ThroughPoints(self.points)
+        return self.path.at_constant_speed() if hasattr(self.path, "at_constant_speed") else self.path
 
 
 @record

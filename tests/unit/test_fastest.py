@@ -153,6 +153,20 @@ def _least_time(scene: Scene, circle: object, s: np.ndarray) -> float:
     return high
 
 
+def test_the_time_law_of_a_path_is_dropped() -> None:
+    scene = load_scene(ROOT / "configs" / "fastest_2r.yaml")
+    text = (ROOT / "configs" / "fastest_2r.yaml").read_text()
+    before, found = text.split("  path:")[0], []
+    for law in ("quintic, speed: 1", "trapezoid, speed: 0.3, acceleration: 2"):
+        way = f"{{type: path, point: tip, start: {{position: [1.4, 1.0, 0]}}, law: {law}, ik: {{branch: elbow_up}}, "
+        way += "segments: [{type: line, to: [1.0, 1.2, 0]}]}"
+        line = load_scene_text(
+            f"{before}  path: {way}\n  effort: {{theta1: 250, theta2: 120}}\n", str(scene.path)
+        )
+        found.append(duration(line))
+    assert found[0] == pytest.approx(found[1], rel=1e-6)
+
+
 REFUSED = [
     ("{type: fastest, effort: {slide: 1}}", SceneError, "either 'points' or 'path'"),
     ("{type: fastest, points: [{q: {slide: 0}}, {q: {slide: 1}}]}", SceneError, "needs limits"),
