@@ -118,7 +118,7 @@ def main() -> None:
     cases = [
         ("mass", load_scene_text(MASS.format(gravity=0), "mass.yaml"), 0.8944271909999159),
         ("mass, gravity", load_scene_text(MASS.format(gravity=-2), "mass.yaml"), top / 3.0 + top / 7.0),
-        ("2R arm, circle", load_scene(measure.ROOT / "configs" / "fastest_2r.yaml"), None),
+        ("2R arm, circle", load_scene(measure.ROOT / "configs" / "trajectories" / "fastest_2r.yaml"), None),
         ("7-joint arm", load_scene_text(seven.read_text().split("trajectory:")[0] + ARM, str(seven)), None),
     ]
     rigid = re.sub(r",?\s*friction: \{(?:[^{}]|\{[^{}]*\})*\}", "", seven.read_text().split("trajectory:")[0])

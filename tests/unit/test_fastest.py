@@ -121,7 +121,7 @@ def test_the_time_converges_and_its_error_is_stated() -> None:
 
 def test_a_slower_motion_of_the_same_path_needs_less_and_a_faster_one_more() -> None:
     """Brute force: no time law of a family of others is faster and keeps to the limits."""
-    scene = load_scene(ROOT / "configs" / "fastest_2r.yaml")
+    scene = load_scene(ROOT / "configs" / "trajectories" / "fastest_2r.yaml")
     least = inverse(scene, samples=2001)
     circle = dataclasses.replace(scene.trajectory.path, duration=1.0)
     assert least.summary["fastest"]["largest_use"] == pytest.approx(1.0, abs=1e-6)
@@ -154,8 +154,8 @@ def _least_time(scene: Scene, circle: object, s: np.ndarray) -> float:
 
 
 def test_the_time_law_of_a_path_is_dropped() -> None:
-    scene = load_scene(ROOT / "configs" / "fastest_2r.yaml")
-    text = (ROOT / "configs" / "fastest_2r.yaml").read_text()
+    scene = load_scene(ROOT / "configs" / "trajectories" / "fastest_2r.yaml")
+    text = (ROOT / "configs" / "trajectories" / "fastest_2r.yaml").read_text()
     before, found = text.split("  path:")[0], []
     for law in ("quintic, speed: 1", "trapezoid, speed: 0.3, acceleration: 2"):
         way = f"{{type: path, point: tip, start: {{position: [1.4, 1.0, 0]}}, law: {law}, ik: {{branch: elbow_up}}, "
