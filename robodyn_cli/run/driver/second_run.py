@@ -32,6 +32,7 @@ TIGHTER = 200.0  # times, at most: a tolerance so much tighter is enough even wh
 TIGHTEST_RTOL = 2e-14  # not below what double precision can resolve
 FINEST_RTOL = 1e-12  # below it, methods of high order are at rounding, where a tighter tolerance says nothing
 FINER = 0.45  # times a fixed step: where implicit methods halve theirs, the second run must not take the same steps
+DECIDES = 0.5  # of the growth of the steps, as a power: below it something else than the tolerance decides about them
 SHORTER = 0.6  # times the mean step of the first run, where a tighter tolerance says nothing
 FIRST_STEPS = (
     0.4  # times the first steps, at the start and behind events, or both runs would share their errors
@@ -64,6 +65,18 @@ def tighter(options: Options, mean_step: float, method: str) -> tuple[Options, s
         return tight, f"rtol {rtol:.1g}"
     # at the limit of double precision a tighter tolerance says nothing; other steps show the rounding errors
     return other_steps(options, mean_step)
+
+
+def least_growth(options: Options, tight: Options, method: str) -> float:
+    """Return how many times the steps of the first run the second must take.
+
+    Below it the tolerance does not decide about the steps, so that many of the same ones were taken once more. The
+    tolerance alone would make them (rtol_1 / rtol_2)^(1/p) times as many.
+    """
+    if options.step is not None:
+        return 0.0
+    kind = registry[method]
+    return float((options.rtol / tight.rtol) ** (DECIDES * kind.proportion / kind.order))
 
 
 def other_steps(options: Options, mean_step: float) -> tuple[Options, str]:
@@ -185,8 +198,7 @@ def second_run(motion: Motion, first: FirstRun, tick: Tick) -> Second:
             other, how = other_steps(dataclasses.replace(options, max_steps=most), mean_step)
             states, steps = integrate_again(motion, first, other, tick)
             tight = other
-        if steps <= 1.02 * first.steps and options.step is None:
-            # the tolerance does not decide about the steps, so the same ones were taken once more
+        if steps < least_growth(options, tight, first.method) * first.steps:
             tight, how = other_steps(tight, mean_step)
             states, steps = integrate_again(motion, first, tight, tick)
     except (NumericalError, SingularConfigurationError) as error:
