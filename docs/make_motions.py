@@ -40,9 +40,10 @@ SERIES = {
     "sine: [{a: 0.3}, {a: 0.2}, {a: -0.1}], cosine: [{a: -0.2}, {a: 0.2}]}"
 }
 PATHS = {
-    name: "{type: path, point: tip, speed: 0.5, acceleration: 2, jerk: 30, angular_speed: 3, angular_acceleration: 20, "
-    "angular_jerk: 200, start: {position: [0, 0, 0], orientation: {}}, segments: ["
-    f"{{type: line, to: [0, 0.3, 0]{blend}}}, {{type: line, to: [0.6, 0.3, 0], orientation: {{rpy: [0, 0, 180 deg]}}{blend}}}, "
+    name: "{type: path, point: tip, speed: 0.5, acceleration: 2, jerk: 30, angular_speed: 6, angular_acceleration: 60, "
+    "angular_jerk: 800, start: {position: [0, 0, 0], orientation: {}}, segments: ["
+    f"{{type: line, to: [0, 0.3, 0]{blend}}}, "
+    f"{{type: line, to: [0.6, 0.3, 0], orientation: {{rpy: [0, 0, 180 deg]}}{blend}}}, "
     "{type: line, to: [0.6, 0, 0]}, {type: arc, via: [0.3, -0.1, 0], to: [0, 0, 0], orientation: {rpy: [0, 0, 0]}}]}"
     for name, blend in (("stops", ""), ("blend: 0.1", ", blend: 0.1"))
 }

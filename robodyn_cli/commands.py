@@ -46,11 +46,13 @@ COMMANDS: dict[str, Command] = {
     "cache": Command("Show how much compiled code is kept, or clear it."),
     "check": Command("Check a result against what its scene expects."),
     "compare": Command("Compare two results, or two directories of results."),
+    "crosscheck": Command("Compare a scene with Pinocchio or MuJoCo."),
     "import": Command("Write the robot of a URDF file as YAML."),
     "export": Command("Write a result as CSV, Parquet, MATLAB or NumPy files."),
     "info": Command("Tree, frames, M, C, G and Jacobians at a state."),
     "new": Command("Write a commented scene to begin with."),
     "plot": Command("Draw stored results again, several over one another."),
+    "report": Command("Write results as one page for a browser, moving drawings included."),
     "run": Command("Run many scenes, each by its own command; check them."),
     "schema": Command("Print the JSON Schema of scenes, for editors."),
     "stability": Command(
@@ -58,6 +60,7 @@ COMMANDS: dict[str, Command] = {
     ),
     "sweep": Command("Many runs with other values of some keys: sweeps and Monte Carlo."),
     "validate": Command("Check scenes and list all that is wrong."),
+    "view": Command("Open results in the browser."),
     "work-precision": Command("Error against run time, for every method."),
 }
 

@@ -8,14 +8,14 @@ from typing import Any
 from cases import Chain, FourBar
 
 
-def pendulum_rates(case: Chain, x: Sequence[Any], sin: Any, cos: Any) -> list[Any]:
-    """Return y' of the planar arm, y = (theta1, theta2, rates)."""
+def pendulum_rates(case: Chain, x: Sequence[Any], sin: Any, cos: Any, spring: Any = None) -> list[Any]:
+    """Return y' of the planar arm, y = (theta1, theta2, rates); ``spring`` : stiffness in place of the case's."""
     arm = case.arm
-    m1, m2 = map(float, arm.mass)
+    m1, m2 = arm.mass.tolist()  # numbers, or symbols of an ensemble
     I1, I2 = (float(I[2, 2]) for I in arm.inertia)
     c1, c2 = map(float, arm.com[:, 0])
     g, length = -float(arm.gravity[1]), float(arm.a[1])
-    k, (d1, d2) = float(case.k[1]), map(float, case.c)
+    k, (d1, d2) = float(case.k[1]) if spring is None else spring, map(float, case.c)
     q1, q2, w1, w2 = x
     b, a3 = m2 * length * c2, I2 + m2 * c2**2
     a1 = I1 + m1 * c1**2 + m2 * length**2
@@ -26,7 +26,7 @@ def pendulum_rates(case: Chain, x: Sequence[Any], sin: Any, cos: Any) -> list[An
     f2 = -(b * sine * (w1 * w1)) - lower
     if d1 or d2:
         f1, f2 = f1 - d1 * w1, f2 - d2 * w2
-    if k:
+    if case.k[1]:
         f2 = f2 - k * q2
     det = (a1 * a3) - (b * b) * (cosine * cosine)
     return [w1, w2, (a3 * f1 - M12 * f2) / det, (M11 * f2 - M12 * f1) / det]

@@ -60,13 +60,13 @@ def factor_joint(body: Body, q: Vector, IA: ArticulatedInertia) -> tuple[JointFa
     U = np.stack([(IA @ s).components for s in columns(S)], axis=1)
     D = S.T @ U
     for j in range(body.joint.nv):
-        D[j, j] = D[j, j] + body.armature
+        D[j, j] = D[j, j] + body.rotors[j]
     D_inverse = invert_symmetric(D)
     U_D = U @ D_inverse
     Ia = IA
     for j in range(body.joint.nv):
         Ia = Ia.downdate(U[:, j], U_D[:, j])
-    if not is_nonzero(body.armature):
+    if not any(is_nonzero(rotor) for rotor in body.rotors):
         Ia = _without_free_axes(Ia, S)
     return JointFactor(S, U, U_D, D_inverse), Ia
 

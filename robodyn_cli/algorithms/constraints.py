@@ -11,17 +11,17 @@ from robodyn_cli.algorithms.kinematics import (
     motions,
     point_jacobian,
     poses,
+    prescribed_motion,
     slice_q,
     slice_v,
     step_motion,
 )
 from robodyn_cli.algorithms.linear import LdlFactor, minimum_degree
-from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.graph import Expr, is_nonzero
 from robodyn_cli.loops.base import LoopFrame, Row
 from robodyn_cli.model.model import BASE, FixedFrame, Loop, Model
 from robodyn_cli.record import record
-from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, vector, zeros
+from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector, zeros
 
 
 class LoopRows:
@@ -68,7 +68,7 @@ class LoopRows:
         here, moving = pose[frame.body], motion[frame.body]
         p = here.point(frame.p)
         Jv, Jw = point_jacobian(self.model, self.q, pose, frame.body, p, root)
-        drift, second = _prescribed_motion(self.model, frame)
+        drift, second = prescribed_motion(self.model, frame)
         return LoopFrame(
             p,
             here.R @ frame.R,
@@ -80,16 +80,6 @@ class LoopRows:
             self.qd,
             here.R @ drift,
         )
-
-
-def _prescribed_motion(model: Model, frame: FixedFrame) -> tuple[Vector, Vector]:
-    """Return the rate and the acceleration of a point that moves on its body by formulas of t."""
-    p = list(frame.p)
-    if not any(isinstance(x, Expr) for x in p):
-        return zeros(3), zeros(3)
-    t = model.graph.symbol("t", "t")
-    rate = directional(p, [t], [1.0])
-    return vector(rate), vector(directional(rate, [t], [1.0]))
 
 
 def vanishes(row: Row) -> bool:

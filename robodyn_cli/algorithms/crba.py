@@ -35,7 +35,7 @@ def crba(model: Model, q: Values, X: Sequence[Transform] | None = None) -> Matri
         F = [Ic[i] @ s for s in columns(S[i])]
         for k, f in enumerate(F):
             own = f.project(S[i][:, : k + 1])
-            own[k] = own[k] + body.armature
+            own[k] = own[k] + body.rotors[k]
             _place(M, body.v + k, body.v, own)
         j = i
         while bodies[j].parent != BASE:

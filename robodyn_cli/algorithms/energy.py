@@ -19,7 +19,7 @@ def body_kinetic_energy(inertia: RigidInertia, velocity: Twist) -> Any:
 
 def rotor_kinetic_energy(body: Body, qd: Vector) -> Any:
     """Return N^2 J qd^2 / 2 [J] of a joint's rotor; its gyroscopic effect is neglected."""
-    return 0.5 * body.armature * dot(qd, qd)
+    return sum(((0.5 * J) * (rate * rate) for J, rate in zip(body.rotors, qd)), 0.0)
 
 
 def kinetic_energy(model: Model, q: Values, qd: Values, X: Sequence[Transform] | None = None) -> Any:
@@ -74,5 +74,5 @@ def spring_energy(model: Model, q: Values) -> Any:
     total: Any = 0.0
     for body in model.bodies:
         for force in body.forces:
-            total = total + force.element.potential(q[body.q])
+            total = total + force.element.potential(q[force.q])
     return total

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.algorithms.kinematics import Pose, slice_q, slice_v, step_velocity
+from robodyn_cli.algorithms.kinematics import Pose, prescribed_motion, slice_q, slice_v, step_velocity
 from robodyn_cli.algorithms.rnea import joint_torque
 from robodyn_cli.expr.graph import Expr, is_nonzero
 from robodyn_cli.forces.element import End
@@ -61,6 +61,9 @@ class PathKinematics:
         """Return place, axes and velocity of a frame fixed to a body."""
         pose = self.pose(frame.body)
         velocity = self._velocity[frame.body].shifted(frame.p).rotated(pose.R)
+        drift, _ = prescribed_motion(self.model, frame)
+        if any(is_nonzero(x) for x in drift):
+            velocity = Twist(velocity.w, velocity.v + pose.R @ drift)
         return End(pose.point(frame.p), pose.R @ frame.R, velocity)
 
 

@@ -8,7 +8,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from robodyn_cli.model.model import BASE, Body, Model
+from robodyn_cli.expr.calculus import directional
+from robodyn_cli.expr.graph import Expr
+from robodyn_cli.model.model import BASE, Body, FixedFrame, Model
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import (
     Matrix,
@@ -194,3 +196,13 @@ def motions(
             body, X[k], slice_q(body, q), slice_v(body, qd), slice_v(body, qdd), found[body.parent]
         )
     return found
+
+
+def prescribed_motion(model: Model, frame: FixedFrame) -> tuple[Vector, Vector]:
+    """Return the rate and the acceleration of a point that moves on its body by formulas of t."""
+    p = list(frame.p)
+    if not any(isinstance(x, Expr) for x in p):
+        return zeros(3), zeros(3)
+    t = model.graph.symbol("t", "t")
+    rate = directional(p, [t], [1.0])
+    return vector(rate), vector(directional(rate, [t], [1.0]))

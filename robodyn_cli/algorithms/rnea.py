@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from robodyn_cli.algorithms.kinematics import Motion, slice_q, slice_v, step_motion, transforms
 from robodyn_cli.model.model import BASE, Body, Model
-from robodyn_cli.spatial.algebra import Transform, Values, Vector, Wrench, cross, zeros
+from robodyn_cli.spatial.algebra import Transform, Values, Vector, Wrench, cross, vector, zeros
 
 
 def inertial_wrench(body: Body, motion: Motion) -> Wrench:
@@ -28,7 +28,7 @@ def joint_torque(body: Body, q: Vector, wrench: Wrench) -> Vector:
 
 def drive_torque(body: Body, q: Vector, qdd: Vector, wrench: Wrench) -> Vector:
     """Return the torque that the joint's actuator must give (nv,): its part of the wrench and its rotor's inertia."""
-    return joint_torque(body, q, wrench) + body.armature * qdd
+    return joint_torque(body, q, wrench) + vector([J * a for J, a in zip(body.rotors, qdd)])
 
 
 def rnea(

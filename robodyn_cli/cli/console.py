@@ -6,6 +6,7 @@ import contextlib
 import functools
 import json
 import os
+import re
 import shutil
 import sys
 import threading
@@ -19,7 +20,14 @@ from robodyn_cli.exit_codes import INTERNAL, INTERRUPTED
 
 QUIET_SECONDS = 2.0  # without a word, on a terminal
 LONG_SECONDS = 10.0  # without a word, elsewhere
-ROOM_FOR_TEXT = 30  # columns beside the head of a line
+# by what a line begins with; all else stays as it is
+COLOURS = {
+    "ok": "32", "equal": "32",
+    "failed": "31", "error": "31", "differs": "31", "missing": "31", "unreadable": "31", "stopped": "33", "extra": "33",
+    "robodyn: error:": "31", "robodyn: warning:": "33",
+}  # fmt: skip
+_COLOURED = re.compile(rf"(?:{'|'.join(sorted(COLOURS, key=len, reverse=True))})(?= )")
+_GAP = re.compile(r"\s{2,}(?=\S)")  # between a label and its text
 
 
 class Console:
@@ -31,36 +39,24 @@ class Console:
         self._shown = 0.0
         self._width = 0
         self._noted = False
-        self._on_terminal = sys.stderr is not None and sys.stderr.isatty()
+        self._on_terminal = is_terminal(sys.stderr)
 
     def say(self, text: str) -> None:
         """Print results for people."""
         if not self.quiet and not self.as_json:
-            _print(text, sys.stdout)
-
-    def row(self, head: str, text: str) -> None:
-        """Print a line of results; on a terminal that is too narrow the text goes on in the next line."""
-        width = _terminal_width(sys.stdout)
-        if width is None or len(head) + len(text) <= width:
-            self.say(f"{head}{text}".rstrip())
-            return
-        import textwrap
-
-        indent = len(head) if width - len(head) >= ROOM_FOR_TEXT else 4
-        self.say(textwrap.fill(text, width, initial_indent=head, subsequent_indent=" " * indent,
-                               break_long_words=False, break_on_hyphens=False))  # fmt: skip
+            _print(fitted(text, sys.stdout), sys.stdout)
 
     def note(self, text: str) -> None:
         """Print a message that is not a result."""
         self._noted = True
         if not self.quiet:
             self.clear()
-            _print(text, sys.stderr)
+            _print(fitted(text, sys.stderr), sys.stderr)
 
     def error(self, text: str) -> None:
         """Print an error, ``--quiet`` or not."""
         self.clear()
-        _print(f"robodyn: error: {text}", sys.stderr)
+        _print(fitted(f"robodyn: error: {text}", sys.stderr), sys.stderr)
 
     def data(self, report: Any) -> None:
         """Print JSON, where it was asked for."""
@@ -216,11 +212,45 @@ def output_lost(error: OSError, stream: TextIO) -> OutputError | None:
     return OutputError(f"cannot write to standard output: {error.strerror}")
 
 
-def _terminal_width(stream: TextIO | None) -> int | None:
+def is_terminal(stream: TextIO | None) -> bool:
+    """Tell whether somebody reads a stream as it is written."""
+    return stream is not None and stream.isatty()
+
+
+def width(stream: TextIO | None) -> int | None:
     """Return the columns of a stream's terminal; None where it is none, for other programs read lines."""
-    if stream is None or not stream.isatty():
-        return None
-    return shutil.get_terminal_size().columns
+    return shutil.get_terminal_size().columns if is_terminal(stream) else None
+
+
+def fitted(text: str, stream: TextIO | None) -> str:
+    """Return text for a stream: on a terminal with colours, and lines that are too long go on below their text."""
+    columns = width(stream)
+    if columns is None:
+        return text
+    lines = [line if len(line) <= columns else _wrapped(line, columns) for line in text.split("\n")]
+    return "\n".join(map(_painted, lines) if _has_colours() else lines)
+
+
+def _wrapped(line: str, columns: int) -> str:
+    import textwrap
+
+    starts = [gap.end() for gap in _GAP.finditer(line) if gap.end() <= columns // 2]
+    indent = " " * (starts[-1] if starts else 4)
+    return textwrap.fill(
+        line, columns, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    )
+
+
+def _has_colours() -> bool:
+    """Tell whether colours are wanted (https://no-color.org)."""
+    return not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+
+
+def _painted(line: str) -> str:
+    word = _COLOURED.match(line)
+    if word is None:
+        return line
+    return f"\x1b[{COLOURS[word.group()]}m{word.group()}\x1b[0m{line[word.end() :]}"
 
 
 def _encodes(stream: TextIO | None) -> bool:

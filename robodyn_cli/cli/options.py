@@ -92,6 +92,12 @@ StoredResult = Annotated[
     Path,
     typer.Argument(metavar="RESULT", help="Output directory of a run, or its result.h5.", show_default=False),
 ]
+StoredResults = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="RESULT...", help="Output directories of runs, or their result.h5.", show_default=False
+    ),
+]
 OutDir = Annotated[
     Path | None,
     typer.Option("--out", "-o", metavar="DIR", help="Output directory. [default: outputs/<scene>/<command>]"),
@@ -145,6 +151,10 @@ PlotFormat = Annotated[
         parser=choice(*PLOT_FORMATS),
         help="Kind of file of plots: png, svg or pdf.",
     ),
+]
+NoPlan = Annotated[
+    bool,
+    typer.Option("--no-plan", help="Leave the plan of the scene out, which takes longest of large ones."),
 ]
 NoPlots = Annotated[bool, typer.Option("--no-plots", help="Draw nothing.")]
 Jobs = Annotated[

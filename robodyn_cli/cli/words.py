@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
+import math
+import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from robodyn_cli.cli.console import width
 
-def table(rows: Sequence[Sequence[str]]) -> str:
-    """Return rows as aligned columns; the first row is the head, the first column is text."""
+
+def table(rows: Sequence[Sequence[str]], columns: int | None = None) -> str:
+    """Return rows as aligned columns; the first row is the head, the first column is text.
+
+    A table that is wider than the terminal (``columns``) is continued below, with the first column again.
+    """
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    room = columns or width(sys.stdout) or math.inf
+    parts: list[list[int]] = [[]]
+    for k in range(1, len(widths)):
+        if parts[-1] and sum(widths[j] + 2 for j in [0, *parts[-1], k]) > room:
+            parts.append([])
+        parts[-1].append(k)
     lines = []
-    for row in rows:
-        cells = [row[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(row[1:], widths[1:]))]
-        lines.append("  " + "  ".join(cells).rstrip())
+    for part in parts:
+        for row in rows:
+            cells = [row[0].ljust(widths[0]), *(row[k].rjust(widths[k]) for k in part)]
+            lines.append("  " + "  ".join(cells).rstrip())
     return "\n".join(lines)
 
 

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from robodyn_cli.expr.graph import Expr
-from robodyn_cli.model.model import PARAMETER_GROUP, Body, Model
+from robodyn_cli.model.model import PARAMETER_GROUP, Body, JointForce, Model
 from robodyn_cli.record import record
 
 if TYPE_CHECKING:
@@ -26,7 +26,10 @@ UNBOUNDED = 1e300  # a bound beyond every multiplier
 
 @record
 class ContactJoint:
-    """A joint with a contact state; q, v : its places. hold, direction, low, high : parameters p from ``place`` on."""
+    """A joint with a contact state, or a coordinate of one.
+
+    q, v : its places. hold, direction, low, high : parameters p from ``place`` on.
+    """
 
     name: str
     q: int
@@ -63,28 +66,42 @@ class ContactJoint:
 def contact_joints(model: Model) -> tuple[ContactJoint, ...]:
     """Return the joints with a contact state, in the order of the tree; their parameters follow the model's own."""
     found: list[ContactJoint] = []
-    for body in model.bodies:
-        friction, limits = _contacts(body)
+    for forces in (forces for body in model.bodies for forces in _by_coordinate(body)):
+        friction, limits = _contacts(forces)
         if friction is None and limits is None:
             continue
+        first = forces[0]
         place = len(model.parameters) + len(FIELDS) * len(found)
         hold, direction, low, high = (
-            model.graph.symbol(f"{body.joint_name}.{name}", PARAMETER_GROUP, place + k)
+            model.graph.symbol(f"{first.name}.{name}", PARAMETER_GROUP, place + k)
             for k, name in enumerate(FIELDS)
         )
         found.append(
             ContactJoint(
-                body.joint_name, body.q, body.v, place, hold, direction, low, high,
-                body.gear_ratio, friction, limits,
+                first.name, first.q, first.v, place, hold, direction, low, high,
+                first.gear_ratio, friction, limits,
             )
         )  # fmt: skip
     return tuple(found)
 
 
-def _contacts(body: Body) -> tuple[Friction | None, Limits | None]:
-    """Return the set-valued friction and the rigid stops of a joint."""
-    friction = limits = None
+def is_contact(force: JointForce) -> bool:
+    """Tell whether a force in a joint has a contact state: friction that sticks, or rigid stops."""
+    return getattr(force.element, "set_valued", False) or getattr(force.element, "rigid", False)
+
+
+def _by_coordinate(body: Body) -> list[list[JointForce]]:
+    """Return the forces in a joint by the coordinate that they act on."""
+    found: dict[str, list[JointForce]] = {}
     for force in body.forces:
+        found.setdefault(force.name, []).append(force)
+    return list(found.values())
+
+
+def _contacts(forces: Sequence[JointForce]) -> tuple[Friction | None, Limits | None]:
+    """Return the set-valued friction and the rigid stops of a coordinate."""
+    friction = limits = None
+    for force in forces:
         if getattr(force.element, "set_valued", False):
             friction = force.element
         if getattr(force.element, "rigid", False):

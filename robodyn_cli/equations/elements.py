@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
 from robodyn_cli.algorithms.external import PathKinematics, common_axis, path_torques, turn_about
-from robodyn_cli.expr.graph import Expr, Scalar
-from robodyn_cli.forces.element import Action, Effect, HalfTurn, Setting
+from robodyn_cli.expr.graph import Expr, Scalar, free_symbols, is_nonzero
+from robodyn_cli.forces.element import Action, Effect, HalfTurn, Line, Setting
 from robodyn_cli.model.model import BASE, FixedFrame, Force, Model
-from robodyn_cli.spatial.algebra import Transform, Values, Vector, Wrench
+from robodyn_cli.spatial.algebra import Transform, Values, Vector, Wrench, dot
 
 
 class Elements:
@@ -64,7 +65,12 @@ class Elements:
             lambda axis: turn_about(self.model, self.q, force.ends, axis, root),
             lambda: common_axis(self.model, self.q, force.ends, root),
         )
-        return force.element.effect(tuple(kinematics.end(frame) for frame in force.ends), setting)
+        ends = tuple(kinematics.end(frame) for frame in force.ends)
+        effect = force.element.effect(ends, setting)
+        driven = [a for a in effect.actions if force.ends[a.end].body == BASE]
+        # what moves an end on the ground gives -F.v, beside what the force gives to the bodies
+        given = sum((dot(action.wrench.f, ends[action.end].v) for action in driven), 0.0)
+        return dataclasses.replace(effect, power=effect.power - given) if is_nonzero(given) else effect
 
     @cached_property
     def torques(self) -> dict[str, Vector]:
@@ -131,5 +137,26 @@ class Elements:
         return [
             (f"forces.{force.name}", [x for a in effect.actions for x in (*a.wrench.f, *a.wrench.n)])
             for force, effect in zip(self.model.forces, self.effects)
-            if force.element.term == "external"
+            if force.element.switching
         ]
+
+    @cached_property
+    def moving(self) -> list[tuple[str, Vector, Vector]]:
+        """Ends on the ground that move by formulas: key, place [m] and velocity [m/s] along the axes of the base."""
+        found = []
+        for force in self.model.forces:
+            for reference, frame in zip(force.element.references, force.ends):
+                if frame.body == BASE and any(symbol is self.time for symbol in free_symbols(list(frame.p))):
+                    end = self._from(BASE).end(frame)
+                    found.append((f"forces.{force.name}.{reference}", end.p, end.v))
+        return found
+
+
+def spans(model: Model, X: Sequence[Transform], q: Values, v: Values) -> dict[str, Scalar]:
+    """Return the distances of points [m] and their rates [m/s] that formulas ask for, by the names that these give."""
+    found: dict[str, Scalar] = {}
+    for name, ends in model.spans.items():
+        kinematics = PathKinematics(model, X, q, v, model.common_ancestor(ends[0].body, ends[1].body))
+        line = Line.of(tuple(kinematics.end(end) for end in ends))
+        found[name] = line.length if name.startswith("length(") else line.rate
+    return found

@@ -4,15 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar, is_nonzero
 from robodyn_cli.model.model import Body, JointForce, Model
 from robodyn_cli.spatial.algebra import Values, Vector
-
-if TYPE_CHECKING:
-    from robodyn_cli.forces.gear import Gear
 
 
 def depends_on_load(force: JointForce) -> bool:
@@ -20,14 +17,14 @@ def depends_on_load(force: JointForce) -> bool:
     return hasattr(force.element, "torque_of_load")
 
 
-def geared(model: Model) -> list[tuple[Body, Gear]]:
-    """Return the bodies whose joints have gears with losses."""
-    return [(b, f.element) for b in model.bodies for f in b.forces if depends_on_load(f)]
+def geared(model: Model) -> list[tuple[Body, JointForce]]:
+    """Return the gears with losses, each with the body whose joint it drives."""
+    return [(b, f) for b in model.bodies for f in b.forces if depends_on_load(f)]
 
 
-def _on_motor(body: Body) -> bool:
-    """Tell whether the joint's friction acts on the motor's side of the gear."""
-    return any(getattr(f.element, "side", "joint") == "motor" for f in body.forces)
+def _on_motor(body: Body, v: int) -> bool:
+    """Tell whether the friction of a coordinate acts on the motor's side of the gear."""
+    return any(getattr(f.element, "side", "joint") == "motor" for f in body.forces if f.v == v)
 
 
 def losses_of_load(
@@ -44,12 +41,12 @@ def losses_of_load(
     """
     found = {}
     for body, gear in geared(model):
-        k = body.v
-        load: Any = needed[k] - body.armature * a[k]
+        k = gear.v
+        load: Any = needed[k] - body.rotors[k - body.v] * a[k]
         for name, term in terms.items():
-            if not (name == "friction" and _on_motor(body)):
+            if not (name == "friction" and _on_motor(body, k)):
                 load = load - term[k]
-        found[k] = gear.torque_of_load(load, v[k])
+        found[k] = gear.element.torque_of_load(load, v[k])
     return found
 
 
@@ -65,18 +62,18 @@ def losses_of_drive(
     """
     found = {}
     for body, gear in geared(model):
-        k = body.v
-        if is_nonzero(body.armature) or body.joint_name in prescribed:
-            what = "rotor_inertia" if body.joint_name not in prescribed else "prescribed motion"
+        k = gear.v
+        if is_nonzero(body.rotors[k - body.v]) or gear.name in prescribed:
+            what = "rotor_inertia" if gear.name not in prescribed else "prescribed motion"
             raise CapabilityError(
-                f"joint {body.joint_name}: gear losses together with {what} are done by `inverse` only; allowed in "
+                f"joint {gear.name}: gear losses together with {what} are done by `inverse` only; allowed in "
                 "simulations: gear losses without rotor inertia, of joints driven by torques"
             )
         torque: Any = drive[k]
-        if "friction" in terms and _on_motor(body):
+        if "friction" in terms and _on_motor(body, k):
             torque = torque + terms["friction"][k]
         try:
-            found[k] = gear.torque_of_drive(torque, v[k])
+            found[k] = gear.element.torque_of_drive(torque, v[k])
         except CapabilityError as error:
-            raise CapabilityError(f"joint {body.joint_name}: {error.message}") from error
+            raise CapabilityError(f"joint {gear.name}: {error.message}") from error
     return found

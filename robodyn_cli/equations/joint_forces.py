@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from robodyn_cli.equations.contact_joints import ContactJoint
 from robodyn_cli.equations.gears import depends_on_load
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Expr, Scalar
-from robodyn_cli.model.model import Body, JointForce, Model
-from robodyn_cli.spatial.algebra import Values, Vector, zeros
+from robodyn_cli.model.model import JointForce, Model
+from robodyn_cli.spatial.algebra import Values, Vector, vector, zeros
 
 
 class JointForces:
@@ -19,18 +20,24 @@ class JointForces:
         self.model, self.q, self.v = model, q, v
         self.sliding = {id(joint.friction): joint for joint in contacts if joint.friction is not None}
 
-    def torque(self, body: Body, force: JointForce, smooth: bool) -> Scalar:
-        """Return one element's torque; ``smooth`` as a simulation has it, else with the exact sign of the rate."""
-        rate, gear = self.v[body.v], body.gear_ratio
-        torque: Scalar
+    def torque(self, force: JointForce, smooth: bool) -> Any:
+        """Return one element's torque, a vector in space.
+
+        smooth : as a simulation has it, else with the exact sign of the rate.
+        """
+        rate, gear = self._rate(force), force.gear_ratio
+        torque: Any
         if smooth and (joint := self.sliding.get(id(force.element))) is not None:
             torque = force.element.slip_torque(rate, gear, joint.direction)
             return torque
         try:
-            torque = force.element.torque(self.q[body.q], rate, gear, smooth)
+            torque = force.element.torque(self.q[force.q], rate, gear, smooth)
         except CapabilityError as error:
-            raise CapabilityError(f"joint {body.joint_name}: {error.message}") from error
+            raise CapabilityError(f"joint {force.name}: {error.message}") from error
         return torque
+
+    def _rate(self, force: JointForce) -> Any:
+        return vector(self.v[force.v]) if force.in_space else self.v[force.v]
 
     def terms(self, smooth: bool) -> dict[str, Vector]:
         """Return the torques (nv,) by term: ``passive`` (springs, dampers), ``friction``, ``stops``."""
@@ -40,7 +47,7 @@ class JointForces:
                 if depends_on_load(force):  # see ``gears``
                     continue
                 term = terms.setdefault(force.element.term, zeros(self.model.nv))
-                term[body.v] = term[body.v] + self.torque(body, force, smooth)
+                term[force.v] = term[force.v] + self.torque(force, smooth)
         return terms
 
     def losses(self, smooth: bool) -> list[tuple[int, Scalar]]:
@@ -51,10 +58,11 @@ class JointForces:
                 if depends_on_load(force):
                     continue
                 if force.element.dissipative:
-                    found.append((body.v, self.torque(body, force, smooth)))
+                    lost = self.torque(force, smooth)
+                    found += zip(range(self.model.nv)[force.v], lost) if force.in_space else [(force.v, lost)]
                 elif hasattr(force.element, "loss"):
-                    loss = force.element.loss(self.q[body.q], self.v[body.v], body.gear_ratio, smooth)
-                    found.append((body.v, loss))
+                    loss = force.element.loss(self.q[force.q], self.v[force.v], force.gear_ratio, smooth)
+                    found.append((force.v, loss))
         return found
 
     def switches(self) -> list[tuple[str, Expr]]:
@@ -64,6 +72,6 @@ class JointForces:
         for body in self.model.bodies:
             for force in body.forces:
                 if hasattr(force.element, "switches"):
-                    entries = force.element.switches(self.q[body.q], self.v[body.v])
-                    found += [(f"{body.joint_name}.{force.kind}", switch) for switch in entries]
+                    entries = force.element.switches(self.q[force.q], self.v[force.v])
+                    found += [(f"{force.name}.{force.kind}", switch) for switch in entries]
         return found

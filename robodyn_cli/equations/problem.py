@@ -20,7 +20,7 @@ from robodyn_cli.algorithms.kinematics import Pose, moved, poses, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.equations.contact_joints import ContactJoint, contact_joints
-from robodyn_cli.equations.elements import Elements
+from robodyn_cli.equations.elements import Elements, spans
 from robodyn_cli.equations.gears import geared, losses_of_drive, losses_of_load
 from robodyn_cli.equations.joint_forces import JointForces
 from robodyn_cli.expr.functions import interpolate
@@ -153,12 +153,15 @@ class Problem:
 
     # -- torques --------------------------------------------------------------------------------------
     def _environment(self) -> dict[str, Any]:
-        env: dict[str, Any] = {"t": self.t}
+        env: dict[str, Any] = {"t": self.t, **self.spans}
         env |= {f"q.{name}": q for name, q in zip(self.model.q_names, self.q)}
         env |= {f"qd.{name}": v for name, v in zip(self.model.v_names, self.v)}
-        for name, value in self.scene.parameters.items():
-            env[f"p.{name}"] = value
-        return env
+        return env | {f"p.{name}": value for name, value in self.scene.parameters.items()}
+
+    @cached_property
+    def spans(self) -> dict[str, Scalar]:
+        """Distances of points [m] and their rates [m/s] that formulas ask for, by the names that these give them."""
+        return spans(self.model, self.X, self.q, self.v)
 
     @cached_property
     def actuator_torques(self) -> Vector:
@@ -168,8 +171,7 @@ class Problem:
         for name, torque in self.scene.torques.items():
             place = self.model.v_names.index(name)
             if isinstance(torque, sc.Torque):
-                times, values = zip(*torque.table)
-                tau[place] = interpolate(self.t, tuple(times), tuple(values))
+                tau[place] = interpolate(self.t, *zip(*torque.table))
             else:
                 tau[place] = torque.evaluate(env)
         return tau
@@ -235,10 +237,7 @@ class Problem:
     @cached_property
     def applied(self) -> Vector:
         """tau_a + tau_f, as a simulation uses them."""
-        total = self.actuator_torques.copy()
-        for term in self.passive_forces(smooth=True).values():
-            total = total + term
-        return total
+        return sum(self.passive_forces(smooth=True).values(), self.actuator_torques.copy())
 
     @cached_property
     def dissipated(self) -> list[tuple[int, Scalar]]:

@@ -63,6 +63,7 @@ class Switching:
         rows = [e.constraints.rows[i] for i in e.constraints.rheonomic]
         for row in (row for row in rows if row.name not in known):
             found.append((row.name, [row.eta, row.eta_t, row.gamma]))
+        found += [(key, [*place, *rate]) for key, place, rate in e.elements.moving]
         return [*found, *e.elements.formulas]
 
     @property

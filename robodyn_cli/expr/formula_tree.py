@@ -6,8 +6,9 @@ import functools
 import math
 import operator
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NoReturn
 
+from robodyn_cli.errors import SceneError
 from robodyn_cli.expr import functions as fn
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.record import record
@@ -39,6 +40,23 @@ _BINARY: dict[str, Callable[[Any, Any], Any]] = {
     "*": operator.mul,
     "/": operator.truediv,
 }
+
+
+# distances of two points [m] and their rates, as names of their own: length(tip, base.origin)
+SPANS = {"length": "q", "length_rate": "qd"}
+
+
+def fail(text: str, column: int, message: str, where: str = "") -> NoReturn:
+    """Raise the error of a formula; ``column`` counts from 1 inside the formula."""
+    raise SceneError(f"{prefix(where)}formula {shown(text)}, column {column}: {message}")
+
+
+def prefix(where: str) -> str:
+    return f"{where}: " if where else ""
+
+
+def shown(text: str) -> str:
+    return repr(text if len(text) <= 60 else text[:57] + "...")
 
 
 class Node:

@@ -8,8 +8,10 @@ Checklist for another kind:
 1. ``references`` names the places it acts at: one, or two on different links.
 2. ``effect`` returns forces, potential energy and power that belong together: with q-dot the joint rates,
    (sum of J^T f) . q-dot = -d/dt potential + power. ``tests/conformance/test_forces.py`` checks that over the registry.
+   Ends on the ground that move by formulas do work of their own, which ``equations/elements.py`` adds.
 3. ``term`` is the part of the torques under which ``inverse`` reports it: ``passive`` or ``external``.
-4. Where the force jumps at half a turn, ``Effect.half_turns`` says so: steps end there, and the run warns of it.
+4. ``switching`` says whether the force may jump or bend, as a formula of the scene does: steps then end there.
+5. Where the force jumps at half a turn, ``Effect.half_turns`` says so: steps end there, and the run warns of it.
 """
 
 from __future__ import annotations
@@ -111,6 +113,7 @@ class ForceElement(Protocol):
     """A force element of a scene (see the checklist above)."""
 
     term: ClassVar[str]
+    switching: ClassVar[bool]
 
     @property
     def name(self) -> str: ...
@@ -127,7 +130,8 @@ class ForceElement(Protocol):
 class InJoint:
     """What most forces in a joint have in common: no potential energy, and keys that always fit together.
 
-    dissipative : whether all of the torque is lost, so that none of it is the gradient of a potential.
+    dissipative : whether all of the torque is lost, so that none of it is the gradient of a potential. Such a force may
+    act in space: on the angular velocity of a ball joint, or on a velocity.
     """
 
     dissipative: ClassVar[bool] = False
@@ -135,6 +139,11 @@ class InJoint:
     def problems(self) -> Iterable[tuple[tuple[Any, ...], str]]:
         """Yield what does not fit together: the path of a key, and what is wrong."""
         return ()
+
+    def problems_along(self, in_space: bool) -> Iterable[tuple[tuple[Any, ...], str]]:
+        """Yield what does not fit a coordinate, or a rotation or translation in space, as ``problems`` does."""
+        if in_space:
+            yield (), "acts on one coordinate, and a motion in any direction has none"
 
     def potential(self, q: Any) -> Any:
         """Return the potential energy [J] at position ``q``."""
@@ -145,6 +154,7 @@ class Between:
     """What most forces between two places have in common: they are ``passive``, and their keys always fit together."""
 
     term: ClassVar[str] = "passive"
+    switching: ClassVar[bool] = False
     between: tuple[str, ...]
 
     @property

@@ -5,11 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any, ClassVar
 
+import numpy as np
+
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.expr.functions import exp, sign, tanh, where
+from robodyn_cli.expr.functions import exp, maximum, sign, sqrt, tanh, where
 from robodyn_cli.forces.element import InJoint
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Either, Number, Section, key
+from robodyn_cli.spatial.algebra import dot
+
+SMALL = 1e-2  # x^2 below which a series replaces tanh(x) / x
+TANH = (1.0, -1 / 3, 2 / 15, -17 / 315, 62 / 2835, -1382 / 155925, 21844 / 6081075)  # in even powers
+AT_REST = 1e-300  # keeps the quotient at rest finite
 
 
 @record
@@ -37,7 +44,8 @@ class Friction(InJoint):
     tau_c falls from ``static`` to ``coulomb`` as exp(-(qd / stribeck_speed)^2). On the motor side the torque is
     reflected: ``N^2 b`` and ``|N| tau_c`` (Corke and Armstrong-Helouvry 1994). ``inverse`` uses the exact sign (0 at
     rest). A simulation either smooths it, with ``transition_speed`` v, to ``tanh(qd / v)``, or holds the joint at rest
-    (``law: set_valued``).
+    (``law: set_valued``). In a ball joint, and on any other motion in space, it acts against the angular velocity w or
+    the velocity, with |w| as qd.
     """
 
     term: ClassVar[str] = "friction"
@@ -104,6 +112,20 @@ class Friction(InJoint):
         if self.static is not None and any(abs(s) < abs(c) for c, s in zip(*levels)):
             yield ("static",), "must not be below 'coulomb'"
 
+    def problems_along(self, in_space: bool) -> Iterable[tuple[tuple[str, ...], str]]:
+        if not in_space:
+            return
+        if self.law == "set_valued":
+            yield ("law",), "'set_valued' holds single coordinates at rest; allowed here: smooth"
+        if not self._symmetric:
+            key = "coulomb" if isinstance(self.coulomb, CoulombPair) else "static"
+            yield (
+                (key,),
+                "differs with the direction, and a motion in space has no forwards; allowed here: a number",
+            )
+        if self.side == "motor":
+            yield ("side",), "is 'motor', and no gear drives a motion in space; allowed here: joint"
+
     def scale(self, gear_ratio: float) -> float:
         """Return the factor by which a level is seen at the joint."""
         return abs(gear_ratio) if self.side == "motor" else 1.0
@@ -120,7 +142,7 @@ class Friction(InJoint):
         if self.static is None or self.stribeck_speed is None:
             return plus, minus
         ratio = qd / self.stribeck_speed
-        falling = exp(-(ratio * ratio))
+        falling = exp(-(dot(ratio, ratio) if isinstance(qd, np.ndarray) else ratio * ratio))
         over = [factor * s - c for s, c in zip(_signed(self.static), (plus, minus))]
         return plus + over[0] * falling, minus + over[1] * falling
 
@@ -129,7 +151,7 @@ class Friction(InJoint):
         return -self.viscous * (gear_ratio * gear_ratio if self.side == "motor" else 1.0) * qd
 
     def torque(self, q: Any, qd: Any, gear_ratio: float, smooth: bool) -> Any:
-        """Return the torque on the joint [N m or N]; ``smooth`` for simulations.
+        """Return the torque on the joint [N m or N]; ``smooth`` for simulations. In space ``qd`` is a vector.
 
         Raises
         ------
@@ -139,19 +161,31 @@ class Friction(InJoint):
         drag = self.viscous_torque(qd, gear_ratio)
         if not self.dry:
             return drag
-        if not smooth:
-            direction = sign(qd)
-        elif self.transition_speed is None:
+        if smooth and self.transition_speed is None:
             raise CapabilityError(
                 "Coulomb friction in a simulation needs friction.transition_speed, the speed over which the "
                 "sign of the rate is smoothed, or 'law: set_valued'"
             )
-        else:
-            direction = tanh(qd / self.transition_speed)
+        direction = self._direction(qd, smooth)
         if self._symmetric:
             return drag - plus * direction
         # the two levels meet in the mean of their magnitudes at rest, where direction is 0
         return drag - direction * where(qd, plus, -minus)
+
+    def _direction(self, qd: Any, smooth: bool) -> Any:
+        """Return the sign of the rate, or in space the unit vector along it; smoothed by tanh."""
+        if not isinstance(qd, np.ndarray):
+            return tanh(qd / self.transition_speed) if smooth else sign(qd)
+        square = dot(qd, qd)
+        if not smooth:
+            return qd * where(square, 1.0 / sqrt(maximum(square, AT_REST)), 0.0)
+        assert self.transition_speed is not None
+        x2 = square / (self.transition_speed * self.transition_speed)
+        x = sqrt(maximum(x2, SMALL))
+        near: Any = 0.0
+        for a in reversed(TANH):
+            near = near * x2 + a
+        return qd * (where(x2 - SMALL, tanh(x) / x, near) / self.transition_speed)
 
     @property
     def _symmetric(self) -> bool:

@@ -23,6 +23,7 @@ force_types: Registry[type] = Registry(
     "robodyn_cli.forces",
     {
         "spring": "linear_spring:LinearSpring",
+        "nonlinear_spring": "nonlinear_spring:NonlinearSpring",
         "torsional_spring": "torsional_spring:TorsionalSpring",
         "constant_force": "constant_force:ConstantForce",
         "bushing": "bushing:Bushing",

@@ -43,6 +43,7 @@ class _FromOutside:
     """A force and a moment on a link, whose power comes from outside."""
 
     term: ClassVar[str] = "external"
+    switching: ClassVar[bool] = True
     at: str
     frame: str
     force: Any

@@ -27,6 +27,7 @@ class EventKind(enum.Enum):
     RANK_LOSS = "the loops come near a loss of rank"
     PASSAGE = "the loops come near a loss of rank that is to be passed"
     DEAD_POINT = "the input comes to a dead point"
+    LATCH = "a latch comes to the position at which it closes"
     DISCONTINUITY = "the right-hand side or its slope jumps"
     REPARTITION = "parameters that fit a part of the motion are chosen anew"
     CONTACT = "a joint sticks, slips, meets its stop or leaves it"

@@ -2,6 +2,11 @@
 
 The state is x = (q, v, z). Positions come first, so elimination without pivoting takes their rows, which are sparse,
 before those of the rates: where q-dot = v this is the usual elimination B = g E - df/dv - (df/dq) / g.
+
+For a small system, entries and elimination are expressions, in which nothing is left that is zero. For a large one
+they would be a hundred thousand operations. There the rates are differentiated along a direction, ``tangents``; the
+compiled code takes one column of J after another from it, several at once, and eliminates in loops
+(``integrators/stepping/columns.py``).
 """
 
 from __future__ import annotations
@@ -13,12 +18,15 @@ from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.complex import Complex
 from robodyn_cli.algorithms.linear import LuFactor
-from robodyn_cli.expr.calculus import jacobian
+from robodyn_cli.expr.calculus import directional, jacobian
 from robodyn_cli.expr.graph import Expr, Graph, Scalar, free_symbols
 from robodyn_cli.kernels.program import Program, make_program
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import zeros
+
+LARGE = 20_000  # states times operations of the rates: with more, J is taken in columns
+DIRECTION = "dx"  # group of inputs of ``tangents``
 
 
 @record
@@ -49,6 +57,22 @@ def differentiate(f: Sequence[Scalar], nq: int, nv: int) -> Jacobian:
             wide[nq + i, columns[k][0]] = entry
     graph = next((e.graph for e in f if isinstance(e, Expr)), Graph())
     return Jacobian(wide[:, :size], wide[:, size], graph)
+
+
+def tangents(f: Sequence[Scalar], nq: int, nv: int) -> Program:
+    """Return output ``d`` (nv + nz,): the change of v-dot and z-dot along a direction in x and t.
+
+    f : as of ``differentiate``. Input group ``dx`` (n + 1,): the direction, t last.
+    """
+    size = nq + len(f)
+    first = {"q": 0, "v": nq, "z": nq + nv, "t": size}
+    states = [e for e in free_symbols(f) if e.value[1] in first]
+    direction = []
+    for e in states:
+        _, group, k = e.value
+        place = first[group] + k
+        direction.append(e.graph.symbol(f"d{place}", DIRECTION, place))
+    return make_program({"d": directional(f, states, direction)}, (*STATE_GROUPS, DIRECTION))
 
 
 def real_factors(found: Jacobian) -> Program:

@@ -82,6 +82,7 @@ EVENT_FREE = (
     "jacobian",
     "linearisation",
     "complex_linearisation",
+    "tangents",
     "first_order_step",
 )
 
@@ -240,6 +241,20 @@ class System:
         from robodyn_cli.formulations.linearisation import complex_factors
 
         return complex_factors(self.jacobian)
+
+    @property
+    def in_columns(self) -> bool:
+        """Whether implicit methods take the Jacobian in columns (``tangents``), the system being large."""
+        from robodyn_cli.formulations.linearisation import LARGE
+
+        return self.size * self.dynamics.program.operations > LARGE
+
+    @cached_property
+    def tangents(self) -> Program:
+        """The change of the rates along a direction: see ``tangents`` of ``linearisation``."""
+        from robodyn_cli.formulations.linearisation import tangents
+
+        return tangents(self.rates, self.nq, self.nv)
 
     @cached_property
     def first_order_step(self) -> Program:

@@ -12,14 +12,35 @@ The checklist, which the conformance tests run over every registered joint:
 7. ``units`` and ``names`` of q, ``v_units`` and ``v_names`` of v, where they differ from those of q.
 8. ``angle(q)``: how far it turns about its z axis, or None where it may turn about others.
 9. ``needs`` and ``takes``: keys by which a scene places it; ``by_dh`` and ``dh_variable`` where D-H parameters do.
+10. ``freedoms``: what forces in the joint act on; its coordinates, unless the velocities are ``quasi``.
 """
 
 from __future__ import annotations
 
 from typing import Any, ClassVar
 
+from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Transform, Vector, matrix, vector, zeros
 from robodyn_cli.spatial.inertia import RigidInertia
+
+
+@record
+class Freedom:
+    """A part of a joint's motion that forces in the joint act on: a coordinate, or a rotation or translation in space.
+
+    name : its key in the scene, '' where a joint has no other. q, v : places among the joint's own, slices in space.
+    unit : ``rad`` or ``m``.
+    """
+
+    name: str
+    q: Any
+    v: Any
+    unit: str
+
+    @property
+    def in_space(self) -> bool:
+        """Whether it is a rotation or translation in any direction."""
+        return isinstance(self.v, slice)
 
 
 class Joint:
@@ -56,6 +77,12 @@ class Joint:
     def coordinates(joint: str, names: tuple[str, ...]) -> tuple[str, ...]:
         """Return the names of the columns of q or v of a joint: its own name where ``names`` is empty."""
         return tuple(f"{joint}.{name}" for name in names) or (joint,)
+
+    @property
+    def freedoms(self) -> tuple[Freedom, ...]:
+        """What forces in the joint act on."""
+        names = self.names or ("",) * self.nv
+        return tuple(Freedom(name, k, k, self.units[k]) for k, name in enumerate(names))
 
     def transform(self, q: Vector) -> Transform:
         """Return X from the frame before the joint to the body frame, at position ``q`` (nq,)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from robodyn_cli.joints.base import Joint
+from robodyn_cli.joints.base import Freedom, Joint
 from robodyn_cli.spatial import quaternion
 from robodyn_cli.spatial.algebra import Transform, Vector
 
@@ -25,6 +25,13 @@ class Floating(Joint):
     v_units = ("m", "m", "m", "rad", "rad", "rad")
     v_names = ("vx", "vy", "vz", "wx", "wy", "wz")
     subspace = tuple(tuple(float((j + 3) % 6 == i) for i in range(6)) for j in range(6))
+
+    @property
+    def freedoms(self) -> tuple[Freedom, ...]:
+        return (
+            Freedom("translation", slice(0, 3), slice(0, 3), "m"),
+            Freedom("rotation", slice(3, 7), slice(3, 6), "rad"),
+        )
 
     def transform(self, q: Vector) -> Transform:
         return Transform(quaternion.rotation(q[3:]).T, q[:3])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robodyn_cli.joints.base import Joint
+from robodyn_cli.joints.base import Freedom, Joint
 from robodyn_cli.spatial import quaternion
 from robodyn_cli.spatial.algebra import Transform, Vector, zeros
 
@@ -23,6 +23,10 @@ class Spherical(Joint):
     v_units = ("rad", "rad", "rad")
     v_names = ("wx", "wy", "wz")
     subspace = tuple(tuple(float(i == j) for i in range(6)) for j in range(3))
+
+    @property
+    def freedoms(self) -> tuple[Freedom, ...]:
+        return (Freedom("", slice(0, 4), slice(0, 3), "rad"),)
 
     def transform(self, q: Vector) -> Transform:
         return Transform(quaternion.rotation(q).T, zeros(3))

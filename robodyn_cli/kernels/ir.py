@@ -331,7 +331,9 @@ class Function(Flow):
         return n
 
     @contextlib.contextmanager
-    def count(self, n: Int | int, *, start: int = 0, step: int = 1, down: bool = False) -> Iterator[Int]:
+    def count(
+        self, n: Int | int, *, start: Int | int = 0, step: int = 1, down: bool = False
+    ) -> Iterator[Int]:
         """Emit the body in a loop over start, start+step, ... < n.
 
         ``down`` counts backwards over the same numbers (step 1 only).
@@ -343,7 +345,7 @@ class Function(Flow):
         with self.loop() as loop:
             k = self.load_int(address)
             loop.leave(unless=self.compare_int("slt", k, n))
-            yield self.emit_int(f"add i64 {ref_of(n)}, {start - 1}") - k if down else k
+            yield self.emit_int(f"add i64 {ref_of(n)}, {ref_of(start - 1)}") - k if down else k
             self.store_int(k + step, address)
 
     @contextlib.contextmanager

@@ -69,7 +69,7 @@ class Loaded(Array):
 
     def __init__(self, numbers: Sequence[Value] | Array, program: Program, width: int) -> None:
         assert isinstance(numbers, Array)
-        super().__init__(numbers.f, numbers.base)
+        super().__init__(numbers.f, numbers.base, numbers.width)
         places = [i.value for i in program.instructions if i.op == "number"]
         self.entries = {k: self.f.splat(numbers[k], width) for k in places}
 
@@ -233,16 +233,18 @@ def call_program(
     }
 
 
-def outline(name: str, program: Program, width: int, fused: bool, flags: str) -> Function:
+def outline(name: str, program: Program, width: int, programs: Programs, flags: str) -> Function:
     """Return a program as an internal function that works on memory."""
     read = [*program.inputs, *([NUMBERS] if program.numbers else [])]
     arguments = [f"ptr noalias readonly %in.{g}" for g in read]
     arguments += [f"ptr noalias %out.{o}" for o in program.outputs]
     f = Function(name, arguments, internal=True, attributes="noinline", flags=flags)
-    inputs: dict[str, Sequence[Value] | Array] = {NUMBERS: Loaded(Array(f, f"%in.{NUMBERS}"), program, width)}
+    inputs: dict[str, Sequence[Value] | Array] = {
+        NUMBERS: Loaded(Array(f, f"%in.{NUMBERS}", programs.number_lanes), program, width)
+    }
     for g, n in program.inputs.items():
         inputs[g] = [f.load(f.offset(f"%in.{g}", k * width), width, 8 * width) for k in range(n)]
-    for output, values in lower(f, program, inputs, width, fused).items():
+    for output, values in lower(f, program, inputs, width, programs.fused).items():
         for k, v in enumerate(values):
             f.store(f.splat(v, width), f.offset(f"%out.{output}", k * width), 8 * width)
     f.ret()
@@ -252,12 +254,13 @@ def outline(name: str, program: Program, width: int, fused: bool, flags: str) ->
 class Programs:
     """Where the programs of one module are: short ones in place, others once in ``functions``.
 
-    interpreted : whether the others are data, which an interpreter works off, instead of machine code.
-    room : doubles that the functions' argument ``%registers`` has to point to.
+    number_lanes : of the tables of numbers; more than one where each lane has numbers of its own. interpreted : whether
+    the others are data, which an interpreter works off, instead of machine code. room : doubles that the functions'
+    argument ``%registers`` has to point to.
     """
 
-    def __init__(self, fused: bool, interpreted: bool = False) -> None:
-        self.fused, self.interpreted = fused, interpreted
+    def __init__(self, fused: bool, interpreted: bool = False, number_lanes: int = 1) -> None:
+        self.fused, self.interpreted, self.number_lanes = fused, interpreted, number_lanes
         self.functions: dict[str, Function] = {}
         self.room = 0
         self._encoded: dict[str, tuple[Bytecode, str]] = {}
@@ -274,7 +277,7 @@ class Programs:
             return self._interpret(f, program, inputs, width)
         name = f"program.{program.digest[:12]}.{width}"
         if name not in self.functions:
-            self.functions[name] = outline(name, program, width, self.fused, f.flags)
+            self.functions[name] = outline(name, program, width, self, f.flags)
         return call_program(f, name, program, inputs, width)
 
     def _interpret(self, f: Function, program: Program, inputs: Inputs, width: int) -> dict[str, list[Value]]:

@@ -37,6 +37,11 @@ COS = (
 LIBRARY = frozenset(["exp", "log", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "pow", "atan2"])
 
 
+def _whole(n: int, width: int) -> str:
+    """Return an integer in every lane."""
+    return str(n) if width == 1 else "<" + ", ".join([f"i64 {n}"] * width) + ">"
+
+
 def polynomial(f: Function, coefficients: Sequence[float], z: Value) -> Value:
     """Return c0 + c1 z + c2 z^2 + ... by Estrin's scheme (short dependency chains)."""
     level: list[Value | float] = list(coefficients)
@@ -62,7 +67,7 @@ def sincos(f: Function, x: Value, fused: bool = True) -> tuple[Value, Value]:
     t, i = double_type(width), int_type(width)
 
     def whole(n: int) -> str:
-        return str(n) if width == 1 else "<" + ", ".join([f"i64 {n}"] * width) + ">"
+        return _whole(n, width)
 
     with f.strict():
         shifted = f.fma(x, 2.0 / np.pi, TO_NEAREST)
@@ -109,27 +114,29 @@ def _fit_exp2(degree: int) -> list[float]:
 
 def rough_log2(f: Function, x: Value) -> Value:
     """Return log2 x to about 1e-4, for positive normal x."""
+    t, i = double_type(x.width), int_type(x.width)
     with f.strict():
-        bits = f.name(f"bitcast double {x.ref} to i64")
-        e = f.name(f"lshr i64 {bits}, 52")
-        fraction = f.name(f"and i64 {bits}, {2**52 - 1}")
-        mantissa = f.name(f"or i64 {fraction}, {1023 << 52}")
-        m = f.emit(f"bitcast i64 {mantissa} to double", 1)
-        return polynomial(f, _fit_log2(5), m) + f.emit(f"sitofp i64 {e} to double", 1)
+        bits = f.name(f"bitcast {t} {x.ref} to {i}")
+        e = f.name(f"lshr {i} {bits}, {_whole(52, x.width)}")
+        fraction = f.name(f"and {i} {bits}, {_whole(2**52 - 1, x.width)}")
+        mantissa = f.name(f"or {i} {fraction}, {_whole(1023 << 52, x.width)}")
+        m = f.emit(f"bitcast {i} {mantissa} to {t}", x.width)
+        return polynomial(f, _fit_log2(5), m) + f.emit(f"sitofp {i} {e} to {t}", x.width)
 
 
 def rough_exp2(f: Function, x: Value) -> Value:
     """Return 2 ** x to about 1e-4, for x within 1000; beyond, what it is there."""
+    t, i = double_type(x.width), int_type(x.width)
     with f.strict():
         x = f.max(f.min(x, 1000.0), -1000.0)
         shifted = x + TO_NEAREST
         rest = x - (shifted - TO_NEAREST)
         y = polynomial(f, _fit_exp2(4), rest)
-        raw = f.name(f"bitcast double {y.ref} to i64")
-        n = f.name(f"bitcast double {shifted.ref} to i64")
-        scale = f.name(f"shl i64 {n}, 52")
-        total = f.name(f"add i64 {raw}, {scale}")
-        return f.emit(f"bitcast i64 {total} to double", 1)
+        raw = f.name(f"bitcast {t} {y.ref} to {i}")
+        n = f.name(f"bitcast {t} {shifted.ref} to {i}")
+        scale = f.name(f"shl {i} {n}, {_whole(52, x.width)}")
+        total = f.name(f"add {i} {raw}, {scale}")
+        return f.emit(f"bitcast {i} {total} to {t}", x.width)
 
 
 def _where(f: Function, x: Value, a: Value, b: Value) -> Value:

@@ -34,7 +34,8 @@ UP = {"wrench": 6, "inertia": 21}
 QUANTITIES = DOWN | UP
 UPPER = [(i, j) for i in range(3) for j in range(i, 3)]
 ROTATION = 9  # the first constants of a body are those of E
-BODY_CONSTANTS = 23  # E 9, r 3, m, h 3, I 6, armature
+ROTORS = 22  # the constants before: E 9, r 3, m, h 3, I 6
+BODY_CONSTANTS = ROTORS + 6  # a rotor for each coordinate of the joint, and zeros
 
 Place = tuple[str, int]  # group and entry
 Present = Mapping[str, tuple[bool, ...]]  # per quantity, which entries can be other than zero
@@ -45,14 +46,24 @@ def constants_of(body: Body) -> list[Scalar]:
     """Return the constants of a body in the order of the table."""
     X, inertia = body.X_tree, body.inertia
     rotational = [inertia.I[i, j] for i, j in UPPER]
-    return [*X.E.ravel(), *X.r, inertia.m, *inertia.h, *rotational, body.armature]
+    return [
+        *X.E.ravel(),
+        *X.r,
+        inertia.m,
+        *inertia.h,
+        *rotational,
+        *body.rotors,
+        *[0.0] * (6 - body.joint.nv),
+    ]
 
 
 def body_with(joint: Joint, c: Sequence[Scalar]) -> Body:
     """Return a body with the given constants: the inverse of ``constants_of``."""
     X = Transform(matrix([c[0:3], c[3:6], c[6:9]]), vector(c[9:12]))
     inertia = RigidInertia(c[12], vector(c[13:16]), _symmetric(c[16:22]))
-    return Body("body", "joint", joint, BASE, X, inertia, q=0, v=0, armature=c[22])
+    return Body(
+        "body", "joint", joint, BASE, X, inertia, q=0, v=0, armature=tuple(c[ROTORS : ROTORS + joint.nv])
+    )
 
 
 def _symmetric(xs: Sequence[Scalar]) -> Any:

@@ -6,8 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from robodyn_cli.errors import SceneError
+from robodyn_cli.expr.formula import formulas_in, points_of
 from robodyn_cli.expr.graph import Graph, is_nonzero
 from robodyn_cli.joints.registry import joint_types
+from robodyn_cli.model.joint_elements import by_coordinate, joint_forces, springs_in_space
 from robodyn_cli.model.model import (
     BASE,
     PARAMETER_GROUP,
@@ -15,7 +17,6 @@ from robodyn_cli.model.model import (
     Body,
     FixedFrame,
     Force,
-    JointForce,
     Loop,
     Model,
     RigidPart,
@@ -165,13 +166,14 @@ def build_model(
         outlines=_outlines(robot, placed, places.points, bodies),
         loops=tuple(places.loop(element) for element in scene.loops),
         couplers=tuple(coupler.name for coupler in scene.couplers),
-        forces=tuple(places.force(element) for element in scene.forces),
+        forces=(*(places.force(element) for element in scene.forces), *springs_in_space(scene, bodies)),
         joint_names=tuple(name for name, _ in joints),
         q_names=tuple(x for name, joint in joints for x in joint.coordinates(name, joint.names)),
         v_names=tuple(x for name, joint in joints for x in joint.coordinates(name, joint.v_names)),
         q_units=tuple(unit for _, joint in joints for unit in joint.units),
         v_units=tuple(unit for _, joint in joints for unit in joint.v_units),
         parameters=tuple(symbolic),
+        spans={name: places.span(name) for name in _spans(scene)},
     )
     values.check()
     return model
@@ -230,29 +232,27 @@ def _number(robot: sc.Robot, moving: list[_Moving], values: _Values) -> tuple[Bo
     bodies = []
     for body in moving:
         joint = body.joint
+        kind = joint_kind(joint)
+        ratios = by_coordinate(kind, joint.gear_ratio, 1.0)
         rotor = values.get(f"joints.{joint.name}.rotor_inertia", joint.rotor_inertia)
+        armature = tuple(N * N * J for N, J in zip(ratios, by_coordinate(kind, rotor, 0.0)))
         bodies.append(
             Body(
                 name=body.name,
                 joint_name=joint.name,
-                joint=joint_kind(joint),
+                joint=kind,
                 parent=body.parent,
                 X_tree=body.X_tree,
                 inertia=sum((part.inertia for part in body.parts), RigidInertia.zero()),
                 parts=body.parts,
                 q=start[joint.name][0],
                 v=start[joint.name][1],
-                armature=joint.gear_ratio * joint.gear_ratio * rotor,
-                gear_ratio=joint.gear_ratio,
-                forces=tuple(JointForce(*force) for force in joint.forces if _acts(force[1])),
+                armature=armature[0] if kind.nv == 1 else armature,
+                gear_ratio=ratios[0] if kind.nv == 1 else ratios,
+                forces=tuple(joint_forces(joint, kind, start[joint.name], ratios)),
             )
         )
     return tuple(bodies)
-
-
-def _acts(element: Any) -> bool:
-    """Tell whether what stands in a joint exerts anything: limits without a stop do not."""
-    return bool(getattr(element, "acts", True))
 
 
 class _Places:
@@ -311,10 +311,21 @@ class _Places:
         first, second = (self.at(text) for text in element.between)
         return Loop(element.name, element, first, second)
 
+    def span(self, name: str) -> tuple[FixedFrame, FixedFrame]:
+        """Return the points of a distance that a formula asks for."""
+        first, second = points_of(name)
+        return self.at(first), self.at(second)
+
     def force(self, element: Any) -> Force:
         """Return a force element with its places; a named frame keeps its own axes."""
         ends = (self.frames[text] if text in self.frames else self.at(text) for text in element.references)
         return Force(element.name, element, tuple(ends))
+
+
+def _spans(scene: sc.Scene) -> list[str]:
+    """Return the distances of points that formulas ask for, in the order of the scene."""
+    names = (name for x in formulas_in([scene.torques, scene.forces]) for name in sorted(x.names))
+    return list(dict.fromkeys(name for name in names if name.endswith(")")))
 
 
 def _outlines(

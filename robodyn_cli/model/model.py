@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
 from functools import reduce
 from typing import Any
 
@@ -19,10 +20,24 @@ BASE = -1
 
 @record
 class JointForce:
-    """A force element that acts in one joint (spring, damper, friction)."""
+    """A force element that acts in one joint (spring, damper, friction).
+
+    name : the joint's, or the coordinate's where the joint has several. q, v : places of what it acts on in q and v,
+    slices for a rotation or translation in space. unit : of that coordinate, ``rad`` or ``m``.
+    """
 
     kind: str
     element: Any
+    name: str
+    q: Any
+    v: Any
+    unit: str = "rad"
+    gear_ratio: float = 1.0
+
+    @property
+    def in_space(self) -> bool:
+        """Whether it acts on a rotation or translation in any direction."""
+        return isinstance(self.v, slice)
 
 
 @record
@@ -55,7 +70,7 @@ class Body:
     parent : index of the parent body, or ``BASE``.
     X_tree : transform from the parent's body frame to the frame before the joint.
     inertia : in body coordinates, about the body's origin. parts : the links that it is the sum of, () where that is
-    not known.
+    not known. armature, gear_ratio : of the joint's rotor, N^2 J and N; a tuple where each coordinate has its own.
     """
 
     name: str
@@ -67,9 +82,19 @@ class Body:
     q: int
     v: int
     armature: Any = 0.0
-    gear_ratio: float = 1.0
+    gear_ratio: Any = 1.0
     forces: tuple[JointForce, ...] = ()
     parts: tuple[RigidPart, ...] = ()
+
+    @property
+    def rotors(self) -> tuple[Any, ...]:
+        """Inertia N^2 J of the rotor of each velocity coordinate."""
+        return self.armature if isinstance(self.armature, tuple) else (self.armature,) * self.joint.nv
+
+    @property
+    def gear_ratios(self) -> tuple[float, ...]:
+        """Gear ratio N of each velocity coordinate."""
+        return self.gear_ratio if isinstance(self.gear_ratio, tuple) else (self.gear_ratio,) * self.joint.nv
 
     @property
     def cancellation(self) -> float:
@@ -131,7 +156,8 @@ class Model:
     joint_names : of the joints that move, in the order of the YAML, which places in q and v follow. q_names,
         v_names : of the columns of q and v (``hinge``, ``ball.qw``, ``ball.wx``). q_units : ``rad``, ``m`` or ``1``;
         v_units : ``rad`` or ``m``, per second those of v.
-    outlines : for each link, the points that a drawing connects.
+    outlines : for each link, the points that a drawing connects. spans : points whose distance, or its rate, formulas
+        ask for, by the name that they give it.
     """
 
     name: str
@@ -154,6 +180,7 @@ class Model:
     q_units: tuple[str, ...] = ()
     v_units: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
+    spans: Mapping[str, tuple[FixedFrame, FixedFrame]] = dataclasses.field(default_factory=dict)
 
     @property
     def closures(self) -> tuple[str, ...]:

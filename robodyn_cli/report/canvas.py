@@ -29,6 +29,7 @@ from robodyn_cli.report.marks import (
     mark_moments,
     marker_of,
 )
+from robodyn_cli.report.ticks import PlainFormatter
 from robodyn_cli.results.atomic import written
 from robodyn_cli.results.moments import moments
 from robodyn_cli.results.output_dir import CREATOR, MARK
@@ -53,7 +54,8 @@ class Panels:
     vertically and ``between`` horizontally.
 
     labels : texts of the legend below. degrees : leaves room for a second scale. bars : adds axes for a colour bar
-    beside each panel. told : what is said above the panels in the colour of alarms.
+    beside each panel. titled : leaves room for a title above the first panels. told : what is said above the panels in
+    the colour of alarms.
     """
 
     panels: int = 1
@@ -64,6 +66,7 @@ class Panels:
     labels: Sequence[str] = ()
     degrees: bool = False
     bars: bool = False
+    titled: bool = False
     told: str = ""
 
 
@@ -78,7 +81,8 @@ class Sheet:
         alarms = [*textwrap.wrap(shape.told, NOTE_WIDTH, max_lines=2), *failure_note(result)]
         notes = [*textwrap.wrap(subtitle, NOTE_WIDTH), *alarms]
         self.columns, lines = legend_shape(list(shape.labels))
-        top = 0.12 + TITLE_LINE * len(title) + SUBTITLE_LINE * len(notes) + 0.14
+        lines_above = len(notes) + (1 if shape.titled else 0)
+        top = 0.12 + TITLE_LINE * len(title) + SUBTITLE_LINE * lines_above + 0.14
         bottom = X_LABEL + (LEGEND_LINE * lines + 0.1 if lines else 0.0) + 0.04
         rows = math.ceil(panels / across)
         total = top + rows * height + (rows - 1) * gap + bottom
@@ -93,6 +97,7 @@ class Sheet:
             x = LEFT + column * (wide + shape.between)
             y = bottom + (rows - 1 - row) * (height + gap)
             self.axes.append(self.figure.add_axes((x / WIDTH, y / total, wide / WIDTH, height / total)))
+            self.axes[-1].yaxis.set_major_formatter(PlainFormatter())
             if shape.bars:
                 place = ((x + wide + 0.15) / WIDTH, y / total, 0.18 / WIDTH, height / total)
                 self.bars.append(self.figure.add_axes(place))

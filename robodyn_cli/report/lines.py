@@ -91,7 +91,9 @@ def draw_groups(sheet: TimeSheet, time: Array, data: Array, groups: dict[str, li
 def quiet_axis(ax: Axes, data: Array, scale: float = 0.0, magnitudes: bool = False) -> None:
     """Let an axis go to 1 where ``data`` is nothing beside ``scale``: it would show what rounding makes of zero."""
     if not np.nanmax(np.abs(data), initial=0.0) > NOTHING * scale:
-        ax.set_ylim(0.0 if magnitudes else -1.0, 1.0)
+        ax.set_ylim(
+            -0.04 if magnitudes else -1.0, 1.0
+        )  # the line at zero lies beside the axis, not behind it
 
 
 def time_plot(result: Result, path: str, quantity: str, subtitle: str) -> Any:

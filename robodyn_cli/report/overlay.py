@@ -69,7 +69,7 @@ def draw_over(results: Mapping[str, Result], name: str) -> Any:
     across = 1 if len(panels) <= 3 else 2
     sheet = Sheet(
         Result("plot", title, "ok", ""), subtitle, panels=len(panels), across=across,
-        height=panel_height(len(panels)), gap=0.5, labels=list(results),
+        height=panel_height(len(panels)), gap=0.5, titled=True, labels=list(results),
     )  # fmt: skip
     looks = style.line_styles(len(results))
     handles: list[Any] = []

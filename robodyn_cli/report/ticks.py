@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.ticker import Formatter, LogLocator, MaxNLocator, NullLocator
+from matplotlib.ticker import Formatter, LogLocator, MaxNLocator, NullLocator, ScalarFormatter
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,6 +49,16 @@ def power(exponent: int) -> str:
     return "10" + str(exponent).translate(_SUPERSCRIPT)
 
 
+class PlainFormatter(ScalarFormatter):
+    """Writes the numbers of a linear axis, and the power of ten that all are multiplied by as on other drawings."""
+
+    def get_offset(self) -> str:
+        """Return what stands above the axis: ``·10⁻¹⁶``."""
+        text = str(super().get_offset())
+        scale = re.fullmatch("1e([-\N{MINUS SIGN}]?)(\\d+)", text)
+        return f"·{power(int(scale[2]) * (-1 if scale[1] else 1))}" if scale is not None else text
+
+
 class PowerFormatter(Formatter):
     """Writes powers of ten on a logarithmic axis."""
 
@@ -86,7 +97,7 @@ class _Between(Formatter):
 
     def __call__(self, x: float, pos: Any = None) -> str:
         mantissa = x / 10.0 ** math.floor(math.log10(x) + 1e-9) if x > 0.0 else 0.0
-        return f"{x:g}" if round(mantissa) in (2, 5) else ""
+        return number(x, 1) if round(mantissa) in (2, 5) else ""
 
 
 class _Silent(Formatter):
@@ -121,4 +132,4 @@ def positive_floor(*arrays: Any, floor: float = 0.0) -> tuple[float, float]:
     if not found.size:
         return floor or 1e-16, 10.0 * (floor or 1e-16)
     low = floor or max(float(found.min()), float(found.max()) * 1e-25)
-    return low, max(float(found.max()), 2.0 * low)
+    return low, max(float(found.max()), low)

@@ -29,6 +29,7 @@ from robodyn_cli.scene.text.nodes import (
 )
 from robodyn_cli.schema.describe import describe
 from robodyn_cli.schema.fields import (
+    ByPart,
     Choice,
     Criteria,
     Direction,
@@ -65,11 +66,11 @@ def _entries(node: Sequence) -> str:
 class _Keys:
     """The keys of a section: its own fields, and those of registered classes by name (``friction``, ``spring``).
 
-    inline : by key, the field that holds the instance, and the registry with its class.
+    inline : by key, the field that holds the instance, and its kind.
     """
 
     fields: dict[str, dataclasses.Field[Any]]
-    inline: dict[str, tuple[str, MappingOf[str, type]]]
+    inline: dict[str, tuple[str, Inline]]
 
     @staticmethod
     def of(cls: type) -> _Keys:
@@ -77,7 +78,7 @@ class _Keys:
         described = {key_name(f): f for f in dataclasses.fields(cls) if "kind" in f.metadata}
         holders = {name: f.metadata["kind"] for name, f in described.items()}
         holders = {name: kind for name, kind in holders.items() if isinstance(kind, Inline)}
-        inline = {key: (name, kind.registry()) for name, kind in holders.items() for key in kind.registry()}
+        inline = {key: (name, kind) for name, kind in holders.items() for key in kind.registry()}
         return _Keys({name: f for name, f in described.items() if name not in holders}, inline)
 
     def field(self, key: str) -> str:
@@ -122,6 +123,7 @@ class Reader(ScalarReader):
             Section: self.section,
             Tagged: self.tagged,
             Either: self.either,
+            ByPart: self.by_part,
             OrFile: self.or_file,
             Criteria: self.criteria,
             Variations: self.variations,
@@ -231,6 +233,11 @@ class Reader(ScalarReader):
             raise self.unknown(kind, node, path, hint)
         return self.value(found, node, path, unit)
 
+    def by_part(self, kind: ByPart, node: Node, path: Path, unit: str) -> Any:
+        found = concrete(kind, node)
+        assert found is not None
+        return self.value(found, node, path, unit)
+
     def or_file(self, kind: OrFile, node: Node, path: Path, unit: str) -> Any:
         # files are included before reading: a scalar that is left is no path
         if isinstance(node, Scalar):
@@ -260,7 +267,7 @@ class Reader(ScalarReader):
         for key, item in node.entries:
             here = (*path, key.text)
             if key.text in keys.inline:
-                elements[key.text] = self.value(Section(keys.inline[key.text][1][key.text]), item, here)
+                elements[key.text] = self.value(keys.inline[key.text][1].at(key.text), item, here)
             elif key.text not in keys.fields:
                 hint = did_you_mean(key.text, keys.allowed)
                 what = f"unknown key {shown(key.text)}{hint}; allowed: {', '.join(keys.allowed)}"
@@ -269,8 +276,13 @@ class Reader(ScalarReader):
                 values[key.text] = self.value(field.metadata["kind"], item, here, field.metadata["unit"])
         # in the order of the registry, so that the order of keys in the file makes no difference
         for name, (holder, _) in keys.inline.items():
-            if elements.get(name, BROKEN) is not BROKEN:
-                values[holder] = (*values.get(holder, ()), (name, elements[name]))
+            found = elements.get(name, BROKEN)
+            if isinstance(found, dict):
+                pairs = tuple((f"{name}.{part}", element) for part, element in found.items())
+            else:
+                pairs = ((name, found),) if found is not BROKEN else ()
+            if pairs:
+                values[holder] = (*values.get(holder, ()), *pairs)
         return values
 
     def check_missing(self, keys: _Keys, values: dict[str, Any], node: Mapping, path: Path) -> None:

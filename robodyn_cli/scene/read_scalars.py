@@ -182,6 +182,8 @@ class ScalarReader:
     def check_moving(self, tree: fm.Formula, node: Node, path: Path) -> None:
         """Refuse the names of joints without a coordinate."""
         for name in tree.names:
+            if name.endswith(")"):
+                continue
             parts = name.split(".")
             joint = parts[1] if len(parts) > 1 else name
             if joint in self.names.fixed:

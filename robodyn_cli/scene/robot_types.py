@@ -49,6 +49,8 @@ class Inertia:
 
 
 DH = ("a", "alpha", "d", "theta")
+# what forces may act on in joints with several coordinates, of all kinds of joint (``Joint.freedoms``)
+FREEDOMS = ("theta1", "theta2", "theta", "d", "x", "y", "translation", "rotation")
 
 
 @record
@@ -99,19 +101,23 @@ class Joint:
         unit="m/rad",
         doc="Advance of a helical joint along its axis, lead / (2 pi); positive for a right-handed thread.",
     )
-    gear_ratio: float = key(
-        Number(), default=1.0, unit="1", doc="N: motor turns per joint turn (may be negative)."
+    gear_ratio: Any = key(
+        Either((Number(), MapOf(Number(), of="coordinate"))),
+        default=1.0,
+        unit="1",
+        doc="N: motor turns per joint turn (may be negative); by coordinate for joints with several.",
     )
-    rotor_inertia: float = key(
-        Number(minimum=0.0),
+    rotor_inertia: Any = key(
+        Either((Number(minimum=0.0), MapOf(Number(minimum=0.0), of="coordinate"))),
         default=0.0,
         unit="kg m^2",
-        doc="J of the rotor, reflected as N^2 J on the joint.",
+        doc="J of the rotor, reflected as N^2 J on the joint; by coordinate for joints with several.",
     )
     forces: tuple[tuple[str, Any], ...] = key(
-        Inline(lambda: joint_forces),
+        Inline(lambda: joint_forces, FREEDOMS),
         default=(),
-        doc="Joint forces: each registered kind (`friction`, `spring`, `damper`, `limits`, `gear`) is a key.",
+        doc="Joint forces: each registered kind (`friction`, `spring`, `damper`, `limits`, `gear`) is a key. Joints "
+        "with several coordinates take a map by coordinate.",
     )
 
     @property
@@ -164,7 +170,8 @@ class Point(Place):
         ListOf(Formula(("t",)), minimum=3, maximum=3),
         default=None,
         unit="m",
-        doc="Displacement from `at` along the axes of the base, formulas in t: for points on `base` that loops join.",
+        doc="Displacement from `at` along the axes of the base, formulas in t: for points on `base`, which loops join "
+        "and forces act between.",
     )
 
 
@@ -243,4 +250,4 @@ class Robot:
     @property
     def limited(self) -> bool:
         """Whether any joint has limits."""
-        return any(name == "limits" for joint in self.joints for name, _ in joint.forces)
+        return any(name.partition(".")[0] == "limits" for joint in self.joints for name, _ in joint.forces)

@@ -78,6 +78,15 @@ class Initial:
     hold: tuple[str, ...] = key(
         ListOf(Name(of="joint")), default=(), doc="Joints kept at their value when the loops are closed."
     )
+    source: str | None = key(
+        Text(),
+        default=None,
+        name="from",
+        doc="Result of `simulate` to go on from: its directory or file, relative to this file.",
+    )
+    at: float | None = key(
+        Number(), default=None, unit="s", doc="Time of the sample to go on from; by default the last one."
+    )
 
 
 @record
@@ -152,12 +161,25 @@ class Latch:
     between: tuple[str, ...] = key(
         ListOf(Name(of="link"), minimum=2, maximum=2), doc="The two links it fixes."
     )
+    at: dict[str, float] = key(
+        JointMap(Number(angle=True)),
+        default=None,
+        unit="rad or m",
+        doc="Position of one joint at which it closes, for `criterion: latch`.",
+    )
+    at_limit: dict[str, str] = key(
+        MapOf(Choice(("lower", "upper")), of="joint"),
+        default=None,
+        doc="Or: the limit of one joint at which it closes, such as a stop.",
+    )
 
 
 @record
 class DeployOptions:
     criterion: str = key(
-        Choice(("dead_point", "multipliers", "either")), default="dead_point", doc="What counts as locked."
+        Choice(("dead_point", "multipliers", "either", "latch")),
+        default="dead_point",
+        doc="What counts as locked; `latch`: the position at which the latch closes.",
     )
     growth: float = key(
         Number(minimum=1.0, exclusive=True),

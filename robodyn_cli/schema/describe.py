@@ -44,7 +44,7 @@ def _plain(kind: kinds.Kind) -> str:
         return ", or ".join(_plain(k) for k in kind.kinds)
     if isinstance(kind, kinds.OrFile):
         return f"{_plain(kind.item)}, or the path of a YAML{' or URDF' if kind.robot else ''} file"
-    if isinstance(kind, kinds.Section):
+    if isinstance(kind, (kinds.Section, kinds.ByPart)):
         return "a map"
     if isinstance(kind, kinds.Inline):
         return f"the keys {', '.join(kind.registry())}"

@@ -145,6 +145,14 @@ class Either(Kind):
 
 
 @record
+class ByPart(Kind):
+    """A section, or a map from ``parts`` to such sections: the coordinates of a joint."""
+
+    item: Section
+    parts: tuple[str, ...]
+
+
+@record
 class OrFile(Kind):
     """A value given in place or as the path of a YAML file, relative to the file that names it.
 
@@ -158,9 +166,19 @@ class OrFile(Kind):
 
 @record
 class Inline(Kind):
-    """Optional keys of the section itself, one for each registered class; the value holds (key, instance) pairs."""
+    """Optional keys of the section itself, one for each registered class; the value holds (key, instance) pairs.
+
+    parts : names of parts of the section; a key may hold a map from these to instances instead, which gives pairs with
+    the keys ``key.part``.
+    """
 
     registry: Callable[[], Mapping[str, type]]
+    parts: tuple[str, ...] = ()
+
+    def at(self, key: str) -> Kind:
+        """Return what a key may hold."""
+        section = Section(self.registry()[key])
+        return ByPart(section, self.parts) if self.parts else section
 
 
 @record

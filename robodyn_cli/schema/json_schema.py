@@ -58,6 +58,14 @@ class _Maker:
             self.definitions[name] = self.section(cls, tag, included)
         return f"#/$defs/{name}"
 
+    def by_part(self, cls: type, parts: tuple[str, ...]) -> Schema:
+        """Return a section, or a map of such sections."""
+        one: Schema = {"$ref": self.reference(cls)}
+        if not parts:
+            return one
+        each = {"type": "object", "properties": dict.fromkeys(parts, one), "additionalProperties": False}
+        return {"anyOf": [one, each]}
+
     def section(self, cls: type, tag: tuple[str, str] | None, included: bool) -> Schema:
         properties: Schema = {}
         required = []
@@ -65,7 +73,7 @@ class _Maker:
             kind = field.metadata.get("kind")
             if isinstance(kind, kinds.Inline):
                 for key, element in kind.registry().items():
-                    properties[key] = {"$ref": self.reference(element), "description": _doc(element)}
+                    properties[key] = {**self.by_part(element, kind.parts), "description": _doc(element)}
             elif kind is not None:
                 properties[kinds.key_name(field)] = self.field(field)
                 no_default = field.default is dataclasses.MISSING

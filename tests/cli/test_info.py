@@ -74,6 +74,17 @@ def test_missing_data_are_null(tmp_path: Path) -> None:
     assert "singular values  not known" in invoke(scene, "--no-plots")[1]
 
 
+@pytest.mark.parametrize("field", ["mass: 1.2", "com: [0.25, 0, 0]", "inertia: {zz: 0.025}"])
+def test_data_may_miss_beside_a_prescribed_joint(field: str, tmp_path: Path) -> None:
+    scene = arm(tmp_path / "arm.yaml")
+    text = scene.read_text()
+    assert field in text
+    scene.write_text(
+        text.replace(f"{field}, ", "").replace(f", {field}", "") + "\nprescribed: {swing: 0.1*t}\n"
+    )
+    assert report(scene)["mass_matrix"] == [[None]]
+
+
 def test_tree_for_people() -> None:
     code, output = invoke(CONFIGS / "four_bar_deploy.yaml", "--no-plots")
     assert code == 0

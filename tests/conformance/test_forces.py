@@ -13,6 +13,7 @@ from robodyn_cli.equations.elements import Elements
 from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.formula import Formula, parse
 from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.forces.nonlinear_spring import LengthTable, RateTable
 from robodyn_cli.forces.registry import force_types
 from robodyn_cli.model.model import BASE, FixedFrame, Force, Model
 from robodyn_cli.spatial.algebra import matrix, vector
@@ -38,6 +39,13 @@ def variants(rng: np.random.Generator) -> dict[str, list[dict[str, Any]]]:
             {"stiffness": 40.0, "length": 0.3, "damping": 2.0},
             {"stiffness": 40.0},
             {"damping": 3.0},
+        ],
+        "nonlinear_spring": [
+            {"tension": LengthTable(((0.2, -3.0), (0.9, 1.0), (1.4, 8.0))), "damping": 2.0},
+            {
+                "tension": parse("5*rate*(1 + length^2)").resolve({}, {}, ("length", "rate")),
+                "damping": RateTable(((-1.0, -4.0), (0.0, 0.0), (2.0, 3.0))),
+            },
         ],
         "torsional_spring": [
             {"axis": (0.3, -1.0, 0.5), "stiffness": 4.0, "rest": 0.4, "damping": 0.3},

@@ -45,8 +45,13 @@ def with_forces(model: Model, seed: int) -> Model:
                 Friction(viscous=rng.uniform(0, 2), coulomb=rng.uniform(0, 3), transition_speed=0.1),
             ),
         ]
-        chosen = tuple(JointForce(kind, e) for kind, e in elements if rng.uniform() < 0.7)
-        bodies.append(dataclasses.replace(body, forces=chosen, gear_ratio=float(rng.uniform(1, 5))))
+        ratio = float(rng.uniform(1, 5))
+        chosen = tuple(
+            JointForce(kind, e, body.joint_name, body.q, body.v, gear_ratio=ratio)
+            for kind, e in elements
+            if rng.uniform() < 0.7
+        )
+        bodies.append(dataclasses.replace(body, forces=chosen, gear_ratio=ratio))
     return dataclasses.replace(model, bodies=tuple(bodies))
 
 

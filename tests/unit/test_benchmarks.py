@@ -42,6 +42,13 @@ def test_throughput(tmp_path: Path) -> None:
     assert {row["work"] for row in rows if row["engine"] == "robodyn"} == wanted
 
 
+def test_movies(tmp_path: Path) -> None:
+    file = tmp_path / "movies.json"
+    assert "347 frames" in run("movies.py", "--alone", "--repeats", "1", "--json", str(file))
+    (row,) = rows_of(file)
+    assert row["process"] == "robodyn animate" and row["cpu_s"] > 0.0
+
+
 def test_throughput_finds_wrong_results() -> None:
     """The reference is no echo of the engine: a wrong mass, or a sample that is off, shows in both errors."""
     sys.path.insert(0, str(BENCHMARKS))
@@ -87,6 +94,17 @@ def test_many_loops_cost_in_proportion(tmp_path: Path) -> None:
         first, second, third = (row[key] for row in rows)
         assert second - first == third - second
     assert all(row["error"] < 1e-10 for row in rows)
+
+
+def test_ensembles(tmp_path: Path) -> None:
+    """robodyn's part: errors of many runs, against references of their own."""
+    file = tmp_path / "ensembles.json"
+    run("ensembles.py", "--quick", "--json", str(file))
+    rows = {(row["work"], row["way"]): row for row in rows_of(file)}
+    assert rows["double pendulums", "robodyn dop853"]["error"] < 1e-7
+    assert rows["double pendulums", "robodyn gauss"]["error"] < 1e-9
+    assert rows["stiff double pendulums", "robodyn radau13"]["error"] < 1e-8
+    assert rows["four-bars to their lock", "robodyn gauss, with error estimate"]["error"] < 1e-9
 
 
 def test_operations_of_a_hundred_loops() -> None:

@@ -108,6 +108,7 @@ def test_interpreted_runs_equal_compiled_ones(
     expected = simulate(load_scene(ROOT / scene, changes))
     monkeypatch.setattr(engine, "MANY", 0)
     monkeypatch.setattr(engine, "PATIENCE", 20)
+    monkeypatch.setattr(engine, "STEPS_PER_OPERATION", 0.0)
     monkeypatch.setattr("robodyn_cli.kernels.lower.INLINE_LIMIT", 0)
     monkeypatch.setattr(samples, "LONG", 0)
     # code written with other limits is not kept for runs with the usual ones

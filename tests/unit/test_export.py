@@ -111,7 +111,7 @@ def test_mistakes_are_one_message_and_leave_nothing(
     for words, code, message in (
         ([stored, "--to", "xlsx", "--out", str(out)], 2, "allowed: csv, parquet, mat, npz"),
         ([stored, "--to", "parquet", "--out", str(out)], 2, "pip install 'robodyn[parquet]'"),
-        ([str(taken), "--to", "csv", "--out", str(out)], 2, "cannot be read as a result of robodyn"),
+        ([str(taken), "--to", "csv", "--out", str(out)], 2, "cannot be read as HDF5"),
         ([stored, "--to", "csv"], 2, "--out"),
         ([stored, "--to", "csv", "--out", str(taken)], 74, "cannot write"),
     ):

@@ -14,7 +14,7 @@ from robodyn_cli.expr.graph import Graph
 from robodyn_cli.kernels.arrays import Array as Rows
 from robodyn_cli.kernels.compiler import compile_module
 from robodyn_cli.kernels.ir import RELAXED, Function, module
-from robodyn_cli.kernels.lower import call_program, lower, outline
+from robodyn_cli.kernels.lower import Programs, call_program, lower, outline
 from robodyn_cli.kernels.program import NUMBERS, Program, make_program
 from tests.kernels import WIDTHS
 
@@ -44,7 +44,7 @@ def kernel(body: Program, width: int, fused: bool, outlined: bool) -> Any:
     }
     functions = [g]
     if outlined:
-        functions.append(outline("body", body, width, fused, RELAXED))
+        functions.append(outline("body", body, width, Programs(fused), RELAXED))
         found = call_program(g, "body", body, inputs, width)
     else:
         found = lower(g, body, inputs, width, fused)

@@ -14,8 +14,9 @@ from robodyn_cli.expr.graph import Expr
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.events import EventFunction, Passing
 from robodyn_cli.formulations.system import EVENT_FREE, System
+from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.kernels.program import Program
-from tests.systems import system
+from tests.systems import samples, system
 
 
 def rates(t: Any, q: Any, v: Any, z: Any, p: Any) -> Any:
@@ -38,9 +39,9 @@ def by_differences(body: System) -> np.ndarray:
     return np.array(columns).T
 
 
-def outputs(program: Program, g: list[float]) -> dict[str, np.ndarray]:
+def outputs(program: Program, g: list[float], **more: np.ndarray) -> dict[str, np.ndarray]:
     """Run a program by hand, instruction by instruction."""
-    groups: dict[str, Any] = {"t": [T], "q": X[:2], "v": X[2:4], "z": X[4:], "g": g}
+    groups: dict[str, Any] = {"t": [T], "q": X[:2], "v": X[2:4], "z": X[4:], "g": g, **more}
     values: list[float] = []
     for i in program.instructions:
         args = [values[k] for k in i.args]
@@ -95,6 +96,46 @@ def test_complex_factors(g: complex) -> None:
     found = outputs(BODY.complex_linearisation, [g.real, g.imag])
     expected = g * np.eye(5) - by_differences(BODY)
     np.testing.assert_allclose(product(found["re"] + 1j * found["im"]), expected, rtol=1e-8, atol=1e-8)
+
+
+def test_the_change_of_the_rates_along_a_direction() -> None:
+    direction = np.array([0.3, -0.2, 0.7, 1.1, -0.5, 0.9])
+    found = outputs(BODY.tangents, [], dx=direction)["d"]
+    h = 1e-6
+    ahead = derivative(T + h * direction[5], X + h * direction[:5])
+    behind = derivative(T - h * direction[5], X - h * direction[:5])
+    np.testing.assert_allclose(found, ((ahead - behind) / (2 * h))[2:], atol=1e-8)
+
+
+def coupled(t: Any, q: Any, v: Any, z: Any, p: Any) -> Any:
+    """A stiff system of 21 states: every rate depends on time and on its neighbours."""
+    n = len(q)
+    a = [
+        f.sin(q[k - 1]) * v[(k + 1) % n] - 50.0 * v[k] * (1.0 + q[k] * q[k]) - q[k] + z[0] * f.cos(2.0 * t)
+        for k in range(n)
+    ]
+    return a, [f.exp(-z[0]) * f.sin(t) - 30.0 * z[0] + v[0] * v[1], v[3], -200.0 * z[2] + q[2]]
+
+
+@pytest.mark.parametrize("interpreted", [False, True])
+@pytest.mark.parametrize("method", ["rodas5p", "rosenbrock23", "radau", "radau9", "radau13", "bdf"])
+def test_factors_in_loops_give_the_same_motion(
+    method: str, interpreted: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    start = tuple(np.random.default_rng(5).uniform(-1.0, 1.0, 21))
+    body, grid = system(9, coupled, nz=3), Grid(0.0, 0.05, 7)
+    rtol = 1e-4 if method == "rosenbrock23" else 1e-8
+    _, expected, small = samples(body, method, start, grid, rtol=rtol)
+    monkeypatch.setattr("robodyn_cli.formulations.linearisation.LARGE", 0)
+    monkeypatch.setattr("robodyn_cli.integrators.runtime.engine.MANY", 0 if interpreted else 10**9)
+    monkeypatch.setattr("robodyn_cli.kernels.lower.INLINE_LIMIT", 0)
+    monkeypatch.setenv("ROBODYN_CACHE", "off")
+    monkeypatch.setattr("robodyn_cli.kernels.compiler._loaded", {})
+    assert body.in_columns
+    _, found, large = samples(body, method, start, grid, rtol=rtol)
+    # the same but for rounding, which may bring another round of Newton's: a hundredth of the tolerance
+    assert large.counters.steps == small.counters.steps
+    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-11)
 
 
 def test_other_owners_of_events_take_over_what_is_built() -> None:

@@ -264,15 +264,40 @@ def test_processes_give_the_same_bits_as_one(tmp_path: Path) -> None:
         assert np.array_equal(a[name], b[name])
 
 
+def test_compiled_runs_give_the_rows_of_whole_commands(fall: Path, tmp_path: Path) -> None:
+    pendulum = tmp_path / "pendulum.yaml"
+    pendulum.write_text(PENDULUM + "expect: {final.q.theta: < 0, status: ok}\n")
+    vary = [
+        "--vary",
+        "robot.links.rod.mass=linspace(2, -0.2, 12)",
+        "--vary",
+        "robot.links.rod.com.0=[0.3, 0, 0.5]",
+    ]
+    found = []
+    for name, more in (("compiled", []), ("whole", ["--of", "energy_drift"])):
+        out = tmp_path / name
+        of = ["--of", "final.q.theta", "--of", "error_estimate.q_end", *more]
+        assert sweep(pendulum, *vary, *of, "--no-plots", "--out", out).exit_code == 0
+        found.append(stored(out))
+    (a, first), (b, second) = found
+    for name in ("runs/exit_code", "runs/holds"):
+        assert np.array_equal(a[name], b[name]), name
+    assert np.allclose(a["outputs/final.q.theta"], b["outputs/final.q.theta"], atol=1e-12, equal_nan=True)
+    assert np.array_equal(np.isnan(a["errors/final.q.theta"]), np.isnan(b["errors/final.q.theta"]))
+    assert first["failures"] == second["failures"] and set(first["failures"]) == {"2"}
+    assert first["yield"] == second["yield"]
+
+
 def test_a_scene_is_read_once_and_other_processes_get_what_was_read(fall: Path) -> None:
     family = Family(fall, ["gravity.2=-1"])
     fall.unlink()
-    options = StudyOptions(vary={"initial.qd.z": parse_variation("linspace(1, 2, 20)")}, of=("final.q.z",))
+    of = ("final.q.z", "energy_drift")  # a whole command gives the second
+    options = StudyOptions(vary={"initial.qd.z": parse_variation("linspace(1, 2, 20)")}, of=of)
     study = prepare(Asked(family, options))
     points = [(v,) for v in study.design.values[:, 0].tolist()]
-    rows = {row.values: row.outputs for row in run_all(study.task, points, 2)}
+    rows = {row.values: row.outputs for some in run_all(study.task, points, 2) for row in some}
     assert len(rows) == 20
-    for (v,), (z,) in rows.items():
+    for (v,), (z, _) in rows.items():
         assert z == pytest.approx(v - 0.5, abs=1e-9)
 
 
@@ -284,7 +309,8 @@ def test_a_study_grows_and_keeps_the_runs_that_are_there(
     count = []
     one = runs.Runner.one
     monkeypatch.setattr(runs.Runner, "one", lambda self, values: (count.append(values), one(self, values))[1])
-    words = [fall, "--vary", "initial.qd.z=normal(1, 0.1)", "--of", "final.q.z", "--out", tmp_path / "out"]
+    of = ["--of", "final.q.z", "--of", "energy_drift"]  # a whole command gives the second
+    words = [fall, "--vary", "initial.qd.z=normal(1, 0.1)", *of, "--out", tmp_path / "out"]
     assert sweep(*words, "-n", 4).exit_code == 0 and len(count) == 4
     first = stored(tmp_path / "out")[0]["outputs/final.q.z"]
     assert sweep(*words, "-n", 9).exit_code == 0 and len(count) == 9

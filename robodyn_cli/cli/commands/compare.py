@@ -56,7 +56,7 @@ def _two(result: Path, baseline: Path, rtol: float, atol: float, console: Consol
     console.data(jsonable(as_keys(ComparisonReport.of(found, rtol, atol))))
     width = max((len(item.path) for item in found.differences), default=0)
     for item in found.differences:
-        console.row(f"{item.verdict:<8} {item.path:<{width}}  ", item.text)
+        console.say(f"{item.verdict:<8} {item.path:<{width}}  {item.text}".rstrip())
     bad, count = len(found.differing), len(found.differences)
     console.say(f"{count} datasets: {f'{bad} differ' if bad else 'all agree'} (rtol {rtol:g}, atol {atol:g})")
     return 0 if found.agrees else FAILED
@@ -83,6 +83,6 @@ def _tell(item: Compared, console: Console) -> None:
     """Print how one of many results compares; those that agree are only counted."""
     if item.verdict == "equal":
         return
-    console.row(f"{item.verdict:<10}  ", f"{item.name}  {WORDS.get(item.verdict, '')}".rstrip())
+    console.say(f"{item.verdict:<10}  {item.name}  {WORDS.get(item.verdict, '')}".rstrip())
     for line in item.lines:
-        console.row(" " * 12, line)
+        console.say(f"{'':<12}{line}")

@@ -20,13 +20,14 @@ def describe(summary: Mapping[str, Any]) -> str:
         verb = "overload" if lock["kind"] == "overload" else "locked"
         lines.append(f"  {verb:<18} t = {lock['time']:.9g}{bound} s  ({lock['kind'].replace('_', ' ')})")
         lines.append(f"  why                {summary['termination']['reason']}")
-        angles = ", ".join(f"{n} {x:.5f} deg" for n, x in lock["angles_deg"].items())
-        lines.append(f"  configuration      {angles}")
-        m = lock["multipliers"]
-        lines.append(
-            f"  multipliers        {m['start']:.5g} N at the start, {m['at_lock']:.6g} N at the last sample"
-            + (", diverging" if m["diverge"] else ", finite")
-        )
+        angles = [f"{n} {x:.5f} deg" for n, x in lock["angles_deg"].items()]
+        lengths = [f"{n} {x:.6g}" for n, x in lock["angles"].items() if n not in lock["angles_deg"]]
+        lines.append(f"  configuration      {', '.join([*angles, *lengths])}")
+        if m := lock["multipliers"]:
+            lines.append(
+                f"  multipliers        {m['start']:.5g} N at the start, {m['at_lock']:.6g} N at the last sample"
+                + (", diverging" if m["diverge"] else ", finite")
+            )
         latch = lock.get("latch")
         if latch:
             lines.append(
@@ -36,11 +37,11 @@ def describe(summary: Mapping[str, Any]) -> str:
         lines += _after_lock(summary)
     else:
         lines.append(f"  no lock            within {number(summary['termination'].get('time'))} s")
-    growth = criteria.get("growth_times", {})
-    fired = ", ".join(f"{k}x at {v:.3f} s" if v is not None else f"{k}x never" for k, v in growth.items())
-    dead = criteria.get("dead_point")
-    where = f"dead point at {dead:.9g} s" if dead is not None else "no dead point"
-    lines.append(f"  criteria           {where}; multipliers over their running median {fired}")
+    if growth := criteria.get("growth_times", {}):
+        fired = ", ".join(f"{k}x at {v:.3f} s" if v is not None else f"{k}x never" for k, v in growth.items())
+        dead = criteria.get("dead_point")
+        where = f"dead point at {dead:.9g} s" if dead is not None else "no dead point"
+        lines.append(f"  criteria           {where}; multipliers over their running median {fired}")
     lines += [*error_lines(summary), cost_line(summary)]
     return "\n".join(lines)
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Annotated
 
 import typer
 
-from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.console import Console, width
 from robodyn_cli.cli.options import Overrides, Quiet, ReportAsJson, SceneFile
 from robodyn_cli.exit_codes import WRONG_USAGE
 
@@ -28,7 +29,7 @@ def command(
     console = Console(as_json, quiet)
     found = plan(load_scene(scene, list(overrides or ())), for_command)
     console.data(found)
-    console.say(render(found))
+    console.say(render(found, width(sys.stdout)))
     if found.get("missing"):
         console.error(f"{scene}: the equations need {', '.join(found['missing'])}, which is not given")
         return WRONG_USAGE

@@ -9,16 +9,11 @@ import typer
 
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.interrupts import tidy_up_first
-from robodyn_cli.cli.options import PlotFormat, PlotNames, Quiet, ReportAsJson
+from robodyn_cli.cli.options import PlotFormat, PlotNames, Quiet, ReportAsJson, StoredResults
 
 
 def command(
-    results: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="RESULT...", help="Output directories of runs, or their result.h5.", show_default=False
-        ),
-    ],
+    results: StoredResults,
     out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Where the plots go.")] = Path(
         "plots"
     ),

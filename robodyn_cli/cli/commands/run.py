@@ -131,6 +131,6 @@ def _tell(entry: Entry, width: int, console: Console) -> None:
     time_taken = "unchanged" if entry.unchanged else f"{entry.seconds:.2f} s"
     console.say(f"{entry.verdict:<7} {entry.name:<{width}}  {entry.command or '-':<8} {time_taken:>9}")
     for problem in entry.problems if entry.verdict != "ok" else entry.differences:
-        console.row(" " * 8, problem)
+        console.say(f"        {problem}")
     if console.quiet and entry.verdict == "error":
         console.error(f"{entry.name}: {'; '.join(entry.problems)}")

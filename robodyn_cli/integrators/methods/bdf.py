@@ -20,17 +20,15 @@ from robodyn_cli.integrators.stepping.control import (
     Attempt,
     Controller,
     mean_squares,
-    rejected_before,
     tolerance,
 )
-from robodyn_cli.integrators.stepping.factors import RealFactors
+from robodyn_cli.integrators.stepping.factors import derivatives_of, real_factors
 from robodyn_cli.integrators.stepping.newton import Limits, Rounds
-from robodyn_cli.integrators.stepping.stepper import Method, Stepper
+from robodyn_cli.integrators.stepping.stepper import Method, Stepper, StepProgram
 from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.arrays import Array, Total
 from robodyn_cli.kernels.ir import Block, Condition, Int, Value
 from robodyn_cli.kernels.mathematics import rough_exp2
-from robodyn_cli.kernels.program import Program
 from robodyn_cli.record import mutable_record
 
 ROWS = tables.ROWS
@@ -50,8 +48,8 @@ class Bdf(Method):
 
     dense_order = 4
 
-    def linearisation(self, system: System) -> Program:
-        return system.linearisation
+    def linearisation(self, system: System) -> StepProgram:
+        return derivatives_of(system)
 
     def dense_size(self, system: System) -> int:
         return HEAD + 2 * history_size(system.size)
@@ -82,15 +80,14 @@ class BdfStepper(Stepper[Taken]):
 
     def __init__(self, method: Bdf, w: Writer) -> None:
         super().__init__(method, w)
-        f, n = w.f, w.system.size
-        self.n = n
+        f = w.f
+        self.n = w.system.size
         self.masks = f.table("bdf.masks", tables.masks().ravel())
         self.histories = f.table("bdf.histories", tables.histories().ravel())
         self.alpha = f.table("bdf.alpha", [*tables.ALPHA, 0.0, 0.0])
         self.error = f.table("bdf.error", [*tables.ERROR, 0.0, 0.0])
-        self.D, self.next = Array(f, f.slot(1, ROWS * n)), Array(f, f.slot(1, ROWS * n))
-        self.predicted, self.psi, self.d = (Array(f, f.slot(1, n)) for _ in range(3))
-        self.x, self.rates = Array(f, f.slot(1, n)), Array(f, f.slot(1, n))
+        self.D, self.next = w.array(2 * ROWS, ROWS), w.array(2 * ROWS, ROWS)
+        self.predicted, self.psi, self.d, self.x, self.rates, self.changes = (w.array(2, 1) for _ in range(6))
         self.steady, self.next_order, self.next_steady = (f.int_slot() for _ in range(3))
         self.factor = f.slot()
         self.rounds = Rounds(w, LIMITS)
@@ -148,7 +145,7 @@ class BdfStepper(Stepper[Taken]):
         f, w = self.f, self.w
         total = Total(f)
         with f.strict():
-            for c in range(self.n):
+            for c in w.each(w.size):
                 gap = f.load(f.offset(history, FIRST + c)) - w.state[c]
                 gap = gap / tolerance(w, f.abs(w.state[c]))
                 total.add_product(gap, gap)
@@ -162,13 +159,13 @@ class BdfStepper(Stepper[Taken]):
         w.rate(t, w.state, self.rates)
         w.count(IntegerSlot.EVALUATIONS, 2)
         small = h * 1e-4
-        for c in range(n):
+        for c in w.each(w.size):
             self.x[c] = f.muladd(small, self.rates[c], w.state[c])
             self.d[c] = self.rates[c]
         w.rate(t + small, self.x, self.rates)
         with f.strict():
             bend = Total(f)
-            for c in range(n):
+            for c in w.each(w.size):
                 size = f.max(f.abs(w.state[c]), f.abs(h * self.d[c]) * 1e-3)
                 second = (self.rates[c] - self.d[c]) / (small * tolerance(w, size))
                 bend.add_product(second, second)
@@ -181,7 +178,7 @@ class BdfStepper(Stepper[Taken]):
         f, w, n = self.f, self.w, self.n
         for place, value in ((STAMP, t), (STEP, h), (ORDER, 1.0), (STEADY, 0.0), (TAKEN, 1.0)):
             f.store(value, f.offset(history, place))
-        for c in range(n):
+        for c in w.each(w.size):
             for row in range(ROWS):
                 start = w.state[c] if row == 0 else h * self.d[c] if row == 1 else 0.0
                 f.store(start, f.offset(history, FIRST + row * n + c))
@@ -191,7 +188,7 @@ class BdfStepper(Stepper[Taken]):
         f, w, n = self.f, self.w, self.n
         k = f.to_int(f.load(f.offset(history, ORDER)))
         f.store_int(f.to_int(f.load(f.offset(history, STEADY))), self.steady)
-        for c in range(n):
+        for c in w.each(w.size):
             for row in range(ROWS):
                 self.D[row * n + c] = f.load(f.offset(history, FIRST + row * n + c))
             self.D[c] = w.state[c]
@@ -203,11 +200,11 @@ class BdfStepper(Stepper[Taken]):
 
     def _rescale(self, k: Int, r: Value) -> None:
         """Turn the differences into those for steps r times as long."""
-        f, n, rows = self.f, self.n, range(tables.HIGHEST + 1)
+        f, w, n, rows = self.f, self.w, self.n, range(tables.HIGHEST + 1)
         mask = self._row(self.masks, k)
         polynomials = tables.rescaling()
         with f.strict():
-            for c in range(n):
+            for c in w.each(w.size):
                 old = [self.D[j * n + c] * mask[j] for j in rows]
                 for j in rows[1:]:
                     total: Value | None = None
@@ -233,7 +230,7 @@ class BdfStepper(Stepper[Taken]):
         f, w, n = self.f, self.w, self.n
         k = self._load(self._begin(t, h, failed), h)
         mask, past = self._row(self.masks, k), self._row(self.histories, k)
-        for c in range(n):
+        for c in w.each(w.size):
             x, psi = self.D[c], f.constant(0.0)
             for j in range(1, tables.HIGHEST + 1):
                 x = f.muladd(mask[j], self.D[j * n + c], x)
@@ -241,7 +238,7 @@ class BdfStepper(Stepper[Taken]):
             self.predicted[c], self.psi[c], self.d[c] = x, psi, 0.0
         g = f.load(f.offset(self.alpha, k)) / h
         self._iterate(t + h, h, g, failed)
-        for c in range(n):
+        for c in w.each(w.size):
             w.new[c] = self.predicted[c] + self.d[c]
         self._difference(k)
         square = self._norm(lambda c: self.d[c], k)
@@ -252,17 +249,20 @@ class BdfStepper(Stepper[Taken]):
     def _iterate(self, t: Value, h: Value, g: Value, failed: Block) -> None:
         """Solve for d by Newton's method; ``failed`` is left where it does not converge."""
         f, w, n = self.f, self.w, self.n
-        factors = RealFactors(w, t, self.predicted, g)
+        factors = real_factors(w, t, self.predicted, g)
         w.count(IntegerSlot.EVALUATIONS)
         with self.rounds.repeat(h, failed) as judge:
-            for c in range(n):
+            for c in w.each(w.size):
                 self.x[c] = self.predicted[c] + self.d[c]
             w.rate(t, self.x, self.rates)
             w.count(IntegerSlot.EVALUATIONS)
-            changes = factors.solve([self.rates[c] - g * (self.psi[c] + self.d[c]) for c in range(n)])
+            for c in w.each(w.size):
+                self.changes[c] = self.rates[c] - g * (self.psi[c] + self.d[c])
+            factors.solve(self.changes)
             with f.strict():
                 square = Total(f)
-                for c, change in enumerate(changes):
+                for c in w.each(w.size):
+                    change = self.changes[c]
                     self.d[c] = self.d[c] + change
                     size = f.max(f.abs(w.state[c]), f.abs(self.predicted[c] + self.d[c]))
                     e = change / tolerance(w, size)
@@ -273,17 +273,17 @@ class BdfStepper(Stepper[Taken]):
     # -- error and order ------------------------------------------------------------------------------
     def _difference(self, k: Int) -> None:
         """Set the differences at the new time, from the highest down."""
-        f, n = self.f, self.n
+        f, w, n = self.f, self.w, self.n
         for row in range(ROWS):
-            for c in range(n):
+            for c in w.each(w.size):
                 self.next[row * n + c] = self.D[row * n + c]
         top = k + 1
-        for c in range(n):
+        for c in w.each(w.size):
             d, old = self.d[c], self.D[top * n + c]
             self.next[top * n + n + c] = d - old
             self.next[top * n + c] = d
         with f.count(top, down=True) as j:
-            for c in range(n):
+            for c in w.each(w.size):
                 self.next[j * n + c] = self.next[j * n + c] + self.next[j * n + n + c]
 
     def _norm(self, difference: Callable[[Int | int], Value], order: Int) -> Value:
@@ -324,7 +324,7 @@ class BdfStepper(Stepper[Taken]):
             best = f.max(present, f.max(down, up))
             falls = f.compare("oge", down, best)
             rises = f.compare("oge", up, best) & ~falls
-            growth = f.min(best, f.select(rejected_before(self.w), 1.0, f.constant(self.control.most)))
+            growth = f.min(best, f.select(self.w.rejected_before(), 1.0, f.constant(self.control.most)))
             held = f.compare("olt", growth, HOLD) & f.compare("oge", growth, 0.9)
             growth = f.select(held, f.constant(1.0), f.max(growth, self.control.least))
             changed = f.compare("une", growth, 1.0) | falls | rises
@@ -334,7 +334,7 @@ class BdfStepper(Stepper[Taken]):
 
     # -- dense output ---------------------------------------------------------------------------------
     def save_dense(self, t: Value, h: Value, kept: Taken) -> None:
-        f, n = self.f, self.n
+        f, w, n = self.f, self.w, self.n
         # the step came from the latest history, or from the one before an event was found
         latest = self._head(LATEST)
         used = f.select(self._ends_at(self._history(latest), t), latest, 1.0 - latest)
@@ -344,12 +344,12 @@ class BdfStepper(Stepper[Taken]):
         for place, value in ((STAMP, t + h), (STEP, h)):
             f.store(value, f.offset(history, place))
         for row in range(ROWS):
-            for c in range(n):
+            for c in w.each(w.size):
                 f.store(self.next[row * n + c], f.offset(history, FIRST + row * n + c))
         self._set_head(LATEST, 1.0 - used)
 
     def dense(self, u: Value, h: Value, out: Array) -> None:
-        f, n = self.f, self.n
+        f, w, n = self.f, self.w, self.n
         history = self._history(self._head(LATEST))
         mask = self._row(self.masks, f.to_int(f.load(f.offset(history, TAKEN))))
         weights: list[Value] = []
@@ -357,7 +357,7 @@ class BdfStepper(Stepper[Taken]):
         for j in range(1, tables.HIGHEST + 1):
             product = product * (u + float(j - 1)) * (1.0 / j)
             weights.append(product * f.splat(mask[j], u.width))
-        for c in range(n):
+        for c in w.each(w.size):
             x = f.splat(f.load(f.offset(history, FIRST + c)), u.width)
             for j, weight in enumerate(weights, 1):
                 x = f.muladd(f.splat(f.load(f.offset(history, FIRST + j * n + c)), u.width), weight, x)

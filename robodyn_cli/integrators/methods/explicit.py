@@ -26,6 +26,7 @@ class ExplicitRungeKutta(Method):
         super().__init__(facts)
         self.table, self.output = table, output
         self.dense_order = table.dense_order
+        self.vectors = self.adaptive
 
     def dense_size(self, system: System) -> int:
         return (self.output.rows + 1) * system.size
@@ -49,8 +50,7 @@ class ExplicitStepper(Stepper[Sequence[Array]]):
     def __init__(self, method: ExplicitRungeKutta, w: Writer) -> None:
         super().__init__(method, w)
         self.table = method.table
-        first = Array(w.f, w.f.offset("%dense", w.size * self.rows))
-        self.K = [first, *(w.array(2, 1) for _ in self.table.A[1:])]
+        self.K = [w.behind_dense(w.size * self.rows), *(w.array(2, 1) for _ in self.table.A[1:])]
         self.x = w.array(2, 1)
         self.known = w.integer_at(IntegerSlot.RATE_KNOWN)
         self.control = Controller(

@@ -19,11 +19,10 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot
 from robodyn_cli.integrators.stepping.control import Attempt
 from robodyn_cli.integrators.stepping.hermite import Ends, HermiteOutput, hermite_size
-from robodyn_cli.integrators.stepping.stepper import Method, Stepper
+from robodyn_cli.integrators.stepping.stepper import DERIVATIVES, Method, Stepper, StepProgram
 from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.arrays import Array, Total
 from robodyn_cli.kernels.ir import Block, Value
-from robodyn_cli.kernels.program import Program
 from robodyn_cli.record import mutable_record
 
 RHO = 0.8  # spectral radius for infinitely fast oscillations: the part of them that remains after a step
@@ -44,9 +43,10 @@ class GeneralizedAlpha(Method):
 
     dense_order = 2
 
-    def linearisation(self, system: System) -> Program:
+    def linearisation(self, system: System) -> StepProgram:
         """Return a step of Newton's iteration: at index 3, or for the system as it is."""
-        return system.first_order_step if system.index3 is None else system.index3.program
+        program = system.first_order_step if system.index3 is None else system.index3.program
+        return StepProgram(DERIVATIVES, program)
 
     def obstacle(self, system: System) -> str:
         if system.layout is not None:
@@ -100,7 +100,7 @@ class AlphaStepper(Stepper[Solved]):
     def __init__(self, method: GeneralizedAlpha, w: Writer) -> None:
         super().__init__(method, w)
         f, s = w.f, w.system
-        self.program = method.linearisation(s)
+        self.program = method.linearisation(s).program
         self.m = len(self.program.outputs["l"])
         self.solved = len(self.program.outputs["a"])  # v-dot and, where they are coupled, z-dot
         self.a, self.l = Array(f, f.slot(1, max(1, s.nv + s.nz))), Array(f, f.slot(1, max(1, self.m)))

@@ -8,28 +8,26 @@ order inside a stiff step is at least that of its stages.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
+from robodyn_cli.algorithms.complex import Complex
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integration_methods import IntegrationMethod
 from robodyn_cli.integrators.methods.radau_tables import radau_table
 from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot
+from robodyn_cli.integrators.stepping.columns import ComplexArray
 from robodyn_cli.integrators.stepping.control import (
     Attempt,
     Controller,
     mean_squares,
-    rejected_before,
     tolerance,
 )
-from robodyn_cli.integrators.stepping.factors import ComplexFactors, Pair
+from robodyn_cli.integrators.stepping.factors import ComplexFactors, complex_factors, derivatives_of
 from robodyn_cli.integrators.stepping.newton import Limits, Rounds
-from robodyn_cli.integrators.stepping.stepper import Method, Stepper
+from robodyn_cli.integrators.stepping.stepper import Method, Stepper, StepProgram
 from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.arrays import Array, Total
-from robodyn_cli.kernels.ir import Block, Function, Value
-from robodyn_cli.kernels.program import Program
+from robodyn_cli.kernels.ir import Block, Function, Int, Value
 
 ITERATIONS = 12
 LIMITS = Limits(ITERATIONS, converged=0.01, rounding=0.1, shorter=0.4, remembers=True)
@@ -43,8 +41,8 @@ class Radau(Method):
         super().__init__(facts)
         self.stages = self.dense_order = (facts.order + 1) // 2
 
-    def linearisation(self, system: System) -> Program:
-        return system.complex_linearisation
+    def linearisation(self, system: System) -> StepProgram:
+        return derivatives_of(system, complex_g=True)
 
     def dense_size(self, system: System) -> int:
         return system.size * (radau_table(self.stages).lanes + 1)
@@ -58,12 +56,12 @@ class RadauStepper(Stepper[Array]):
 
     def __init__(self, method: Radau, w: Writer) -> None:
         super().__init__(method, w)
-        f, n = w.f, w.system.size
+        f = w.f
         self.stages, self.table = method.stages, radau_table(method.stages)
         T = self.table
-        self.Z, self.x, self.F, self.D = (Array(f, f.slot(T.lanes, n), T.lanes) for _ in range(4))
-        self.start = Array(f, f.slot(T.shifts, n), T.shifts)
-        self.rate0, self.error = Array(f, f.slot(1, n)), Array(f, f.slot(1, n))
+        self.Z, self.x, self.F = (w.array(2, 1, T.lanes) for _ in range(3))
+        self.right = ComplexArray(w.array(2, 1, 2 * T.shifts))
+        self.rate0, self.error = w.array(2, 1), w.array(2, 1)
         self.square = f.slot()
         self.rounds = Rounds(w, LIMITS)
         self.control = Controller(
@@ -73,18 +71,14 @@ class RadauStepper(Stepper[Array]):
     # -- the step -------------------------------------------------------------------------------------
     def attempt(self, t: Value, h: Value, failed: Block) -> Attempt[Array]:
         f, w, T = self.f, self.w, self.table
-        n = w.system.size
-        per_h = 1.0 / h
-        for c in range(n):
-            self.start[c] = f.splat(w.state[c], T.shifts)
-        wide = f.splat(per_h, T.shifts)
-        g = (f.constant(list(T.g.real)) * wide, f.constant(list(T.g.imag)) * wide)
-        factors = ComplexFactors(w, f.splat(t, T.shifts), self.start, g)
+        wide = f.splat(1.0 / h, T.shifts)
+        g = Complex(f.constant(list(T.g.real)) * wide, f.constant(list(T.g.imag)) * wide)
+        factors = complex_factors(w, t, w.state, g)
         w.rate(t, w.state, self.rate0)
         w.count(IntegerSlot.EVALUATIONS, 2)
         self._predict(h)
         self._iterate(factors, t, h, failed)
-        for c in range(n):
+        for c in w.each(w.size):
             w.new[c] = w.state[c] + f.lane(self.Z[c], self.stages - 1)
         square = self._error(factors, t, h)
         # a step that took many rounds wants a shorter one (Hairer and Wanner 1996, IV.8)
@@ -96,39 +90,41 @@ class RadauStepper(Stepper[Array]):
     def _iterate(self, factors: ComplexFactors, t: Value, h: Value, failed: Block) -> None:
         """Solve for the increments by simplified Newton iteration; ``failed`` is left where it does not converge."""
         f, w, T = self.f, self.w, self.table
-        n, lanes = w.system.size, T.lanes
+        lanes = T.lanes
         times = f.muladd(f.splat(h, lanes), f.constant(list(T.c)), f.splat(t, lanes))
         with self.rounds.repeat(h, failed) as judge:
-            for c in range(n):
+            for c in w.each(w.size):
                 self.x[c] = self.Z[c] + f.splat(w.state[c], lanes)
             w.rate(times, self.x, self.F)
             w.count(IntegerSlot.EVALUATIONS)
             wide_h = f.splat(h, lanes)
-            for c in range(n):
-                self.D[c] = f.muladd(wide_h, combine(f, self.F[c], T.A, lanes), -self.Z[c])
             per_h = f.splat(1.0 / h, 2 * T.shifts)
-            pairs = [halves(f, combine(f, self.D[c], T.to, 2 * T.shifts) * per_h) for c in range(n)]
-            changes = [combine(f, joined(f, x), T.back, lanes) for x in factors.solve(pairs)]
-            judge(self._update(changes))
+            for c in w.each(w.size):
+                defect = f.muladd(wide_h, combine(f, self.F[c], T.A, lanes), -self.Z[c])
+                self.right.array[c] = combine(f, defect, T.to, 2 * T.shifts) * per_h
+            factors.solve(self.right)
+            judge(self._update())
 
-    def _update(self, changes: Sequence[Value]) -> Value:
+    def _update(self) -> Value:
         """Add a round's changes to the increments; return their norm in units of the tolerance."""
         f, w, lanes = self.f, self.w, self.table.lanes
-        with f.strict():
-            square = Total(f, lanes)
-            for c, change in enumerate(changes):
+        square = Total(f, lanes)
+        for c in w.each(w.size):
+            change = combine(f, self.right.array[c], self.table.back, lanes)
+            with f.strict():
                 Z = self.Z[c] + change
                 self.Z[c] = Z
                 size = f.max(f.abs(w.state[c]), f.reduce("maximum", f.abs(Z)))
                 d = change * f.splat(1.0 / tolerance(w, size), lanes)
                 square.add_product(d, d)
-            return f.sqrt(f.reduce("add", square.value) * (1.0 / (lanes * len(changes))))
+        with f.strict():
+            return f.sqrt(f.reduce("add", square.value) * (1.0 / (lanes * w.system.size)))
 
     def _predict(self, h: Value) -> None:
         """Extrapolate the last step's polynomial to the new stages."""
         f, T = self.f, self.table
         u = f.splat(h / self.w.get(DoubleSlot.H_OLD), T.lanes) * f.constant(list(T.c))
-        for c in range(self.w.system.size):
+        for c in self.w.each(self.w.size):
             self.Z[c] = self._polynomial(c, u)
 
     # -- error ----------------------------------------------------------------------------------------
@@ -139,8 +135,8 @@ class RadauStepper(Stepper[Array]):
         fresh = f.compare_int("eq", f.load_int(w.integer_at(IntegerSlot.ACCEPTED)), 0)
         large = f.compare("oge", f.load(self.square), 1.0)
         # once more from where the estimate leads, which damps what is stiff (Hairer and Wanner 1996, IV.8.20)
-        with f.when(large & (rejected_before(w) | fresh)):
-            for c in range(w.system.size):
+        with f.when(large & (w.rejected_before() | fresh)):
+            for c in w.each(w.size):
                 self.error[c] = w.state[c] + self.error[c]
             w.rate(t, self.error, self.rate0)
             w.count(IntegerSlot.EVALUATIONS)
@@ -150,26 +146,25 @@ class RadauStepper(Stepper[Array]):
     def _estimate(self, factors: ComplexFactors, h: Value) -> None:
         """Set the error of each component, filtered, and their mean square in units of the tolerance."""
         f, w, T = self.f, self.w, self.table
-        n = w.system.size
-        pairs: list[Pair] = []
         g = f.constant(float(T.g[0].real)) / h
         weights = f.constant([*T.e, *[0.0] * (T.lanes - self.stages)])
-        for c in range(n):
+        for c in w.each(w.size):
             raw = f.muladd(h * T.gamma, self.rate0[c], f.reduce("add", self.Z[c] * weights)) * g
-            pairs.append((f.splat(raw, T.shifts), f.constant(0.0, T.shifts)))
-        for c, (re, _) in enumerate(factors.solve(pairs)):
-            self.error[c] = f.lane(re, 0)
+            self.right[c] = Complex(f.splat(raw, T.shifts), f.constant(0.0, T.shifts))
+        factors.solve(self.right)
+        for c in w.each(w.size):
+            self.error[c] = f.lane(self.right.array[c], 0)
         f.store(mean_squares(w, 1, lambda c: [self.error[c]])[0], self.square)
 
     # -- dense output ---------------------------------------------------------------------------------
     def save_dense(self, t: Value, h: Value, kept: Array) -> None:
         f, w, T = self.f, self.w, self.table
         n = w.system.size
-        for c in range(n):
+        for c in w.each(w.size):
             f.store(combine(f, kept[c], T.P, T.lanes), f.offset("%dense", c * T.lanes))
-            f.store(w.new[c], f.offset("%dense", n * T.lanes + c))
+            f.store(w.new[c], f.offset("%dense", c + n * T.lanes))
 
-    def _polynomial(self, c: int, u: Value) -> Value:
+    def _polynomial(self, c: Int | int, u: Value) -> Value:
         """Return by how much component c differs at u from the end of the last step."""
         f, lanes = self.f, self.table.lanes
         p: Value | None = None
@@ -180,9 +175,9 @@ class RadauStepper(Stepper[Array]):
         return p * u
 
     def dense(self, u: Value, h: Value, out: Array) -> None:
-        f, n = self.f, self.w.system.size
-        for c in range(n):
-            end = f.splat(f.load(f.offset("%dense", n * self.table.lanes + c)), u.width)
+        f, w, n = self.f, self.w, self.w.system.size
+        for c in w.each(w.size):
+            end = f.splat(f.load(f.offset("%dense", c + n * self.table.lanes)), u.width)
             out[c] = end + self._polynomial(c, u)
 
 
@@ -197,19 +192,3 @@ def combine(f: Function, x: Value, matrix: np.ndarray, width: int) -> Value:
     total = sums[0]
     assert total is not None
     return total if sums[1] is None else total + sums[1]
-
-
-def halves(f: Function, x: Value) -> Pair:
-    """Return the lower and the upper half of the lanes."""
-    width = x.width // 2
-    if width == 1:
-        return f.lane(x, 0), f.lane(x, 1)
-    return f.shuffle(x, x, range(width)), f.shuffle(x, x, range(width, 2 * width))
-
-
-def joined(f: Function, pair: Pair) -> Value:
-    """Return two vectors as one, the first in the lower lanes."""
-    width = pair[0].width
-    if width == 1:
-        return f.pack(list(pair), 2)
-    return f.shuffle(*pair, range(2 * width))

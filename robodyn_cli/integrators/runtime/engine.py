@@ -18,7 +18,10 @@ from robodyn_cli.kernels.lower import Programs
 from robodyn_cli.spatial.algebra import Array
 
 MANY = 4000  # operations beyond which programs are interpreted at first: compiling them takes 80 us each
-PATIENCE = 1000  # steps that are interpreted, which takes about as long as compiling
+# A run is interpreted for so many steps, or so many for each operation where that is more: the longer it takes to
+# compile, the longer the run has to be to gain by it.
+PATIENCE = 1000
+STEPS_PER_OPERATION = 0.1
 STATUSES = tuple(Status)  # by number
 ADDRESS, NUMBER, DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 
@@ -44,6 +47,7 @@ class Engine:
         self._method.check(system)
         self.tables = self._method.tables(system)
         operations = sum(program.operations for program in self.tables.programs)
+        self._patience = max(PATIENCE, int(STEPS_PER_OPERATION * operations))
         self._load(interpreted=interpreted and operations > MANY and not system.dynamics.any_size)
 
     def patience(self, taken: int, most: int) -> int:
@@ -51,9 +55,9 @@ class Engine:
 
         The number of steps decides and not their time, so that the same run gives the same bits again.
         """
-        if self.interpreted and taken >= PATIENCE:
+        if self.interpreted and taken >= self._patience:
             self._load(interpreted=False)
-        return min(most, PATIENCE) if self.interpreted else most
+        return min(most, self._patience) if self.interpreted else most
 
     def _load(self, interpreted: bool) -> None:
         """Take the functions from the cache or write them, and provide the memory that they work on."""

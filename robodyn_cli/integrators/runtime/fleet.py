@@ -15,18 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.formulations.system import System
+from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.begin import doubles_at_start, first_step, integers_at_start
 from robodyn_cli.integrators.runtime.engine import ADDRESS, NUMBER, Engine
 from robodyn_cli.integrators.runtime.layout import UNARMED, DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.integrators.stepping.lanes import suits, write_lanes
 from robodyn_cli.integrators.stepping.many import JOB, write_many
-from robodyn_cli.kernels.compiler import compile_module
+from robodyn_cli.kernels.compiler import CompiledModule, compile_module, machine
 from robodyn_cli.kernels.program import NUMBERS
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
 Integers = NDArray[np.int64]
 CHUNK = 64  # runs of one call into compiled code, at most: between calls interrupts are handled
+PER_LANE = 64  # the same for each lane: the last runs of a call leave lanes idle
 MOST_FUNCTIONS = 63  # events that fit into the bits of a number
 WAIT = 0.1  # s between looks of the calling thread at interrupts
 
@@ -101,9 +104,16 @@ class Fleet:
         self._p = p
         self._engines = [self._engine()]
         self._clear = np.zeros_like(self._engines[0].memory.block)
-        self._many: Callable[..., int] = compile_module("many runs", write_many).function(
-            "many", ADDRESS, ADDRESS, NUMBER, NUMBER, result=NUMBER
-        )
+        self._many = _callable(compile_module("many runs", write_many))
+        host, kind = machine(), methods[method]
+        self.lanes = host.lanes if suits(system, kind) else 1
+        if self.lanes > 1:
+            self._in_lanes = _callable(
+                compile_module(
+                    f"lanes {method} {system.digest} {self.tables.digest}",
+                    lambda: write_lanes(system, kind, host.fused, host.lanes),
+                )
+            )
 
     def _engine(self) -> Engine:
         return Engine(self.system, self.method, self._p.copy(), interpreted=False)
@@ -164,14 +174,17 @@ class Fleet:
         ----------
         tell : is told how many are made, now and then, by the calling thread.
         """
-        size = max(1, min(CHUNK, len(runs) // (4 * threads)))
+        # runs with samples are made one after another
+        lanes = self.lanes if runs.out.size == 0 else 1
+        many, most = (self._many, CHUNK) if lanes == 1 else (self._in_lanes, PER_LANE * lanes)
+        size = max(lanes, min(most, len(runs) // (4 * threads)))
         chunks = deque((k, min(k + size, len(runs))) for k in range(0, len(runs), size))
         crew_size = min(threads, len(chunks))
         while len(self._engines) < crew_size:
             self._engines.append(self._engine())
         stop = np.zeros(1, dtype=np.int64)
         job = self._job(runs, stop)
-        workers = [_Worker(engine, self._many, job, chunks) for engine in self._engines[:crew_size]]
+        workers = [_Worker(engine, many, job, chunks) for engine in self._engines[:crew_size]]
         if len(workers) < 2:
             for worker in workers:
                 worker.work(tell)
@@ -202,6 +215,10 @@ class Fleet:
             found[f"all.{name}"] = array.ctypes.data
             found[f"bytes.{name}"] = array.nbytes // max(len(array), 1)
         return np.array([found[name] for name in JOB], dtype=np.int64)
+
+
+def _callable(compiled: CompiledModule) -> Callable[..., int]:
+    return compiled.function("many", ADDRESS, ADDRESS, NUMBER, NUMBER, result=NUMBER)
 
 
 class _Worker:

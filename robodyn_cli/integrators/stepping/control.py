@@ -10,10 +10,10 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any, Generic, TypeVar
 
-from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot
+from robodyn_cli.integrators.runtime.layout import DoubleSlot
 from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.arrays import Total
-from robodyn_cli.kernels.ir import Condition, Int, Value
+from robodyn_cli.kernels.ir import Int, Value
 from robodyn_cli.kernels.mathematics import rough_exp2, rough_log2
 from robodyn_cli.record import mutable_record, record
 
@@ -103,7 +103,7 @@ class Controller:
         most = f.constant(self.most)
         if self.most_if_tiny is not None and square is not None:
             most = f.select(f.compare("olt", square, TINY**2), self.most_if_tiny, most)
-        return f.select(rejected_before(w), 1.0, most) if self.held else most
+        return f.select(w.rejected_before(), 1.0, most) if self.held else most
 
 
 FIXED = Controller(1.0, 1.0, 1.0, 1.0, 1.0)  # every step that is solved counts, and the next one is as long
@@ -144,18 +144,12 @@ def remember(w: Writer, verdict: Verdict) -> None:
         w.put(DoubleSlot.LAST_ERROR, verdict.log_error)
 
 
-def shorten(w: Writer, verdict: Verdict, h: Value) -> None:
-    """Store the length with which a rejected step of length h is tried again."""
+def shorter(w: Writer, verdict: Verdict, h: Value) -> Value:
+    """Return the length with which a rejected step of length h is tried again."""
     f = w.f
     broken = f.compare("uno", verdict.square, 0.0)
     bounded = f.min(f.max(verdict.factor, LEAST_RETRY), MOST_RETRY)
-    w.put(DoubleSlot.H, h * f.select(broken, f.constant(BROKEN), bounded))
-
-
-def rejected_before(w: Writer) -> Condition:
-    """Return whether the step has been tried before, and rejected."""
-    f = w.f
-    return f.compare_int("sgt", f.load_int(w.integer_at(IntegerSlot.REJECTED_IN_ROW)), 0)
+    return h * f.select(broken, f.constant(BROKEN), bounded)
 
 
 # -- errors in units of the tolerance -----------------------------------------------------------------------
@@ -173,7 +167,7 @@ def mean_squares(w: Writer, count: int, errors: Callable[[Int | int], Sequence[V
     """
     f = w.f
     with f.strict():
-        totals = [Total(f) for _ in range(count)]
+        totals = [Total(f, w.width) for _ in range(count)]
         for c in w.each(w.size):
             scale = 1.0 / tolerance(w, f.max(f.abs(w.state[c]), f.abs(w.new[c])))
             for total, error in zip(totals, errors(c)):

@@ -17,7 +17,7 @@ from robodyn_cli.integrators.event_location.locate_event import (
     trial_step_function,
 )
 from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot, Status
-from robodyn_cli.integrators.stepping.control import Verdict, judge, remember, shorten
+from robodyn_cli.integrators.stepping.control import Verdict, judge, remember, shorter
 from robodyn_cli.integrators.stepping.stepper import SLACK, Method, Stepper
 from robodyn_cli.integrators.stepping.writer import Exit, Writer
 from robodyn_cli.kernels.arrays import Array
@@ -55,7 +55,7 @@ def write_run(system: System, method: Method, programs: Programs) -> str:
     """
     method.check(system)
     tables = method.tables(system)
-    w = Writer(system, tables, programs, loops=not method.needs_jacobian)
+    w = Writer(system, tables, programs, loops=not method.needs_jacobian or system.in_columns)
     _write_loop(w, method.stepper(w))
     count = len(system.events)
     functions = [w.f, w.memory_function(), run_to_event_function(count)]
@@ -113,6 +113,12 @@ def _next_step(w: Writer, adaptive: bool, run: Exit) -> Step:
     taken = f.load_int(w.integer_at(IntegerSlot.ACCEPTED)) + f.load_int(w.integer_at(IntegerSlot.REJECTED))
     most = f.load_int(w.integer_at(IntegerSlot.MAX_STEPS))
     run.leave(Status.MAX_STEPS, unless=f.compare_int("slt", taken, most))
+    return step_over(w, t, left, adaptive)
+
+
+def step_over(w: Writer, t: Value, left: Value, adaptive: bool) -> Step:
+    """Return the step to try at t with so much time left."""
+    f = w.f
     wanted = f.min(w.get(DoubleSlot.H), w.get(DoubleSlot.H_MAX))
     with f.strict():
         last = f.compare("oge", wanted * STRETCH, left)
@@ -131,7 +137,7 @@ def _reject(w: Writer, adaptive: bool, step: Step, verdict: Verdict, failed: Blo
             counts.leave(counted)
             if any(event.is_discontinuity for event in w.system.events):
                 counts.leave(_steps_over_jump(w, step))
-            shorten(w, verdict, step.h)
+            w.put(DoubleSlot.H, shorter(w, verdict, step.h))
             failed.leave()
         else:
             finite = w.is_finite(w.new)
@@ -166,27 +172,39 @@ def _count_rejection(w: Writer, run: Exit) -> None:
     f = w.f
     w.count(IntegerSlot.REJECTED)
     in_row = f.bump(w.integer_at(IntegerSlot.REJECTED_IN_ROW))
-    floor = f.max(f.abs(w.get(DoubleSlot.T)) * RESOLUTION, 1e-300)
-    too_small = f.compare("ult", w.get(DoubleSlot.H), floor) | f.compare_int("sgt", in_row, REJECTIONS)
+    too_small = is_too_small(w, w.get(DoubleSlot.H)) | f.compare_int("sgt", in_row, REJECTIONS)
     run.leave(Status.STEP_TOO_SMALL, too_small)
 
 
-def _commit(w: Writer, step: Step, verdict: Verdict, adaptive: bool) -> None:
-    """Take the new state over.
+def is_too_small(w: Writer, h: Value) -> Condition:
+    """Return whether a step of length h is lost in rounding of the time, or no number."""
+    f = w.f
+    return f.compare("ult", h, f.max(f.abs(w.get(DoubleSlot.T)) * RESOLUTION, 1e-300))
+
+
+def end_of(w: Writer, step: Step) -> tuple[Value, Value]:
+    """Return the time at the end of a step, and what rounding has left out of it.
 
     Time is summed with its rounding (Kahan, two-sum of Knuth): k steps of length h end at k h.
     """
     f = w.f
-    # a fixed step is as long again after one that had to be shorter
-    w.put(DoubleSlot.H, step.h * verdict.factor if adaptive else w.get(DoubleSlot.H_MAX))
-    f.store_int(0, w.integer_at(IntegerSlot.REJECTED_IN_ROW))
     with f.strict():
         more = step.h + w.get(DoubleSlot.T_REST)
         total = step.t + more
         added = total - step.t
         rest = (step.t - (total - added)) + (more - added)
         reached = f.select(step.last, w.get(DoubleSlot.T_END), total)
-        w.put(DoubleSlot.T_REST, f.select(step.last, f.constant(0.0), rest))
+        return reached, f.select(step.last, f.constant(0.0), rest)
+
+
+def _commit(w: Writer, step: Step, verdict: Verdict, adaptive: bool) -> None:
+    """Take the new state over."""
+    f = w.f
+    # a fixed step is as long again after one that had to be shorter
+    w.put(DoubleSlot.H, step.h * verdict.factor if adaptive else w.get(DoubleSlot.H_MAX))
+    f.store_int(0, w.integer_at(IntegerSlot.REJECTED_IN_ROW))
+    reached, rest = end_of(w, step)
+    w.put(DoubleSlot.T_REST, rest)
     w.put(DoubleSlot.T_OLD, step.t)
     w.put(DoubleSlot.H_OLD, step.h)
     w.put(DoubleSlot.T, reached)

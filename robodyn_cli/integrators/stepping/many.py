@@ -22,6 +22,7 @@ JOB = (
 )  # fmt: skip
 INTEGERS = ("bytes", "events", "passing")
 KEPT = ("w", "n", "y")  # rows that are restored before a run and kept after it
+ARGUMENTS = ("ptr %places", "ptr %job", "i64 %first", "i64 %last")
 MOST_EVENTS = 1000  # of a run: with more it may be chattering
 
 
@@ -31,10 +32,9 @@ def write_many() -> str:
     Rows of ``KEPT`` hold a run's start before, and its end after; ``all.status`` holds the ``Status`` of each. The
     result is the number of the first run that was not made.
     """
-    f = Function("many", ["ptr %places", "ptr %job", "i64 %first", "i64 %last"], result="i64")
+    f = Function("many", ARGUMENTS, result="i64")
     load_places(f, *KEPT, NUMBERS, "bytes", "values")
-    for place, name in enumerate(JOB):
-        f.load_argument(name, "i64" if name.startswith(INTEGERS) else "ptr", f.offset("%job", place))
+    load_job(f)
     run, status, events = f.int_slot(), f.int_slot(), f.int_slot()
     f.store_int(f.int_argument("first"), run)
     with f.loop() as runs:
@@ -43,8 +43,8 @@ def write_many() -> str:
         runs.leave(f.compare_int("ne", f.load_int("%stop"), 0))
         copy_block(f, "%w", "%clear")
         for name in (*KEPT, NUMBERS):
-            f.copy(f"%{name}", _row(f, name, k), f"%bytes.{name}")
-        f.store_address(_row(f, "out", k), f.offset("%places", PLACES.index("out")))
+            f.copy(f"%{name}", row_of(f, name, k), f"%bytes.{name}")
+        f.store_address(row_of(f, "out", k), f.offset("%places", PLACES.index("out")))
         f.store_int(0, events)
         with f.loop() as stretches:
             f.store_int(f.emit_int("call i64 %run(ptr %places)"), status)
@@ -54,14 +54,20 @@ def write_many() -> str:
             _write_passed_samples(f, k, stretches)
             _restore(f, k)
         for name in KEPT:
-            f.copy(_row(f, name, k), f"%{name}", f"%bytes.{name}")
+            f.copy(row_of(f, name, k), f"%{name}", f"%bytes.{name}")
         f.store_int(f.load_int(status), f.offset("%all.status", k))
         f.store_int(k + 1, run)
     f.ret(f.load_int(run))
     return module([f])
 
 
-def _row(f: Function, name: str, k: Int | int) -> str:
+def load_job(f: Function) -> None:
+    """Load the entries of ``%job`` into registers of the same names."""
+    for place, name in enumerate(JOB):
+        f.load_argument(name, "i64" if name.startswith(INTEGERS) else "ptr", f.offset("%job", place))
+
+
+def row_of(f: Function, name: str, k: Int | int) -> str:
     """Return the address of the row of run k."""
     return f.name(f"getelementptr i8, ptr %all.{name}, i64 {(f.int_argument(f'bytes.{name}') * k).ref}")
 
@@ -77,7 +83,7 @@ def _is_passed(f: Function) -> Condition:
 def _write_passed_samples(f: Function, k: Int, stretches: Loop) -> None:
     """Take the step up to the event again where samples lie in it: trial steps write none."""
     following = f.load_int(f.offset("%n", IntegerSlot.NEXT_SAMPLE))
-    last = f.load_int(f.offset(_row(f, "n", k), IntegerSlot.LAST_SAMPLE))
+    last = f.load_int(f.offset(row_of(f, "n", k), IntegerSlot.LAST_SAMPLE))
     time, start, step = (
         f.load(f.offset("%w", place))
         for place in (DoubleSlot.T, DoubleSlot.SAMPLE_START, DoubleSlot.SAMPLE_STEP)
@@ -97,4 +103,4 @@ def _restore(f: Function, k: Int) -> None:
     """Set again what trial steps have used for themselves."""
     places = (("w", DoubleSlot.T_END), ("n", IntegerSlot.MAX_STEPS), ("n", IntegerSlot.LAST_SAMPLE))
     for array, place in places:
-        f.store_int(f.load_int(f.offset(_row(f, array, k), place)), f.offset(f"%{array}", place))
+        f.store_int(f.load_int(f.offset(row_of(f, array, k), place)), f.offset(f"%{array}", place))

@@ -31,16 +31,18 @@ from robodyn_cli.kernels.ir import Block, Value
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.record import record
 
+DERIVATIVES = "accelerations and their derivatives"
 SLACK = 2e-15  # a sample this close beyond the end of a step belongs to it
 
 
 @record
 class StepProgram:
-    """A program that the steps of a method evaluate; lanes : at how many states at once."""
+    """A program that the steps of a method evaluate; lanes : at how many states (or what ``hold`` says) at once."""
 
     name: str
     program: Program
     lanes: int = 1
+    hold: str = "stages"
 
 
 class Method:
@@ -52,6 +54,7 @@ class Method:
     dense_order = 0
     proportion = 1.0
     lanes = 1  # stages that are evaluated at once
+    vectors = False  # whether steps can be written for vectors of runs (``stepping/lanes.py``)
     instead = "auto, gauss, radau13"  # methods to name in a refusal
 
     def __init__(self, facts: IntegrationMethod) -> None:
@@ -85,7 +88,7 @@ class Method:
         ]
         return Tables([*others, *(step.program for step in self.programs(system))])
 
-    def linearisation(self, system: System) -> Program | None:
+    def linearisation(self, system: System) -> StepProgram | None:
         """Return the program with the Jacobian that the method evaluates in each step, if any."""
         return None
 
@@ -93,9 +96,7 @@ class Method:
         """Return what the steps evaluate beside events and corrections; for systems that are no loops over bodies."""
         found = [StepProgram("accelerations", system.dynamics.program)]
         derivatives = self.linearisation(system)
-        if derivatives is not None:
-            found.append(StepProgram("accelerations and their derivatives", derivatives))
-        return found
+        return found if derivatives is None else [*found, derivatives]
 
     def choices(self, system: System) -> list[Decision]:
         """Return in which form the rates are evaluated, and where their code goes."""

@@ -77,14 +77,17 @@ class Writer:
 
     ``nv``, ``rates`` (nv + nz) and ``size`` are Python ints, or Ints for a long system and where the code serves
     systems of any size: then rows of vectors live in memory of the caller, and ``each`` makes a loop (unless
-    ``loops`` is False and the size is known). tables : of the numbers that the programs read.
+    ``loops`` is False and the size is known). tables : of the numbers that the programs read. width : how many runs are
+    made side by side.
     """
+
+    width = 1
 
     def __init__(self, system: System, tables: Tables, programs: Programs, loops: bool = True) -> None:
         self.system = system
         self.tables = tables
         self.programs = programs
-        self.f = f = Function("run", [f"ptr noalias %{a}" for a in ARGUMENTS], result="i64", flags=RELAXED)
+        self.f = f = self._function()
         self._named: dict[str, Array] = {}
         # doubles taken so far in the caller's memory: so many per (padded) velocity, and so many beside
         self._taken = [0, 0]
@@ -102,6 +105,9 @@ class Writer:
         self.state = self.array(2, 1)
         self.new = self.array(2, 1)
 
+    def _function(self) -> Function:
+        return Function("run", [f"ptr noalias %{a}" for a in ARGUMENTS], result="i64", flags=RELAXED)
+
     # -- rows of vectors ------------------------------------------------------------------------------
     def array(self, velocities: int, others: int, width: int = 1) -> Array:
         """Return room for so many vectors per velocity, and so many per further state z."""
@@ -113,6 +119,17 @@ class Writer:
             base = f.offset("%work", self._padded * self._taken[0] + self._taken[1])
         self._taken[0] += velocities * width
         self._taken[1] += -(-more * width // LANES) * LANES
+        return Array(f, base, width)
+
+    def room(self, count: int, width: int) -> Array:
+        """Return room for so many vectors in memory of the caller."""
+        f = self.f
+        with f.entry():
+            first: Int | int = self._taken[1]
+            if not isinstance(self.nv, int):
+                first = self._padded * self._taken[0] + first
+            base = f.offset("%work", first)
+        self._taken[1] += -(-count * width // LANES) * LANES
         return Array(f, base, width)
 
     def workspace(self, name: str, velocities: int, others: int, width: int) -> Array:
@@ -160,6 +177,15 @@ class Writer:
 
     def count(self, place: int, by: int = 1) -> None:
         self.f.bump(self.integer_at(place), by)
+
+    def rejected_before(self) -> Condition:
+        """Return whether the step has been tried before, and rejected."""
+        f = self.f
+        return f.compare_int("sgt", f.load_int(self.integer_at(IntegerSlot.REJECTED_IN_ROW)), 0)
+
+    def behind_dense(self, first: Int | int) -> Array:
+        """Return memory of the run for a state's rates, behind so many doubles of dense output."""
+        return Array(self.f, self.f.offset("%dense", first))
 
     def due(self, limit: Value, slack: float) -> Condition:
         """Return whether the next sample lies before ``limit`` or, but for rounding, at it."""

@@ -53,6 +53,11 @@ def can_draw(result: Result) -> bool:
     return True
 
 
+def has_poses(result: Result) -> bool:
+    """Tell whether a result has poses, whatever its scene."""
+    return "q" in result and "time" in result and len(result["q"]) > 0
+
+
 def require_poses(result: Result) -> None:
     """Refuse a result of which no mechanism can be drawn.
 
@@ -60,7 +65,7 @@ def require_poses(result: Result) -> None:
     ------
     CapabilityError : the result has no poses, or its scene cannot be read by this version.
     """
-    if "q" not in result or "time" not in result or not len(result["q"]):
+    if not has_poses(result):
         raise CapabilityError(
             f"a result of '{result.command}' has no poses to draw; allowed: a result of inverse, simulate, deploy, "
             "kinematics, reach, statics or assemble"

@@ -1,4 +1,4 @@
-"""What there is to draw of a mechanism, in numbers: the one description that stills and movies are painted from."""
+"""What there is to draw of a mechanism, in numbers: the one description of all pictures."""
 
 from __future__ import annotations
 

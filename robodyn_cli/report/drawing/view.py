@@ -45,10 +45,10 @@ class View:
     @property
     def link_width(self) -> float:
         """Width of links [pt]: less where they are short."""
-        return float(np.clip(0.11 * self._length / self.pt, NARROWEST, WIDEST)) if self._length else 6.0
+        return float(np.clip(0.11 * self.length / self.pt, NARROWEST, WIDEST)) if self.length else 6.0
 
     @cached_property
-    def _length(self) -> float:
+    def length(self) -> float:
         """Median length of links as they are seen first [m], 0 where none has any."""
         lengths = []
         for part in self.drawing.links:
@@ -131,16 +131,16 @@ class View:
                 for axis in (0, 1)
                 for line in _lines(self.low + shift, self.high + shift, pitch, axis, shift)
             ]
-        if self._floor is None:
+        if self.floor is None:
             return []
-        axes, low, high = self._floor
+        axes, low, high = self.floor
         low, high = (np.floor(low / pitch) - 1.0) * pitch, (np.ceil(high / pitch) + 1.0) * pitch
         lines = [line for axis in (0, 1) for line in _lines(low, high, pitch, axis, np.zeros(2))]
         placed = [line @ axes + self.level * self.drawing.up for line in lines]
         return [self.project(line, k)[:, :2] for line in placed]
 
     @cached_property
-    def _floor(self) -> tuple[Array, Array, Array] | None:
+    def floor(self) -> tuple[Array, Array, Array] | None:
         """Two level directions (2, 3), and how far everything reaches along them, (2,) each."""
         points = self.drawing.everything
         if not len(points):

@@ -8,7 +8,7 @@ import numpy as np
 
 from robodyn_cli.report.canvas import TimeSheet
 from robodyn_cli.report.decimate import finite, largest
-from robodyn_cli.report.lines import draw_magnitudes, panel_height
+from robodyn_cli.report.lines import draw_columns, draw_magnitudes, panel_height, quiet_axis
 from robodyn_cli.report.ticks import labelled, log_axis, number, positive_floor, unit
 from robodyn_cli.results.result import Result
 
@@ -31,12 +31,16 @@ def draw(result: Result) -> Any:
     )
     for ax, (kind, word) in zip(sheet.axes, kinds.items()):
         size = np.max(np.abs(finite(result[f"constraints/{kind}"])), axis=1)
+        ax.set_ylabel(labelled(word, result.variables[f"constraints/{kind}"].units))
+        if not np.any(size):
+            draw_columns(ax, result.time, size[:, None])
+            quiet_axis(ax, size, magnitudes=True)
+            continue
         low, high = positive_floor(size)
         # Roundings that happen to cancel reach down without end.
         low = max(low, high * 1e-6)
         draw_magnitudes(ax, result.time, size[:, None], low)
         log_axis(ax, low, high)
-        ax.set_ylabel(labelled(word, result.variables[f"constraints/{kind}"].units))
     sheet.label_time()
     sheet.legend([], [])
     return sheet.figure

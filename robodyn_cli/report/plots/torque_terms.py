@@ -43,7 +43,9 @@ def draw(result: Result) -> Any:
     count = len(joints)
     height = {1: 3.3, 2: 2.0}.get(count, 1.6)
     across = 1 if count <= 3 else 2
-    sheet = TimeSheet(result, subtitle, panels=count, across=across, height=height, gap=0.36, labels=labels)
+    sheet = TimeSheet(
+        result, subtitle, panels=count, across=across, height=height, gap=0.36, titled=True, labels=labels
+    )
     styles = [_look(name) for name in order]
     styles.append({"color": "#000000", "linestyle": "-", "linewidth": 1.8})
     handles: list[Any] = []

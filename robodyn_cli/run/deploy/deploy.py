@@ -24,7 +24,7 @@ from robodyn_cli.run.deploy.lock import (
 )  # fmt: skip
 from robodyn_cli.run.deploy.locked_motion import Followed, first_overload, follow_locked, join
 from robodyn_cli.run.deploy.recording import record_motion
-from robodyn_cli.run.deploy.scan import End, Scan, decide, follow_deployment, scan
+from robodyn_cli.run.deploy.scan import End, Scan, decide, follow_deployment, latch_position, scan
 from robodyn_cli.run.deploy.summary import AfterLock, DeploySummary, LockKeys, Overload
 from robodyn_cli.run.driver.build import build_motion
 from robodyn_cli.run.driver.motion import Motion
@@ -110,15 +110,17 @@ def build_deployment(scene: Scene, watch: Stopwatch, plan: bool = False) -> Moti
 
 
 def refuse_open_chain(scene: Scene) -> None:
-    """Refuse a scene without closed loops, in which nothing locks.
+    """Refuse a scene without closed loops, in which nothing locks but a latch at a position.
 
     Raises
     ------
     CapabilityError
     """
-    if not scene.loops and not scene.couplers:
+    if not scene.loops and not scene.couplers and scene.deploy.criterion != "latch":
         raise CapabilityError(
-            f"{scene.path}: deploy needs a mechanism with closed loops; this scene has none", key="loops"
+            f"{scene.path}: deploy needs a mechanism with closed loops; this scene has none; allowed in an open chain: "
+            "a latch that closes at a position (deploy.criterion: latch)",
+            key="loops",
         )
 
 
@@ -131,7 +133,7 @@ def _record(
         recorder = Recorder.of(motion.observer, writer)
     with watch.stage("integrate"):
         driver = record_motion(motion, found, end, recorder, progress)
-    return Deployment(motion, driver, recorder, found, end)
+    return Deployment(motion, motion.beginning, driver, recorder, found, end)
 
 
 def failure_of_motion(done: Deployment) -> RobodynError | None:
@@ -263,6 +265,9 @@ def _reason(done: Deployment, lock: Lock) -> str:
     """Return why the run ended at the lock."""
     if lock.kind == "overload":
         return "the multipliers passed their threshold away from any singular configuration: overload"
+    if lock.criterion == "latch":
+        joint, at = latch_position(done.motion.scene)
+        return f"joint {joint} has come to {at:.6g}, where the latch closes"
     if lock.criterion == "multipliers":
         reason = "the multipliers passed their threshold"
         if lock.kind != "approaching_dead_point":

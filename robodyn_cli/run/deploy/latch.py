@@ -8,10 +8,11 @@ import numpy as np
 
 from robodyn_cli.algorithms.kinematics import transforms
 from robodyn_cli.algorithms.reactions import loop_wrench
+from robodyn_cli.equations.contact_joints import contact_joints, is_contact
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.fixed import literal
 from robodyn_cli.loops.fixed import FixedLoop
-from robodyn_cli.model.model import BASE, FixedFrame, Loop
+from robodyn_cli.model.model import BASE, FixedFrame, Loop, Model
 from robodyn_cli.record import record
 from robodyn_cli.run.deploy.summary import LatchKeys
 from robodyn_cli.spatial.algebra import Array, identity, snap, vector
@@ -104,10 +105,34 @@ def locked(problem: Problem, first: str, second: str, q: Array, t: float) -> Loc
             left.remove(best)
     keep = [i for i, row in enumerate(rows) if row.name in before or i in added]
     problem_locked = Problem(
-        problem.scene, keep_rows=keep, model=whole.model, dependent=problem.dependent, braces=problem.braces
+        problem.scene,
+        keep_rows=keep,
+        model=_without_contact(whole.model, basis),
+        dependent=problem.dependent,
+        braces=problem.braces,
     )
     new = tuple(rows[i].name for i in sorted(added))
     return Locked(problem_locked, name, new, model.nv - len(basis))
+
+
+def _without_contact(model: Model, basis: Array) -> Model:
+    """Return the model without sticking friction and rigid stops in coordinates that constraints hold.
+
+    What such a coordinate's stop or friction bears beside the latch is not determined, and changes no motion.
+
+    basis : orthonormal rows (r, nv) that span those of Psi.
+    """
+    held = np.einsum("ij,ij->j", basis, basis) > 1.0 - NEW
+    contacts = {joint.v for joint in contact_joints(model) if held[joint.v]}
+    if not contacts:
+        return model
+    bodies = (
+        dataclasses.replace(
+            body, forces=tuple(f for f in body.forces if f.v not in contacts or not is_contact(f))
+        )
+        for body in model.bodies
+    )
+    return dataclasses.replace(model, bodies=tuple(bodies))
 
 
 def _basis(psi: Array) -> Array:

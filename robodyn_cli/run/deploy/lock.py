@@ -33,8 +33,9 @@ TRUSTED = 0.01  # relative error of a lock's time beyond which it is not reporte
 class Lock:
     """Where and how a deployment locks.
 
-    state : x (nx,) before the latch closes. kind : ``dead_point``, ``bifurcation``, ``approaching_dead_point`` or
-    ``overload`` (the multipliers passed their threshold away from any singular pose).
+    state : x (nx,) before the latch closes. kind : ``dead_point``, ``bifurcation``, ``approaching_dead_point``,
+    ``overload`` (the multipliers passed their threshold away from any singular pose) or ``latched`` (a latch has closed
+    at its position).
     """
 
     time: float
@@ -58,11 +59,15 @@ def find_lock(motion: Motion, found: Scan, end: End, recorder: Recorder) -> Lock
         return None
     if found.dead_point is not None and end.criterion == "dead_point":
         state = found.dead_point[1]
+    elif found.latched is not None and end.criterion == "latch":
+        state = found.latched[1]
     else:
         z = recorder.array("energy/work")[-1:] if "energy/work" in recorder.blocks else None
         state = motion.system.join(recorder.array("q")[-1], recorder.array("qd")[-1], z)
     here = classify(motion.problem, motion.system.split(state)[0], motion.passive)
     kind = here.kind
+    if kind == "regular" and end.criterion == "latch":
+        kind = "latched"
     if kind == "regular":
         kind = "approaching_dead_point" if _approaches(motion, found, end.time) else "overload"
     return Lock(end.time, end.criterion, state, kind, here)
@@ -73,6 +78,7 @@ def _approaches(motion: Motion, found: Scan, stop: float) -> bool:
     if all(time < stop for time, _ in found.dead_points):
         return False
     growth, own = found.growth, motion.scene.deploy.growth
+    assert growth is not None
     first = own if growth.times.get(own) == stop else "limit"
     return first not in growth.calmed
 
@@ -99,21 +105,23 @@ def time_error(motion: Motion, found: Scan, lock: Lock) -> float | None:
     other = scan(twin, second, multipliers=False)
     if other.steps <= 1.02 * found.steps and motion.options.step is None:
         other = scan(twin, other_steps(second, mean_step)[0], multipliers=False)
-    if other.dead_point is None:
+    again = other.latched if lock.criterion == "latch" else other.dead_point
+    if again is None:
         return None
     # the scans may end at different times, so it is steps per second that count
     pace = found.end / max(other.end, 1e-300)
-    apart = abs(other.dead_point[0] - lock.time) * remainder(method, found.steps, round(other.steps * pace))
+    apart = abs(again[0] - lock.time) * remainder(method, found.steps, round(other.steps * pace))
     # an agreement below what rounding leaves over the steps of a run says nothing
     return max(apart, 1e-14 * lock.time)
 
 
 def doubt(lock: Lock | None, error: float | None) -> NumericalError | None:
     """Return the error of a lock whose time is too uncertain to be one, else None."""
-    if lock is None or lock.criterion != "dead_point" or error is None or error <= TRUSTED * lock.time:
+    if lock is None or lock.criterion == "multipliers" or error is None or error <= TRUSTED * lock.time:
         return None
+    what = "the latch closes" if lock.criterion == "latch" else "a dead point"
     return NumericalError(
-        f"a dead point at t = {lock.time:.4g} s, but a second, tighter integration puts it {error:.2g} s away: the "
+        f"{what} at t = {lock.time:.4g} s, but a second, tighter integration puts it {error:.2g} s away: the "
         "motion is too sensitive to say when it locks",
         time=lock.time,
         time_error=error,
@@ -143,18 +151,18 @@ def events(found: Scan) -> list[dict[str, Any]]:
     listed = [{"time": time, "name": "dead_point", "kind": "dead_point"} for time, _ in found.dead_points]
     if found.bifurcation:
         listed.append({"time": found.bifurcation[0], "name": "rank", "kind": "bifurcation"})
-    for level, time in found.growth.times.items():
+    growth = found.growth
+    for level, time in growth.times.items() if growth else ():
         listed.append({"time": time, "name": f"multipliers {level:g} x median", "kind": "growth"})
-    if found.growth.limit_time is not None:
-        listed.append(
-            {"time": found.growth.limit_time, "name": "multipliers over the limit", "kind": "limit"}
-        )
+    if growth and growth.limit_time is not None:
+        listed.append({"time": growth.limit_time, "name": "multipliers over the limit", "kind": "limit"})
     return listed
 
 
 def growth_times(found: Scan) -> dict[str, float | None]:
     """Return when each level of growth was passed [s]."""
-    return {f"{level:g}": found.growth.times.get(level) for level in found.growth.levels}
+    growth = found.growth
+    return {f"{level:g}": growth.times.get(level) for level in growth.levels} if growth else {}
 
 
 def criteria(motion: Motion, found: Scan) -> Criteria:
@@ -164,8 +172,11 @@ def criteria(motion: Motion, found: Scan) -> Criteria:
         dead_point=found.dead_point[0] if found.dead_point else None,
         multipliers=fired(found.growth, motion.scene.deploy.growth),
         growth_times=growth_times(found),
-        limit_time=found.growth.limit_time,
+        limit_time=found.growth.limit_time if found.growth else None,
         grid=GRID,
+        latch=(found.latched[0] if found.latched else None)
+        if motion.scene.deploy.criterion == "latch"
+        else ABSENT,
     )
 
 
@@ -175,9 +186,7 @@ def describe_lock(
     """Describe the lock: time and its ``error``, configuration, kind, multipliers, latch."""
     problem, model = motion.problem, motion.problem.model
     q, qd, _ = motion.system.split(lock.state)
-    named = culprit(problem, q, motion.passive, lock.time) if motion.passive else None
-    constraints = problem.constraints
-    norm = multiplier_norm(recorder.array("constraints/multipliers")[:, constraints.of_loops])
+    named = culprit(problem, q, motion.passive, lock.time) if motion.passive and found.growth else None
     times = growth_times(found)
     asked = motion.scene.simulate.error_estimate
     angles = [(name, float(x), unit) for name, x, unit in zip(model.q_names, q, model.q_units)]
@@ -196,20 +205,28 @@ def describe_lock(
         loop=named.loop if named else None,
         criterion=lock.criterion,
         driven=found.driven,
-        multiplier_growth=Growth(found.growth.ratio, times, GRID),
+        multiplier_growth=Growth(found.growth.ratio, times, GRID) if found.growth else None,
         growth_times=times,
-        multipliers=MultiplierKeys(
-            start=float(norm[0]),
-            at_lock=float(norm[-1]),
-            largest_until_lock=float(norm.max()),
-            rows=[row.name for row in constraints.loop_rows],
-            diverge=found.driven,
-        ),
+        multipliers=_multiplier_keys(motion, found, recorder) if found.growth else None,
         singular_values=SingularValues(
             np.linalg.svd(psi_at(problem, q), compute_uv=False).tolist(), lock.singular.passive.tolist()
-        ),
+        )
+        if found.growth
+        else None,
         latch=keys,
         latch_note=note,
+    )
+
+
+def _multiplier_keys(motion: Motion, found: Scan, recorder: Recorder) -> MultiplierKeys:
+    constraints = motion.problem.constraints
+    norm = multiplier_norm(recorder.array("constraints/multipliers")[:, constraints.of_loops])
+    return MultiplierKeys(
+        start=float(norm[0]),
+        at_lock=float(norm[-1]),
+        largest_until_lock=float(norm.max()),
+        rows=[row.name for row in constraints.loop_rows],
+        diverge=found.driven,
     )
 
 

@@ -10,6 +10,7 @@ from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.record import record
 from robodyn_cli.run.deploy.scan import End, Pose, Scan
 from robodyn_cli.run.driver.driver import Driver, Repeat
+from robodyn_cli.run.driver.joint_limits import JointLimits
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.observation.recorder import Recorder
 from robodyn_cli.run.progress import Progress
@@ -90,7 +91,11 @@ def _stretch(motion: Motion, found: Scan, end: End) -> _Stretch:
     grid = Grid.over(s.duration, s.samples)
     lost = found.bifurcation if end.bifurcated else None
     stop = lost[0] if lost is not None else end.time
-    located = [] if found.driven else [pose[0] for pose in (found.dead_point, found.bifurcation) if pose]
+    located = (
+        []
+        if found.driven
+        else [pose[0] for pose in (found.dead_point, found.bifurcation, found.latched) if pose]
+    )
     event = stop if stop in located else None
     until = s.duration if stop is None or event is not None else stop
     if found.stopped is not None:
@@ -108,7 +113,8 @@ def _driver(motion: Motion, found: Scan, stop: float | None) -> Driver:
     It changes the method after the same steps as the scan.
     """
     at = StopAt(stop)
-    poses = (EventKind.RANK_LOSS, EventKind.DEAD_POINT)
+    poses = (EventKind.RANK_LOSS, EventKind.DEAD_POINT, EventKind.LATCH)
     system = motion.system.watched_by(lambda e: at if e.kind in poses else e.owner)
-    watchers = [watcher for watcher in motion.watchers if watcher.changes_motion]
+    # of limits that are passed the recorded run tells, since the scan goes on behind its end
+    watchers = [w for w in motion.watchers if w.changes_motion or isinstance(w, JointLimits)]
     return Driver(system, motion.choice.method, motion.options, watchers, Repeat(found.changes))

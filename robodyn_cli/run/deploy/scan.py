@@ -12,6 +12,7 @@ from typing import TypeVar
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError
+from robodyn_cli.expr.fixed import literal
 from robodyn_cli.formulations.events import GO_ON, STOP, Event, EventFunction, EventKind, Outcome
 from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.options import Options
@@ -19,7 +20,7 @@ from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.record import record
 from robodyn_cli.run.deploy.growth import GRID, GrowthMonitor, levels_with, multiplier_norm
-from robodyn_cli.run.driver.build import contact_watchers
+from robodyn_cli.run.driver.build import contact_watchers, limit_watchers
 from robodyn_cli.run.driver.driver import Driver, MethodChange
 from robodyn_cli.run.driver.method import supervisor_for
 from robodyn_cli.run.driver.motion import Motion, Watcher
@@ -27,6 +28,7 @@ from robodyn_cli.run.observation.least_norm import LeastNorm
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.singular.rank_loss import Passage, PosesAhead
 from robodyn_cli.run.singular.singularity import classify, driven_dead_point, passive_determinant
+from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 
 Pose = tuple[float, Array]  # a time [s] and the state x (nx,) there
@@ -88,8 +90,10 @@ class MultiplierGrowth(Watcher):
         return fired(self.monitor, self.deploy.growth)
 
 
-def fired(monitor: GrowthMonitor, growth: float) -> float | None:
+def fired(monitor: GrowthMonitor | None, growth: float) -> float | None:
     """Return when the multipliers first passed their growth or their limit [s]."""
+    if monitor is None:
+        return None
     times = [t for t in (monitor.times.get(growth), monitor.limit_time) if t is not None]
     return min(times) if times else None
 
@@ -106,7 +110,7 @@ class DeadPoint(Watcher):
         try:
             determinant = passive_determinant(problem, passive)
         except CapabilityError:
-            if problem.scene.deploy.criterion != "multipliers":
+            if problem.scene.deploy.criterion not in ("multipliers", "latch"):
                 raise
         else:
             self.functions = (EventFunction("dead_point", determinant, 0, EventKind.DEAD_POINT, self),)
@@ -123,8 +127,39 @@ class DeadPoint(Watcher):
         if classify(self.problem, q, self.passive).kind != "dead_point":
             return GO_ON
         self.found.append((event.time, event.state))
-        waits = self.problem.scene.deploy.criterion == "multipliers" and self.growth.fired is None
+        criterion = self.problem.scene.deploy.criterion
+        waits = criterion == "latch" or (criterion == "multipliers" and self.growth.fired is None)
         return GO_ON if waits else STOP
+
+
+class LatchPosition(Watcher):
+    """Ends the scan where a joint comes to the position at which the latch closes; found : that pose."""
+
+    def __init__(self, problem: Problem) -> None:
+        name, at = latch_position(problem.scene)
+        value = problem.q[problem.model.q_names.index(name)] - literal(at, "deploy.latch.at")
+        self.functions = (EventFunction("latch", value, 0, EventKind.LATCH, self),)
+        self.found: Pose | None = None
+
+    def begin(self, t: float, x: Array, options: Options) -> Array:
+        self.found = None
+        return x
+
+    def handle(self, event: Event) -> Outcome:
+        self.found = (event.time, event.state)
+        return STOP
+
+
+def latch_position(scene: Scene) -> tuple[str, float]:
+    """Return the coordinate whose position closes the latch, and that position [rad or m]."""
+    latch = scene.deploy.latch
+    assert latch is not None
+    if latch.at:
+        ((name, at),) = latch.at.items()
+        return name, at
+    ((name, side),) = latch.at_limit.items()
+    joint = next(joint for joint in scene.robot.joints if joint.name == name)
+    return name, float(getattr(dict(joint.forces)["limits"], side))
 
 
 def follow_deployment(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
@@ -134,6 +169,10 @@ def follow_deployment(problem: Problem, passive: Sequence[int]) -> list[Watcher]
     ------
     CapabilityError : the input does not determine a dead point, or the contact states are not unique.
     """
+    others = [*contact_watchers(problem), *limit_watchers(problem)]
+    latch = [LatchPosition(problem)] if problem.scene.deploy.criterion == "latch" else []
+    if not problem.model.closures:
+        return [*latch, *others]
     growth = MultiplierGrowth(problem)
     passes = problem.scene.simulate.singular == "pass"
     poses: list[Watcher] = []
@@ -141,7 +180,7 @@ def follow_deployment(problem: Problem, passive: Sequence[int]) -> list[Watcher]
         poses = [Bifurcation(problem)]
     elif not problem.contact_joints:
         poses = [Passage(problem)]
-    return [*poses, DeadPoint(problem, passive, growth), growth, *contact_watchers(problem)]
+    return [*poses, DeadPoint(problem, passive, growth), *latch, growth, *others]
 
 
 # -- the scan -----------------------------------------------------------------------------------------------
@@ -150,19 +189,21 @@ class Scan:
     """What the whole motion met.
 
     dead_points, bifurcation : poses. stopped : why the integration could not go on. driven : a prescribed motion has
-    run into the dead point, whose pose is geometry. end : time reached [s], in ``steps``. clean_until : see
-    ``Bifurcation``. changes : of the method on the way.
+    run into the dead point, whose pose is geometry. growth : of the multipliers, None in an open chain. end : time
+    reached [s], in ``steps``. clean_until : see ``Bifurcation``. changes : of the method on the way. latched : where
+    the latch closes, for a latch at a position.
     """
 
     dead_points: list[Pose]
     bifurcation: Pose | None
     stopped: NumericalError | None
     driven: bool
-    growth: GrowthMonitor
+    growth: GrowthMonitor | None
     end: float
     steps: int
     clean_until: float
     changes: tuple[MethodChange, ...] = ()
+    latched: Pose | None = None
 
     @property
     def dead_point(self) -> Pose | None:
@@ -178,12 +219,12 @@ def scan(
     multipliers : whether these are judged too.
     """
     growth, dead = watcher_of(motion, MultiplierGrowth), watcher_of(motion, DeadPoint)
-    rank = next((w for w in motion.watchers if isinstance(w, Bifurcation)), None)
+    rank, latch = watcher_of(motion, Bifurcation), watcher_of(motion, LatchPosition)
     duration = motion.scene.simulate.duration
     driver = Driver.of(dataclasses.replace(motion, options=options), supervisor_for(motion.choice))
 
     def judge(t: Array, x: Array) -> None:
-        if multipliers:
+        if multipliers and growth is not None:
             growth.judge(t, x, driver.parameters)
 
     driver.tick = lambda time: progress(time, duration)
@@ -195,21 +236,21 @@ def scan(
         driver.run(duration, grid, judge, block=BLOCK)
     except NumericalError as error:
         stopped, pose = error, _driven_pose(motion, driver)
-    bifurcation, dead_points = rank.found if rank else None, list(dead.found)
+    bifurcation, dead_points = rank.found if rank else None, list(dead.found) if dead else []
     if pose is not None and pose[2] == "bifurcation":
         bifurcation = pose[:2]
     elif pose is not None and pose[2] == "dead_point":
         dead_points.append(pose[:2])
     return Scan(
-        dead_points, bifurcation, stopped, pose is not None, growth.monitor, driver.time, driver.counters.steps,
-        rank.clean_until if rank else driver.time, tuple(driver.changes),
+        dead_points, bifurcation, stopped, pose is not None, growth.monitor if growth else None, driver.time,
+        driver.counters.steps, rank.clean_until if rank else driver.time, tuple(driver.changes),
+        latch.found if latch else None,
     )  # fmt: skip
 
 
-def watcher_of(motion: Motion, kind: type[W]) -> W:
-    """Return the one watcher of a kind."""
-    (found,) = (watcher for watcher in motion.watchers if isinstance(watcher, kind))
-    return found
+def watcher_of(motion: Motion, kind: type[W]) -> W | None:
+    """Return the one watcher of a kind, None where the motion has none."""
+    return next((watcher for watcher in motion.watchers if isinstance(watcher, kind)), None)
 
 
 def _driven_pose(motion: Motion, driver: Driver) -> tuple[float, Array, str] | None:
@@ -242,6 +283,8 @@ def decide(motion: Motion, found: Scan) -> End:
     criterion = motion.scene.deploy.criterion
     dead = found.dead_point[0] if found.dead_point else None
     times = {"dead_point": dead, "multipliers": fired(found.growth, motion.scene.deploy.growth)}
+    if criterion == "latch":
+        times = {"latch": found.latched[0] if found.latched else None}
     counted = times if criterion == "either" else {criterion: times[criterion]}
     candidates = [(time, name) for name, time in counted.items() if time is not None]
     stop, name = min(candidates) if candidates else (None, criterion)

@@ -10,7 +10,10 @@ from robodyn_cli.run.driver.second_run import ErrorEstimate
 
 @record
 class Criteria:
-    """When each criterion fired [s]; ``grid`` is the interval at which the multipliers are judged [s]."""
+    """When each criterion fired [s]; ``grid`` is the interval at which the multipliers are judged [s].
+
+    latch : when the latch came to its position, for that criterion.
+    """
 
     chosen: str
     dead_point: float | None
@@ -18,6 +21,7 @@ class Criteria:
     growth_times: dict[str, float | None]
     limit_time: float | None
     grid: float
+    latch: float | Absent | None = ABSENT
 
 
 @record
@@ -63,7 +67,7 @@ class LatchKeys:
 
 @record
 class LockKeys:
-    """Keys of ``summary.lock``."""
+    """Keys of ``summary.lock``; those of multipliers are None in an open chain."""
 
     time: float
     time_error: float | None
@@ -76,10 +80,10 @@ class LockKeys:
     loop: str | None
     criterion: str
     driven: bool
-    multiplier_growth: Growth
+    multiplier_growth: Growth | None
     growth_times: dict[str, float | None]
-    multipliers: MultiplierKeys
-    singular_values: SingularValues
+    multipliers: MultiplierKeys | None
+    singular_values: SingularValues | None
     latch: LatchKeys | Absent | None = ABSENT
     latch_note: str | Absent = ABSENT
 

@@ -69,6 +69,7 @@ class JointLimits(Watcher):
 
     def begin(self, t: float, x: Array, options: Options) -> Array:
         """Note the limits that the start is beyond."""
+        self.first = {}
         q, v, _ = self.system.split(x)
         given = {"t": [t], "q": q.tolist(), "v": v.tolist(), "p": []}
         values = evaluate([f.value for f in self.limits], given)

@@ -51,8 +51,8 @@ def inertias_felt(model: Model, q: Array) -> list[Felt] | None:
     for k in reversed(range(len(model.bodies))):
         body = model.bodies[k]
         here = slice_q(body, q.tolist())
-        for s in columns(body.joint.S(here)):
-            one, other = ((inertia @ s).dot(s) + body.armature for inertia in (free[k], locked[k]))
+        for s, rotor in zip(columns(body.joint.S(here)), body.rotors):
+            one, other = ((inertia @ s).dot(s) + rotor for inertia in (free[k], locked[k]))
             if not (is_number(one) and is_number(other) and np.isfinite(float(other))):
                 return None
             found.append(Felt(body.joint_name, float(one), float(other)))
@@ -104,10 +104,10 @@ def braces(model: Model, q: Array, prescribed: Collection[str] = ()) -> dict[int
 
 
 def _typical(model: Model, q: Array) -> float:
-    """Return the mean of the entries on the diagonal of M at q that are not zero, 1 where there is none."""
-    diagonal = np.diag(np.array(crba(model, q.tolist()), dtype=float))
-    diagonal = diagonal[diagonal > 0.0]
-    return float(diagonal.mean()) if len(diagonal) else 1.0
+    """Return the mean of the known entries on the diagonal of M at q that are not zero, 1 where there is none."""
+    diagonal = np.diag(np.array(crba(model, q.tolist()), dtype=object))
+    known = [float(x) for x in diagonal if is_number(x) and x > 0.0]
+    return sum(known) / len(known) if known else 1.0
 
 
 def _singular(found: Felt) -> NumericalError:

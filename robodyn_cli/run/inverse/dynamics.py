@@ -31,9 +31,13 @@ def _timeless(problem: Problem) -> list[Vector]:
     """
     terms = list(problem.passive_forces(smooth=False).values())
     if any(symbol is problem.t for symbol in free_symbols([x for term in terms for x in term])):
-        names = ", ".join(force.name for force in problem.model.forces if force.element.term == "external")
+        effects = zip(problem.model.forces, problem.elements.effects)
+        acting = {
+            force.name: [x for a in effect.actions for x in a.wrench.components] for force, effect in effects
+        }
+        names = ", ".join(n for n, xs in acting.items() if any(s is problem.t for s in free_symbols(xs)))
         raise CapabilityError(
-            f"forces that depend on time (among {names}) are not allowed in a function of q, qd and qdd; "
+            f"forces that depend on time ({names}) are not allowed in a function of q, qd and qdd; "
             "allowed: forces of constants, positions and rates"
         )
     return terms

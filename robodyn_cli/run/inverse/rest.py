@@ -7,13 +7,14 @@ torques are those without friction. A rate no larger than the rounding error of 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.forces.friction import Friction
 from robodyn_cli.forces.gear import Gear
-from robodyn_cli.model.model import Body
+from robodyn_cli.model.model import JointForce, Model
 from robodyn_cli.run.mechanism.motion import Planned
 from robodyn_cli.run.observation.units import TORQUE
 
@@ -22,62 +23,64 @@ ROUNDING = 64 * np.finfo(float).eps  # relative, of what a motion is computed fr
 
 def with_rest(problem: Problem, planned: Planned) -> Planned:
     """Return the motion with rates of exactly zero in joints with dry friction where rounding explains them."""
-    dry = [body for body in problem.model.bodies if _has_dry_friction(body)]
+    dry = _dry(problem.model)
     if not dry:
         return planned
     qd = planned.motion.qd.copy(order="F")
-    for body in dry:
-        k = body.v
-        qd[np.abs(qd[:, k]) <= explained_rate(planned, body), k] = 0.0
+    for k, (force, *_) in dry.items():
+        qd[np.abs(qd[:, k]) <= explained_rate(planned, force), k] = 0.0
     return dataclasses.replace(planned, motion=dataclasses.replace(planned.motion, qd=qd))
 
 
-def explained_rate(planned: Planned, body: Body) -> float:
-    """Return the rate [rad/s or m/s] of a joint with one coordinate that the errors of the path explain.
+def explained_rate(planned: Planned, force: JointForce) -> float:
+    """Return the rate [rad/s or m/s] of the coordinate of a force in a joint that the errors of the path explain.
 
     Rates that come from closing loops or leading a point are off by rounding of the fastest. A position that is off
     by rounding, or by what closes a loop, moves at that error over the time between samples.
     """
     q, qd = planned.motion.q, planned.motion.qd
     solved = planned.target is not None or bool(planned.residuals)
-    position = ROUNDING * float(np.abs(q if solved else q[:, body.q]).max())
+    position = ROUNDING * float(np.abs(q if solved else q[:, force.q]).max())
     position += planned.residuals.get("position", 0.0)
-    fastest = float(np.abs(qd if solved else qd[:, body.v]).max())
+    fastest = float(np.abs(qd if solved else qd[:, force.v]).max())
     return ROUNDING * fastest + position / float(planned.times[1] - planned.times[0])
 
 
 def rest_warnings(problem: Problem, planned: Planned) -> list[str]:
     """Return a warning for each joint that stands still over more than two samples where dry friction may act."""
     found = []
-    for body in problem.model.bodies:
-        if not _has_dry_friction(body):
-            continue
-        still = planned.motion.qd[:, body.v] == 0.0
+    for place, forces in _dry(problem.model).items():
+        still = planned.motion.qd[:, place] == 0.0
         if not (still[1:-1] & still[2:] & still[:-2]).any():
             continue
         time = float(planned.times[int(np.argmax(still[1:] & still[:-1]))])
         found.append(
-            f"joint {body.joint_name!r} stands still from t = {time:.6g} s on: {_bounds(body)}, so its actuator torque "
-            "is not determined there; reported is the torque without them"
+            f"joint {forces[0].name!r} stands still from t = {time:.6g} s on: {_bounds(forces)}, so its actuator "
+            "torque is not determined there; reported is the torque without them"
         )
     return found
 
 
-def _bounds(body: Body) -> str:
+def _bounds(forces: Sequence[JointForce]) -> str:
     """Say what may act in a joint at rest."""
     parts = []
-    for force in body.forces:
-        if isinstance(force.element, Friction) and force.element.dry:
-            plus, minus = force.element.breakaway(body.gear_ratio)
-            unit = TORQUE[body.joint.v_units[0]]
-            parts.append(f"its friction is anything from {-minus:.6g} to {plus:.6g} {unit}")
-        if isinstance(force.element, Gear):
+    for force in forces:
+        if isinstance(force.element, Friction):
+            plus, minus = force.element.breakaway(force.gear_ratio)
+            parts.append(f"its friction is anything from {-minus:.6g} to {plus:.6g} {TORQUE[force.unit]}")
+        else:
             parts.append("its gear bears a part of the load")
     return " and ".join(parts)
 
 
-def _has_dry_friction(body: Body) -> bool:
-    return any(
-        isinstance(f.element, Gear) or (isinstance(f.element, Friction) and f.element.dry)
-        for f in body.forces
-    )
+def _dry(model: Model) -> dict[int, list[JointForce]]:
+    """Return dry friction and gears by the velocity coordinates on which they act, those in space left out.
+
+    A rotation in space stands still only where all of its rates vanish, which rounding does not bring about in one
+    that turns.
+    """
+    found: dict[int, list[JointForce]] = {}
+    for force in (f for body in model.bodies for f in body.forces if not f.in_space):
+        if isinstance(force.element, Gear) or (isinstance(force.element, Friction) and force.element.dry):
+            found.setdefault(force.v, []).append(force)
+    return found

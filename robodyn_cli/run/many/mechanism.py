@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError, SceneError
-from robodyn_cli.run.driver.build import build_motion
 from robodyn_cli.run.many.keys import Allowed, Key, understand
 from robodyn_cli.run.many.record import ManyRuns
 from robodyn_cli.run.many.structure import Structures
@@ -19,10 +18,15 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from robodyn_cli.run.inverse.dynamics import ForwardDynamics, InverseDynamics
+    from robodyn_cli.run.many.command import Command
+    from robodyn_cli.run.many.making import Making
     from robodyn_cli.run.poses.inverse_kinematics import InverseKinematics
 
 Values = Mapping[str, Any] | Any
+Start = tuple[Array | None, Array | None]
 
 
 class Mechanism:
@@ -30,7 +34,7 @@ class Mechanism:
 
     Parameters
     ----------
-    scene : a scene, or the path of its file.
+    scene : a scene, its family, or the path of its file.
     vary : keys of the scene, as in ``--set``, that vary between runs: masses, lengths, springs, ``parameters``, the
         initial state, the duration. Any key that holds a number may vary. A value that changes the structure (a mass of
         zero, an angle of a placement) gives its runs a structure of their own, which is built when it is met.
@@ -40,14 +44,14 @@ class Mechanism:
     SceneError : the scene is wrong, or has no such key.
     """
 
-    def __init__(self, scene: Scene | str | os.PathLike[str], vary: Sequence[str] = ()) -> None:
-        self.family = Family.of(scene) if isinstance(scene, Scene) else Family(scene)
+    def __init__(self, scene: Scene | Family | str | os.PathLike[str], vary: Sequence[str] = ()) -> None:
+        self.family = scene if isinstance(scene, Family) else _family_of(scene)
         twice = [name for k, name in enumerate(vary) if name in vary[:k]]
         if twice:
             raise SceneError(f"vary: {twice[0]!r} is there twice", key=twice[0])
         self.keys: tuple[Key, ...] = tuple(understand(self.family, name) for name in vary)
         self._allowed = Allowed(self.family, self.keys)
-        self._motions = Structures(self.family, self.keys, build_motion)
+        self._structures: dict[str, Structures] = {}
 
     @property
     def scene(self) -> Scene:
@@ -121,17 +125,68 @@ class Mechanism:
         ------
         CapabilityError : arrays of shapes that do not fit.
         """
-        from robodyn_cli.run.many.simulate import Simulation
+        from robodyn_cli.run.many.simulate import Simulate
 
-        rows = self._rows(values, [q, qd])
-        starts = [self._start(x, names, len(rows)) for x, names in zip((q, qd), self._names)]
+        return self._make(Simulate(), values, (q, qd), of, samples, threads)
+
+    def deploy_many(
+        self,
+        values: Values = None,
+        *,
+        q: Array | None = None,
+        qd: Array | None = None,
+        of: Sequence[str] = (),
+        threads: int | None = None,
+    ) -> ManyRuns:
+        """Deploy many times: simulate each run until it locks.
+
+        Parameters, errors : as for ``simulate_many``; ``of`` names keys of the summary of ``deploy``.
+
+        Returns
+        -------
+        A row for each run: the time of the lock with its estimated error, and the state there. A run that does not lock
+        is a row with exit code 1.
+        """
+        from robodyn_cli.run.many.deploy import Deploy
+
+        return self._make(Deploy(), values, (q, qd), of, 0, threads)
+
+    def _make(
+        self,
+        command: Command,
+        values: Values,
+        start: Start,
+        of: Sequence[str],
+        samples: int,
+        threads: int | None,
+    ) -> ManyRuns:
+        rows = self._rows(values, start)
+        q, qd = (self._start(x, names, len(rows)) for x, names in zip(start, self._names))
+        making, allowed = self._making(command, rows, of, samples, threads or processors())
+        making.one_by_one(making.compiled(allowed, q, qd), q, qd)
+        return making.result
+
+    def compiled(
+        self, command: Command, rows: Array, of: Sequence[str], threads: int
+    ) -> tuple[ManyRuns, NDArray[np.int64]]:
+        """Return runs with rows of values (N, keys), and the numbers of those that are left to the command itself."""
+        making, allowed = self._making(command, rows, of, 0, threads)
+        return making.result, making.compiled(allowed, None, None)
+
+    def _making(
+        self, command: Command, rows: Array, of: Sequence[str], samples: int, threads: int
+    ) -> tuple[Making, NDArray[np.int64]]:
+        """Return what makes the runs, and the numbers of those whose values are allowed."""
+        from robodyn_cli.run.many.making import Making
+
         result = ManyRuns.empty([k.name for k in self.keys], rows, self._names, of, samples)
-        allowed = np.ones(len(rows), dtype=bool)
-        for row, error in self._allowed.refusals(rows).items():
-            result.code[row], result.reason[row], allowed[row] = error.exit_code, error.message, False
-        simulation = Simulation(self._motions, result, samples, threads or processors())
-        simulation.run(np.flatnonzero(allowed), *starts)
-        return result
+        refused = self._allowed.refusals(rows)
+        for row, error in refused.items():
+            result.code[row], result.reason[row] = error.exit_code, error.message
+        allowed = np.array([k for k in range(len(rows)) if k not in refused], dtype=np.int64)
+        if command.name not in self._structures:
+            self._structures[command.name] = Structures(self.family, self.keys, command)
+        return Making(command, self._structures[command.name], result, samples, threads), allowed
 
     def _rows(self, values: Values, others: Sequence[Array | None]) -> Array:
         """Return rows of values (N, keys).
@@ -176,6 +231,10 @@ class Mechanism:
                 f"for each of {', '.join(names)}"
             )
         return array
+
+
+def _family_of(scene: Scene | str | os.PathLike[str]) -> Family:
+    return Family.of(scene) if isinstance(scene, Scene) else Family(scene)
 
 
 def processors() -> int:

@@ -128,7 +128,6 @@ class _Closing:
         """Return closed positions and rates that agree with them, from what is given."""
         if self.one.manifold.quasi:
             return Starts(q, v, np.zeros(len(q), dtype=bool))
-        start = q
         if self.missing:
             q = self._newton(q, self.missing)
         q = self._newton(q, self.free)
@@ -141,7 +140,7 @@ class _Closing:
         cosines = self.numbers.evaluate(self._cosines, self._inputs(q))
         sound &= (cosines >= 0.5).all(axis=1)
         if self.missing:
-            sound &= self._on_branch(q, start, psi)
+            sound &= self._on_branch(q, psi)
         v, agrees = self._rates(psi, v)
         return Starts(q, v, sound & agrees)
 
@@ -169,19 +168,16 @@ class _Closing:
             q[active], F[active], size[active] = trial[active], F_new[active], new[active]
         return q
 
-    def _on_branch(self, q: Array, start: Array, psi: Array) -> Rows:
-        """Tell which positions are on the branch of the structure's own: given ones stay, the others lie alike."""
-        given = [k for k in self.free if k not in self.missing]
-        stays = np.abs(q - start)[:, given].max(axis=1, initial=0.0) < 1e-9
-        near = (np.abs(q - self.own) / self.one.lengths)[:, self.missing].max(axis=1) < LEAP
-        block = psi[:, :, self.missing]
-        own = self.one.psi(self.own)[:, self.missing]
+    def _on_branch(self, q: Array, psi: Array) -> Rows:
+        """Tell which positions are on the branch of the structure's own pose: near to it, with no branching between."""
+        near = (np.abs(q - self.own) / self.one.lengths).max(axis=1) < LEAP
+        block, own = psi[:, :, self.missing], self.one.psi(self.own)[:, self.missing]
         ratios = np.linalg.svd(block, compute_uv=False)
         regular = ratios[:, -1] > REGULAR * np.maximum(ratios[:, 0], 1e-300)
         alike = np.ones(len(q), dtype=bool)
         if own.shape[0] == own.shape[1]:
             alike = np.sign(np.linalg.det(block)) == np.sign(np.linalg.det(own))
-        found: Rows = stays & near & regular & alike
+        found: Rows = near & regular & alike
         return found
 
     def _rates(self, psi: Array, v: Array) -> tuple[Array, Rows]:

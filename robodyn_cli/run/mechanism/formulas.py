@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import NumericalError, SceneError
-from robodyn_cli.expr.formula import Formula
+from robodyn_cli.expr.formula import Formula, formulas_in
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.spatial.algebra import Array
 
@@ -75,12 +73,14 @@ def _environment(problem: Problem, t: float, q: Array, v: Array) -> dict[str, fl
     scene, model = problem.scene, problem.model
     env = {"t": t, **{f"p.{name}": x for name, x in scene.parameters.items()}}
     env |= {f"q.{name}": x for name, x in zip(model.q_names, q.tolist())}
-    return env | {f"qd.{name}": x for name, x in zip(model.v_names, v.tolist())}
+    env |= {f"qd.{name}": x for name, x in zip(model.v_names, v.tolist())}
+    return env | dict(zip(problem.spans, problem.numbers(list(problem.spans.values()), q, t, v).tolist()))
 
 
 def _of(problem: Problem) -> Iterator[Formula]:
     scene = problem.scene
-    return _formulas([scene.torques, scene.prescribed, [f.element for f in problem.model.forces]])
+    forces = [f.element for f in problem.model.forces]
+    return formulas_in([scene.torques, scene.prescribed, scene.robot.points, forces])
 
 
 def _without_value(formula: Formula, env: dict[str, float]) -> str:
@@ -92,16 +92,3 @@ def _without_value(formula: Formula, env: dict[str, float]) -> str:
     except NumericalError as error:
         return error.message
     return "" if np.isfinite(value) else f"{formula.where}: formula {formula.text!r} is {value}"
-
-
-def _formulas(value: Any) -> Iterator[Formula]:
-    """Yield the formulas in records, maps and lists."""
-    if isinstance(value, Formula):
-        yield value
-    elif isinstance(value, Mapping):
-        yield from _formulas(tuple(value.values()))
-    elif isinstance(value, (list, tuple)):
-        for entry in value:
-            yield from _formulas(entry)
-    elif dataclasses.is_dataclass(value):
-        yield from _formulas([getattr(value, field.name) for field in dataclasses.fields(value)])

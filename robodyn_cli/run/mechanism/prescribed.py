@@ -15,6 +15,7 @@ from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.spatial.algebra import zeros
 from robodyn_cli.trajectories.attitudes import FORMS, evaluated, joint_expressions
 from robodyn_cli.trajectories.formulas import time_symbol
 from robodyn_cli.trajectories.joint_space import attitude_places
@@ -58,6 +59,7 @@ def check_prescribed(problem: Problem) -> None:
     NumericalError : the rate or the acceleration at t = 0 is not finite. SceneError : position or rate jump.
     """
     constraints = problem.constraints
+    _check_moving_ends(problem)
     for i in constraints.rheonomic:
         row = _Course(problem, constraints.rows[i])
         name = row.name.partition(".")[2] if i in constraints.prescribed else row.name.rpartition(".")[0]
@@ -70,17 +72,46 @@ def check_prescribed(problem: Problem) -> None:
                 raise NumericalError(
                     f"{where} has no finite {what} at t = 0", time=0.0, joint=name, status="not_finite"
                 )
-        for time in _doubtful_times(problem, row.row, i in constraints.prescribed):
-            step = _beside(row, time, problem.scene.simulate.duration)
-            slack = JUMP + 10.0 * step * max(abs(row.acceleration(t)) for t in (time - step, time + step))
-            for what, value in (("position", row.position), ("rate", row.rate)):
-                before, after = value(time - step), value(time + step)
-                if abs(after - before) > slack + 10.0 * step * abs(row.rate(time + step)):
-                    raise SceneError(
-                        f"{where} jumps at t = {time:.9g} s: its {what} goes from {before:.6g} to {after:.6g}, which "
-                        "takes an infinite torque; let it go there in finite time",
-                        joint=name, time=time,
-                    )  # fmt: skip
+        _refuse_jumps(problem, row, where, i in constraints.prescribed)
+
+
+def _refuse_jumps(problem: Problem, row: _Course, where: str, prescribed: bool, rates: bool = True) -> None:
+    """Refuse a motion that jumps, in its position or, unless ``rates`` is false, in its rate.
+
+    Raises
+    ------
+    SceneError : with the time and both values.
+    """
+    name = row.name.partition(".")[2] if prescribed else row.name.rpartition(".")[0]
+    for time in _doubtful_times(problem, row.row, prescribed):
+        step = _beside(row, time, problem.scene.simulate.duration)
+        slack = JUMP + 10.0 * step * max(abs(row.acceleration(t)) for t in (time - step, time + step))
+        for what, value in (("position", row.position), ("rate", row.rate))[: 1 + rates]:
+            before, after = value(time - step), value(time + step)
+            if abs(after - before) > slack + 10.0 * step * abs(row.rate(time + step)):
+                raise SceneError(
+                    f"{where} jumps at t = {time:.9g} s: its {what} goes from {before:.6g} to {after:.6g}, which "
+                    "takes an infinite torque; let it go there in finite time",
+                    joint=name, time=time,
+                )  # fmt: skip
+
+
+def _check_moving_ends(problem: Problem) -> None:
+    """Refuse ends of forces on the ground that jump; their rates may jump, and dampers with them.
+
+    Raises
+    ------
+    SceneError : with the force, the time and both places. NumericalError : no finite place or rate at t = 0.
+    """
+    for key, place, rate in problem.elements.moving:
+        for x, v in zip(place, rate):
+            where = f"the motion of the place {key!r}"
+            row = _Course(problem, Row(key, -x, zeros(0), 0.0, -v))
+            if not (np.isfinite(row.position(0.0)) and np.isfinite(row.rate(0.0))):
+                raise NumericalError(
+                    f"{where} has no finite place or rate at t = 0", time=0.0, status="not_finite"
+                )
+            _refuse_jumps(problem, row, where, False, rates=False)
 
 
 class _Course:

@@ -126,6 +126,18 @@ def report(state: AtRest, loads: Loads | None) -> Result:
     return result
 
 
+def _beyond_limits(state: AtRest) -> list[str]:
+    """Return a warning for each limit of a joint that the balance is beyond; stops have pushed already."""
+    if not state.problem.scene.robot.limited:
+        return []
+    from robodyn_cli.run.observation.joint_limits import limited_joints, warnings_at_rest
+
+    joints = [
+        joint for joint in limited_joints(state.problem.scene, state.problem.model) if not joint.limits.acts
+    ]
+    return warnings_at_rest(joints, state.q, state.tau)
+
+
 def summarise(state: AtRest, loads: Loads | None) -> StaticsSummary:
     """Return the summary of a run."""
     problem = state.problem
@@ -135,6 +147,7 @@ def summarise(state: AtRest, loads: Loads | None) -> StaticsSummary:
     return StaticsSummary(
         termination=Termination("balanced" if find == "balance" else "held", 0.0),
         mobility=mobility_at(state) if rows else ABSENT,
+        warnings=_beyond_limits(state) or ABSENT,
         multipliers=dict(zip([row.name for row in rows], state.lam.tolist())) if rows else ABSENT,
         constraint_residual=Residual(float(np.abs(eta).max())) if rows else ABSENT,
         samples=1,

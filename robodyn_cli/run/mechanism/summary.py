@@ -145,6 +145,7 @@ class StaticsSummary:
 
     termination: Termination
     mobility: Mobility | Absent
+    warnings: list[str] | Absent
     multipliers: dict[str, float] | Absent
     constraint_residual: Residual | Absent
     samples: int

@@ -30,14 +30,19 @@ class LockReference:
 
 def locks(scene: Scene) -> bool:
     """Tell whether a scene deploys to a dead point, whose time is what matters; growth is judged on a grid of 1 ms."""
-    return scene.command == "deploy" and scene.deploy.criterion != "multipliers" and bool(scene.loops)
+    return (
+        scene.command == "deploy"
+        and scene.deploy.criterion not in ("multipliers", "latch")
+        and bool(scene.loops)
+    )
 
 
 def run_to_lock(driver: Driver, motion: Motion) -> float | None:
     """Run a driver that has started until its mechanism locks; return when [s], None where it does not."""
     duration = motion.scene.simulate.duration
     driver.run(duration, Grid(duration, 0.0, 0), lambda t, x: None)
-    found = watcher_of(motion, DeadPoint).found
+    dead = watcher_of(motion, DeadPoint)
+    found = dead.found if dead else []
     return found[0][0] if found else None
 
 

@@ -22,7 +22,10 @@ ROUNDING = 1e-9
 
 @record
 class LimitedJoint:
-    """A joint that moves, and its limits; ``place`` : of its coordinate in q, ``velocity`` : in v; ``unit`` : of q."""
+    """A joint that moves, or a coordinate of one, and its limits.
+
+    place : of its coordinate in q. velocity : in v. unit : of q.
+    """
 
     name: str
     limits: Limits
@@ -35,11 +38,12 @@ def limited_joints(scene: Scene, model: Model) -> list[LimitedJoint]:
     """Return the joints with limits in the order of the scene."""
     found = []
     for joint in scene.robot.joints:
-        limits = dict(joint.forces).get("limits")
-        if limits is not None and joint.name in model.q_names:
-            place = model.q_names.index(joint.name)
-            velocity = model.v_names.index(joint.name)
-            found.append(LimitedJoint(joint.name, limits, place, velocity, model.q_units[place]))
+        for key, limits in joint.forces:
+            kind, _, coordinate = key.partition(".")
+            name = f"{joint.name}.{coordinate}" if coordinate else joint.name
+            if kind == "limits" and name in model.q_names:
+                place, velocity = model.q_names.index(name), model.v_names.index(name)
+                found.append(LimitedJoint(name, limits, place, velocity, model.q_units[place]))
     return found
 
 
@@ -67,6 +71,20 @@ class Bound:
             f"joint {joint!r} is beyond its {self.name} limit of {self.limit:.6g} {self.unit} from "
             f"t = {self.times[first]:.6g} s; {self.values[worst]:.6g} {self.unit} at t = {self.times[worst]:.6g} s"
         )
+
+
+def warnings_at_rest(joints: Sequence[LimitedJoint], q: Array, tau: Array) -> list[str]:
+    """Return a warning for each limit of position and effort that a balance is beyond; ``q`` (nq,), ``tau`` (nv,)."""
+    now, found = np.zeros(1), []
+    for joint in joints:
+        bounds = [*position_bounds(joint, now, q[None]), *rate_bounds(joint, now, {"tau": tau[None]})]
+        found += [
+            f"joint {joint.name!r} at rest is beyond its {bound.name} limit of {bound.limit:.6g} {bound.unit}: "
+            f"{bound.values[0]:.6g} {bound.unit}"
+            for bound in bounds
+            if bound.passed
+        ]
+    return found
 
 
 def position_bounds(joint: LimitedJoint, times: Array, q: Array) -> Iterator[Bound]:

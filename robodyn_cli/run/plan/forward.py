@@ -61,7 +61,7 @@ class Forward:
         if isinstance(s.dynamics, Rolled):
             found = [in_steps("accelerations", s.dynamics, method.lanes)]
         else:
-            found = [in_steps(p.name, p.program, p.lanes) for p in method.programs(s)]
+            found = [in_steps(p.name, p.program, p.lanes, p.hold) for p in method.programs(s)]
         for name, program in s.programs.items():
             lanes = LANES if program is s.switching else 1
             found.append(in_steps(name, program, lanes, "times"))

@@ -107,7 +107,7 @@ def gravity(e: Equations) -> Terms:
 
 
 def rotors(e: Equations) -> Terms:
-    names = e.joints(lambda b: is_nonzero(b.armature))
+    names = e.joints(lambda b: any(is_nonzero(x) for x in b.rotors))
     why = f"rotors of {listed(names)}: reflected by the square of the gear ratio, constant on the diagonal"
     without = e.here.with_bodies(armature=lambda b: 0.0)
     general = variants.general_rotors(e.here)
@@ -115,7 +115,7 @@ def rotors(e: Equations) -> Terms:
 
 
 def gears(e: Equations) -> Terms:
-    names = e.joints(lambda b: b.gear_ratio != 1.0)
+    names = e.joints(lambda b: any(x != 1.0 for x in b.gear_ratios))
     why = f"ratios of {listed(names)} are folded into inertia and friction beforehand"
     yield Term("gears", bool(names), why if names else "every motor turns with its joint")
 

@@ -108,7 +108,15 @@ def with_element(v: Variant, element: Element) -> Variant:
     """Another such element in each joint."""
     assert element.general is not None
     make = element.general
-    return v.with_bodies(forces=lambda b: (*b.forces, JointForce(element.kind, make(v.symbols))))
+
+    def more(b: Body) -> tuple[JointForce, ...]:
+        coordinates = (one for one in b.joint.freedoms if not one.in_space)
+        return tuple(
+            JointForce(element.kind, make(v.symbols), b.joint_name, b.q + one.q, b.v + one.v)
+            for one in coordinates
+        )
+
+    return v.with_bodies(forces=lambda b: (*b.forces, *more(b)))
 
 
 def without_element(v: Variant, element: Element) -> Variant:
@@ -116,7 +124,7 @@ def without_element(v: Variant, element: Element) -> Variant:
 
     def left(b: Body) -> tuple[JointForce, ...]:
         others = ((f, element.without(f.element) if f.kind == element.kind else f.element) for f in b.forces)
-        return tuple(JointForce(f.kind, e) for f, e in others if e is not None)
+        return tuple(dataclasses.replace(f, element=e) for f, e in others if e is not None)
 
     return v.with_bodies(forces=left)
 

@@ -116,6 +116,8 @@ def driven_dead_point(
 def classify(problem: Problem, q: Array, passive: Sequence[int]) -> Singularity:
     """Return the kind of configuration: ``bifurcation``, ``dead_point`` or ``regular``."""
     psi, count = psi_at(problem, q), problem.loop_rank
+    if not count:
+        return Singularity("regular", np.zeros(0), np.zeros(0))
     whole = np.linalg.svd(psi, compute_uv=False)[:count]
     block = np.linalg.svd(psi[:, list(passive)], compute_uv=False)[:count] if len(passive) else np.zeros(0)
     if whole[-1] < RANK * whole[0]:

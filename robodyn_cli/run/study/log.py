@@ -6,13 +6,13 @@ import contextlib
 import dataclasses
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import TracebackType
 
 from robodyn_cli.results.atomic import output_errors
 from robodyn_cli.results.summary import jsonable
-from robodyn_cli.run.study.runs import Row, Values
+from robodyn_cli.run.study.row import Row, Values
 
 LOG_NAME = "unfinished.jsonl"
 
@@ -33,10 +33,10 @@ class Log:
             self._file.flush()
         return self
 
-    def add(self, row: Row) -> None:
-        """Write a row; it is in the file when this returns."""
+    def add(self, rows: Iterable[Row]) -> None:
+        """Write rows; they are in the file when this returns."""
         with output_errors(self.path):
-            self._file.write(_line(row))
+            self._file.writelines(_line(row) for row in rows)
             self._file.flush()
 
     def __exit__(

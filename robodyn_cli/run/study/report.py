@@ -14,7 +14,7 @@ from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, Absent, as_keys
 from robodyn_cli.run.batch.stored import read_stored
-from robodyn_cli.run.study.runs import Row, Values
+from robodyn_cli.run.study.row import Row, Values
 from robodyn_cli.run.study.statistics import (
     Index,
     Influence,

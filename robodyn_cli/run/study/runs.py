@@ -15,48 +15,19 @@ from typing import Any
 
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.exit_codes import INTERNAL
-from robodyn_cli.record import record
 from robodyn_cli.run.batch.criteria import judge
 from robodyn_cli.run.commands import execute
 from robodyn_cli.run.many.keys import settings
 from robodyn_cli.run.many.single import error_of, number_of, reason_of, summary_of
 from robodyn_cli.run.progress import no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
-from robodyn_cli.scene.load import Family
+from robodyn_cli.run.study.compiled import blocks, suits
+from robodyn_cli.run.study.row import Row, Task, Values
 from robodyn_cli.scene.types import Scene
 
 FEWEST_IN_PROCESSES = 16  # a process takes as long to start as some ten runs take
 LONGEST_CHUNK = 64  # runs that a process is given at a time
 SECONDS_OF_CHUNK = 0.5  # about
-
-Values = tuple[float, ...]
-
-
-@record
-class Row:
-    """What one run gave.
-
-    code : exit code that the command would have. outputs, errors : numbers, nan where a run has none. holds : whether
-    all of ``expect`` holds. reason : why a run failed.
-    """
-
-    values: Values
-    code: int
-    outputs: tuple[float, ...]
-    errors: tuple[float, ...]
-    holds: bool
-    reason: str
-    seconds: float
-
-
-@record
-class Task:
-    """What all runs of a study share: their scenes, the command, the keys that vary, the outputs."""
-
-    family: Family
-    command: str
-    keys: tuple[str, ...]
-    outputs: tuple[str, ...]
 
 
 class Runner:
@@ -114,13 +85,26 @@ def _run_chunk(points: Sequence[Values]) -> list[Row]:
     return [_runner.one(values) for values in points]
 
 
-def run_all(task: Task, points: Sequence[Values], jobs: int) -> Iterator[Row]:
-    """Yield the rows of all points, in the order in which they are done.
+def run_all(task: Task, points: Sequence[Values], jobs: int) -> Iterator[list[Row]]:
+    """Yield the rows of all points, some at a time, in the order in which they are done.
 
     Parameters
     ----------
-    jobs : processes; with one, or for a few points, this process runs them itself.
+    jobs : threads, or processes where compiled code does not do; with one process, or for a few points, this one runs
+        them itself.
     """
+    if suits(task):
+        left: list[Values] = []
+        for block in blocks(task, points, jobs):
+            left += block.left
+            yield block.rows
+        points = left
+    for row in _one_by_one(task, points, jobs):
+        yield [row]
+
+
+def _one_by_one(task: Task, points: Sequence[Values], jobs: int) -> Iterator[Row]:
+    """Yield the rows of points whose runs are whole commands."""
     if jobs == 1 or len(points) < FEWEST_IN_PROCESSES:
         runner = Runner(task)
         yield from (runner.one(values) for values in points)

@@ -19,7 +19,8 @@ from robodyn_cli.run.many.keys import setting
 from robodyn_cli.run.many.single import number_of
 from robodyn_cli.run.study.design import Design, make_design
 from robodyn_cli.run.study.log import LOG_NAME, Log
-from robodyn_cli.run.study.runs import Row, Runner, Task, Values, run_all
+from robodyn_cli.run.study.row import Row, Task, Values
+from robodyn_cli.run.study.runs import Runner, run_all
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene, StudyOptions
 from robodyn_cli.scene.units import unit_of
@@ -169,10 +170,12 @@ def run_study(
         rows = {**done, **log.rows}
         missing = list(dict.fromkeys(values for values in points if values not in rows))
         tell(len(points) - len(missing), len(points))
-        for count, row in enumerate(run_all(study.task, missing, jobs), 1):
-            rows[row.values] = row
-            log.add(row)
-            tell(len(points) - len(missing) + count, len(points))
+        done_now = len(points) - len(missing)
+        for more in run_all(study.task, missing, jobs):
+            rows.update((row.values, row) for row in more)
+            log.add(more)
+            done_now += len(more)
+            tell(done_now, len(points))
     return [rows[values] for values in points]
 
 

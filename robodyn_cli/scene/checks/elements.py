@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from robodyn_cli.expr.formula import formulas_in, points_of
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.scene.checks.check import Check
 from robodyn_cli.scene.points import BASE, carrier, point_link, point_problem
@@ -58,7 +59,7 @@ def check_couplers(scene: Scene, couplers: dict[Path, Coupler], check: Check) ->
 
 
 def check_moving_points(scene: Scene, check: Check) -> None:
-    """Only points of the base move by formulas, and only loops join them."""
+    """Only points of the base move by formulas."""
     for name, point in scene.robot.points.items():
         with check:
             if point.motion is not None and point.link != BASE:
@@ -67,14 +68,6 @@ def check_moving_points(scene: Scene, check: Check) -> None:
                     f"only points on 'base' move by formulas (this one is on {point.link!r}); let a prescribed joint "
                     "move it",
                 )
-    moving = {name for name, point in scene.robot.points.items() if point.motion is not None}
-    moving |= {f"base.{name}" for name in moving}
-    for k, force in enumerate(scene.forces):
-        with check:
-            for reference in force.references:
-                if reference in moving:
-                    text = f"{reference!r} moves by formulas; forces act on fixed points, loops may join moving ones"
-                    check.fail(("forces", k), text)
 
 
 def check_forces(scene: Scene, check: Check) -> None:
@@ -87,6 +80,22 @@ def check_forces(scene: Scene, check: Check) -> None:
         for where, message in force.problems():
             with check:
                 check.fail((*path, *where), message)
+
+
+def check_spans(scene: Scene, check: Check) -> None:
+    """Distances in formulas are between points that exist."""
+    places: list[tuple[Path, object]] = [
+        (("torques", *name.split(".")), x) for name, x in scene.torques.items()
+    ]
+    places += [(("forces", k), force) for k, force in enumerate(scene.forces)]
+    for path, value in places:
+        for formula in formulas_in(value):
+            for name in formula.names:
+                for reference in points_of(name) if name.endswith(")") else ():
+                    problem = point_problem(scene.robot, reference)
+                    with check:
+                        if problem is not None:
+                            check.fail(path, f"formula {formula.text!r}: {problem}")
 
 
 def _check_places(robot: Robot, force: object, check: Check, path: Path) -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 from robodyn_cli.joints.base import Joint as JointKind
 from robodyn_cli.joints.registry import joint_types
@@ -193,25 +194,74 @@ def _check_second_axis(axis: Axis, axis2: Axis, check: Check, path: Path) -> Non
 
 
 def _check_drive(joint: Joint, check: Check, path: Path) -> None:
-    if joint.gear_ratio == 0.0:
-        check.fail((*path, "gear_ratio"), "must not be zero")
+    kind = joint_types[joint.type]
+    _check_ratios(joint, kind, check, path)
     for name, force in joint.forces:
+        here = (*path, *name.split("."))
         for where, message in force.problems():
             with check:
-                check.fail((*path, name, *where), message)
-    for name in _not_taken(joint, joint_types[joint.type]):
+                check.fail((*here, *where), message)
+        with check:
+            _check_freedom(joint, kind, name, force, check, here)
+    for name in _not_taken(joint, kind):
         with check:
             if check.has((*path, name)):
                 message = f"joint {joint.name!r} is {joint.type}: it takes no {name!r}"
                 check.fail((*path, name), message, at_key=True)
 
 
+def _check_ratios(joint: Joint, kind: JointKind, check: Check, path: Path) -> None:
+    """Gear ratios are not zero; joints with several coordinates have ratios and rotors by coordinate."""
+    ratios = joint.gear_ratio if isinstance(joint.gear_ratio, dict) else {"": joint.gear_ratio}
+    for name, ratio in ratios.items():
+        with check:
+            if ratio == 0.0:
+                check.fail((*path, "gear_ratio", *([name] if name else [])), "must not be zero")
+    names = [one.name for one in kind.freedoms if not one.in_space]
+    for key in _DRIVE:
+        given = getattr(joint, key)
+        with check:
+            if isinstance(given, dict):
+                if names in ([], [""]):
+                    check.fail((*path, key), f"joint {joint.name!r} is {joint.type}: allowed: a number")
+                for name in given:
+                    check.known(name, names, "coordinate", (*path, key, name), at_key=True)
+            elif len(names) > 1 and check.has((*path, key)):
+                check.fail((*path, key), _by_coordinate(joint, key, names))
+
+
+def _check_freedom(joint: Joint, kind: JointKind, key: str, force: Any, check: Check, path: Path) -> None:
+    """A force in a joint names the coordinate that it acts on where there are several, and suits it."""
+    freedoms = {one.name: one for one in kind.freedoms}
+    name, _, coordinate = key.partition(".")
+    if not freedoms:
+        return  # see _not_taken
+    if not coordinate and "" not in freedoms:
+        check.fail(path, _by_coordinate(joint, name, list(freedoms)))
+    if coordinate and "" in freedoms:
+        message = f"joint {joint.name!r} is {joint.type}: write the keys of {name!r} without a coordinate"
+        check.fail(path, message, at_key=True)
+    check.known(coordinate, freedoms, "coordinate", path, at_key=True)
+    for where, message in force.problems_along(freedoms[coordinate].in_space):
+        with check:
+            check.fail((*path, *where), message)
+
+
+def _by_coordinate(joint: Joint, key: str, names: Sequence[str]) -> str:
+    return (
+        f"joint {joint.name!r} is {joint.type}: {key!r} belongs to one of its coordinates; allowed: a map by "
+        f"coordinate, such as {{{names[0]}: ...}}, of {', '.join(names)}"
+    )
+
+
 def _not_taken(joint: Joint, kind: JointKind) -> tuple[str, ...]:
     """Return the keys that make no sense for a kind of joint."""
     axis = ("axis",) if kind.nv == 0 else ()
     offset = () if kind.dh_variable else ("offset",)
-    # the joint alone does not say to which of its coordinates a spring or a gear belongs
-    drive = () if kind.nv == 1 else (*_DRIVE, *(name for name, _ in joint.forces))
+    # no motor turns a body about all axes at once
+    drive = () if any(not one.in_space for one in kind.freedoms) else _DRIVE
+    if kind.nv == 0:
+        drive = (*drive, *(name for name, _ in joint.forces))
     return (*axis, *offset, *drive)
 
 

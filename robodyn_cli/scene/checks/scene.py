@@ -17,6 +17,7 @@ from robodyn_cli.scene.checks.elements import (
     check_forces,
     check_loops,
     check_moving_points,
+    check_spans,
     couplers_of,
 )
 from robodyn_cli.scene.checks.robot import check_robot, columns, moving
@@ -94,6 +95,7 @@ def check_scene(scene: Scene, check: Check) -> Scene:
     check_couplers(scene, couplers, check)
     check_moving_points(scene, check)
     check_forces(scene, check)
+    check_spans(scene, check)
     _check_drives(scene, check)
     _check_initial(scene, check)
     if scene.trajectory is not None:
@@ -183,6 +185,10 @@ def _check_initial(scene: Scene, check: Check) -> None:
     _check_joints(scene, _keys(initial.qd, "initial", "qd"), check, at_key=True)
     _check_joints(scene, _items(initial.hold, "initial", "hold"), check, at_key=False)
     check.unique(initial.hold, "joint", [path for _, path in _items(initial.hold, "initial", "hold")])
+    if initial.at is not None and initial.source is None:
+        check.fail(
+            ("initial", "at"), "says when to go on from a stored run, but `from` names none", at_key=True
+        )
     for k, joint in enumerate(scene.robot.joints):
         if joint_types[joint.type].units != ("m",):
             continue
@@ -249,10 +255,40 @@ def _check_deploy(scene: Scene, check: Check) -> None:
             check.fail(
                 ("deploy", "after"), "needs a latch that holds the structure together: key 'latch' beside it"
             )
+    _check_latch(scene, check)
     known = [*moving(scene.robot), *(loop.name for loop in scene.loops), "latch"]
     for name in options.loads:
         with check:
             check.known(name, known, "joint or closure", ("deploy", "loads", name), at_key=True)
+
+
+def _check_latch(scene: Scene, check: Check) -> None:
+    """A latch at a position names one coordinate, and goes with `criterion: latch`."""
+    latch, chosen = scene.deploy.latch, scene.deploy.criterion == "latch"
+    path: Path = ("deploy", "latch")
+    given = (
+        {}
+        if latch is None
+        else {key: getattr(latch, key) for key in ("at", "at_limit") if getattr(latch, key)}
+    )
+    with check:
+        if chosen and not given:
+            check.fail(("deploy", "criterion"), "'latch' needs a position: key 'at' or 'at_limit' of 'latch'")
+        if given and not chosen:
+            check.fail((*path, next(iter(given))), "goes with 'criterion: latch'")
+        if sum(len(names) for names in given.values()) > 1:
+            check.fail(
+                (*path, list(given)[-1]), "names more than one joint; allowed: one, in 'at' or 'at_limit'"
+            )
+        single = columns(scene.robot, quasi=False)
+        for key, names in given.items():
+            for name in names:
+                place = (*path, key, *name.split(".")) if key == "at" else (*path, key, name)
+                check.known(name, single, "joint with a coordinate", place, at_key=True)
+                if key == "at_limit":
+                    joint = next(joint for joint in scene.robot.joints if joint.name == name)
+                    if getattr(dict(joint.forces).get("limits"), names[name], None) is None:
+                        check.fail(place, f"joint {name!r} has no such limit: key 'limits.{names[name]}'")
 
 
 def _check_kinematics(scene: Scene, check: Check) -> None:

@@ -28,6 +28,7 @@ from robodyn_cli.schema.fields import (
     ATTACH,
     INCLUDE,
     PREFIX,
+    ByPart,
     CsvFile,
     Either,
     Inline,
@@ -67,6 +68,9 @@ def concrete(kind: Kind, node: Node) -> Kind | None:
     if isinstance(kind, Either):
         found = next((k for k in kind.kinds if fits(k, node)), None)
         return concrete(found, node) if found is not None else None
+    if isinstance(kind, ByPart):
+        by_part = isinstance(node, Mapping) and any(key.text in kind.parts for key, _ in node.entries)
+        return MapOf(kind.item, of="coordinate") if by_part else kind.item
     if isinstance(kind, Tagged) and isinstance(node, Mapping):
         tag = node.get(kind.tag)
         cls = kind.registry().get(tag.text) if isinstance(tag, Scalar) else None
@@ -81,7 +85,7 @@ def child_kind(kind: Kind | None, step: str) -> Kind | None:
             if key_name(field) == step and not isinstance(field.metadata.get("kind"), Inline):
                 return field.metadata.get("kind")
             if isinstance(field.metadata.get("kind"), Inline) and step in field.metadata["kind"].registry():
-                return Section(field.metadata["kind"].registry()[step])
+                return field.metadata["kind"].at(step)
     if isinstance(kind, (MapOf, ListOf)):
         return kind.item
     return None

@@ -1,0 +1,309 @@
+"""Many runs with other numbers: robodyn's compiled loops and lanes, heyoka's batches, CVODES, whole studies.
+
+    python benchmarks/ensembles.py [--quick] [--json FILE]
+
+Double pendulums start at random and have random masses; 10 s at 1e-9. heyoka integrates the formulas of
+``peers/formulas.py`` with masses as parameters, 8 runs a batch and one by one. Stiff ones have a spring of 1e4 to
+1e8 N m in the elbow. Four-bars have random springs, masses and lengths; their error is the largest estimated one of the
+time of a lock. Else the error is the median over the runs of the largest of angles and rates at the end, against
+heyoka at 1e-15 (stiff: radau13 at 1e-12). Times are of the processor, in turns; of threads and whole processes by the
+clock.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import measure
+
+measure.single_thread()
+
+import numpy as np  # noqa: E402
+from cases import pendulum  # noqa: E402
+from peers.formulas import pendulum_rates  # noqa: E402
+
+from robodyn_cli import Mechanism, load_scene_text  # noqa: E402
+
+MASSES = ["robot.links.link1.mass", "robot.links.link2.mass"]
+SPRING = "robot.joints.theta2.spring.stiffness"
+TOLERANCE, DURATION, BATCH = 1e-9, 10.0, 8
+CHECKED = 100  # runs whose errors are known
+SIX_BAR = Path(__file__).parent / "six_bar.yaml"
+
+
+def scene(method: str, tolerance: float = TOLERANCE, stiff: bool = False, samples: int = 2) -> str:
+    """Return a double pendulum as YAML."""
+    forces = ", spring: {stiffness: 1e5}, friction: {viscous: 1e4}" if stiff else ""
+    return f"""
+schema: 1
+command: simulate
+gravity: [0, -9.81, 0]
+robot:
+  convention: standard
+  joints:
+    - {{name: theta1, type: revolute, a: 1.0, alpha: 0, d: 0{", friction: {viscous: 1e4}" * stiff}}}
+    - {{name: theta2, type: revolute, a: 1.0, alpha: 0, d: 0{forces}}}
+  links:
+    - {{name: link1, mass: 12.456, com: [0.773, 0, 0], com_frame: joint, inertia: {{zz: 1.042}}}}
+    - {{name: link2, mass: 12.456, com: [0.583, 0, 0], com_frame: joint, inertia: {{zz: 1.042}}}}
+initial: {{q: {{theta1: -90 deg, theta2: 0.1}}}}
+simulate: {{duration: {DURATION}, samples: {samples}, integrator: {method}, rtol: {tolerance}, atol: {tolerance},
+           error_estimate: false}}
+"""
+
+
+class Ensemble:
+    """Random double pendulums: masses (N, 2) [kg], starts (N, 2) [rad]."""
+
+    def __init__(self, count: int) -> None:
+        rng = np.random.default_rng(0)
+        self.masses = rng.uniform(10.0, 15.0, (count, 2))
+        self.q = np.stack([-np.pi / 2 + rng.uniform(-1, 1, count), rng.uniform(-1, 1, count)], axis=1)
+
+    def ours(self, method: str, tolerance: float = TOLERANCE) -> Callable[..., np.ndarray]:
+        mechanism = Mechanism(load_scene_text(scene(method, tolerance)), MASSES)
+
+        def run(threads: int = 1, runs: int | None = None) -> np.ndarray:
+            found = mechanism.simulate_many(self.masses[:runs], q=self.q[:runs], threads=threads)
+            assert found.ok.all() and found.one_by_one.mean() < 0.001
+            return np.hstack([found.q, found.qd])
+
+        return run
+
+    def in_python(self, method: str) -> Callable[[], np.ndarray]:
+        """Return a plain loop over one object."""
+        mechanism = Mechanism(load_scene_text(scene(method)), MASSES)
+
+        def run() -> np.ndarray:
+            rows = []
+            for k in range(len(self.q)):
+                found = mechanism.simulate_many(self.masses[k : k + 1], q=self.q[k : k + 1], threads=1)
+                rows.append(np.hstack([found.q[0], found.qd[0]]))
+            return np.array(rows)
+
+        return run
+
+    def heyoka(self, batch: int, tolerance: float, runs: int | None = None) -> Callable[[], np.ndarray]:
+        import heyoka as hy
+
+        case = pendulum("plain")
+        symbols = np.empty(2, dtype=object)
+        symbols[:] = hy.par[0], hy.par[1]
+        case = dataclasses.replace(case, arm=dataclasses.replace(case.arm, mass=symbols))
+        x = hy.make_vars("a", "b", "c", "d")
+        equations = list(zip(x, pendulum_rates(case, x, hy.sin, hy.cos)))
+        starts = np.hstack([self.q, np.zeros_like(self.q)])[:runs]
+        masses = self.masses[:runs]
+        if batch == 1:
+            one = hy.taylor_adaptive(equations, starts[0], pars=masses[0], tol=tolerance)
+
+            def single() -> np.ndarray:
+                rows = []
+                for start, mass in zip(starts, masses):
+                    one.time = 0.0
+                    one.state[:], one.pars[:] = start, mass
+                    one.propagate_until(DURATION)
+                    rows.append(one.state.copy())
+                return np.array(rows)
+
+            return single
+        first, pars = (np.ascontiguousarray(x[:batch].T) for x in (starts, masses))
+        many = hy.taylor_adaptive_batch(equations, first, pars=pars, tol=tolerance)
+
+        def batches() -> np.ndarray:
+            rows = []
+            for k in range(0, len(starts) - batch + 1, batch):
+                many.set_time(0.0)
+                many.state[:], many.pars[:] = starts[k : k + batch].T, masses[k : k + batch].T
+                many.propagate_until(DURATION)
+                rows.append(many.state.T.copy())
+            return np.concatenate(rows)
+
+        return batches
+
+
+def error_of(found: np.ndarray, reference: np.ndarray) -> float:
+    count = min(len(found), len(reference))
+    return float(np.median(np.abs(found[:count] - reference[:count]).max(axis=1)))
+
+
+def has(module: str) -> bool:
+    import importlib.util
+
+    return importlib.util.find_spec(module) is not None
+
+
+def double_pendulums(count: int, repeats: int) -> list[dict[str, Any]]:
+    ensemble = Ensemble(count)
+    actions = {f"robodyn {m}": ensemble.ours(m) for m in ("dop853", "gauss")}
+    actions["robodyn dop853, a loop in Python"] = ensemble.in_python("dop853")
+    if has("heyoka"):
+        actions[f"heyoka, batches of {BATCH}"] = ensemble.heyoka(BATCH, TOLERANCE)
+        actions["heyoka, one by one"] = ensemble.heyoka(1, TOLERANCE)
+        reference = ensemble.heyoka(1, 1e-15, CHECKED)()
+    else:
+        reference = ensemble.ours("gauss", 1e-13)(runs=CHECKED)
+    times = measure.alternate(actions, repeats)
+    rows = []
+    for name, action in actions.items():
+        seconds = measure.median(times[name])
+        error = error_of(action(), reference)
+        rows.append(
+            {"work": "double pendulums", "way": name, "runs": count, "seconds": seconds, "error": error}
+        )
+        if "heyoka, batches" in "".join(actions):
+            rows[-1]["to_batch"] = measure.median_ratio(times[f"heyoka, batches of {BATCH}"], times[name])
+    return rows
+
+
+def threads(count: int, repeats: int) -> dict[str, Any]:
+    """Return how much faster two threads are than one, by the clock."""
+    run = Ensemble(count).ours("dop853")
+    run(2)
+    ratios = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        run(1)
+        middle = time.perf_counter()
+        run(2)
+        ratios.append((middle - start) / (time.perf_counter() - middle))
+    return {"threads": max(ratios)}
+
+
+def stiff(count: int, repeats: int) -> list[dict[str, Any]]:
+    springs = np.logspace(4, 8, count)
+
+    def ours(method: str, tolerance: float) -> Callable[[], np.ndarray]:
+        mechanism = Mechanism(load_scene_text(scene(method, tolerance, stiff=True)), [SPRING])
+
+        def run() -> np.ndarray:
+            found = mechanism.simulate_many({SPRING: springs}, threads=1)
+            return np.hstack([found.q, found.qd])
+
+        return run
+
+    actions = {f"robodyn {method}": ours(method, 1e-8) for method in ("radau13", "rodas5p")}
+    if has("casadi"):
+        actions["CasADi, CVODES"] = _cvodes(springs)
+    times = measure.alternate(actions, repeats)
+    reference = ours("radau13", 1e-12)()
+    return [
+        {"work": "stiff double pendulums", "way": name, "runs": count, "seconds": measure.median(times[name]),
+         "error": error_of(action(), reference)}
+        for name, action in actions.items()
+    ]  # fmt: skip
+
+
+def _cvodes(springs: np.ndarray) -> Callable[[], np.ndarray]:
+    import casadi as ca
+
+    case = pendulum("stiff")
+    y, spring = ca.SX.sym("y", 4), ca.SX.sym("k")
+    x = [y[k] for k in range(4)]
+    rates = pendulum_rates(case, x, ca.sin, ca.cos, spring)
+    ode = {"x": y, "p": spring, "ode": ca.vertcat(*rates)}
+    options = {"linear_multistep_method": "bdf", "max_num_steps": 10**7, "reltol": 1e-8, "abstol": 1e-10}
+    integrator = ca.integrator("run", "cvodes", ode, 0.0, DURATION, options)
+    start = [-np.pi / 2, 0.1, 0.0, 0.0]
+    return lambda: np.array([np.array(integrator(x0=start, p=k)["xf"]).ravel() for k in springs])
+
+
+def four_bars(count: int, repeats: int) -> list[dict[str, Any]]:
+    """The lecture's four-bar to its lock, with random springs, masses and lengths."""
+    text = (Path(__file__).parent.parent / "configs" / "four_bar_deploy.yaml").read_text(encoding="utf-8")
+    text = text.replace("1.96 - 0.1*theta1", "1.96 - k*theta1") + "parameters: {k: 0.1}\n"
+    keys = ["parameters.k", "robot.links.crank.mass", "robot.links.coupler.mass", "robot.joints.theta1.a"]
+    wide = np.array([0.05, 0.05, 0.05, 1e-4])
+    nominal = np.array([0.1, 20.15, 8.25, 1.241])
+    values = nominal * np.random.default_rng(0).uniform(1 - wide, 1 + wide, (count, 4))
+    path = str(Path(__file__).parent.parent / "configs" / "four_bar_deploy.yaml")
+    rows = []
+    for name, tolerance, estimate in (("with error estimate", 1e-8, "true"), ("without", 1e-8, "false")):
+        own = [f"simulate.rtol={tolerance}", f"simulate.error_estimate={estimate}"]
+        mechanism = Mechanism(load_scene_text(text, path, own), keys)
+
+        def run(mechanism: Mechanism = mechanism) -> Any:
+            return mechanism.deploy_many(values, threads=1)
+
+        seconds = measure.median(measure.alternate({name: run}, repeats)[name])
+        found = run()
+        assert found.ok.all()
+        error = float(np.nanmax(found.time_error)) if estimate == "true" else float("nan")
+        rows.append({"work": "four-bars to their lock", "way": f"robodyn gauss, {name}", "runs": count,
+                     "seconds": seconds, "error": error})  # fmt: skip
+    return rows
+
+
+# -- whole processes --------------------------------------------------------------------------------------
+def command(words: list[str], cache: str) -> float:
+    """Return the seconds of a command by the clock."""
+    environment = {**os.environ, "ROBODYN_CACHE": cache, "PYTHONPATH": measure.search_path()}
+    with tempfile.TemporaryDirectory() as out:
+        line = [sys.executable, "-m", "robodyn_cli", *words, "--no-plots", "-q", "--out", f"{out}/out"]
+        start = time.perf_counter()
+        subprocess.run(line, env=environment, check=True)
+        return time.perf_counter() - start
+
+
+def studies(count: int) -> list[dict[str, Any]]:
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "pendulum.yaml"
+        path.write_text(scene("auto", samples=1001).replace("error_estimate: false", "error_estimate: true"))
+        swing = ["--vary", f"{MASSES[0]}=uniform(10, 15)", "-n", str(count), "--of", "final.q.theta1"]
+        springs = ["--vary", "forces.0.stiffness=linspace(1, 3, 100)", "--of", "final.q.a1"]
+        for name, file, study, warm in (
+            (f"sweep of {count} double pendulums, warm cache", path, swing, True),
+            ("sweep of 100 springs of a six-bar, cold cache", SIX_BAR, springs, False),
+        ):
+            singles, wholes = [], []
+            for turn in range(3):
+                shared = f"{folder}/shared"
+                single, whole = ([f"{folder}/a{turn}", f"{folder}/b{turn}"], [shared, shared])[warm]
+                if warm and not turn:
+                    command(["sweep", str(file), *study], shared)
+                singles.append(command(["simulate", str(file)], single))
+                wholes.append(command(["sweep", str(file), *study], whole))
+            rows.append({"work": name, "single": min(singles), "study": min(wholes)})
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--json")
+    chosen = parser.parse_args()
+    count, repeats = (200, 1) if chosen.quick else (10_000, 5)
+    rows = double_pendulums(count, repeats)
+    rows += stiff(20 if chosen.quick else 1000, repeats)
+    rows += four_bars(count, repeats)
+    side = threads(count, repeats)
+    whole = studies(count)
+    measure.print_machine()
+    print(f"\nTwo threads: {side['threads']:.2f} times one, by the clock\n")
+    head = ["work", "way", "runs", "runs/s", "median error", "to heyoka's batch"]
+    body = [
+        [r["work"], r["way"], str(r["runs"]), f"{r['runs'] / r['seconds']:.0f}", f"{r['error']:.1e}" if r["error"] == r["error"] else "-",
+         f"{r['to_batch']:.2f}" if "to_batch" in r else "-"]
+        for r in rows
+    ]  # fmt: skip
+    print(measure.table([head, *body], left=2))
+    print()
+    head = ["whole process", "one run [s]", "study [s]", "ratio"]
+    print(measure.table([head, *[
+        [r["work"], f"{r['single']:.2f}", f"{r['study']:.2f}", f"{r['study'] / r['single']:.1f}"] for r in whole
+    ]]))  # fmt: skip
+    measure.write_json(chosen.json, rows, **side, studies=whole)
+
+
+if __name__ == "__main__":
+    main()

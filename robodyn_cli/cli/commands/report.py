@@ -1,0 +1,84 @@
+"""``robodyn report``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.interrupts import tidy_up_first
+from robodyn_cli.cli.options import NoPlan, Quiet, ReportAsJson, StoredResults
+
+if TYPE_CHECKING:
+    from robodyn_cli.report.page.section import Shown
+    from robodyn_cli.results.result import Result
+
+SUFFIXES = (".html", ".htm")
+
+
+def page_file(word: str) -> Path:
+    """Return the file of a page.
+
+    Raises
+    ------
+    BadParameter : its name is not that of a page.
+    """
+    if not word.lower().endswith(SUFFIXES):
+        raise typer.BadParameter(f"{word!r}; allowed: a name that ends with .html")
+    return Path(word)
+
+
+def command(
+    results: StoredResults,
+    file: Annotated[
+        Path,
+        typer.Option(
+            "--file", "-f", metavar="FILE.html", parser=page_file, help="Page to write.", show_default=False
+        ),
+    ],
+    no_plan: NoPlan = False,
+    as_json: ReportAsJson = False,
+    quiet: Quiet = False,
+) -> int:
+    """Write one page for a browser with stored results; return the exit code."""
+    from robodyn_cli.report.page.page import write_page
+
+    console = Console(as_json, quiet)
+    tidy_up_first()
+    with console.waiting(lambda: "drawing"):
+        size = write_page(shown(results, not no_plan), file)
+    console.data({"status": "ok", "file": str(file), "results": len(results), "size": size})
+    console.say(f"{file}  ({size / 1024:.0f} KiB; it needs no network)")
+    return 0
+
+
+def shown(paths: list[Path], planned: bool) -> list[Shown]:
+    """Return stored results for a page, with the plans of their scenes if ``planned``."""
+    from robodyn_cli.report.overlay import labels_of
+    from robodyn_cli.report.page.section import Shown
+    from robodyn_cli.run.batch.stored import read_stored
+
+    read = [read_stored(path) for path in paths]
+    return [
+        Shown(label, result, plan_of(result) if planned else None)
+        for label, result in zip(labels_of(paths), read)
+    ]
+
+
+def plan_of(result: Result) -> Mapping[str, Any] | None:
+    """Return the plan of the scene that is stored in a result; None where its command has none."""
+    from robodyn_cli.errors import RobodynError
+    from robodyn_cli.run.plan.plan import COMMANDS, plan
+    from robodyn_cli.scene.load import load_scene_text
+
+    if result.command not in COMMANDS:
+        return None
+    try:
+        return plan(load_scene_text(result.scene_text), result.command)
+    except (
+        RobodynError
+    ):  # an old scene that this version cannot read; the page says so where the drawing would be
+        return None

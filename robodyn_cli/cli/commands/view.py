@@ -1,0 +1,35 @@
+"""``robodyn view``."""
+
+from __future__ import annotations
+
+import tempfile
+import webbrowser
+from pathlib import Path
+
+from robodyn_cli.cli.commands.report import shown
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.interrupts import tidy_up_first
+from robodyn_cli.cli.options import NoPlan, Quiet, ReportAsJson, StoredResults
+
+
+def command(
+    results: StoredResults,
+    no_plan: NoPlan = False,
+    as_json: ReportAsJson = False,
+    quiet: Quiet = False,
+) -> int:
+    """Open a page with stored results in the browser; return the exit code."""
+    from robodyn_cli.report.page.page import write_page
+
+    console = Console(as_json, quiet)
+    tidy_up_first()
+    with console.waiting(lambda: "drawing"):
+        pages = shown(results, not no_plan)
+        target = Path(tempfile.mkdtemp(prefix="robodyn-")) / "report.html"
+        write_page(pages, target)
+    opened = webbrowser.open(target.as_uri())
+    if not opened:
+        console.note(f"robodyn: warning: no browser was found; open {target} in one")
+    console.data({"status": "ok", "file": str(target), "opened": opened})
+    console.say(str(target))
+    return 0

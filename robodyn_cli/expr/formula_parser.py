@@ -1,0 +1,272 @@
+"""The grammar of formulas: a Pratt parser over a fixed set of operators and functions.
+
+Nothing of Python can be reached from a formula.
+
+    + - * / ^ (or **), unary signs, parentheses, numbers, pi, e, `deg` after a number or parenthesis,
+    sin(x) ... step(x), min(a, b, ...), max(a, b, ...), if(a < b, x, y), t, NAME, q.NAME, qd.NAME, p.NAME,
+    length(POINT, POINT), length_rate(POINT, POINT)
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from typing import NoReturn
+
+from robodyn_cli.errors import did_you_mean
+from robodyn_cli.expr.formula_tree import (
+    CONSTANTS,
+    FUNCTIONS,
+    MANY,
+    SPANS,
+    SWITCHING,
+    Call,
+    Chain,
+    If,
+    Name,
+    Negative,
+    Node,
+    Num,
+    Power,
+    fail,
+)
+from robodyn_cli.record import record
+
+MAX_DEPTH = 60
+# each adds an event function, and compile time grows faster than their number
+MAX_SWITCHES = 100
+
+QUALIFIERS = ("q", "qd", "p")
+_DEGREE = math.pi / 180.0
+_BINDING = {"+": 10, "-": 10, "*": 20, "/": 20, "^": 40, "**": 40}
+_UNARY_BINDING = 30
+_COMPARISONS = ("<", "<=", ">", ">=")
+_TOKEN = re.compile(
+    r"(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)"
+    r"|(?P<name>[A-Za-z_][A-Za-z0-9_]*(?:\.[A-Za-z_][A-Za-z0-9_]*)*)"
+    r"|(?P<sign>\*\*|<=|>=|[-+*/^()<>,])"
+)
+
+
+@record
+class _Token:
+    kind: str  # number, name, sign or end
+    text: str
+    column: int
+
+
+def _tokens(text: str, where: str) -> list[_Token]:
+    tokens = []
+    position = 0
+    while position < len(text):
+        if text[position] in " \t\r\n":
+            position += 1
+            continue
+        match = _TOKEN.match(text, position)
+        if match is None:
+            fail(text, position + 1, f"unexpected {text[position]!r}", where)
+        tokens.append(_Token(str(match.lastgroup), match.group(), position + 1))
+        position = match.end()
+    return [*tokens, _Token("end", "end of the formula", len(text) + 1)]
+
+
+class Parser:
+    """Pratt parser: ``expression(binding)`` reads operators that bind at least that tightly."""
+
+    def __init__(self, text: str, where: str) -> None:
+        self.text = text
+        self.where = where
+        self.tokens = _tokens(text, where)
+        self.position = 0
+        self.names: dict[str, int] = {}
+        self.degrees = False
+        self.calls = 0
+        self.switches = 0
+
+    def whole(self) -> Node:
+        root = self.expression(0, 0)
+        if self.token.kind != "end":
+            self.unexpected(self.token)
+        return root
+
+    @property
+    def token(self) -> _Token:
+        return self.tokens[self.position]
+
+    def next(self) -> _Token:
+        token = self.token
+        self.position += 1
+        return token
+
+    def expect(self, sign: str) -> None:
+        if self.token.text != sign or self.token.kind != "sign":
+            self.unexpected(self.token, f"{sign!r} is needed here")
+        self.next()
+
+    def fail(self, token: _Token, message: str) -> NoReturn:
+        fail(self.text, token.column, message, self.where)
+
+    def unexpected(self, token: _Token, wanted: str = "") -> NoReturn:
+        shown = token.text if token.kind == "end" else repr(token.text)
+        if not wanted and token.text in _COMPARISONS:
+            wanted = "a comparison is allowed only as the first argument of if(a < b, x, y)"
+        elif not wanted and token.kind in ("number", "name"):
+            wanted = "an operator such as '*' is missing before it"
+        self.fail(token, f"unexpected {shown}" + (f"; {wanted}" if wanted else ""))
+
+    def fold(self, node: Node, token: _Token, *arguments: Node) -> Node:
+        """Return the node's number if its arguments are numbers, else the node."""
+        if not all(isinstance(x, Num) for x in arguments):
+            return node
+        try:
+            number = float(node.value({}))
+        except (ArithmeticError, ValueError) as error:
+            self.fail(token, f"{token.text!r} has no value here: {error}")
+        if not math.isfinite(number):
+            self.fail(token, f"{token.text!r} gives {number}; allowed: finite numbers")
+        return Num(number)
+
+    def expression(self, binding: int, depth: int) -> Node:
+        if depth > MAX_DEPTH:
+            self.fail(self.token, f"nested more than {MAX_DEPTH} levels deep")
+        left = self.operand(depth)
+        while self.token.kind == "sign" and _BINDING.get(self.token.text, -1) >= binding:
+            left = self.operation(left, self.next(), depth)
+        return left
+
+    def operation(self, left: Node, token: _Token, depth: int) -> Node:
+        level = _BINDING[token.text]
+        if level == _BINDING["^"]:
+            right = self.expression(level, depth + 1)  # the same level again: a^b^c is a^(b^c)
+            node: Node = Power(left, right)
+        else:
+            right = self.expression(level + 1, depth + 1)
+            node = self.chain(left, token.text, right)
+        if token.text in ("/", "^", "**") and self.tokens[self.position - 1].text == "deg":
+            # 360/7 deg reads as (360/7) deg to people, and as 360/(7 deg) to grammars: refuse to guess
+            self.fail(
+                self.tokens[self.position - 1], f"'deg' after {token.text!r} is ambiguous; use parentheses"
+            )
+        if token.text == "/" and right == Num(0.0):
+            self.fail(token, "division by zero")
+        return self.fold(node, token, left, right)
+
+    @staticmethod
+    def chain(left: Node, op: str, right: Node) -> Chain:
+        if isinstance(left, Chain) and _BINDING[left.rest[0][0]] == _BINDING[op]:
+            return Chain(left.first, (*left.rest, (op, right)))
+        return Chain(left, ((op, right),))
+
+    def operand(self, depth: int) -> Node:
+        token = self.next()
+        if token.kind == "sign" and token.text in ("+", "-"):
+            operand = self.expression(_UNARY_BINDING, depth + 1)
+            return operand if token.text == "+" else self.fold(Negative(operand), token, operand)
+        return self.postfix(self.primary(token, depth), token)
+
+    def postfix(self, node: Node, token: _Token) -> Node:
+        if self.token.text != "deg":
+            return node
+        self.next()
+        if self.token.text == "deg":
+            self.unexpected(self.token, "'deg' is allowed once")
+        self.degrees = self.degrees or self.calls == 0
+        degree = Num(_DEGREE)
+        return self.fold(self.chain(node, "*", degree), token, node, degree)
+
+    def primary(self, token: _Token, depth: int) -> Node:
+        if token.kind == "number":
+            number = float(token.text)
+            if not math.isfinite(number):
+                self.fail(token, f"number {token.text[:40]} is too large")
+            return Num(number)
+        if token.text == "(":
+            inner = self.expression(0, depth + 1)
+            self.expect(")")
+            return inner
+        if token.kind == "name":
+            if self.token.text == "(":
+                return self.call(token, depth)
+            if token.text in CONSTANTS:
+                return Num(CONSTANTS[token.text])
+            if token.text == "deg":
+                self.unexpected(token, "'deg' goes after a number, as in 45 deg")
+            group, dot, name = token.text.partition(".")
+            if dot and (group not in QUALIFIERS or name.count(".") > (group != "p")):
+                self.fail(
+                    token,
+                    f"unknown name {token.text!r}; a dot is allowed only in q.JOINT, qd.JOINT, q.JOINT.COORDINATE and "
+                    "p.PARAMETER",
+                )
+            self.names.setdefault(token.text, token.column)
+            return Name(token.text)
+        self.unexpected(token, "a number, a name or '(' is needed here")
+
+    def call(self, name: _Token, depth: int) -> Node:
+        if name.text in SPANS:
+            return self.span(name)
+        if name.text != "if" and name.text not in FUNCTIONS:
+            known = [*FUNCTIONS, "if", *SPANS]
+            hint = did_you_mean(name.text, known)
+            self.fail(name, f"unknown function {name.text!r}{hint}; allowed: {', '.join(known)}")
+        self.expect("(")
+        self.calls += 1
+        node = self.conditional(name, depth + 1) if name.text == "if" else self.function(name, depth + 1)
+        self.calls -= 1
+        self.expect(")")
+        return node
+
+    def span(self, function: _Token) -> Node:
+        """Return the name of a distance; its arguments are points."""
+        points = []
+        for sign in ("(", ","):
+            self.expect(sign)
+            if self.token.kind != "name":
+                self.unexpected(
+                    self.token, "a point is needed here: a name, or LINK.origin, LINK.end, LINK.com"
+                )
+            points.append(self.next().text)
+        self.expect(")")
+        name = f"{function.text}({', '.join(points)})"
+        self.names.setdefault(name, function.column)
+        return Name(name)
+
+    def function(self, name: _Token, depth: int) -> Node:
+        _, least, most = FUNCTIONS[name.text]
+        arguments = []
+        if self.token.text != ")":
+            arguments.append(self.expression(0, depth))
+            while self.token.text == ",":
+                self.next()
+                arguments.append(self.expression(0, depth))
+        if not least <= len(arguments) <= most:
+            needed = f"{least} or more arguments" if most == MANY else f"{least} argument" + "s" * (least > 1)
+            self.fail(name, f"{name.text!r} is given {len(arguments)}; it takes {needed}")
+        if name.text in SWITCHING:
+            self.count_switches(name, max(1, len(arguments) - 1), arguments)
+        return self.fold(Call(name.text, tuple(arguments)), name, *arguments)
+
+    def count_switches(self, token: _Token, count: int, arguments: Sequence[Node]) -> None:
+        """Count the places where the formula jumps or bends; numbers alone have none."""
+        if all(isinstance(x, Num) for x in arguments):
+            return
+        self.switches += count
+        if self.switches > MAX_SWITCHES:
+            what = f"the formula switches at more than {MAX_SWITCHES} places ({', '.join(SWITCHING)}, if)"
+            self.fail(token, f"{what}; give a course of many pieces as a table")
+
+    def conditional(self, name: _Token, depth: int) -> Node:
+        left = self.expression(0, depth)
+        comparison = self.token
+        if comparison.text not in _COMPARISONS:
+            self.unexpected(comparison, "if(a < b, x, y) needs a comparison: <, <=, > or >=")
+        self.next()
+        right = self.expression(0, depth)
+        self.expect(",")
+        yes = self.expression(0, depth)
+        self.expect(",")
+        no = self.expression(0, depth)
+        self.count_switches(name, 1, (left, right))
+        node = If(comparison.text, left, right, yes, no)
+        return self.fold(node, name, left, right, yes, no)

@@ -1,0 +1,192 @@
+"""Figures over time as data for the browser: what their axes show, read off the figures themselves.
+
+So a plot is described once, in ``report/plots``, with its units, captions and marks. Figures that are not over time, or
+hold more than lines, bands and words, go into the page as pictures.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backend_bases import RendererBase
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.text import Annotation
+
+from robodyn_cli.report.decimate import envelope
+from robodyn_cli.report.page.pack import Arrays
+from robodyn_cli.report.style import GREY
+from robodyn_cli.spatial.algebra import Array
+
+TIME = "time [s]"
+BINS = 400  # of a line: its smallest and largest value in each are kept
+
+
+def chart_data(figure: Figure, arrays: Arrays) -> dict[str, Any] | None:
+    """Return the panels and the legend of a figure over time, None for any other; arrays go into ``arrays``."""
+    panels = [ax for ax in figure.axes if ax.lines or ax.collections or ax.images]
+    if not any(ax.get_xlabel() == TIME for ax in panels) or not all(_plain(ax) for ax in panels):
+        return None
+    legend = [
+        _entry(handle, text)
+        for box in figure.legends
+        for handle, text in zip(box.legend_handles, _texts(box))
+    ]
+    return {"panels": [_panel(ax, legend, arrays) for ax in panels], "legend": legend}
+
+
+def is_thinned(chart: dict[str, Any]) -> bool:
+    """Tell whether lines of a chart have fewer points than the figure."""
+    return any(line["thinned"] for panel in chart["panels"] for line in panel["lines"])
+
+
+def captions(figure: Figure) -> list[str]:
+    """Return the lines above the panels that say what is shown, with its figures."""
+    return [text.get_text() for text in figure.texts if text.get_color() == GREY]
+
+
+def _texts(box: Any) -> list[str]:
+    return [text.get_text().strip() for text in box.get_texts()]
+
+
+def _plain(ax: Axes) -> bool:
+    """Tell whether axes hold only what the browser draws."""
+    return not ax.images and all(isinstance(item, LineCollection) for item in ax.collections)
+
+
+def _panel(ax: Axes, legend: list[dict[str, Any]], arrays: Arrays) -> dict[str, Any]:
+    lines = [item for line in ax.lines for item in [_line(ax, line, arrays)] if item is not None]
+    lines += [item for collection in ax.collections for item in _collected(ax, collection, arrays)]
+    looks = {_look(entry): place for place, entry in reversed(list(enumerate(legend)))}
+    for line in lines:
+        line["entry"] = looks.get(_look(line))
+    return {
+        "title": ax.get_title(loc="left") or None,
+        "label": ax.get_ylabel(),
+        "log": ax.get_yscale() == "log",
+        "x": [float(x) for x in ax.get_xlim()],
+        "y": [float(y) for y in ax.get_ylim()],
+        "lines": lines,
+        "bands": [_band(ax, patch) for patch in ax.patches],
+        "notes": [_note(text) for text in ax.texts if isinstance(text, Annotation)],
+    }
+
+
+def _look(item: dict[str, Any]) -> tuple[Any, ...]:
+    """Return what tells lines apart in a legend: a thin line beside a heavy one is another."""
+    marker = None if item["width"] else item["marker"]
+    return item["colour"], tuple(round(x, 3) for x in item["dashes"]), round(item["width"], 3), marker
+
+
+def _entry(handle: Any, text: str) -> dict[str, Any]:
+    if isinstance(handle, Line2D):
+        return {**_style(handle), "text": text, "band": False}
+    colour = to_hex(handle.get_facecolor())
+    return {"colour": colour, "dashes": [], "width": 0.0, "marker": None, "text": text, "band": True}
+
+
+def _style(line: Line2D) -> dict[str, Any]:
+    """Return the look of a line: colour, width [pt], dashes over the width, marker and its colours."""
+    shown = line.get_linestyle() not in ("None", "none", "", " ")
+    marker = line.get_marker()
+    marked = marker not in ("None", "none", "", " ", None)
+    return {
+        "colour": to_hex(line.get_color() if shown else line.get_markeredgecolor()),
+        "width": line.get_linewidth() if shown else 0.0,
+        "dashes": _dashes(line) if shown else [],
+        "alpha": 1.0 if line.get_alpha() is None else line.get_alpha(),
+        "marker": str(marker) if marked else None,
+        "fill": to_hex(line.get_markerfacecolor()) if marked else None,
+    }
+
+
+class _Dashes(RendererBase):
+    """Notes how a line is dashed: matplotlib tells that to renderers alone."""
+
+    found: list[float]
+
+    def draw_path(self, gc: Any, path: Any, transform: Any, rgbFace: Any = None) -> None:
+        self.found = [float(x) for x in gc.get_dashes()[1] or ()]
+
+
+def _dashes(line: Line2D) -> list[float]:
+    """Return the dashes of a line [pt], none where it is solid."""
+    if line.get_linestyle() == "-":
+        return []
+    sample = Line2D([0.0, 1.0], [0.0, 1.0])
+    sample.update_from(line)
+    sample.set_marker("None")
+    recorder = _Dashes()
+    recorder.found = []
+    sample.draw(recorder)
+    return recorder.found
+
+
+def _line(ax: Axes, line: Line2D, arrays: Arrays) -> dict[str, Any] | None:
+    """Return a line with its points; coordinates from 0 to 1 along an axis whose data it does not have."""
+    if not line.get_visible():
+        return None
+    x, y = (np.asarray(part, dtype=float) for part in line.get_data())
+    return {**_style(line), **_points(ax, line, x, y, arrays)}
+
+
+def _points(ax: Axes, artist: Any, x: Array, y: Array, arrays: Arrays) -> dict[str, Any]:
+    along_x, along_y = artist.get_transform().contains_branch_seperately(ax.transData)
+    thin_x, thin_y = envelope(x, y, BINS)
+    thinned = len(thin_x) < len(x)
+    return {
+        "x": arrays.put(thin_x),
+        "y": arrays.put(thin_y),
+        "spans": [not along_x, not along_y],
+        "thinned": thinned,
+    }
+
+
+def _collected(ax: Axes, collection: Any, arrays: Arrays) -> list[dict[str, Any]]:
+    """Return the lines of a collection."""
+    segments, found = collection.get_segments(), []
+    colours, widths, dashes = (
+        collection.get_colors(),
+        collection.get_linewidths(),
+        collection.get_linestyles(),
+    )
+    for k, points in enumerate(segments):
+        _, pattern = dashes[k % len(dashes)]
+        look = {
+            "colour": to_hex(colours[k % len(colours)]),
+            "width": float(widths[k % len(widths)]),
+            "dashes": [float(x) for x in pattern or ()],
+            "alpha": 1.0 if collection.get_alpha() is None else collection.get_alpha(),
+            "marker": None,
+            "fill": None,
+        }
+        found.append({**look, **_points(ax, collection, points[:, 0], points[:, 1], arrays)})
+    return found
+
+
+def _band(ax: Axes, patch: Any) -> dict[str, Any]:
+    """Return a band across the panel."""
+    box = patch.get_window_extent().transformed(ax.transData.inverted())
+    alpha = patch.get_alpha()
+    low, high = sorted((float(box.y0), float(box.y1)))
+    return {
+        "low": low,
+        "high": high,
+        "colour": to_hex(patch.get_facecolor()),
+        "alpha": 1.0 if alpha is None else alpha,
+    }
+
+
+def _note(text: Annotation) -> dict[str, Any]:
+    x, y = (float(value) for value in text.xy)
+    return {
+        "text": text.get_text(),
+        "x": x,
+        "y": y if math.isfinite(y) else 0.0,
+        "colour": to_hex(text.get_color()),
+    }

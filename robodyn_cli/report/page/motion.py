@@ -1,0 +1,147 @@
+"""The drawing of a result as data for the browser, which projects and paints it from any side."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.report.drawing.bodies import FACES
+from robodyn_cli.report.drawing.build import make_drawing
+from robodyn_cli.report.drawing.camera import Camera, along_axis, default_camera
+from robodyn_cli.report.drawing.instants import evenly, nearest
+from robodyn_cli.report.drawing.record import Drawing, Trail
+from robodyn_cli.report.drawing.view import View
+from robodyn_cli.report.movie.plan import usual_speed
+from robodyn_cli.report.page.pack import Arrays
+from robodyn_cli.report.ticks import number
+from robodyn_cli.results.moments import Moment, moments
+from robodyn_cli.results.result import Result
+from robodyn_cli.spatial.algebra import Array
+
+MOST_POSES = 1500
+NUMBERS = 200_000  # of vertices, axes and forces of all poses: 0.8 MB, and a third more as text
+FEWEST_POSES = 100
+TRAILS = 4000  # places of all paths
+MOST_MOMENTS = 300  # whose samples are kept in any case
+SIDES = {"x-y": 2, "x-z": 1, "y-z": 0}  # views along the world's axes, by what is seen
+
+
+def motion_data(result: Result, arrays: Arrays) -> dict[str, Any]:
+    """Return the drawing of a result that can be drawn, thinned to some poses; its arrays go into ``arrays``."""
+    happened = moments(result)
+    samples = chosen_samples(result.time, happened, MOST_POSES)
+    drawing = make_drawing(result, samples)
+    most = max(FEWEST_POSES, NUMBERS // _numbers_of_pose(drawing))
+    if most < len(samples):
+        thinner = chosen_samples(result.time, happened, most)
+        kept = np.searchsorted(samples, np.intersect1d(thinner, samples))
+        drawing, samples = drawing.at(kept.tolist()), samples[kept]
+    view = View(drawing, default_camera(drawing))
+    strongest = drawing.strongest
+    duration = float(result.time[-1] - result.time[0])
+    return {
+        **_drawing(drawing, arrays),
+        **_view(view),
+        "caption": f"Longest arrow {number(strongest)} N." if strongest > 0.0 else "",
+        "speed": usual_speed(duration) if duration > 0.0 else 1.0,
+        "poses": len(drawing.times),
+        "samples": len(result.time),
+    }
+
+
+def chosen_samples(times: Array, happened: list[Moment], most: int) -> Array:
+    """Return at most ``most`` samples evenly apart, and those at moments and before them, in order."""
+    if len(times) <= most or not happened:
+        return evenly(len(times), most)
+    at = nearest(times, np.array([moment.time for moment in happened[:MOST_MOMENTS]]))
+    kept = np.concatenate([np.maximum(at - 1, 0), at])[: most // 2]
+    return np.union1d(evenly(len(times), most - len(kept)), kept)
+
+
+def _numbers_of_pose(drawing: Drawing) -> int:
+    return 3 * (drawing.vertices.shape[1] + drawing.axes.shape[1] + len(drawing.arrows)) or 1
+
+
+def _drawing(drawing: Drawing, arrays: Arrays) -> dict[str, Any]:
+    """Return what there is to draw."""
+    share = TRAILS // max(1, len(drawing.trails))
+    return {
+        "times": arrays.put(drawing.times, double=True),
+        "vertices": arrays.put(drawing.vertices),
+        # most axes never turn
+        "axes": arrays.put(drawing.axes if np.ptp(drawing.axes, axis=0).any() else drawing.axes[:1]),
+        "parts": [_fields(part) for part in drawing.parts],
+        "pins": [_fields(pin) for pin in drawing.pins],
+        "masses": drawing.masses,
+        "bobs": drawing.bobs,
+        "arrows": [{**_fields(arrow), "force": arrays.put(arrow.force)} for arrow in drawing.arrows],
+        "trails": [_trail(trail, share, arrays) for trail in drawing.trails],
+        "latch": None if drawing.latch is None else _latch(drawing),
+        "faces": FACES,
+        "up": drawing.up.tolist(),
+        "size": drawing.size,
+        "centre": _centre(drawing),
+        "falls": bool(np.any(drawing.gravity)),
+    }
+
+
+def _centre(drawing: Drawing) -> list[float]:
+    """Return the middle of everything (3,) [m]."""
+    points = drawing.everything
+    return (0.5 * (points.min(axis=0) + points.max(axis=0))).tolist() if len(points) else [0.0, 0.0, 0.0]
+
+
+def _latch(drawing: Drawing) -> dict[str, Any]:
+    assert drawing.latch is not None
+    closes = drawing.latch.closes
+    return {"vertices": drawing.latch.vertices, "closes": closes if math.isfinite(closes) else None}
+
+
+def _trail(trail: Trail, most: int, arrays: Arrays) -> dict[str, Any]:
+    keep = evenly(len(trail.times), most)
+    return {
+        **_fields(trail),
+        "times": arrays.put(trail.times[keep], double=True),
+        "points": arrays.put(trail.points[keep]),
+    }
+
+
+def _view(view: View) -> dict[str, Any]:
+    """Return from where the drawing is seen first, and the lengths that its marks are scaled by."""
+    names = [None, *SIDES] if not view.flat else [None]
+    cameras = [view.camera if name is None else along_axis(SIDES[name]) for name in names]
+    floor = view.floor
+    return {
+        "cameras": [_camera(name, camera, view) for name, camera in zip(names, cameras)],
+        "length": view.length,
+        "arrow": view.scale,
+        "level": view.level,
+        "floor": None if floor is None else [part.tolist() for part in floor],
+    }
+
+
+def _camera(name: str | None, camera: Camera, first: View) -> dict[str, Any]:
+    view = first if name is None else View(first.drawing, camera)
+    return {
+        "name": name or ("in space" if not first.flat else f"{_plane(camera)} plane"),
+        "right": camera.right.tolist(),
+        "up": camera.up.tolist(),
+        "back": camera.back.tolist(),
+        "target": camera.target.tolist(),
+        "distance": camera.distance if math.isfinite(camera.distance) else None,
+        "extent": [corner.tolist() for corner in view.extent],
+    }
+
+
+def _plane(camera: Camera) -> str:
+    assert camera.labels is not None
+    return "-".join(label[0] for label in camera.labels)
+
+
+def _fields(record: Any) -> dict[str, Any]:
+    """Return the fields of a record that are no arrays."""
+    found = {f.name: getattr(record, f.name) for f in dataclasses.fields(record)}
+    return {name: value for name, value in found.items() if not isinstance(value, np.ndarray)}

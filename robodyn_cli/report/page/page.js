@@ -1,0 +1,51 @@
+/* The page: its data are read, and each figure gets what draws it. */
+
+const TYPES = { f4: Float32Array, f8: Float64Array };
+
+function unpacked({ type, shape, data }) {
+  const raw = atob(data), bytes = Uint8Array.from(raw, (c) => c.charCodeAt(0));
+  return Object.assign(new TYPES[type](bytes.buffer), { shape });
+}
+
+/* Put arrays in the place of their numbers, which stand under these names. */
+function withArrays(item, arrays, names) {
+  const found = { ...item };
+  for (const name of names) found[name] = arrays[item[name]];
+  return found;
+}
+
+function drawingOf(data, arrays) {
+  const found = withArrays(data, arrays, ["times", "vertices", "axes"]);
+  found.arrows = data.arrows.map((arrow) => withArrays(arrow, arrays, ["force"]));
+  found.trails = data.trails.map((trail) => withArrays(trail, arrays, ["times", "points"]));
+  return found;
+}
+
+function chartOf(data, arrays) {
+  const panels = data.panels.map((panel) => ({ ...panel, lines: panel.lines.map((line) => withArrays(line, arrays, ["x", "y"])) }));
+  return { ...data, panels };
+}
+
+function start() {
+  const { arrays: packed, figures } = JSON.parse(document.getElementById("data").textContent);
+  const arrays = packed.map(unpacked), charts = [];
+  for (const section of document.querySelectorAll("[data-result]")) {
+    let player = null;
+    for (const figure of section.querySelectorAll("[data-figure]")) {
+      const data = figures[Number(figure.dataset.figure)];
+      if (data.panels) charts.push(new Chart(figure, chartOf(data, arrays), player));
+      else player = new Player(figure, drawingOf(data, arrays));
+    }
+  }
+  // on paper all plots are there, and the scene
+  let folded = [];
+  window.addEventListener("beforeprint", () => {
+    for (const chart of charts) if (!chart.seen) chart.draw();
+    folded = [...document.querySelectorAll(".scene-text:not([open])")];
+    for (const one of folded) one.open = true;
+  });
+  window.addEventListener("afterprint", () => { for (const one of folded) one.open = false; });
+  document.documentElement.dataset.ready = "yes";
+}
+
+start();

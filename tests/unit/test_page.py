@@ -1,0 +1,263 @@
+"""Pages of results without a browser: what is in them, how large they are, that text stays text, and mistakes."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import json
+import re
+import webbrowser
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robodyn_cli.cli.app import run
+from robodyn_cli.report.page.charts import chart_data
+from robodyn_cli.report.page.markup import Html, element, json_block
+from robodyn_cli.report.page.motion import MOST_POSES, chosen_samples, motion_data
+from robodyn_cli.report.page.pack import Arrays, Store
+from robodyn_cli.report.page.page import make_page
+from robodyn_cli.report.page.section import Shown
+from robodyn_cli.report.page.tables import error_table, summary_tables
+from robodyn_cli.report.registry import applicable, draw
+from robodyn_cli.results.hdf5 import write
+from robodyn_cli.results.moments import Moment
+from robodyn_cli.results.result import Result
+from robodyn_cli.run.inverse.inverse import inverse
+from robodyn_cli.run.plan.plan import plan
+from robodyn_cli.scene.load import load_scene, load_scene_text
+from tests.unit.synthetic_results import (
+    FOUR_BAR,
+    chain_result,
+    four_bar_result,
+    inverse_result,
+    pendulum_result,
+)
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+def unpacked(arrays: Arrays, number: int) -> np.ndarray:
+    item = arrays.packed[number]
+    return np.frombuffer(base64.b64decode(item["data"]), dtype=f"<{item['type']}").reshape(item["shape"])
+
+
+# -- markup and arrays ----------------------------------------------------------------------------------------
+def test_text_is_escaped_and_markup_is_not() -> None:
+    assert element(
+        "p", 'a < b & "c"', Html("<b>d</b>"), ["e", None], class_='x"y', data_k=3, hidden=True
+    ) == ('<p class="x&quot;y" data-k="3" hidden>a &lt; b &amp; &quot;c&quot;<b>d</b>e</p>')
+    assert element("input", type="checkbox", checked=False) == '<input type="checkbox">'
+
+
+def test_no_text_ends_a_block_of_json() -> None:
+    data = {"title": "</script><!-- &\u2028", "x": [1.5, None]}
+    block = json_block(data, "data")
+    inside = re.fullmatch(r'<script type="application/json" id="data">(.*)</script>', block, re.DOTALL)
+    assert inside is not None and not set("<>&\u2028") & set(inside[1])
+    assert json.loads(inside[1]) == data
+
+
+def test_arrays_are_stored_once_and_come_back() -> None:
+    arrays, x = Arrays(), np.array([[1.0, np.nan], [1e300, -2.5e-7]])
+    numbers = [arrays.put(x), arrays.put(x.copy()), arrays.put(x, double=True), arrays.put(x.ravel())]
+    assert numbers == [0, 0, 1, 2]
+    assert np.array_equal(unpacked(arrays, 1), x, equal_nan=True)
+    assert np.allclose(unpacked(arrays, 0)[1, 1], x[1, 1], rtol=1e-7) and np.isinf(unpacked(arrays, 0)[1, 0])
+
+
+# -- motion ---------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("most", [100, 1500])
+@pytest.mark.parametrize("count", [1, 90, 1500, 20_001])
+def test_samples_at_moments_are_kept(count: int, most: int) -> None:
+    times = np.linspace(0.0, 7.0, count)
+    happened = [Moment(time, "impact", "") for time in (0.0, 1.2345, 3.3, 6.999, 7.0)]
+    found = chosen_samples(times, happened, most)
+    assert len(found) <= max(most, min(count, most)) and (np.diff(found) > 0).all()
+    assert found[0] == 0 and found[-1] == count - 1
+    for moment in happened:
+        at = int(np.argmin(np.abs(times - moment.time)))
+        assert {at, max(at - 1, 0)} <= set(found.tolist())
+
+
+def test_the_drawing_is_that_of_the_stored_poses() -> None:
+    result = four_bar_result()
+    store = Store()
+    data = motion_data(result, store.arrays)
+    assert data["poses"] == data["samples"] == 1229
+    vertices = unpacked(store.arrays, data["vertices"])
+    crank = next(part for part in data["parts"] if part["name"] == "crank" and part["kind"] == "link")
+    end = vertices[:, crank["vertices"][1]]
+    theta = result["q"][:, 0]
+    assert np.allclose(end, np.stack([np.cos(theta), np.sin(theta), 0 * theta], axis=1), atol=1e-6)
+    assert np.array_equal(unpacked(store.arrays, data["times"]), result.time)
+    assert unpacked(store.arrays, data["axes"]).shape[0] == 1, "axes that never turn are stored once"
+    assert data["latch"]["closes"] == 12.283 and data["cameras"][0]["distance"] is None
+
+
+# -- charts ---------------------------------------------------------------------------------------------------
+def test_charts_show_what_the_figures_show() -> None:
+    """Lines, units, scales and legends of every plot over time; others become pictures."""
+    drawn = set()
+    for result in (inverse_result(), pendulum_result(201), four_bar_result(), chain_result(12)):
+        for name in applicable(result):
+            figure, arrays = draw(result, name), Arrays()
+            data = chart_data(figure, arrays)
+            if data is None:
+                continue
+            drawn.add(name)
+            shown = [ax for ax in figure.axes if ax.lines or ax.collections]
+            assert len(shown) == len(data["panels"])
+            curves = [line for panel in data["panels"] for line in panel["lines"] if not any(line["spans"])]
+            entries = {k for k, entry in enumerate(data["legend"]) if entry["width"] and not entry["marker"]}
+            assert curves and entries <= {line["entry"] for line in curves}, name
+            for ax, panel in zip(shown, data["panels"]):
+                assert panel["label"] == ax.get_ylabel() and panel["log"] == (ax.get_yscale() == "log")
+                assert panel["y"] == pytest.approx(ax.get_ylim())
+                for line, artist in zip(panel["lines"], ax.lines):
+                    x, y = unpacked(arrays, line["x"]), unpacked(arrays, line["y"])
+                    values = np.asarray(artist.get_ydata(), dtype=float)
+                    assert np.nanmax(y) == pytest.approx(np.nanmax(values), rel=1e-6)
+                    assert np.nanmin(y) == pytest.approx(np.nanmin(values), rel=1e-6)
+                    assert len(x) == len(y) and line["thinned"] == (len(x) < len(values))
+    assert {
+        "joint_angles",
+        "torques",
+        "torque_terms",
+        "energy",
+        "multipliers",
+        "constraint_residual",
+    } <= drawn
+    assert "tip_path" not in drawn and "mechanism" not in drawn
+    assert chart_data(draw(chain_result(100), "joint_angles"), Arrays()) is None, "a map is a picture"
+
+
+def test_dashes_tell_lines_apart_as_in_the_figure() -> None:
+    data = chart_data(draw(chain_result(5), "joint_angles"), Arrays())
+    assert data is not None
+    looks = [(line["colour"], tuple(line["dashes"])) for line in data["panels"][0]["lines"]]
+    assert len(set(looks)) == 5 and looks[0][1] == () and len(looks[1][1]) == 2
+    assert [line["entry"] for line in data["panels"][0]["lines"]] == [0, 1, 2, 3, 4]
+
+
+# -- tables ---------------------------------------------------------------------------------------------------
+def test_errors_stand_beside_the_figures_they_belong_to() -> None:
+    summary = {
+        "error_estimate": {"method": "m", "q_max": 1e-9, "qd_max": 2e-8, "closure": {"position": 3e-12}},
+        "energy_drift": 4e-7,
+    }
+    expected = {
+        "joint_angles": ["1·10⁻⁹", "3·10⁻¹²"], "joint_rates": ["2·10⁻⁸"], "energy": ["4·10⁻⁷"], "branches": ["3·10⁻¹²"],
+    }  # fmt: skip
+    for plot, values in expected.items():
+        assert re.findall(r"<td class=\"number\">([^<]*)</td>", error_table(summary, plot) or "") == values
+    assert error_table({}, "joint_angles") is None and error_table(summary, "unknown") is None
+
+
+def test_summaries_become_tables_whatever_is_in_them() -> None:
+    rows = [{"method": f"m{k}", "error": 10.0**-k, "status": "ok"} for k in range(300)]
+    text = "".join(summary_tables({
+        "status": "ok", "samples": 3, "none": None, "flag": True, "empty": {}, "words": ["a", "b"],
+        "runs": rows, "joints": {"q1": {"peak": 1.5}, "q2": {"rms": 2.0}}, "deep": {"a": {"b": {"c": 1}}, "d": -2},
+    }))  # fmt: skip
+    for part in ("<th scope=\"row\">samples</th><td>3</td>", "<td>–</td>", "<td>yes</td>", "<td>a, b</td>", "<td>none</td>",
+                 "The first 200 of 300 rows", "<th scope=\"row\">q2</th>", "<td>−2</td>"):  # fmt: skip
+        assert part in text, part
+    assert text.count("<tr>") < 260 and "m299" not in text
+
+
+def test_the_plan_is_on_the_page(tmp_path: Path) -> None:
+    result = inverse(load_scene(CONFIGS / "2r_circle.yaml", ["inverse.samples=11"]))
+    stored, target = write(result, tmp_path / "result.h5"), tmp_path / "r.html"
+    found = plan(load_scene_text(result.scene_text), "inverse")
+    assert run(["report", str(stored), "--file", str(target), "--quiet"]) == 0
+    page = target.read_text(encoding="utf-8")
+    assert "Terms kept" in page and "Terms left out" in page
+    for term, cost in (
+        *((t, t["operations"]) for t in found["kept"]),
+        *((t, t["operations_saved"]) for t in found["left_out"]),
+    ):
+        number = "<td>–</td>" if cost is None else f'<td class="number">{cost}</td>'
+        assert f'<th scope="row">{escape(term["term"])}</th>{number}<td>{escape(term["reason"])}</td>' in page
+    assert run(["report", str(stored), "--file", str(target), "--quiet", "--no-plan"]) == 0
+    assert "Terms kept" not in target.read_text(encoding="utf-8")
+
+
+# -- pages ----------------------------------------------------------------------------------------------------
+def test_a_page_is_small_says_what_is_thinned_and_is_the_same_every_time() -> None:
+    result = four_bar_result()
+    page = make_page([Shown("deploy", result)])
+    assert len(page.encode()) < 1e6 and page == make_page([Shown("deploy", result)])
+    assert "samples are shown" not in page
+    long = make_page([Shown("deploy", four_bar_result(20_001))])
+    shown = re.search(r"(\d+) of 20001 samples are shown, those at moments of the run among them", long)
+    assert shown is not None and 1400 < int(shown[1]) <= MOST_POSES and "are thinned" in long
+    assert not re.search(r"(src|href)=\"(?!data:|#)", page)
+
+
+@pytest.mark.parametrize("command", ["work-precision", "sweep", "info", "plan"])
+def test_results_without_poses_have_their_tables(command: str) -> None:
+    result = Result(
+        command,
+        "no motion",
+        "ok",
+        FOUR_BAR,
+        summary={"status": "ok", "cases": [{"run": 1, "why": "largest"}]},
+    )
+    page = make_page([Shown("r", result)])
+    assert '<th scope="col">why</th>' in page and 'class="scene"' not in page
+
+
+# -- commands -------------------------------------------------------------------------------------------------
+def test_the_command_writes_the_page_and_view_opens_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    places = [write(four_bar_result(60), tmp_path / f"{name}.h5") for name in "ab"]
+    target = tmp_path / "r.html"
+    assert run(["report", *map(str, places), "--file", str(target), "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report == {"status": "ok", "file": str(target), "results": 2, "size": target.stat().st_size}
+    opened: list[str] = []
+    monkeypatch.setattr(webbrowser, "open", lambda url: opened.append(url) or True)
+    assert run(["view", str(places[0]), "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    made = Path(report["file"])
+    assert (
+        report["opened"]
+        and opened == [made.as_uri()]
+        and made.read_text(encoding="utf-8").startswith("<!doctype html>")
+    )
+    monkeypatch.setattr(webbrowser, "open", lambda url: False)
+    assert run(["view", str(places[0])]) == 0
+    assert "no browser was found" in capsys.readouterr().err
+
+
+def test_mistakes_are_one_message_and_leave_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = four_bar_result(60)
+    stored = write(result, tmp_path / "result.h5")
+    foreign, damaged = tmp_path / "foreign.h5", tmp_path / "damaged.h5"
+    foreign.write_text("not HDF5")
+    damaged.write_bytes(stored.read_bytes()[:2000])
+    old = write(dataclasses.replace(result, scene_text="schema: 1\nrobot: {}\n"), tmp_path / "old.h5")
+    cases: list[tuple[list[Any], int, str]] = [
+        ([stored, "--file", "a.pdf"], 2, "allowed: a name that ends with .html"),
+        ([stored], 2, "--file"),
+        ([foreign, "--file", "a.html"], 2, "cannot be read as HDF5"),
+        ([stored, damaged, "--file", "a.html"], 2, "cannot be read as HDF5"),
+        ([old, "--file", "a.html"], 2, "the scene stored in the result cannot be read"),
+        ([tmp_path / "none", "--file", "a.html"], 2, "no such file"),
+        ([stored, "--file", "nowhere/a.html"], 74, "cannot write nowhere"),
+    ]
+    place = tmp_path / "empty"
+    place.mkdir()
+    monkeypatch.chdir(place)
+    for words, code, message in cases:
+        assert run(["report", *map(str, words)]) == code, words
+        said = capsys.readouterr().err
+        assert message in said and said.count("robodyn: error:") == 1, said
+        assert list(place.iterdir()) == [], words
