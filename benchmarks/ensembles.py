@@ -292,7 +292,8 @@ def main() -> None:
     print(f"\nTwo threads: {side['threads']:.2f} times one, by the clock\n")
     head = ["work", "way", "runs", "runs/s", "median error", "to heyoka's batch"]
     body = [
-        [r["work"], r["way"], str(r["runs"]), f"{r['runs'] / r['seconds']:.0f}", f"{r['error']:.1e}" if r["error"] == r["error"] else "-",
+        [r["work"], r["way"], str(r["runs"]), f"{r['runs'] / r['seconds']:.0f}",
+         f"{r['error']:.1e}" if np.isfinite(r["error"]) else "-",
          f"{r['to_batch']:.2f}" if "to_batch" in r else "-"]
         for r in rows
     ]  # fmt: skip
