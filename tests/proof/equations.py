@@ -14,7 +14,12 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from tests.proof.mechanism import Array, Body, Loop, Mechanism, Point
+from tests.proof.mechanism import Array, Body, Bushing, Loop, Mechanism, Point
+
+
+class HalfTurnError(Exception):
+    """A bushing comes near half a turn, where its moment jumps."""
+
 
 JointForce = Callable[[float, float, "Modes"], float]  # of position, rate and modes
 
@@ -112,7 +117,7 @@ class Equations:
         self.joint_forces: list[tuple[int, int, JointForce]] = []
         for k, body in enumerate(m.bodies):
             self._joint(k, body)
-        self.carried = bool(m.springs or m.loads)
+        self.carried = bool(m.springs or m.loads or m.bushings)
 
     def _places(self) -> None:
         """Find where our coordinates and velocities are in Pinocchio's, which go depth first and put qw last."""
@@ -253,9 +258,24 @@ class Equations:
             f = np.array([x.value(t, modes.s, q, v) for x in load.force])
             m = None if load.moment is None else np.array([x.value(t, modes.s, q, v) for x in load.moment])
             push(load.at, f, m, load.frame == "body")
+        for bushing in self.mechanism.bushings:
+            push(bushing.at, *self._bushing(bushing))
         for f in forces:
             found.append(pin.Force(f))
         return found
+
+    def _bushing(self, bushing: Bushing) -> tuple[Array, Array]:
+        """Return force and moment of a bushing on its body, in the axes of the world."""
+        j = self.ids[bushing.at.body]
+        ground, body = pin.rpy.rpyToMatrix(*bushing.rpy), self.data.oMi[j].rotation
+        turn = ground.T @ body
+        angle, along = pin.log3(turn), pin.Jlog3(turn)
+        if np.linalg.norm(angle) > 3.0:
+            raise HalfTurnError
+        xi = np.concatenate([ground.T @ (self.place(bushing.at) - bushing.ground), angle])
+        rate = np.concatenate([ground.T @ self._velocity(bushing.at), along @ self.data.v[j].angular])
+        f = bushing.stiffness * xi + bushing.damping * rate
+        return -ground @ f[:3], -body @ along.T @ f[3:]
 
     def dynamics(self, t: float, q: Array, v: Array, modes: Modes) -> tuple[Array, Array]:
         """Return M and h."""

@@ -6,9 +6,11 @@ import math
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from tests.proof import scenes
-from tests.proof.mechanism import Body, Branch, Loop, Mechanism, Point
+from tests.proof.equations import Equations
+from tests.proof.mechanism import Body, Branch, Bushing, Coupler, Loop, Mechanism, Point
 from tests.proof.scenes import Rng, flat, rounded, unit
 
 # methods, and the tightest tolerance that is asked of them; 0 where they take fixed steps
@@ -171,7 +173,7 @@ def _parallelogram(rng: Rng) -> Mechanism:
             )
         )
     P = np.array([[1.0], [-1.0], *[[1.0]] * (count - 1)])
-    branch = Branch(1, lambda x: P @ x, lambda x: P, lambda x, xd: np.zeros(len(P)))
+    branch = Branch([0], lambda x: P @ x, lambda x: P, lambda x, xd: np.zeros(len(P)))
     return _swinging(bodies, loops, branch, float(rounded(rng.uniform(0.4, 2.7) * rng.choice((-1, 1)))), rng)
 
 
@@ -181,12 +183,71 @@ def _isosceles(rng: Rng) -> Mechanism:
               flat(rng, "j2", "prismatic", -1, (0, 0), (1, 0, 0))]  # fmt: skip
     loops = [Loop("revolute", Point(1, np.array([L, 0, 0])), Point(2, np.zeros(3)), np.eye(3)[:2])]
     branch = Branch(
-        1,
+        [0],
         lambda x: np.array([x[0], -2.0 * x[0], 2.0 * L * np.cos(x[0])]),
         lambda x: np.array([[1.0], [-2.0], [-2.0 * L * np.sin(x[0])]]),
         lambda x, xd: np.array([0.0, 0.0, -2.0 * L * np.cos(x[0]) * xd[0] ** 2]),
     )
     return _swinging(bodies, loops, branch, float(rounded(rng.uniform(-1.2, 1.2))), rng)
+
+
+# -- gears and bushings ---------------------------------------------------------------------------------------------
+def gears(rng: Rng) -> Mechanism:
+    """Return a tree of joints some of which are coupled, with what joints carry and compliant stops."""
+    m = scenes.tree(rng, 5, scenes.SCALAR)
+    n = len(m.bodies)
+    if n > 1:
+        _couple(rng, m, int(rng.integers(1, n)))
+    scenes.add_passive(rng, m)
+    scenes.add_torques(rng, m, pulses=rng.uniform() < 0.5)
+    if rng.uniform() < 0.3:
+        scenes.add_stops(rng, m, rigid=False, most=2)
+    m.simulate["stabilisation"] = str(rng.choice(("projection", "independent")))
+    return m
+
+
+def _couple(rng: Rng, m: Mechanism, count: int) -> None:
+    """Make some coordinates functions of the others: q = q0 + P x."""
+    n = len(m.bodies)
+    order = [int(k) for k in rng.permutation(n)]
+    led, free = order[:count], sorted(order[count:])
+    P, constant = np.zeros((n, len(free))), np.zeros(n)
+    P[free, range(len(free))] = 1.0
+    for k in led:
+        own, first, second = (float(x) for x in rounded(rng.uniform(0.3, 2.0, 3) * rng.choice((-1, 1), 3)))
+        drivers = (
+            {free[0]: first} if len(free) == 1 or rng.uniform() < 0.6 else {free[0]: first, free[-1]: second}
+        )
+        value = float(rounded(own * m.q[k] + sum(c * m.q[j] for j, c in drivers.items())))
+        m.couplers.append(Coupler({k: own, **drivers}, value))
+        constant[k] = value / own
+        for j, c in drivers.items():
+            P[k, free.index(j)] = -c / own
+    m.q, m.v = constant + P @ m.q[free], P @ m.v[free]
+    m.branch = Branch(free, lambda x: constant + P @ x, lambda x: P, lambda x, xd: np.zeros(n))
+
+
+def bushings(rng: Rng) -> Mechanism:
+    """Return a tree with bodies in bushings, whose frames nearly coincide at the start."""
+    m = scenes.tree(rng)
+    scenes.add_passive(rng, m)
+    scenes.add_torques(rng, m, pulses=rng.uniform() < 0.4)
+    eq = Equations(m)
+    eq.gap(m.q)
+    for _ in range(int(rng.integers(1, 3))):
+        at = Point(int(rng.integers(len(m.bodies))), rounded(rng.normal(size=3) * 0.3))
+        turned = eq.data.oMi[eq.ids[at.body]].rotation
+        stiffness = 10.0 ** np.concatenate([rng.uniform(1, 3, 3), rng.uniform(0.5, 2, 3)])
+        m.bushings.append(
+            Bushing(
+                rounded(eq.place(at) + rng.normal(size=3) * 0.1),
+                rounded(pin.rpy.matrixToRpy(turned @ pin.exp3(rng.normal(size=3) * 0.3))),
+                at,
+                rounded(stiffness, 2),
+                rounded(stiffness * rng.choice((0.0, 0.003, 0.03)), 4),
+            )
+        )
+    return m
 
 
 FAMILIES = {
@@ -205,12 +266,17 @@ FAMILIES = {
 }
 
 
+# a second set with seeds of its own, so that those of the first stay what they are
+SECOND = 1_000_000
+SECOND_FAMILIES = {f.__name__: f for f in (gears, bushings)}
+
+
 def make(seed: int) -> tuple[str, Mechanism, Rng]:
     """Return the family and the mechanism of a seed, and the generator for the runs."""
     rng = np.random.default_rng(seed)
-    names = list(FAMILIES)
-    name = names[seed % len(names)]
-    return name, FAMILIES[name](rng), rng
+    families = FAMILIES if seed < SECOND else SECOND_FAMILIES
+    name = list(families)[seed % len(families)]
+    return name, families[name](rng), rng
 
 
 def settings(rng: Rng, runs: int) -> list[dict[str, Any]]:

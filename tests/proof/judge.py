@@ -80,8 +80,7 @@ class Truth:
 def truth(m: Mechanism, q: Array, v: Array, times: Array) -> Truth:
     """Integrate twice from the state that the runs start from."""
     if m.branch is not None:
-        x = np.array([q[0]])
-        q, v = x, np.array([v[0]])
+        q, v = q[m.branch.free], v[m.branch.free]
     found = [Reference(m, tol, 1e-2 * tol, SECONDS).run(q, v, times) for tol in (TIGHT, LOOSE)]
     tight, loose = found
     apart = np.maximum(np.abs(tight.q - loose.q).max(axis=1), np.abs(tight.v - loose.v).max(axis=1))

@@ -94,6 +94,25 @@ class Spring:
 
 
 @dataclasses.dataclass
+class Bushing:
+    """Bushing between a frame of the ground, turned by ``rpy``, and the axes of a body at a point."""
+
+    ground: Array
+    rpy: Array
+    at: Point
+    stiffness: Array
+    damping: Array
+
+
+@dataclasses.dataclass
+class Coupler:
+    """The coefficients of joints' coordinates, which sum to ``value``."""
+
+    terms: dict[int, float]
+    value: float
+
+
+@dataclasses.dataclass
 class Load:
     """Force (and moment) on a point, in the axes of the world or of the body."""
 
@@ -105,9 +124,9 @@ class Load:
 
 @dataclasses.dataclass
 class Branch:
-    """A smooth way to move: q = at(x), with v = P(x) xd and its bias Pd xd."""
+    """A smooth way to move: q = at(x), with v = P(x) xd and its bias Pd xd; x are the coordinates ``free`` of q."""
 
-    size: int
+    free: list[int]
     at: Callable[[Array], Array]
     slope: Callable[[Array], Array]
     bias: Callable[[Array, Array], Array]
@@ -127,7 +146,9 @@ class Mechanism:
     prescribed: dict[int, tuple[Formula, Formula, Formula]] = dataclasses.field(default_factory=dict)
     springs: list[Spring] = dataclasses.field(default_factory=list)
     loads: list[Load] = dataclasses.field(default_factory=list)
+    bushings: list[Bushing] = dataclasses.field(default_factory=list)
     loops: list[Loop] = dataclasses.field(default_factory=list)
+    couplers: list[Coupler] = dataclasses.field(default_factory=list)
     hold: list[str] = dataclasses.field(default_factory=list)
     simulate: dict[str, Any] = dataclasses.field(default_factory=dict)
     branch: Branch | None = None
@@ -161,6 +182,7 @@ class Mechanism:
 
         forces = [_spring(k, s, named) for k, s in enumerate(self.springs)]
         forces += [_load(k, load, named) for k, load in enumerate(self.loads)]
+        forces += [_bushing(k, bushing) for k, bushing in enumerate(self.bushings)]
         loops = [_loop(k, loop, named) for k, loop in enumerate(self.loops)]
         tree: dict[str, Any] = {
             "schema": 1, "command": "simulate", "gravity": _numbers(self.gravity),
@@ -174,6 +196,17 @@ class Mechanism:
             tree["robot"]["points"] = points
         if forces:
             tree["forces"] = forces
+        if self.bushings:
+            tree["robot"]["frames"] = self._frames()
+        if self.couplers:
+            tree["couplers"] = [
+                {
+                    "name": f"gear{k}",
+                    "terms": {self.bodies[j].name: c for j, c in gear.terms.items()},
+                    "value": gear.value,
+                }
+                for k, gear in enumerate(self.couplers)
+            ]
         if loops:
             tree["loops"] = loops
         if self.torques:
@@ -209,6 +242,13 @@ class Mechanism:
                 found[body.name] = part[0] if body.scalar else part
         return found
 
+    def _frames(self) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        for k, b in enumerate(self.bushings):
+            found[f"ground{k}"] = {"link": "base", "at": _numbers(b.ground), "rpy": _numbers(b.rpy)}
+            found[f"body{k}"] = {"link": self.bodies[b.at.body].link, "at": _numbers(b.at.at)}
+        return found
+
     def _torques(self) -> dict[str, Any]:
         found: dict[str, Any] = {}
         for (k, c), formula in self.torques.items():
@@ -235,6 +275,13 @@ def _spring(k: int, spring: Spring, named: Callable[[Point], str]) -> dict[str, 
     return {
         "name": f"spring{k}", "type": "spring", "between": [named(spring.first), named(spring.second)],
         "stiffness": spring.stiffness, "length": spring.length, "damping": spring.damping,
+    }  # fmt: skip
+
+
+def _bushing(k: int, bushing: Bushing) -> dict[str, Any]:
+    return {
+        "name": f"bushing{k}", "type": "bushing", "between": [f"ground{k}", f"body{k}"],
+        "stiffness": _numbers(bushing.stiffness), "damping": _numbers(bushing.damping),
     }  # fmt: skip
 
 

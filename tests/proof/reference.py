@@ -13,7 +13,7 @@ import numpy as np
 from scipy.integrate._ivp import dop853_coefficients as tables
 from scipy.optimize import brentq
 
-from tests.proof.equations import Equations, Modes, constrained, stop_switches
+from tests.proof.equations import Equations, HalfTurnError, Modes, constrained, stop_switches
 from tests.proof.mechanism import Array, Mechanism
 
 STAGES = tables.N_STAGES
@@ -46,7 +46,7 @@ class Reference:
         self.modes = Modes()
         self.events, self.evaluations = 0, 0
         self.most = int(seconds / 1.5e-4)
-        self.nx = mechanism.branch.size if mechanism.branch else self.eq.nq
+        self.nx = len(mechanism.branch.free) if mechanism.branch else self.eq.nq
         self.first = 1e-3
         self.still: dict[int, float] = {}  # places of held joints
         self._stops = [
@@ -74,6 +74,12 @@ class Reference:
         self.evaluations += 1
         if self.evaluations > self.most:
             raise UndecidedError("takes too long")
+        try:
+            return self._solve(t, y)
+        except HalfTurnError:
+            raise UndecidedError("a bushing comes near half a turn") from None
+
+    def _solve(self, t: float, y: Array) -> tuple[Array, dict[int, float]]:
         q, v = self.q_v(y)
         branch = self.m.branch
         if branch is None:

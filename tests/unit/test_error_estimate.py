@@ -10,7 +10,7 @@ from types import ModuleType
 
 import pytest
 
-from robodyn_cli import deploy, load_scene, simulate
+from robodyn_cli import deploy, load_scene, load_scene_text, simulate
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.integrator import Options
 from robodyn_cli.run.driver.second_run import remainder, tighter
@@ -129,3 +129,25 @@ def test_a_run_that_no_second_one_confirms_carries_a_warning() -> None:
     assert summary["error_estimate"]["state_max"] is None
     told = "no second run confirms this motion: the second integration failed"
     assert any(text.startswith(told) for text in summary["warnings"])
+
+
+PULSED = """
+schema: 1
+gravity: [0, -9.81, 0]
+robot:
+  joints:
+    - {name: j1, type: prismatic, parent: base, link: l1, axis: [1, 0, 0],
+       limits: {upper: 0.3, stop: {law: hunt_crossley, stiffness: 3500, damping: 7, exponent: 1.5}}}
+  links: [{name: l1, mass: 2}]
+initial: {q: {j1: 0.0}, qd: {j1: 0.7}}
+torques: {j1: "if(t < 0.1, 0, if(t < 0.1003, 30, 0)) + if(t < 0.2, 0, if(t < 0.2003, 30, 0)) + sin(3*t)"}
+simulate: {duration: 1, samples: 11}
+"""
+
+
+@pytest.mark.parametrize("rtol", [1e-3, 1e-5, 1e-7])
+def test_the_second_run_takes_steps_of_its_own(rtol: float) -> None:
+    """Where jumps and contacts decide about the steps, a tighter tolerance alone would take the same ones."""
+    settings = [f"simulate.rtol={rtol}", f"simulate.atol={0.1 * rtol}", "simulate.integrator=gauss"]
+    summary = simulate(load_scene_text(PULSED, overrides=settings)).summary
+    assert summary["error_estimate"]["steps"] > 1.15 * summary["counters"]["steps"]

@@ -19,9 +19,10 @@ from robodyn_cli.record import record
 from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.method import supervisor_for
-from robodyn_cli.run.driver.motion import Motion, Watcher
+from robodyn_cli.run.driver.motion import Beginning, Motion, Watcher
 from robodyn_cli.run.driver.prepare import held_columns
 from robodyn_cli.run.observation.recorder import Recorder
+from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 
 Tick = Callable[[float], None] | None
@@ -31,6 +32,7 @@ TIGHTER = 200.0  # times, at most: a tolerance so much tighter is enough even wh
 TIGHTEST_RTOL = 2e-14  # not below what double precision can resolve
 FINEST_RTOL = 1e-12  # below it, methods of high order are at rounding, where a tighter tolerance says nothing
 FINER = 0.45  # times a fixed step: where implicit methods halve theirs, the second run must not take the same steps
+DECIDES = 0.5  # of the growth of the steps, as a power: below it something else than the tolerance decides about them
 SHORTER = 0.6  # times the mean step of the first run, where a tighter tolerance says nothing
 FIRST_STEPS = (
     0.4  # times the first steps, at the start and behind events, or both runs would share their errors
@@ -65,6 +67,18 @@ def tighter(options: Options, mean_step: float, method: str) -> tuple[Options, s
     return other_steps(options, mean_step)
 
 
+def least_growth(options: Options, tight: Options, method: str) -> float:
+    """Return how many times the steps of the first run the second must take.
+
+    Below it the tolerance does not decide about the steps, so that many of the same ones were taken once more. The
+    tolerance alone would make them (rtol_1 / rtol_2)^(1/p) times as many.
+    """
+    if options.step is not None:
+        return 0.0
+    kind = registry[method]
+    return float((options.rtol / tight.rtol) ** (DECIDES * kind.proportion / kind.order))
+
+
 def other_steps(options: Options, mean_step: float) -> tuple[Options, str]:
     """Return the options of a second run with shorter steps, and how it differs in words."""
     longest = min(options.max_step, SHORTER * mean_step)
@@ -78,19 +92,24 @@ def shorter(part: float) -> str:
 
 @record
 class FirstRun:
-    """The run whose error is asked for: from ``start`` on ``grid`` to ``end`` [s], its first method, its steps."""
+    """The run whose error is asked for: its first method, beginning, samples, end [s] and number of steps."""
 
     method: str
-    start: Array
+    beginning: Beginning
     grid: Grid
     end: float
     steps: int
 
     @staticmethod
-    def of(motion: Motion, end: float, steps: int) -> FirstRun:
-        """Return the run of a motion from t = 0 to ``end`` [s] on the scene's grid."""
-        s = motion.scene.simulate
-        return FirstRun(motion.choice.method, motion.start, Grid.over(s.duration, s.samples), end, steps)
+    def of(motion: Motion, end: float, steps: int, beginning: Beginning | None = None) -> FirstRun:
+        """Return the run of a motion to ``end`` [s] on the scene's grid, from t = 0 if nothing else is said."""
+        begun = beginning or motion.beginning
+        return FirstRun(motion.choice.method, begun, grid_of(motion.scene, begun), end, steps)
+
+
+def grid_of(scene: Scene, beginning: Beginning) -> Grid:
+    """Return the samples of a scene that a run takes: those from its beginning on."""
+    return Grid.over(scene.simulate.duration, scene.simulate.samples).from_time(beginning.time)
 
 
 @record
@@ -152,7 +171,7 @@ def integrate_again(motion: Motion, first: FirstRun, options: Options, tick: Tic
         system if watch else motion.system, first.method, options, watchers, supervisor_for(motion.choice)
     )
     driver.tick = tick
-    driver.start(first.grid.start, first.start)
+    driver.start(first.beginning.time, first.beginning.state)
     return driver.samples(first.end, first.grid, watch), driver.counters.steps
 
 
@@ -163,7 +182,8 @@ def second_run(motion: Motion, first: FirstRun, tick: Tick) -> Second:
     ------
     SecondFailed : it did not come to the end.
     """
-    options, mean_step = motion.options, first.end / max(first.steps, 1)
+    went = first.end - first.beginning.time
+    options, mean_step = motion.options, went / max(first.steps, 1)
     tight, how = tighter(options, mean_step, first.method)
     # more steps than the first are what is asked of it, but not many times as many
     most = min(4 * options.max_steps, MOST_STEPS * first.steps + 1000)
@@ -178,8 +198,7 @@ def second_run(motion: Motion, first: FirstRun, tick: Tick) -> Second:
             other, how = other_steps(dataclasses.replace(options, max_steps=most), mean_step)
             states, steps = integrate_again(motion, first, other, tick)
             tight = other
-        if steps <= 1.02 * first.steps and options.step is None:
-            # the tolerance does not decide about the steps, so the same ones were taken once more
+        if steps < least_growth(options, tight, first.method) * first.steps:
             tight, how = other_steps(tight, mean_step)
             states, steps = integrate_again(motion, first, tight, tick)
     except (NumericalError, SingularConfigurationError) as error:
