@@ -4,7 +4,8 @@
 
 Double pendulums start at random and have random masses; 10 s at 1e-9. heyoka integrates the formulas of
 ``peers/formulas.py`` with masses as parameters, 8 runs a batch and one by one. Stiff ones have a spring of 1e4 to
-1e8 N m in the elbow. The error is the median over the runs of the largest of angles and rates at the end, against
+1e8 N m in the elbow. Four-bars have random springs, masses and lengths; their error is the largest estimated one of the
+time of a lock. Else the error is the median over the runs of the largest of angles and rates at the end, against
 heyoka at 1e-15 (stiff: radau13 at 1e-12). Times are of the processor, in turns; of threads and whole processes by the
 clock.
 """
@@ -73,7 +74,7 @@ class Ensemble:
 
         def run(threads: int = 1, runs: int | None = None) -> np.ndarray:
             found = mechanism.simulate_many(self.masses[:runs], q=self.q[:runs], threads=threads)
-            assert found.ok.all() and not found.one_by_one.any()
+            assert found.ok.all() and found.one_by_one.mean() < 0.001
             return np.hstack([found.q, found.qd])
 
         return run
@@ -216,6 +217,32 @@ def _cvodes(springs: np.ndarray) -> Callable[[], np.ndarray]:
     return lambda: np.array([np.array(integrator(x0=start, p=k)["xf"]).ravel() for k in springs])
 
 
+def four_bars(count: int, repeats: int) -> list[dict[str, Any]]:
+    """The lecture's four-bar to its lock, with random springs, masses and lengths."""
+    text = (Path(__file__).parent.parent / "configs" / "four_bar_deploy.yaml").read_text(encoding="utf-8")
+    text = text.replace("1.96 - 0.1*theta1", "1.96 - k*theta1") + "parameters: {k: 0.1}\n"
+    keys = ["parameters.k", "robot.links.crank.mass", "robot.links.coupler.mass", "robot.joints.theta1.a"]
+    wide = np.array([0.05, 0.05, 0.05, 1e-4])
+    nominal = np.array([0.1, 20.15, 8.25, 1.241])
+    values = nominal * np.random.default_rng(0).uniform(1 - wide, 1 + wide, (count, 4))
+    path = str(Path(__file__).parent.parent / "configs" / "four_bar_deploy.yaml")
+    rows = []
+    for name, tolerance, estimate in (("with error estimate", 1e-8, "true"), ("without", 1e-8, "false")):
+        own = [f"simulate.rtol={tolerance}", f"simulate.error_estimate={estimate}"]
+        mechanism = Mechanism(load_scene_text(text, path, own), keys)
+
+        def run(mechanism: Mechanism = mechanism) -> Any:
+            return mechanism.deploy_many(values, threads=1)
+
+        seconds = measure.median(measure.alternate({name: run}, repeats)[name])
+        found = run()
+        assert found.ok.all()
+        error = float(np.nanmax(found.time_error)) if estimate == "true" else float("nan")
+        rows.append({"work": "four-bars to their lock", "way": f"robodyn gauss, {name}", "runs": count,
+                     "seconds": seconds, "error": error})  # fmt: skip
+    return rows
+
+
 # -- whole processes --------------------------------------------------------------------------------------
 def command(words: list[str], cache: str) -> float:
     """Return the seconds of a command by the clock."""
@@ -258,13 +285,15 @@ def main() -> None:
     count, repeats = (200, 1) if chosen.quick else (10_000, 5)
     rows = double_pendulums(count, repeats)
     rows += stiff(20 if chosen.quick else 1000, repeats)
+    rows += four_bars(count, repeats)
     side = threads(count, repeats)
     whole = studies(count)
     measure.print_machine()
     print(f"\nTwo threads: {side['threads']:.2f} times one, by the clock\n")
     head = ["work", "way", "runs", "runs/s", "median error", "to heyoka's batch"]
     body = [
-        [r["work"], r["way"], str(r["runs"]), f"{r['runs'] / r['seconds']:.0f}", f"{r['error']:.1e}",
+        [r["work"], r["way"], str(r["runs"]), f"{r['runs'] / r['seconds']:.0f}",
+         f"{r['error']:.1e}" if np.isfinite(r["error"]) else "-",
          f"{r['to_batch']:.2f}" if "to_batch" in r else "-"]
         for r in rows
     ]  # fmt: skip

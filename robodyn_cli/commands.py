@@ -46,6 +46,7 @@ COMMANDS: dict[str, Command] = {
     "cache": Command("Show how much compiled code is kept, or clear it."),
     "check": Command("Check a result against what its scene expects."),
     "compare": Command("Compare two results, or two directories of results."),
+    "crosscheck": Command("Compare a scene with Pinocchio or MuJoCo."),
     "import": Command("Write the robot of a URDF file as YAML."),
     "export": Command("Write a result as CSV, Parquet, MATLAB or NumPy files."),
     "info": Command("Tree, frames, M, C, G and Jacobians at a state."),

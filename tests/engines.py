@@ -12,22 +12,10 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.model.model import BASE, Body, FixedFrame, Model
+from robodyn_cli.model.model import BASE, FixedFrame, Model
+from robodyn_cli.run.crosscheck.engine import depth_first, mass_properties, real
 
 Array = NDArray[np.float64]
-
-
-def real(x: Any) -> Array:
-    return np.array(x, dtype=float)
-
-
-def mass_properties(body: Body) -> tuple[float, Array, Array]:
-    """Return mass [kg], centre of mass [m] and inertia about it [kg m^2], body axes."""
-    m, h, I = float(body.inertia.m), real(body.inertia.h), real(body.inertia.I)
-    if m == 0.0:
-        return 0.0, np.zeros(3), I
-    c = h / m
-    return m, c, I - m * (c @ c * np.eye(3) - np.outer(c, c))
 
 
 def children(model: Model) -> dict[int, list[int]]:
@@ -36,16 +24,6 @@ def children(model: Model) -> dict[int, list[int]]:
     for k, body in enumerate(model.bodies):
         found[body.parent].append(k)
     return found
-
-
-def depth_first(model: Model) -> list[int]:
-    """Return the bodies so that each subtree is contiguous."""
-    below, order, stack = children(model), [], [BASE]
-    while stack:
-        k = stack.pop()
-        order.append(k)
-        stack.extend(reversed(below[k]))
-    return order[1:]
 
 
 @dataclasses.dataclass
@@ -102,7 +80,7 @@ def to_pinocchio(model: Model) -> PinocchioModel:
         out.appendBodyToJoint(joint[k], pin.Inertia(m, c, I), pin.SE3.Identity())
         index[body.v] = out.idx_vs[joint[k]]
         armature[index[body.v]] = float(body.armature)
-    for name, frame in {**model.links, **model.frames, **model.points}.items():
+    for name, frame in {**model.links, **model.points, **model.frames}.items():
         place = pin.SE3(real(frame.R), real(frame.p))
         out.addFrame(pin.Frame(name, joint[frame.body], 0, place, pin.FrameType.OP_FRAME))
     out.armature = armature

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from robodyn_cli.results.hdf5.writer import ResultWriter
     from robodyn_cli.results.output_dir import OutputDirectory
     from robodyn_cli.results.result import Result
+    from robodyn_cli.run.going_on.journal import Journal
     from robodyn_cli.run.stopwatch import Stopwatch
     from robodyn_cli.scene.types import Scene
 
@@ -36,7 +37,8 @@ class SceneRun:
     """A command on a scene, as it was asked for on the command line.
 
     out : None for the default directory. overrides : ``key.path=value`` texts. drawings : None for none. options : what
-    the command has of its own, as its function in ``run/`` takes it (``quick`` of ``stability``).
+    the command has of its own, as its function in ``run/`` takes it (``quick`` of ``stability``). resume : go on
+    with a long run that was killed.
     """
 
     command: str
@@ -45,6 +47,7 @@ class SceneRun:
     overrides: Sequence[str] = ()
     drawings: Drawings | None = None
     strict: bool = False
+    resume: bool = False
     options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
@@ -61,8 +64,9 @@ def run_scene(job: SceneRun, console: Console, describe: Describe) -> int:
         scene = _load(job, watch, console)
         with begun(directory, console), contextlib.ExitStack() as stack:
             writer = _writer(job, scene, directory, stack)
+            journal = _journal(job, scene, directory, stack, console)
             try:
-                result, failure = _compute(job, scene, writer, watch, console)
+                result, failure = _compute(job, scene, writer, watch, console, journal)
             except RobodynError as error:
                 if error.exit_code in REPLACING:
                     directory.replace_old(_failed(job.command, scene.title, error))
@@ -172,8 +176,30 @@ def _writer(
     )  # fmt: skip
 
 
+def _journal(
+    job: SceneRun, scene: Scene, directory: OutputDirectory, stack: contextlib.ExitStack, console: Console
+) -> Journal | None:
+    """Return what keeps a long simulation for the case that it is killed, with its blocks if it is to go on."""
+    from robodyn_cli.run.commands import keeps_journal
+
+    journal = None
+    if keeps_journal(job.command, scene):
+        from robodyn_cli.results.output_dir import UNFINISHED_NAME
+        from robodyn_cli.run.going_on.journal import Journal
+
+        journal = stack.enter_context(Journal(directory.path / UNFINISHED_NAME, scene, job.resume))
+    if job.resume and (journal is None or not journal.taken):
+        console.note(f"robodyn: there is no unfinished run in {directory.path} to go on with; it starts anew")
+    return journal
+
+
 def _compute(
-    job: SceneRun, scene: Scene, writer: ResultWriter | None, watch: Stopwatch, console: Console
+    job: SceneRun,
+    scene: Scene,
+    writer: ResultWriter | None,
+    watch: Stopwatch,
+    console: Console,
+    journal: Journal | None,
 ) -> tuple[Result, RobodynError | None]:
     """Return the result with its whole summary, and the error that ended a run half way."""
     from robodyn_cli.results.result import Result
@@ -183,7 +209,8 @@ def _compute(
     watch.listen(console.note)
     try:
         with console.waiting(watch.doing):
-            result = execute(job.command, scene, console.progress, watch, writer, **job.options)
+            own = {"journal": journal} if journal is not None else {}
+            result = execute(job.command, scene, console.progress, watch, writer, **job.options, **own)
     except RobodynError as error:
         if not isinstance(error.result, Result) or error.exit_code not in REPLACING:
             raise

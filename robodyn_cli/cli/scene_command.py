@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.options import (
@@ -56,8 +56,13 @@ def integrating_command(name: str, describe: Describe) -> Callable[..., int]:
         strict: Strict = False,
         no_error_estimate: NoErrorEstimate = False,
     ) -> int:
-        settings = [*(overrides or ()), *(["simulate.error_estimate=false"] if no_error_estimate else [])]
-        job = SceneRun(name, scene, out, settings, drawings(no_plots, plots, format_), strict)
+        changes = settings(overrides, no_error_estimate)
+        job = SceneRun(name, scene, out, changes, drawings(no_plots, plots, format_), strict)
         return run_scene(job, Console(as_json, quiet), describe)
 
     return command
+
+
+def settings(overrides: Sequence[str] | None, no_error_estimate: bool) -> list[str]:
+    """Return all overrides of keys that the options of an integration ask for."""
+    return [*(overrides or ()), *(["simulate.error_estimate=false"] if no_error_estimate else [])]

@@ -187,6 +187,10 @@ class Model:
         """Names of everything that makes the coordinates depend on each other: loops and couplers."""
         return (*(loop.name for loop in self.loops), *self.couplers)
 
+    def place(self, name: str) -> FixedFrame:
+        """Return a named frame, or a named point with the axes of its link."""
+        return self.frames[name] if name in self.frames else self.points[name]
+
     def body_of(self, joint_name: str) -> Body:
         """Return the body carried by a joint."""
         return next(b for b in self.bodies if b.joint_name == joint_name)

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable
 from typing import Any
-
-import numpy as np
 
 from robodyn_cli.joints.base import Joint
 from robodyn_cli.joints.registry import joint_types
@@ -15,15 +12,10 @@ from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import (
     Matrix,
     Transform,
-    Values,
-    Vector,
-    cross,
     identity,
-    matrix,
     rotation_about,
     rotation_rpy,
     rotation_to_z,
-    snap,
     vector,
     zeros,
 )
@@ -36,7 +28,9 @@ def axis_frame(joint: sc.Joint) -> Matrix:
     """
     if joint.axis2 is None:
         return rotation_to_z(joint.axis) if joint.axis is not None else identity()
-    return _from_directions({2: joint.axis or (0.0, 0.0, 1.0), 0: joint.axis2})
+    from robodyn_cli.spatial.orientation import from_directions
+
+    return from_directions({2: joint.axis or (0.0, 0.0, 1.0), 0: joint.axis2})
 
 
 def joint_axes(joint: sc.Joint) -> Matrix:
@@ -45,44 +39,12 @@ def joint_axes(joint: sc.Joint) -> Matrix:
 
 
 def orientation(given: sc.Orientation) -> Matrix:
-    """Return the rotation R (3, 3) of a frame, its axes as columns, from the form in which the scene gives it.
-
-    A matrix of few digits is replaced by the nearest rotation; of two directions the first keeps its own, and the
-    second is the nearest one at right angles.
-    """
+    """Return the rotation R (3, 3) of a frame, its axes as columns, from the form in which the scene gives it."""
     if given.plain:
         return rotation_rpy(given.rpy or (0.0, 0.0, 0.0))
-    axes = {k: a for k, a in enumerate((given.x, given.y, given.z)) if a is not None}
-    if given.quaternion is not None:
-        from robodyn_cli.spatial import quaternion
+    from robodyn_cli.spatial.orientation import rotation_of
 
-        R = quaternion.rotation(quaternion.unit(vector(given.quaternion)))
-    elif given.axis is not None and given.angle is not None:
-        to_z = rotation_to_z(given.axis)
-        R = to_z @ rotation_about(2, given.angle) @ to_z.T
-    elif given.matrix is not None:
-        left, _, right = np.linalg.svd(np.array(given.matrix))
-        R = left @ right
-    else:
-        R = _from_directions(axes)
-    return matrix([[snap(float(x)) for x in row] for row in R])
-
-
-def _from_directions(axes: dict[int, tuple[float, ...]]) -> Matrix:
-    """Return the rotation of which two columns, by index, have given directions."""
-    (i, first), (j, second) = axes.items()
-    k = 3 - i - j
-    columns = {i: _unit(first)}
-    columns[k] = _unit(cross(columns[i], second))
-    columns[j] = cross(columns[k], columns[i])
-    if (j - i) % 3 == 2:  # i, j, k do not follow in the order x, y, z
-        columns[k] = -columns[k]
-    return np.stack([columns[n] for n in range(3)], axis=1)
-
-
-def _unit(a: Values) -> Vector:
-    length = math.hypot(*a)
-    return vector([e / length for e in a])
+    return rotation_of(given)
 
 
 def joint_kind(joint: sc.Joint) -> Joint:

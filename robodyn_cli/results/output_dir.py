@@ -23,6 +23,7 @@ from robodyn_cli.results.summary import read_summary, write_summary
 
 RESULT_NAME = "result.h5"
 SUMMARY_NAME = "summary.json"
+UNFINISHED_NAME = ".unfinished-samples"  # what a long run that was killed goes on from
 RUN_ID = "run_id"  # key of the summary and attribute of the result file: the same of one run
 SCENE_FILE = "scene_file"  # key of the summary: where the scene lies
 # by which drawings of ours are known, so that a run removes no file of anybody else
@@ -134,7 +135,7 @@ class OutputDirectory:
                 self._remove(SUMMARY_NAME)
             for name in drawings:
                 self._move(name)
-            for name in old:
+            for name in (*old, UNFINISHED_NAME):
                 self._remove(name)
             self._move(SUMMARY_NAME)
 

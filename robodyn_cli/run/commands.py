@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robodyn_cli.commands import COMMANDS, SCENE_COMMANDS
-from robodyn_cli.errors import no_linear_algebra, out_of_range
+from robodyn_cli.errors import SceneError, no_linear_algebra, out_of_range
 from robodyn_cli.registry import Registry
 
 if TYPE_CHECKING:
@@ -33,6 +33,11 @@ def streams(command: str, scene: Scene) -> bool:
     return COMMANDS[command].streamed and scene.simulate.samples > STREAMED_ABOVE
 
 
+def keeps_journal(command: str, scene: Scene) -> bool:
+    """Tell whether a run leaves what it can go on from when it is killed."""
+    return command == "simulate" and streams(command, scene)
+
+
 def execute(
     command: str,
     scene: Scene,
@@ -47,6 +52,11 @@ def execute(
     ------
     RobodynError : whatever the command refuses or fails at; it may carry the result until then.
     """
+    if scene.initial.source is not None and command != "simulate":
+        raise SceneError(
+            f"{scene.path}: initial.from: {command!r} does not go on from a stored run; allowed: 'simulate'",
+            file=scene.path, key="initial.from",
+        )  # fmt: skip
     if writer is not None:
         options["writer"] = writer
     with np.errstate(all="ignore"):  # results are looked at; a user gets no warning of numpy's

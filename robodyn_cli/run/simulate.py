@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from robodyn_cli.errors import RobodynError
-from robodyn_cli.integrators.runtime.grid import Grid
+from typing import TYPE_CHECKING
+
+from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.driver.build import build_motion
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.method import supervisor_for
-from robodyn_cli.run.driver.second_run import ErrorEstimate, FirstRun, estimate_error
+from robodyn_cli.run.driver.motion import Beginning
+from robodyn_cli.run.driver.second_run import ErrorEstimate, FirstRun, estimate_error, grid_of
 from robodyn_cli.run.driver.self_check import Judgement, Run, judge
 from robodyn_cli.run.driver.summary import motion_summary
 from robodyn_cli.run.observation.recorder import Recorder
@@ -18,12 +20,16 @@ from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 
+if TYPE_CHECKING:
+    from robodyn_cli.run.going_on.journal import Journal
+
 
 def simulate(
     scene: Scene,
     progress: Progress = no_progress,
     watch: Stopwatch | None = None,
     writer: ResultWriter | None = None,
+    journal: Journal | None = None,
 ) -> Result:
     """Integrate the scene over its duration.
 
@@ -31,6 +37,7 @@ def simulate(
     ----------
     writer : takes the datasets block by block while the run goes on; the Result then holds a selection of the
         samples, and the caller finishes the file.
+    journal : takes what a run that is killed goes on from; one with blocks of such a run goes on with them.
 
     Returns
     -------
@@ -42,7 +49,7 @@ def simulate(
     """
     watch = watch or Stopwatch()
     run = _start(scene, writer, watch)
-    stopped = _drive(run, progress, watch)
+    stopped = _drive(run, progress, watch, journal)
     judgement = judge(run, stopped)
     estimate = None
     if judgement.failure is None and scene.simulate.error_estimate:
@@ -53,27 +60,43 @@ def simulate(
 
 def _start(scene: Scene, writer: ResultWriter | None, watch: Stopwatch) -> Run:
     """Build everything, and put the driver to the start."""
-    motion = build_motion(scene, watch)
+    if scene.initial.source is None:
+        motion = build_motion(scene, watch)
+        beginning = motion.beginning
+    else:
+        from robodyn_cli.run.going_on.stored import stored_run
+
+        stored = stored_run(scene)
+        motion = build_motion(stored.completed(), watch)
+        beginning = stored.beginning(motion)
     with watch.stage("equations"):
         recorder = Recorder.of(motion.observer, writer)
     with watch.stage("method"):
         driver = Driver.of(motion, supervisor_for(motion.choice))
-        driver.start(0.0, motion.start)
-    return Run(motion, driver, recorder)
+        driver.start(beginning.time, beginning.state)
+    return Run(motion, beginning, driver, recorder)
 
 
-def _drive(run: Run, progress: Progress, watch: Stopwatch) -> RobodynError | None:
+def _drive(run: Run, progress: Progress, watch: Stopwatch, journal: Journal | None) -> RobodynError | None:
     """Integrate over the duration and record; return why the run ended before, with its last state recorded."""
     s, driver, recorder = run.motion.scene.simulate, run.driver, run.recorder
     driver.tick = lambda time: progress(time, s.duration)
 
     def emit(t: Array, x: Array) -> None:
+        if t[0] <= recorder.last_time:  # a run that is taken up begins with the last sample that it has
+            t, x = t[1:], x[1:]
+        if not len(t):
+            return
         recorder.emit(t, x, driver.parameters)
+        if journal is not None:
+            journal.add(t, x, driver)
         progress(float(t[-1]), s.duration)
 
     with watch.stage("integrate"):
+        if journal is not None and journal.taken:
+            _take_up(run, journal)
         try:
-            driver.run(s.duration, Grid.over(s.duration, s.samples), emit)
+            driver.run(s.duration, grid_of(run.motion.scene, run.beginning), emit)
         except RobodynError as error:
             from robodyn_cli.run.driver.failure import explained
 
@@ -82,10 +105,29 @@ def _drive(run: Run, progress: Progress, watch: Stopwatch) -> RobodynError | Non
     return None
 
 
+def _take_up(run: Run, journal: Journal) -> None:
+    """Record the samples that an earlier process has come to, and put the driver to the last of them.
+
+    Raises
+    ------
+    CapabilityError : events have changed the motion, and who answers them does not know of earlier ones.
+    """
+    if any(watcher.changes_motion for watcher in run.driver.watchers):
+        raise CapabilityError(
+            f"{run.motion.scene.path}: a run with joints that stick or meet rigid stops, or that passes singular "
+            "poses, does not go on after it was killed; run it without --resume"
+        )
+    for block in journal.blocks():
+        for watcher in run.driver.watchers:
+            watcher.see(block.t, block.x)
+        run.recorder.emit(block.t, block.x, block.p)
+    run.driver.go_on(Beginning(float(block.t[-1]), block.x[-1]), block.counters, block.changes)
+
+
 def _estimate(run: Run, progress: Progress) -> ErrorEstimate:
     """Return the error of the run just made."""
     duration = run.motion.scene.simulate.duration
-    first = FirstRun.of(run.motion, run.driver.time, run.driver.counters.steps)
+    first = FirstRun.of(run.motion, run.driver.time, run.driver.counters.steps, run.beginning)
     return estimate_error(run.motion, first, run.recorder, lambda time: progress(time, duration))
 
 

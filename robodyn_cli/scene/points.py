@@ -81,9 +81,13 @@ def _allowed(robot: Robot) -> str:
 
 
 def with_points(scene: Scene, references: Sequence[str]) -> Scene:
-    """Return the scene with points that are referred to (as ``link2.end``) among its named points."""
+    """Return the scene with points that are referred to (as ``link2.end``), and origins of frames, among its points."""
     points = dict(scene.robot.points)
     for reference in references:
+        frame = scene.robot.frames.get(reference)
+        if frame is not None:  # its origin is a point like others
+            points[reference] = Point(link=frame.link, at=frame.at, frame=frame.frame)
+            continue
         link, _, at = reference.partition(".")
         # ``base.NAME`` is a named point too
         known = points.get(reference) or points.get(at)

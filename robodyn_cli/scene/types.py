@@ -78,6 +78,15 @@ class Initial:
     hold: tuple[str, ...] = key(
         ListOf(Name(of="joint")), default=(), doc="Joints kept at their value when the loops are closed."
     )
+    source: str | None = key(
+        Text(),
+        default=None,
+        name="from",
+        doc="Result of `simulate` to go on from: its directory or file, relative to this file.",
+    )
+    at: float | None = key(
+        Number(), default=None, unit="s", doc="Time of the sample to go on from; by default the last one."
+    )
 
 
 @record

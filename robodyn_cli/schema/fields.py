@@ -219,3 +219,36 @@ def like(cls: type, name: str) -> Any:
     """Declare a key as another section has it."""
     field = next(field for field in dataclasses.fields(cls) if field.name == name)
     return dataclasses.field(default=field.default, metadata=field.metadata)
+
+
+@record
+class Orientation:
+    """How a frame is turned in the frame around it, in one of five forms; without any it is not turned."""
+
+    rpy: tuple[float, ...] | None = key(
+        Vector(3, angle=True), default=None, unit="rad", doc="Roll, pitch, yaw about fixed axes."
+    )
+    quaternion: tuple[float, ...] | None = key(
+        Vector(4), default=None, unit="1", doc="Unit quaternion, scalar first."
+    )
+    axis: tuple[float, ...] | None = key(
+        Direction(), default=None, unit="1", doc="Axis of one rotation, by `angle`."
+    )
+    angle: float | None = key(
+        Number(angle=True), default=None, unit="rad", doc="Angle of the rotation about `axis`."
+    )
+    matrix: tuple[tuple[float, ...], ...] | None = key(
+        ListOf(Vector(3), minimum=3, maximum=3),
+        default=None,
+        unit="1",
+        doc="Rotation matrix by rows; its columns are the new axes.",
+    )
+    x: tuple[float, ...] | None = key(Direction(), default=None, unit="1", doc="Direction of the new x axis.")
+    y: tuple[float, ...] | None = key(Direction(), default=None, unit="1", doc="Direction of the new y axis.")
+    z: tuple[float, ...] | None = key(Direction(), default=None, unit="1", doc="Direction of the new z axis.")
+
+    @property
+    def plain(self) -> bool:
+        """Whether it is given by roll, pitch and yaw, or not at all."""
+        others = (self.quaternion, self.axis, self.angle, self.matrix, self.x, self.y, self.z)
+        return all(value is None for value in others)

@@ -16,7 +16,13 @@ from robodyn_cli.solve.planar_2r import BRANCHES, ELBOW_DOWN, ELBOW_UP, Planar2R
 from robodyn_cli.solve.reach import Singular, Unreachable
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.base import Ik
-from robodyn_cli.trajectories.motion import JointMotion, PointMotion, PoseMotion, TaskSpace
+from robodyn_cli.trajectories.motion import (
+    JointMotion,
+    PointMotion,
+    PoseMotion,
+    TaskSpace,
+    in_frame,
+)
 
 if TYPE_CHECKING:
     from robodyn_cli.solve.newton import Drift
@@ -51,7 +57,7 @@ class PointTask:
 
     def target(self, times: Array) -> PointMotion | PoseMotion:
         """Return the target of the point, or of the frame, at ``times`` (T,), world coordinates."""
-        return self.trajectory.target(times, self.parameters)
+        return target_of(self.model, self.trajectory, times, self.parameters)
 
     def point_target(self, times: Array) -> PointMotion:
         """Return the target of a point that has no orientation."""
@@ -94,6 +100,19 @@ class PointTask:
                 f"lacks joint {missing[0]!r}; give all of {', '.join(names)}, there or in trajectory.ik.guess"
             )
         return np.array([self.start[name] for name in names])
+
+
+def target_of(
+    model: Model, trajectory: TaskSpace, times: Array, parameters: Mapping[str, float]
+) -> PointMotion | PoseMotion:
+    """Return what a trajectory asks at ``times`` (T,), in world coordinates."""
+    motion = trajectory.target(times, parameters)
+    if trajectory.relative_to is None:
+        return motion
+    place = model.place(trajectory.relative_to)
+    to_world = model.base.E.T
+    p, R = model.base.point(place.p), to_world @ place.R
+    return in_frame(motion, np.array(p, dtype=float), np.array(R, dtype=float))
 
 
 @record

@@ -60,7 +60,13 @@ class SceneNames(Protocol):
     @property
     def quasi(self) -> tuple[str, ...]: ...
 
-    def point_problem(self, reference: str) -> str | None: ...
+    def point_problem(self, reference: str) -> str | None:
+        """Tell why a point or a named frame does not exist, or return None."""
+        ...
+
+    def fixed_problem(self, reference: str) -> str | None:
+        """Tell why a point or a named frame does not exist or may move, or return None."""
+        ...
 
 
 @record
@@ -183,6 +189,13 @@ def time_problems(times: Sequence[float], paths: Sequence[tuple[str | int, ...]]
     for k in range(1, len(times)):
         if not times[k] > times[k - 1]:
             yield paths[k], f"times must increase (value {times[k]!r} after {times[k - 1]!r})"
+
+
+def place_problems(reference: str | None, scene: SceneNames) -> Problems:
+    """Report a frame of reference that does not exist or may move."""
+    problem = None if reference is None else scene.fixed_problem(reference)
+    if problem is not None:
+        yield ("relative_to",), problem
 
 
 def point_problems(point: str, ik: Ik, scene: SceneNames) -> Problems:

@@ -10,7 +10,7 @@ import numpy as np
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Direction, ListOf, Number, Section, Text, key
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.base import Ik, Problems, SceneNames, point_problems
+from robodyn_cli.trajectories.base import Ik, Problems, SceneNames, place_problems, point_problems
 from robodyn_cli.trajectories.motion import PointMotion
 
 
@@ -41,16 +41,24 @@ class CircleTrajectory:
     normal: tuple[float, ...] = key(
         Direction(), default=(0.0, 0.0, 1.0), unit="1", doc="Normal of the circle's plane in the world frame."
     )
+    relative_to: str | None = key(
+        Text(),
+        default=None,
+        doc="The frame in which the path is given: a named frame or point fixed to the base; default: the world.",
+    )
     ik: Ik = key(Section(Ik), default=Ik(), doc="Options of the inverse kinematics.")
 
     def problems(self, scene: SceneNames) -> Problems:
         """Report what single keys cannot tell."""
         yield from point_problems(self.point, self.ik, scene)
+        yield from place_problems(self.relative_to, scene)
         if len(self.center) == 2 and any(self.normal[:2]):
             yield (
                 ("normal",),
                 f"a circle out of the x-y plane needs a centre of three numbers (value {list(self.center)})",
             )
+        if len(self.center) == 2 and self.relative_to is not None:
+            yield ("center",), "z is left free, which goes with the world's axes only; allowed: three numbers"
         if self.turns == 0.0:
             yield ("turns",), "must not be zero"
 

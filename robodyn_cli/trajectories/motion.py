@@ -85,6 +85,14 @@ class PoseMotion:
         return np.concatenate([self.pdd, self.wd], axis=1)
 
 
+def in_frame(motion: PointMotion | PoseMotion, p: Array, R: Array) -> PointMotion | PoseMotion:
+    """Return in the world's coordinates a motion that is given in those of a frame at rest with origin p and axes R."""
+    at, rate, acceleration = (np.asfortranarray(x @ R.T) for x in (motion.p, motion.pd, motion.pdd))
+    if isinstance(motion, PointMotion):
+        return PointMotion(at + p, rate, acceleration)
+    return PoseMotion(at + p, rate, acceleration, R @ motion.R, motion.w @ R.T, motion.wd @ R.T)
+
+
 @runtime_checkable
 class JointSpace(Protocol):
     """A trajectory that gives the joints' motion itself."""
@@ -111,12 +119,15 @@ class TaskSpace(Protocol):
     def point(self) -> str: ...
 
     @property
+    def relative_to(self) -> str | None: ...
+
+    @property
     def ik(self) -> Any: ...
 
     def target(self, times: Array, parameters: Mapping[str, float]) -> PointMotion | PoseMotion:
         """Return what is asked of the point, or of the frame there, at ``times`` (T,).
 
-        parameters : of the scene.
+        In the coordinates of the place ``relative_to``, by default the world's. parameters : of the scene.
         """
         ...
 

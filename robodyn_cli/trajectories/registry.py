@@ -17,6 +17,7 @@ trajectory_types: Registry[type] = Registry(
         "sequence": "sequence:SequenceTrajectory",
         "table": "table:TableTrajectory",
         "circle": "circle:CircleTrajectory",
+        "path": "path:PathTrajectory",
         "cartesian": "cartesian:CartesianTrajectory",
     },
 )

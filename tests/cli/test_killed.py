@@ -12,9 +12,12 @@ import time
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from robodyn_cli.errors import ResultFileError
+from robodyn_cli.results.hdf5 import read
+from robodyn_cli.results.output_dir import UNFINISHED_NAME
 from robodyn_cli.run.batch.stored import read_stored
 from tests.cli.tool import CONFIGS, environment, files, invoke
 
@@ -116,3 +119,35 @@ def test_ended_at_any_moment(command: str, kind: str, tmp_path: Path) -> None:
     assert codes - {0}, "the signals all came too late"
     again = invoke(*words(command, out), "--no-plots", "--quiet")
     assert again.code == 0 and files(out) == {"result.h5", "summary.json"}
+
+
+def test_a_long_run_that_was_killed_goes_on(tmp_path: Path) -> None:
+    """The samples of the blocks that were written are the same bits, the others the same to the tolerance."""
+    changes = ("--set", "simulate.samples=600001", "--set", "simulate.duration=6")
+    long = ["simulate", str(CONFIGS / "double_pendulum.yaml"), *changes, "--no-plots", "--no-error-estimate"]
+    assert invoke(*long, "--out", str(tmp_path / "whole")).code == 0
+    out = tmp_path / "out"
+    unfinished = out / UNFINISHED_NAME
+    process = subprocess.Popen(
+        [sys.executable, "-c", BEGIN, *long, "--out", str(out)], env=environment(), stdout=subprocess.DEVNULL
+    )
+    limit = time.monotonic() + 60
+    while not unfinished.exists() or unfinished.stat().st_size < 3 * 65536 * 5 * 8:
+        assert process.poll() is None and time.monotonic() < limit
+        time.sleep(0.002)
+    process.kill()
+    process.wait()
+    assert not (out / "result.h5").exists()
+    other = invoke(*long, "--set", "simulate.rtol=1e-9", "--resume", "--out", str(out))
+    assert other.code == 2 and "other settings" in other.err
+    again = invoke(*long, "--resume", "--out", str(out))
+    assert again.code == 0 and "anew" not in again.err
+    assert files(out) == {"result.h5", "summary.json"}
+    whole, rest = (read(folder / "result.h5") for folder in (tmp_path / "whole", out))
+    kept = 2 * 65536
+    for name in ("time", "q", "qd"):
+        found, expected = rest.variables[name].data, whole.variables[name].data
+        np.testing.assert_array_equal(found[:kept], expected[:kept])
+        np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-8)
+    nothing = invoke(*long, "--resume", "--out", str(out))
+    assert nothing.code == 0 and "anew" in nothing.err

@@ -96,6 +96,17 @@ def test_many_loops_cost_in_proportion(tmp_path: Path) -> None:
     assert all(row["error"] < 1e-10 for row in rows)
 
 
+def test_ensembles(tmp_path: Path) -> None:
+    """robodyn's part: errors of many runs, against references of their own."""
+    file = tmp_path / "ensembles.json"
+    run("ensembles.py", "--quick", "--json", str(file))
+    rows = {(row["work"], row["way"]): row for row in rows_of(file)}
+    assert rows["double pendulums", "robodyn dop853"]["error"] < 1e-7
+    assert rows["double pendulums", "robodyn gauss"]["error"] < 1e-9
+    assert rows["stiff double pendulums", "robodyn radau13"]["error"] < 1e-8
+    assert rows["four-bars to their lock", "robodyn gauss, with error estimate"]["error"] < 1e-9
+
+
 def test_operations_of_a_hundred_loops() -> None:
     """Counted on graphs alone: proportional still, and rows in any order of the loops cost the same."""
     code = """

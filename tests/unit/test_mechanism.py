@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robodyn_cli import Mechanism, load_scene, load_scene_text, simulate
+from robodyn_cli import Mechanism, deploy, load_scene, load_scene_text, simulate
 from robodyn_cli.errors import CapabilityError, RobodynError, SceneError
 from robodyn_cli.expr.fixed import Fixed, literal, witnessed
 from robodyn_cli.expr.many import ManyNumbers, Recipe
@@ -18,6 +18,8 @@ from robodyn_cli.model.places import with_places
 from robodyn_cli.run.driver.build import build_motion
 from robodyn_cli.run.many.integrate import Batch
 from robodyn_cli.run.many.keys import NUMBER, START, STRUCTURE, _parts, settings, understand
+from robodyn_cli.run.many.simulate import Simulate
+from robodyn_cli.run.many.structure import Structures
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 
@@ -281,7 +283,7 @@ def test_lanes_make_the_steps_of_the_scalar_loop(method: str) -> None:
     mechanism = Mechanism(scene, [MASS, "simulate.duration"])
     rng = np.random.default_rng(3)
     values = np.stack([rng.uniform(10, 15, 101), rng.uniform(0.1, 3.0, 101)], axis=1)
-    ((structure, _),) = mechanism._motions.groups(values)
+    ((structure, _),) = Structures(mechanism.family, mechanism.keys, Simulate()).groups(values)
     assert structure is not None
     fleet = structure.fleet(method)
     batch = Batch.of(structure, values, rng.uniform(-1, 1, (101, 2)), None, threads=2)
@@ -312,3 +314,51 @@ def test_a_lane_that_fails_leaves_the_others_alone() -> None:
     assert "steps" in found.reason[5]
     alone = mechanism.simulate_many(q=q[3:4], qd=qd[3:4])
     np.testing.assert_array_equal(alone.q[0], found.q[3])
+
+
+# -- deployments --------------------------------------------------------------------------------------------
+def test_locks_of_many_runs_are_those_of_their_own_scenes() -> None:
+    scene = load_scene(str(CONFIGS / "four_bar_deploy.yaml"))
+    keys = [
+        "robot.links.crank.mass",
+        "robot.links.follower.com.0",
+        "robot.joints.theta1.a",
+        "simulate.duration",
+    ]
+    rng = np.random.default_rng(2)
+    values = np.array([20.15, 0.6, 1.241, 20.0]) * rng.uniform(
+        [0.9, 0.9, 0.9999, 1], [1.1, 1.1, 1.0001, 1], (6, 4)
+    )
+    values[4, 3] = 1.0  # too short to lock
+    of = ["lock.time", "lock.time_error", "lock.angles.phi1", "lock.rates.phi1"]
+    found = Mechanism(scene, keys).deploy_many(values, of=of)
+    assert found.code.tolist() == [0, 0, 0, 0, 1, 0] and "no lock" in found.reason[4]
+    assert found.one_by_one.tolist() == [False] * 4 + [True, False]
+    for run in (0, 1, 2, 3, 5):
+        lock = deploy(Family.of(scene).scene(settings(keys, values[run]))).summary["lock"]
+        assert found.time[run] == found.outputs["lock.time"][run] == pytest.approx(lock["time"], abs=1e-11)
+        assert found.time_error[run] == pytest.approx(lock["time_error"], rel=3, abs=1e-12)
+        assert found.outputs["lock.angles.phi1"][run] == pytest.approx(lock["angles"]["phi1"], abs=1e-9)
+        assert found.outputs["lock.rates.phi1"][run] == pytest.approx(lock["rates"]["phi1"], rel=1e-8)
+
+
+def test_deployments_that_code_does_not_judge_are_made_one_by_one() -> None:
+    scene = load_scene(str(CONFIGS / "mechanisms" / "four_bar_overload.yaml"))
+    found = Mechanism(scene, ["robot.links.crank.mass"]).deploy_many([[20.0], [20.3]])
+    assert found.one_by_one.all() and found.code.tolist() == [1, 1]
+
+
+SIX_BAR = Path(__file__).resolve().parents[2] / "benchmarks" / "six_bar.yaml"
+
+
+def test_loops_are_closed_as_assembly_closes_them() -> None:
+    scene = load_scene(str(SIX_BAR))
+    keys = ["forces.0.stiffness", "robot.joints.a2.a", "robot.joints.a3.origin.xyz.0", "initial.q.a1"]
+    rng = np.random.default_rng(5)
+    values = np.array([2.0, 1.6, 2.5, np.radians(20)]) * rng.uniform(0.98, 1.02, (5, 4))
+    found = Mechanism(scene, keys).simulate_many(values, samples=3)
+    assert found.ok.all() and not found.one_by_one.any(), found.reason
+    for run in range(5):
+        single = simulate(Family.of(scene).scene(settings(keys, values[run])))
+        np.testing.assert_allclose(found.samples["q"][run][0], single["q"][0], atol=1e-12)
+        np.testing.assert_allclose(found.q[run], single["q"][-1], atol=1e-10)

@@ -32,6 +32,7 @@ class ScrewPath:
     """A frame that goes to and fro along a line while it turns about an axis: p0 + s a, rot(u, s) R0, s = sin(w t) / 2."""
 
     def __init__(self, point: str, p: Array, R: Array, ik: Ik, along: Array) -> None:
+        self.relative_to = None
         self.point, self.p, self.R, self.ik, self.along, self.duration = point, p, R, ik, along, 2.0
 
     def target(self, times: Array, parameters: object) -> PoseMotion:

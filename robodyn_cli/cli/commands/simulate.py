@@ -3,9 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
-from robodyn_cli.cli.scene_command import integrating_command
+import typer
+
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.options import (
+    AsJson,
+    NoErrorEstimate,
+    NoPlots,
+    OutDir,
+    Overrides,
+    PlotFormat,
+    PlotNames,
+    Quiet,
+    SceneFile,
+    Strict,
+    drawings,
+)
+from robodyn_cli.cli.runner import SceneRun, run_scene
+from robodyn_cli.cli.scene_command import settings
 from robodyn_cli.cli.words import cost_line, error_lines, number
 
 
@@ -22,4 +39,23 @@ def describe(summary: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-command = integrating_command("simulate", describe)
+def command(
+    scene: SceneFile,
+    out: OutDir = None,
+    overrides: Overrides = None,
+    no_plots: NoPlots = False,
+    plots: PlotNames = None,
+    format_: PlotFormat = "png",
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+    strict: Strict = False,
+    no_error_estimate: NoErrorEstimate = False,
+    resume: Annotated[
+        bool,
+        typer.Option("--resume", help="Go on with a long run that was killed, from its last written block."),
+    ] = False,
+) -> int:
+    """Run the simulation, from its start or from where it was killed."""
+    changes = settings(overrides, no_error_estimate)
+    job = SceneRun("simulate", scene, out, changes, drawings(no_plots, plots, format_), strict, resume)
+    return run_scene(job, Console(as_json, quiet), describe)

@@ -43,6 +43,11 @@ class Grid:
         whole = (count - 1) * n == self.count - 1
         return Grid(self.start, self.step * n, count, self.end if whole else None)
 
+    def from_time(self, time: float) -> Grid:
+        """Return the samples that do not lie before ``time``, but for rounding."""
+        k = self.first_at(time)
+        return Grid(self.start + k * self.step, self.step, self.count - k, self.end) if k else self
+
     def up_to(self, count: int) -> Grid:
         """Return the first samples."""
         return self if count >= self.count else Grid(self.start, self.step, count)

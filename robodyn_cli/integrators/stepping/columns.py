@@ -107,7 +107,6 @@ class Jacobian:
 
     def __init__(self, w: Writer, t: Value, x: Array) -> None:
         f, n = w.f, w.system.size
-        self.w = w
         self.length = -(-(n + 1) // LANES) * LANES
         self.J = w.room((w.system.nv + w.system.nz) * self.length, 1)
         wide, direction = w.room(n, LANES), w.room(self.length, LANES)

@@ -55,7 +55,7 @@ def write_run(system: System, method: Method, programs: Programs) -> str:
     """
     method.check(system)
     tables = method.tables(system)
-    w = Writer(system, tables, programs, loops=system.in_columns or not method.needs_jacobian)
+    w = Writer(system, tables, programs, loops=not method.needs_jacobian or system.in_columns)
     _write_loop(w, method.stepper(w))
     count = len(system.events)
     functions = [w.f, w.memory_function(), run_to_event_function(count)]

@@ -133,7 +133,7 @@ def _record(
         recorder = Recorder.of(motion.observer, writer)
     with watch.stage("integrate"):
         driver = record_motion(motion, found, end, recorder, progress)
-    return Deployment(motion, driver, recorder, found, end)
+    return Deployment(motion, motion.beginning, driver, recorder, found, end)
 
 
 def failure_of_motion(done: Deployment) -> RobodynError | None:

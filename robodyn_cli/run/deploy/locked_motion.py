@@ -19,7 +19,7 @@ from robodyn_cli.run.deploy.summary import AfterLock, LatchLoad, Overload
 from robodyn_cli.run.driver.build import contact_watchers, half_turns, watched_system
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.method import supervisor_for
-from robodyn_cli.run.driver.motion import Motion
+from robodyn_cli.run.driver.motion import Beginning, Motion
 from robodyn_cli.run.driver.second_run import FirstRun, estimate_error
 from robodyn_cli.run.driver.summary import residual_of
 from robodyn_cli.run.observation.observe import Column, Observer
@@ -82,8 +82,8 @@ def follow_locked(motion: Motion, lock: Lock, latch: Latch, before: Recorder, wa
     rest = Grid(float(grid.times(first, first + 1)[0]), grid.step, grid.count - first, grid.end)
     driver = Driver.of(locked, supervisor_for(locked.choice))
     with watch.stage("integrate"):
-        begun = _first_sample(motion, locked, lock, latch, rest.start)
-        driver.start(rest.start, begun)
+        begun = Beginning(rest.start, _first_sample(motion, locked, lock, latch, rest.start))
+        driver.start(begun.time, begun.state)
         driver.run(s.duration, rest, lambda t, x: recorder.emit(t, x, driver.parameters))
     estimate = None
     if s.error_estimate:

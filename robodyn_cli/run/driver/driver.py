@@ -22,7 +22,7 @@ from robodyn_cli.integrators.runtime.crowd import CROWDED
 from robodyn_cli.integrators.runtime.integrator import Counters, Grid, Integrator, Options
 from robodyn_cli.integrators.runtime.layout import IntegerSlot
 from robodyn_cli.record import record
-from robodyn_cli.run.driver.motion import Motion, Watcher
+from robodyn_cli.run.driver.motion import Beginning, Motion, Watcher
 from robodyn_cli.spatial.algebra import Array
 
 Emit = Callable[[Array, Array], None]
@@ -160,6 +160,15 @@ class Driver:
         for watcher in self.watchers:
             state = watcher.begin(time, state, self.options)
         self._go_on_from(time, state)
+
+    def go_on(self, beginning: Beginning, done: Counters, changes: Sequence[MethodChange]) -> None:
+        """Take up a run that was broken off, where it had done so much and changed its method so."""
+        self.start(beginning.time, beginning.state)
+        self._done, self.changes = done, list(changes)
+        self._paused = (beginning.time, done.attempts)
+        if changes:
+            self._take_up(changes[-1].to)
+        self._go_on_from(beginning.time, beginning.state)
 
     def _go_on_from(self, time: float, state: Array) -> None:
         self.integrator.tick = self.tick

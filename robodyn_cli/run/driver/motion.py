@@ -109,6 +109,14 @@ class Watcher:
 
 
 @record
+class Beginning:
+    """Time [s] and state x (nx,) that a run begins with."""
+
+    time: float
+    state: Array
+
+
+@record
 class Motion:
     """What is built once of a scene, for every command that integrates it, and for the plan.
 
@@ -134,6 +142,11 @@ class Motion:
     def start(self) -> Array:
         """The state x (nx,) at t = 0."""
         return self.system.join(self.assembled.q, self.assembled.v)
+
+    @property
+    def beginning(self) -> Beginning:
+        """The start as what a run begins with."""
+        return Beginning(0.0, self.start)
 
     def with_own_watchers(self, system: System | None = None) -> Motion:
         """Return the motion with watchers of its own, and with another ``system`` of the same events."""

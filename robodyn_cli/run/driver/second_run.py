@@ -19,9 +19,10 @@ from robodyn_cli.record import record
 from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.method import supervisor_for
-from robodyn_cli.run.driver.motion import Motion, Watcher
+from robodyn_cli.run.driver.motion import Beginning, Motion, Watcher
 from robodyn_cli.run.driver.prepare import held_columns
 from robodyn_cli.run.observation.recorder import Recorder
+from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 
 Tick = Callable[[float], None] | None
@@ -91,19 +92,24 @@ def shorter(part: float) -> str:
 
 @record
 class FirstRun:
-    """The run whose error is asked for: from ``start`` on ``grid`` to ``end`` [s], its first method, its steps."""
+    """The run whose error is asked for: its first method, beginning, samples, end [s] and number of steps."""
 
     method: str
-    start: Array
+    beginning: Beginning
     grid: Grid
     end: float
     steps: int
 
     @staticmethod
-    def of(motion: Motion, end: float, steps: int) -> FirstRun:
-        """Return the run of a motion from t = 0 to ``end`` [s] on the scene's grid."""
-        s = motion.scene.simulate
-        return FirstRun(motion.choice.method, motion.start, Grid.over(s.duration, s.samples), end, steps)
+    def of(motion: Motion, end: float, steps: int, beginning: Beginning | None = None) -> FirstRun:
+        """Return the run of a motion to ``end`` [s] on the scene's grid, from t = 0 if nothing else is said."""
+        begun = beginning or motion.beginning
+        return FirstRun(motion.choice.method, begun, grid_of(motion.scene, begun), end, steps)
+
+
+def grid_of(scene: Scene, beginning: Beginning) -> Grid:
+    """Return the samples of a scene that a run takes: those from its beginning on."""
+    return Grid.over(scene.simulate.duration, scene.simulate.samples).from_time(beginning.time)
 
 
 @record
@@ -165,7 +171,7 @@ def integrate_again(motion: Motion, first: FirstRun, options: Options, tick: Tic
         system if watch else motion.system, first.method, options, watchers, supervisor_for(motion.choice)
     )
     driver.tick = tick
-    driver.start(first.grid.start, first.start)
+    driver.start(first.beginning.time, first.beginning.state)
     return driver.samples(first.end, first.grid, watch), driver.counters.steps
 
 
@@ -176,7 +182,8 @@ def second_run(motion: Motion, first: FirstRun, tick: Tick) -> Second:
     ------
     SecondFailed : it did not come to the end.
     """
-    options, mean_step = motion.options, first.end / max(first.steps, 1)
+    went = first.end - first.beginning.time
+    options, mean_step = motion.options, went / max(first.steps, 1)
     tight, how = tighter(options, mean_step, first.method)
     # more steps than the first are what is asked of it, but not many times as many
     most = min(4 * options.max_steps, MOST_STEPS * first.steps + 1000)

@@ -11,7 +11,7 @@ from robodyn_cli.integrators.registry import methods
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import ABSENT
 from robodyn_cli.run.driver.driver import Driver
-from robodyn_cli.run.driver.motion import Motion
+from robodyn_cli.run.driver.motion import Beginning, Motion
 from robodyn_cli.run.driver.second_run import NOT_MEANINGFUL, ErrorEstimate
 from robodyn_cli.run.observation.recorder import Recorder
 from robodyn_cli.spatial.algebra import Array
@@ -27,9 +27,10 @@ MANY = 1e3  # steps from which on errors add up
 
 @record
 class Run:
-    """A motion that has been integrated: by whom, and what was recorded."""
+    """A motion that has been integrated: from where, by whom, and what was recorded."""
 
     motion: Motion
+    beginning: Beginning
     driver: Driver
     recorder: Recorder
 

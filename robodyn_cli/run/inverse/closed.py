@@ -146,8 +146,8 @@ def motion_duration(scene: Scene) -> float:
         return scene.simulate.duration
     raise SceneError(
         f"{scene.path}: key 'trajectory' is missing: inverse dynamics needs a motion, of as many joints as the "
-        "mechanism has degrees of freedom (kinds: joint, quintic, table), or of a point (circle, cartesian); or "
-        "prescribe joints",
+        "mechanism has degrees of freedom (kinds: joint, quintic, table), or of a point or frame (path, circle, "
+        "cartesian); or prescribe joints",
         key="trajectory",
     )
 

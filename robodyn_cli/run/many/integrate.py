@@ -7,6 +7,7 @@ come to its end, or that looks doubtful, is left to ``simulate`` itself.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from robodyn_cli.run.many.start import Starts, starts_of
 from robodyn_cli.run.many.structure import Structure, table_rows
 from robodyn_cli.spatial.algebra import Array
 
-Rows = NDArray[np.bool_]
+Masks = NDArray[np.bool_]
 
 
 @record
@@ -79,13 +80,17 @@ class Batch:
 
 @record
 class Driven:
-    """What a batch came to: the first run, errors at the end (N, nx), nan where none is estimated, and for which runs
-    all of it can be trusted."""
+    """What a batch came to: the first run, and for which runs all of this can be trusted.
+
+    errors, time_errors : of states (N, nx) and times (N,) at the end, nan where none is estimated. second_steps : of
+    the second integration.
+    """
 
     runs: Runs
     errors: Array
+    time_errors: Array
     second_steps: NDArray[np.int64]
-    trusted: Rows
+    trusted: Masks
 
 
 def method_of(batch: Batch) -> NDArray[np.str_]:
@@ -120,50 +125,83 @@ def _fastest_decays(batch: Batch) -> Array:
     return found
 
 
-def integrate(batch: Batch, method: str, samples: int = 0) -> Driven:
-    """Make the runs of a batch by one method, and estimate their errors by a second integration."""
+def first_run(batch: Batch, method: str, samples: int) -> Runs:
+    """Make the runs of a batch by one method, as far as it is sure to be the one."""
     motion = batch.structure.motion
     most = np.full(len(batch.values), batch.options.max_steps)
     if motion.choice.may_change:
         # more steps: ``StiffnessWatch`` would think about another method
         most = np.minimum(most, FIRST_LOOK + WORTH)
-    runs = batch.drive(method, batch.options, Limits(steps=most), samples)
+    return batch.drive(method, batch.options, Limits(steps=most), samples)
+
+
+def integrate(batch: Batch, method: str, samples: int = 0) -> Driven:
+    """Make the runs of a batch by one method, and estimate their errors by a second integration."""
+    motion, runs = batch.structure.motion, first_run(batch, method, samples)
     trusted = runs.arrived & batch.starts.sound & np.isfinite(runs.y).all(axis=1)
     if is_judged_by_energy(motion):
         trusted &= _keeps_energy(batch, runs)
-    errors = np.full(runs.y.shape, np.nan)
+    errors, none = np.full(runs.y.shape, np.nan), np.full(len(runs), np.nan)
     steps = np.zeros(len(runs), dtype=np.int64)
-    if motion.scene.simulate.error_estimate and trusted.any():
-        rows = np.flatnonzero(trusted)
-        second = _Second(batch.part(rows), method, runs.steps[rows])
-        difference, steps[rows], done = second.compare(runs.y[rows])
-        errors[rows] = difference
-        trusted[rows] &= done
-    return Driven(runs, errors, steps, trusted)
+    rows = np.flatnonzero(trusted)
+    if motion.scene.simulate.error_estimate and len(rows):
+        ends = Second(batch.part(rows), method, runs.steps[rows], batch.ends[rows]).run()
+        errors[rows] = ends.scale[:, None] * np.abs(ends.y - runs.y[rows])
+        steps[rows] = ends.steps
+        trusted[rows] &= ends.done
+    return Driven(runs, errors, none, steps, trusted)
 
 
-class _Second:
-    """The second integration of many runs; see ``run/driver/second_run.py``, whose rules these are."""
+@record
+class Ends:
+    """What second integrations came to: time (N,) [s], states (N, nx), steps, and which came to their end.
 
-    def __init__(self, batch: Batch, method: str, steps: NDArray[np.int64]) -> None:
-        self.batch, self.method, self.first = batch, method, steps
-        self.mean_step = batch.ends / np.maximum(steps, 1)
+    scale : by which differences from the first are multiplied; see ``remainder``.
+    """
+
+    time: Array
+    y: Array
+    steps: NDArray[np.int64]
+    done: Masks
+    scale: Array
+
+
+class Second:
+    """The second integration of many runs; see ``run/driver/second_run.py``, whose rules these are.
+
+    Parameters
+    ----------
+    steps, ends : of the first one, in which it came so far [s]. arrived : tells which runs came to their end.
+    """
+
+    def __init__(
+        self,
+        batch: Batch,
+        method: str,
+        steps: NDArray[np.int64],
+        ends: Array,
+        arrived: Callable[[Runs], Masks] = lambda runs: runs.arrived,
+    ) -> None:
+        self.batch, self.method, self.first, self.arrived = batch, method, steps, arrived
+        self.mean_step = ends / np.maximum(steps, 1)
         self.tight, _ = tighter(batch.options, float(self.mean_step.mean()), method)
         self.least = least_growth(batch.options, self.tight, method)
 
-    def compare(self, y: Array) -> tuple[Array, NDArray[np.int64], Rows]:
-        """Return errors (N, nx) of the first run's ends y, steps of the second, and which came to their end."""
-        ends, steps, done = np.full_like(y, np.nan), np.zeros_like(self.first), np.zeros(len(y), dtype=bool)
-        rows = np.arange(len(y))
-        # each run has a mean step of its own, so those that a tolerance does not decide go on one by one
+    def run(self) -> Ends:
+        """Make the runs once more, more accurately."""
+        count = len(self.first)
+        time, y = np.full(count, np.nan), np.full(self.batch.states.shape, np.nan)
+        steps, done = np.zeros_like(self.first), np.zeros(count, dtype=bool)
+        rows = np.arange(count)
+        # those about whose steps a tolerance does not decide go on with other steps
         for way in (self._tighter, self._other_steps):
             if not len(rows):
                 break
             runs = way(rows)
-            ends[rows], steps[rows], done[rows] = runs.y, runs.steps, runs.arrived
-            rows = rows[~runs.arrived | (runs.steps < self.least * self.first[rows])]
-        scale = remainder(self.method, self.first, steps)
-        return scale[:, None] * np.abs(ends - y), steps, done
+            arrived = self.arrived(runs)
+            time[rows], y[rows], steps[rows], done[rows] = runs.time, runs.y, runs.steps, arrived
+            rows = rows[~arrived | (runs.steps < self.least * self.first[rows])]
+        return Ends(time, y, steps, done, remainder(self.method, self.first, steps))
 
     def _most(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
         return np.minimum(4 * self.batch.options.max_steps, MOST_STEPS * self.first[rows] + 1000)
@@ -175,15 +213,14 @@ class _Second:
 
     def _other_steps(self, rows: NDArray[np.int64]) -> Runs:
         options, _ = other_steps(self.tight, float(self.mean_step.max()))
-        return self.batch.part(rows).drive(
-            self.method, options, Limits(self._shorter(rows), self._most(rows))
-        )
+        limits = Limits(self._shorter(rows), self._most(rows))
+        return self.batch.part(rows).drive(self.method, options, limits)
 
     def _shorter(self, rows: NDArray[np.int64]) -> Array:
         return np.array([other_steps(self.batch.options, float(h))[0].max_step for h in self.mean_step[rows]])
 
 
-def _keeps_energy(batch: Batch, runs: Runs) -> Rows:
+def _keeps_energy(batch: Batch, runs: Runs) -> Masks:
     """Tell in which runs the energy at the end is that at the start and the work, as far as tolerances explain.
 
     A stricter form of ``energy_out_of_balance``, which looks at samples: what it refuses, ``simulate`` judges.
@@ -203,5 +240,5 @@ def _keeps_energy(batch: Batch, runs: Runs) -> Rows:
     exchanged += np.abs(after[:, 1]) * EPS
     rtol = max(batch.options.rtol, EPS)
     rounding = EPS * np.maximum(runs.steps, 1) * (exchanged + np.abs(after[:, 1]))
-    found: Rows = drift <= BEYOND * np.maximum(rtol * exchanged, rounding)
+    found: Masks = drift <= BEYOND * np.maximum(rtol * exchanged, rounding)
     return found

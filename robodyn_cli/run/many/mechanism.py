@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError, SceneError
-from robodyn_cli.run.driver.build import build_motion
 from robodyn_cli.run.many.keys import Allowed, Key, understand
 from robodyn_cli.run.many.record import ManyRuns
 from robodyn_cli.run.many.structure import Structures
@@ -22,10 +21,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from robodyn_cli.run.inverse.dynamics import ForwardDynamics, InverseDynamics
-    from robodyn_cli.run.many.simulate import Simulation
+    from robodyn_cli.run.many.command import Command
+    from robodyn_cli.run.many.making import Making
     from robodyn_cli.run.poses.inverse_kinematics import InverseKinematics
 
 Values = Mapping[str, Any] | Any
+Start = tuple[Array | None, Array | None]
 
 
 class Mechanism:
@@ -50,7 +51,7 @@ class Mechanism:
             raise SceneError(f"vary: {twice[0]!r} is there twice", key=twice[0])
         self.keys: tuple[Key, ...] = tuple(understand(self.family, name) for name in vary)
         self._allowed = Allowed(self.family, self.keys)
-        self._motions = Structures(self.family, self.keys, build_motion)
+        self._structures: dict[str, Structures] = {}
 
     @property
     def scene(self) -> Scene:
@@ -124,31 +125,68 @@ class Mechanism:
         ------
         CapabilityError : arrays of shapes that do not fit.
         """
-        rows = self._rows(values, [q, qd])
-        starts = [self._start(x, names, len(rows)) for x, names in zip((q, qd), self._names)]
-        simulation, allowed = self._simulation(rows, of, samples, threads or processors())
-        simulation.one_by_one(simulation.compiled(allowed, *starts), *starts)
-        return simulation.result
+        from robodyn_cli.run.many.simulate import Simulate
 
-    def simulate_compiled(
-        self, rows: Array, of: Sequence[str], threads: int
+        return self._make(Simulate(), values, (q, qd), of, samples, threads)
+
+    def deploy_many(
+        self,
+        values: Values = None,
+        *,
+        q: Array | None = None,
+        qd: Array | None = None,
+        of: Sequence[str] = (),
+        threads: int | None = None,
+    ) -> ManyRuns:
+        """Deploy many times: simulate each run until it locks.
+
+        Parameters, errors : as for ``simulate_many``; ``of`` names keys of the summary of ``deploy``.
+
+        Returns
+        -------
+        A row for each run: the time of the lock with its estimated error, and the state there. A run that does not lock
+        is a row with exit code 1.
+        """
+        from robodyn_cli.run.many.deploy import Deploy
+
+        return self._make(Deploy(), values, (q, qd), of, 0, threads)
+
+    def _make(
+        self,
+        command: Command,
+        values: Values,
+        start: Start,
+        of: Sequence[str],
+        samples: int,
+        threads: int | None,
+    ) -> ManyRuns:
+        rows = self._rows(values, start)
+        q, qd = (self._start(x, names, len(rows)) for x, names in zip(start, self._names))
+        making, allowed = self._making(command, rows, of, samples, threads or processors())
+        making.one_by_one(making.compiled(allowed, q, qd), q, qd)
+        return making.result
+
+    def compiled(
+        self, command: Command, rows: Array, of: Sequence[str], threads: int
     ) -> tuple[ManyRuns, NDArray[np.int64]]:
         """Return runs with rows of values (N, keys), and the numbers of those that are left to the command itself."""
-        simulation, allowed = self._simulation(rows, of, 0, threads)
-        return simulation.result, simulation.compiled(allowed, None, None)
+        making, allowed = self._making(command, rows, of, 0, threads)
+        return making.result, making.compiled(allowed, None, None)
 
-    def _simulation(
-        self, rows: Array, of: Sequence[str], samples: int, threads: int
-    ) -> tuple[Simulation, NDArray[np.int64]]:
+    def _making(
+        self, command: Command, rows: Array, of: Sequence[str], samples: int, threads: int
+    ) -> tuple[Making, NDArray[np.int64]]:
         """Return what makes the runs, and the numbers of those whose values are allowed."""
-        from robodyn_cli.run.many.simulate import Simulation
+        from robodyn_cli.run.many.making import Making
 
         result = ManyRuns.empty([k.name for k in self.keys], rows, self._names, of, samples)
         refused = self._allowed.refusals(rows)
         for row, error in refused.items():
             result.code[row], result.reason[row] = error.exit_code, error.message
         allowed = np.array([k for k in range(len(rows)) if k not in refused], dtype=np.int64)
-        return Simulation(self._motions, result, samples, threads), allowed
+        if command.name not in self._structures:
+            self._structures[command.name] = Structures(self.family, self.keys, command)
+        return Making(command, self._structures[command.name], result, samples, threads), allowed
 
     def _rows(self, values: Values, others: Sequence[Array | None]) -> Array:
         """Return rows of values (N, keys).

@@ -16,10 +16,11 @@ class ManyRuns:
     """What many runs gave, a row each.
 
     values : of the keys (N, keys). code : exit code that the command would have; reason : why a run failed. time :
-    where it ended [s]. q, qd : positions (N, nq) and rates (N, nv) there [rad or m, 1/s of these], columns as in
-    ``q_names`` and ``qd_names``. q_error, qd_error : their estimated errors. outputs, errors : (N,) by key of the
-    summary, as far as they were asked for. steps : of the integration. one_by_one : which runs were made by the driver
-    in Python. samples : times (N, M) [s], positions (N, M, nq) and rates (N, M, nv), where they were asked for.
+    where it ended [s], with its estimated error where an event ended it. q, qd : positions (N, nq) and rates (N, nv)
+    there [rad or m, 1/s of these], columns as in ``q_names`` and ``qd_names``. q_error, qd_error : their estimated
+    errors. outputs, errors : (N,) by key of the summary, as far as they were asked for. steps : of the integration.
+    one_by_one : which runs were made by the driver in Python. samples : times (N, M) [s], positions (N, M, nq) and
+    rates (N, M, nv), where they were asked for.
 
     What a run does not have is nan.
     """
@@ -31,6 +32,7 @@ class ManyRuns:
     code: NDArray[np.int64]
     reason: list[str]
     time: Array
+    time_error: Array
     q: Array
     qd: Array
     q_error: Array
@@ -60,7 +62,7 @@ class ManyRuns:
         grid = {"time": nothing(samples), "q": nothing(samples, nq), "qd": nothing(samples, nv)}
         return ManyRuns(
             tuple(keys), values, tuple(names[0]), tuple(names[1]),
-            np.full(count, -1), [""] * count, nothing(), nothing(nq), nothing(nv), nothing(nq), nothing(nv),
+            np.full(count, -1), [""] * count, nothing(), nothing(), nothing(nq), nothing(nv), nothing(nq), nothing(nv),
             np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool),
             {key: nothing() for key in of}, {key: nothing() for key in of}, grid if samples else {},
         )  # fmt: skip

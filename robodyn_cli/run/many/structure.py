@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,13 @@ from robodyn_cli.spatial.algebra import Array
 
 FARTHER = 2.0
 ALIKE = 1e-9  # relative difference of numbers that were computed in two ways
-Build = Callable[[Scene], Motion]
+
+
+class Buildable(Protocol):
+    """What a structure needs of a command."""
+
+    def build(self, scene: Scene) -> Motion: ...
+    def obstacle(self, motion: Motion) -> str: ...
 
 
 class Structure:
@@ -31,22 +38,22 @@ class Structure:
 
     Parameters
     ----------
-    build : makes a motion of a scene.
+    command : makes a motion of a scene.
 
     Raises
     ------
     RobodynError : there is no motion with these values.
     """
 
-    def __init__(self, family: Family, keys: Sequence[Key], row: Array, build: Build) -> None:
+    def __init__(self, family: Family, keys: Sequence[Key], row: Array, command: Buildable) -> None:
         self.keys, self.row = keys, row
         scene = family.scene(settings([key.name for key in keys], row))
         with witnessed() as witnesses:
-            self.motion = build(scene)
+            self.motion = command.build(scene)
             self.tables = methods[self.motion.choice.method].tables(self.motion.system)
         self.recipe = Recipe([key.place for key in keys if key.sort == NUMBER])
         self._deciding = self.recipe.deciding(witnesses)
-        self.obstacle = obstacle(self.motion, self._times_vary())
+        self.obstacle = obstacle(self.motion, self._times_vary()) or command.obstacle(self.motion)
         self._fleets: dict[tuple[str, bool], Fleet] = {}
         self._last: tuple[Array, ManyNumbers] | None = None  # asked for, by rows: several ask for the same
         self._confirmed = np.zeros(len(row))  # how far from its own row another one has been built
@@ -117,6 +124,12 @@ class Structure:
         return Expressions([self.motion.problem.kinetic, potential_energy(self.motion.problem)])
 
     @cached_property
+    def psi_of_loops(self) -> Expressions:
+        """Psi of the loops' rows, row by row."""
+        problem = self.motion.problem
+        return Expressions(problem.psi[problem.constraints.of_loops].ravel().tolist())
+
+    @cached_property
     def jacobian(self) -> Expressions:
         """The Jacobian of (q, v, z)-dot, row by row."""
         return Expressions(self.motion.system.jacobian.J.ravel().tolist())
@@ -152,8 +165,8 @@ def obstacle(motion: Motion, times_vary: bool) -> str:
 class Structures:
     """All structures of a mechanism, found as runs ask for them."""
 
-    def __init__(self, family: Family, keys: Sequence[Key], build: Build) -> None:
-        self.family, self.keys, self.build = family, list(keys), build
+    def __init__(self, family: Family, keys: Sequence[Key], command: Buildable) -> None:
+        self.family, self.keys, self.command = family, list(keys), command
         self._found: dict[tuple[float, ...], list[Structure]] = {}
 
     def groups(self, values: Array) -> list[tuple[Structure | None, NDArray[np.int64]]]:
@@ -208,4 +221,4 @@ class Structures:
         return groups
 
     def _build(self, row: Array) -> Structure:
-        return Structure(self.family, self.keys, row, self.build)
+        return Structure(self.family, self.keys, row, self.command)

@@ -15,6 +15,7 @@ from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 from robodyn_cli.run.observation.evaluation import compiling
 from robodyn_cli.solve.closure import mechanism_size
+from robodyn_cli.solve.inverse_kinematics import target_of
 from robodyn_cli.solve.point_kinematics import PointKinematics, what_is_left
 from robodyn_cli.spatial.algebra import Array, dot
 from robodyn_cli.trajectories.motion import JointSpace, PoseMotion, TaskSpace
@@ -52,10 +53,10 @@ def lead_of(problem: Problem) -> Lead:
     if trajectory is None:
         return nothing_led()
     if isinstance(trajectory, TaskSpace):
-        some = trajectory.target(np.zeros(1), parameters)
+        some = target_of(problem.model, trajectory, np.zeros(1), parameters)
 
         def point(times: Array) -> tuple[Array, Array, Array]:
-            target = trajectory.target(times, parameters)
+            target = target_of(problem.model, trajectory, times, parameters)
             return target.values, target.rates, target.accelerations
 
         oriented = isinstance(some, PoseMotion)
@@ -113,7 +114,7 @@ class LoopConditions:
             names.append(f"trajectory.{name}")
             lengths.append(model.v_units[place] == "m")
         if lead.point is not None:
-            frame = model.points[lead.point]
+            frame = model.place(lead.point)
             point = PointKinematics.of(model, problem.q, problem.v, frame, lead.components, lead.oriented)
             values += point.p
             J += point.J

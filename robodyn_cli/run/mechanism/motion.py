@@ -42,7 +42,9 @@ class Planned:
 def with_led_point(scene: Scene) -> Scene:
     """Return the scene with the point that the trajectory leads (as ``link2.end``) among its named points."""
     trajectory: Any = scene.trajectory
-    return with_points(scene, [trajectory.point]) if isinstance(trajectory, TaskSpace) else scene
+    if not isinstance(trajectory, TaskSpace):
+        return scene
+    return with_points(scene, [x for x in (trajectory.point, trajectory.relative_to) if x is not None])
 
 
 def without_following(scene: Scene) -> Scene:
@@ -63,7 +65,7 @@ def plan_motion(problem: Problem, times: Array) -> Planned:
     if trajectory is None:
         raise SceneError(
             f"{scene.path}: key 'trajectory' is missing: inverse dynamics needs a motion; "
-            "kinds: joint, quintic, table, circle, cartesian",
+            "kinds: joint, quintic, table, path, circle, cartesian",
             key="trajectory",
         )
     if not isinstance(trajectory, TaskSpace):
@@ -101,7 +103,7 @@ def point_task(problem: Problem) -> PointTask:
     scene, model = problem.scene, problem.model
     trajectory: Any = scene.trajectory
     where = f"{scene.path}: " if scene.path else ""
-    frame, ik = model.points[trajectory.point], trajectory.ik
+    frame, ik = model.place(trajectory.point), trajectory.ik
     task = PointTask(model, frame, trajectory, ik.guess or scene.initial.q, scene.parameters, where)
     named, redundant = ik.branch is not None and task.arm is None, ik.redundancy != "least_rates"
     if not named and not redundant:

@@ -114,7 +114,7 @@ def find_frame(model: Model, name: str) -> FixedFrame:
     ------
     SceneError : there is none of that name.
     """
-    for known in (model.points, model.frames, model.links):
+    for known in (model.frames, model.points, model.links):
         if name in known:
             return known[name]
     names = [*model.points, *model.frames, *model.links]

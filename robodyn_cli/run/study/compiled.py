@@ -10,15 +10,20 @@ import numpy as np
 from robodyn_cli.expr.expectation import Expectation
 from robodyn_cli.record import record
 from robodyn_cli.run.batch.criteria import EXIT_CODE
+from robodyn_cli.run.many.command import Command
+from robodyn_cli.run.many.deploy import Deploy
+from robodyn_cli.run.many.making import is_plain
 from robodyn_cli.run.many.mechanism import Mechanism
 from robodyn_cli.run.many.record import ManyRuns
-from robodyn_cli.run.many.simulate import is_plain
+from robodyn_cli.run.many.simulate import Simulate
 from robodyn_cli.run.study.row import Row, Task, Values
 from robodyn_cli.spatial.algebra import Array
 
 FIRST_BLOCK, LARGEST_BLOCK = 64, 8192  # runs
 SECONDS_OF_BLOCK = 0.5  # about: between blocks rows are stored, and interrupts seen
 STATUS = "status"
+COMMANDS: dict[str, Command] = {"simulate": Simulate(), "deploy": Deploy()}
+GOOD = {"simulate": "ok", "deploy": "locked"}  # status of a run that ended as it should
 
 
 @record
@@ -32,20 +37,21 @@ class Block:
 def suits(task: Task) -> bool:
     """Tell whether compiled code gives all that a study wants of its runs."""
     wanted = [*task.outputs, *(key for key in task.family.own.expect if key not in (EXIT_CODE, STATUS))]
-    return task.command == "simulate" and all(is_plain(key) for key in wanted)
+    command = COMMANDS.get(task.command)
+    return command is not None and all(is_plain(command, key) for key in wanted)
 
 
 def blocks(task: Task, points: Sequence[Values], threads: int) -> Iterator[Block]:
     """Yield the rows of all points, a block at a time."""
-    mechanism = Mechanism(task.family, task.keys)
+    mechanism, command = Mechanism(task.family, task.keys), COMMANDS[task.command]
     expect = task.family.own.expect
-    of = tuple(dict.fromkeys([*task.outputs, *(key for key in expect if is_plain(key))]))
+    of = tuple(dict.fromkeys([*task.outputs, *(key for key in expect if is_plain(command, key))]))
     first, size = 0, FIRST_BLOCK
     while first < len(points):
         block = points[first : first + size]
         first += len(block)
         start = time.perf_counter()
-        runs, left = mechanism.simulate_compiled(np.array(block), of, threads)
+        runs, left = mechanism.compiled(command, np.array(block), of, threads)
         spent = time.perf_counter() - start
         rows = _rows(task, expect, runs, block, np.isin(np.arange(len(block)), left, invert=True), spent)
         yield Block(rows, [block[k] for k in left])
@@ -64,7 +70,7 @@ def _rows(
     none = np.empty((len(block), 0))
     outputs = np.stack([runs.outputs[key] for key in task.outputs], axis=1) if task.outputs else none
     errors = np.stack([runs.errors[key] for key in task.outputs], axis=1) if task.outputs else none
-    holds = _holds(expect, runs)
+    holds = _holds(expect, runs, GOOD[task.command])
     each = spent / len(block)
     columns = zip(runs.code.tolist(), outputs.tolist(), errors.tolist(), holds.tolist(), runs.reason)
     return [
@@ -74,11 +80,11 @@ def _rows(
     ]
 
 
-def _holds(expect: Mapping[str, Expectation], runs: ManyRuns) -> Array:
+def _holds(expect: Mapping[str, Expectation], runs: ManyRuns, status: str) -> Array:
     """Return in which runs (N,) all that a scene expects holds; in none that is refused."""
     holds = runs.ok.copy()
     for key, expected in expect.items():
-        found = {EXIT_CODE: runs.code.tolist(), STATUS: ["ok"] * len(runs)}.get(key)
+        found = {EXIT_CODE: runs.code.tolist(), STATUS: [status] * len(runs)}.get(key)
         values = runs.outputs[key].tolist() if found is None else found
         holds &= np.array([expected.holds(x) for x in values], dtype=bool)
     return holds

@@ -21,7 +21,7 @@ from robodyn_cli.scene.checks.elements import (
     couplers_of,
 )
 from robodyn_cli.scene.checks.robot import check_robot, columns, moving
-from robodyn_cli.scene.points import BASE, point_problem
+from robodyn_cli.scene.points import BASE, carrier, joint_of, point_problem
 from robodyn_cli.scene.text.nodes import Node, Path, Scalar, find
 from robodyn_cli.scene.types import Robot, Scene, Torque
 from robodyn_cli.trajectories.led import follow_trajectory, led_joints, velocity_columns
@@ -61,7 +61,20 @@ class _SceneNames:
         return tuple(joint.name for joint in self.robot.joints if joint_types[joint.type].quasi)
 
     def point_problem(self, reference: str) -> str | None:
-        return point_problem(self.robot, reference)
+        return None if reference in self.robot.frames else point_problem(self.robot, reference)
+
+    def fixed_problem(self, reference: str) -> str | None:
+        problem = self.point_problem(reference)
+        link = BASE if problem else carrier(self.robot, reference)
+        moves = moving(self.robot)
+        if reference in self.robot.points and self.robot.points[reference].motion is not None:
+            return f"{reference!r} has a motion of its own; allowed: places that stay where they are"
+        while link != BASE:
+            joint = joint_of(self.robot, link)
+            if joint is None or joint.name in moves:
+                return f"{reference!r} is fixed to {link!r}, which moves; allowed: places fixed to the base"
+            link = joint.parent or BASE
+        return problem
 
 
 def check_scene(scene: Scene, check: Check) -> Scene:
@@ -172,6 +185,10 @@ def _check_initial(scene: Scene, check: Check) -> None:
     _check_joints(scene, _keys(initial.qd, "initial", "qd"), check, at_key=True)
     _check_joints(scene, _items(initial.hold, "initial", "hold"), check, at_key=False)
     check.unique(initial.hold, "joint", [path for _, path in _items(initial.hold, "initial", "hold")])
+    if initial.at is not None and initial.source is None:
+        check.fail(
+            ("initial", "at"), "says when to go on from a stored run, but `from` names none", at_key=True
+        )
     for k, joint in enumerate(scene.robot.joints):
         if joint_types[joint.type].units != ("m",):
             continue

@@ -1,0 +1,74 @@
+"""``robodyn crosscheck``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.options import Overrides, Quiet, ReportAsJson, SceneFile, choice
+from robodyn_cli.cli.words import table
+from robodyn_cli.exit_codes import FAILED
+
+if TYPE_CHECKING:
+    from robodyn_cli.run.crosscheck.crosscheck import Crosscheck
+
+
+def command(
+    scene: SceneFile,
+    engine: Annotated[
+        str,
+        typer.Option(
+            "--with",
+            metavar="ENGINE",
+            parser=choice("pinocchio", "mujoco"),
+            help="The other engine: pinocchio or mujoco.",
+        ),
+    ],
+    asked: Annotated[
+        str | None,
+        typer.Option(
+            "--command",
+            metavar="NAME",
+            parser=choice("inverse", "simulate"),
+            help="What to compare: inverse or simulate; default: the scene's command.",
+        ),
+    ] = None,
+    overrides: Overrides = None,
+    as_json: ReportAsJson = False,
+    quiet: Quiet = False,
+) -> int:
+    """Compare a scene with another engine; return the exit code, 1 where they differ beyond their errors."""
+    from robodyn_cli.results.summary import jsonable
+    from robodyn_cli.run.crosscheck.crosscheck import as_data, crosscheck
+    from robodyn_cli.scene.load import load_scene
+
+    console = Console(as_json, quiet)
+    with console.waiting(lambda: f"comparing with {engine}"):
+        found = crosscheck(load_scene(scene, overrides or ()), engine, asked)
+    console.data(jsonable(as_data(found)))
+    console.say(describe(found))
+    return 0 if found.agrees else FAILED
+
+
+def describe(found: Crosscheck) -> str:
+    """Return the comparison for the terminal."""
+    rows = [["", "largest difference", "at", "here", "there", "error here", "error there"]]
+    for one in found.compared:
+        rows.append(
+            [
+                one.quantity, f"{one.difference:.2e}", f"{one.column}, t = {one.time:.6g} s", f"{one.ours:.12g}",
+                f"{one.theirs:.12g}", f"{one.our_error:.1e}", f"{one.their_error:.1e}",
+            ]
+        )  # fmt: skip
+    verdict = "agree within their errors" if found.agrees else "DIFFER beyond their errors"
+    lines = [
+        f"{found.title}: {found.command} here and in {found.engine} {found.version}: the answers {verdict}",
+        table(rows),
+    ]
+    if found.own:
+        lines.append(f"  by formulas of the check   {', '.join(found.own)}")
+    if found.given:
+        lines.append(f"  handed over, not checked   {', '.join(found.given)}")
+    return "\n".join(lines)

@@ -1,0 +1,1 @@
+"""A scene in another engine: Pinocchio or MuJoCo."""

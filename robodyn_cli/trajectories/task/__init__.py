@@ -1,0 +1,1 @@
+"""Paths of frames: the segments of a path, arc length, how the frame is turned along it."""

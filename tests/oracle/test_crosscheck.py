@@ -1,0 +1,196 @@
+"""``robodyn crosscheck``: scenes agree with Pinocchio and MuJoCo, and a wrong model is found."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robodyn_cli.cli.app import run
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.run.crosscheck import crosscheck as module
+from robodyn_cli.run.crosscheck.crosscheck import ENGINES, crosscheck
+from robodyn_cli.run.crosscheck.engine import Engine
+from robodyn_cli.run.crosscheck.in_mujoco import KINDS as MUJOCO
+from robodyn_cli.run.crosscheck.in_pinocchio import KINDS as PINOCCHIO
+from robodyn_cli.scene.load import load_scene, load_scene_text
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+SOLID = "mass: %g, com: [0.11, -0.07, 0.13], inertia: {xx: 0.05, yy: 0.06, zz: 0.04, xy: 0.004, xz: -0.003, yz: 0.006}"
+JOINTS = {
+    "revolute": ("axis: [0.2, 1, 0.3], damper: {damping: 0.2}, gear_ratio: -20, rotor_inertia: 1e-4", "0.3", "0.5"),
+    "prismatic": ("axis: [1, 0.3, 0], spring: {stiffness: 40, rest: 0.1}, rotor_inertia: 0.05", "0.2", "-0.4"),
+    "helical": ("axis: [0, 1, 0.3], pitch: 0.05, friction: {viscous: 0.3}", "-0.4", "0.6"),
+    "cylindrical": ("axis: [0, 0.2, 1], rotor_inertia: {theta: 0.02}, damper: {d: {damping: 2}}", "[0.3, 0.1]", "[1, 0.2]"),
+    "universal": ("axis: [1, 0, 0], axis2: [0, 0, 1], gear_ratio: {theta1: 9}, rotor_inertia: {theta1: 1e-3}", "[0.3, -0.5]", "[1, -2]"),
+    "planar": ("axis: [0, 0, 1], spring: {x: {stiffness: 30}}", "[0.1, 0.2, 0.3]", "[0.2, -0.3, 1]"),
+    "spherical": ("spring: {stiffness: 2}, friction: {viscous: 0.1, coulomb: 0.2, transition_speed: 0.1}", "{rpy: [0.3, -0.4, 0.5]}", "[1, -2, 0.5]"),
+    "floating": ("damper: {rotation: {damping: 0.1}}", "{xyz: [0.1, 0, 0.2], rpy: [0.3, -0.4, 0.5]}", "[0.4, 0.1, -0.3, 1, -2, 0.5]"),
+}  # fmt: skip
+
+
+def chain(kinds: list[str]) -> str:
+    """Return a chain of joints, with a branch of two links at its root."""
+    joints, links, q, qd = [], [], [], []
+    for k, kind in enumerate(kinds):
+        keys, position, rate = JOINTS[kind]
+        place = f"origin: {{xyz: [0.3, {0.1 * k}, -0.1], rpy: [0.2, {0.3 - 0.2 * k}, 0.4]}}"
+        parent = "parent: l0, " if k == 2 else ""
+        joints.append(f"    - {{name: j{k}, type: {kind}, {parent}link: l{k}, {place}, {keys}}}\n")
+        links.append(f"    - {{name: l{k}, {SOLID % (1.0 + 0.3 * k)}}}\n")
+        q.append(f"j{k}: {position}")
+        qd.append(f"j{k}: {rate}")
+    return (
+        "schema: 1\ngravity: [0.3, -0.4, -9.7]\nrobot:\n  base: {rpy: [0.1, 0.2, 0.3]}\n  joints:\n" + "".join(joints)
+        + "  links:\n" + "".join(links) + "  points: {tip: {link: l0, at: [0.2, 0.1, 0]}}\n"
+        "forces: [{name: pull, type: force, at: tip, force: ['3*sin(5*t)', 2, 0]}]\n"
+        f"initial: {{q: {{{', '.join(q)}}}, qd: {{{', '.join(qd)}}}}}\nsimulate: {{duration: 0.7, samples: 36}}\n"
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("kind", JOINTS)
+def test_every_joint_moves_alike(kind: str, engine: str) -> None:
+    """In a tree with a hinge before and behind it; masses, axes and inertias are those of nobody's example."""
+    text = chain(["revolute", kind, "revolute"])
+    if engine == "mujoco" and kind not in MUJOCO:
+        with pytest.raises(CapabilityError, match=f"is {kind}, which is not built in MuJoCo"):
+            crosscheck(load_scene_text(text), engine)
+        return
+    found = crosscheck(load_scene_text(text), engine)
+    assert found.command == "simulate"
+    for one in found.compared:
+        assert one.agrees, one
+        assert one.difference < 1e-7
+        assert 0.0 < one.our_error < 1e-8
+    assert "force pull" in found.given
+    assert set(PINOCCHIO) == set(JOINTS)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_torques_agree(engine: str) -> None:
+    joints = ["revolute", "universal", "prismatic", "cylindrical", "planar"]
+    motion = (
+        "trajectory: {type: joint, duration: 1, q: {j0: 'sin(2*t)', j1: {theta1: 0.4*t, theta2: 'cos(3*t)'}, j2: 0.1*t, "
+        "j3: {theta: t^2, d: 0.2*t}, j4: {x: 0.1, y: 't^3', theta: 'sin(t)'}}}\ninverse: {samples: 101}\n"
+    )
+    found = crosscheck(load_scene_text(chain(joints) + motion), engine)
+    assert found.command == "inverse"
+    (tau,) = found.compared
+    assert tau.agrees and tau.difference < 1e-11
+    assert set(found.own) == {
+        "damper of j0", "spring of j2", "damper of j3.d", "spring of j4.x",
+    }  # fmt: skip
+    assert found.given == ("force pull",)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("path", ["four_bar_deploy.yaml"])
+def test_loops_agree(path: str, engine: str) -> None:
+    found = crosscheck(load_scene(CONFIGS / path, ["simulate.duration=5", "simulate.samples=101"]), engine)
+    assert found.agrees
+    assert max(one.difference for one in found.compared) < 1e-8
+
+
+LOOP = """
+schema: 1
+gravity: [0.5, -9.81, 1]
+robot:
+  joints:
+    - {name: a, type: revolute, axis: [0, 0, 1]}
+    - {name: b, type: spherical, origin: {xyz: [0.6, 0, 0.1]}, friction: {viscous: 0.05}}
+    - {name: c, type: revolute, parent: base, link: l2, origin: {xyz: [1, 0.2, 0], rpy: [0.3, 0, 0]}, axis: [0, 0, 1]}
+  links:
+    - {name: l0, mass: 2, com: [0.3, 0.02, 0], inertia: {xx: 0.02, yy: 0.07, zz: 0.08, xy: 0.002, xz: 0.001, yz: 0.003}}
+    - {name: l1, mass: 1, com: [0.2, 0.01, 0.03], inertia: {xx: 0.01, yy: 0.03, zz: 0.035, xy: 0.002, xz: 0.001, yz: 0.003}}
+    - {name: l2, mass: 3, com: [0.2, -0.05, 0.02], inertia: {xx: 0.02, yy: 0.07, zz: 0.08, xy: 0.002, xz: 0.001, yz: 0.003}}
+  points: {hook: {link: l1, at: [0.5, 0.1, 0]}, pin: {link: l2, at: [0.4, 0, 0.05]}}
+loops: [{name: join, type: %s, between: [hook, pin]%s}]
+initial: {q: {a: 1.2, b: {rpy: [0.1, 0.2, -1.5]}, c: 1.4}, hold: [a]}
+simulate: {duration: 0.5, samples: 26}
+"""
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("kind", ["spherical", "revolute"])
+def test_spatial_loops_agree(kind: str, engine: str) -> None:
+    axis = ", axis: [0.1, 0.2, 1]" if kind == "revolute" else ""
+    text = LOOP % (kind, axis)
+    if kind == "revolute":  # one freedom: the hinge of the crank may slide to let the loop close
+        text = text.replace("name: c, type: revolute", "name: c, type: cylindrical").replace(
+            "c: 1.4", "c: [1.4, 0]"
+        )
+    found = crosscheck(load_scene_text(text), engine)
+    assert found.agrees, found.compared
+    assert max(one.difference for one in found.compared) < 1e-7
+
+
+def test_a_wrong_mass_is_found(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An engine whose model is 1e-6 too heavy differs by far more than the errors, and the exit code says so."""
+    right = module.translate
+
+    def heavier(scene: object, simulated: bool) -> object:
+        found = right(scene, simulated)  # type: ignore[arg-type]
+        body = found.model.bodies[0]
+        inertia = dataclasses.replace(
+            body.inertia, m=body.inertia.m * (1 + 1e-6), h=body.inertia.h * (1 + 1e-6)
+        )
+        bodies = (dataclasses.replace(body, inertia=inertia), *found.model.bodies[1:])
+        return dataclasses.replace(found, model=dataclasses.replace(found.model, bodies=bodies))
+
+    path = tmp_path / "arm.yaml"
+    path.write_text(chain(["revolute", "prismatic"]))
+    assert run(["crosscheck", str(path), "--with", "pinocchio", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["status"] == "ok"
+    monkeypatch.setattr(module, "translate", heavier)
+    assert run(["crosscheck", str(path), "--with", "pinocchio"]) == 1
+    assert "DIFFER" in capsys.readouterr().out
+
+
+def test_what_cannot_be_asked_is_listed() -> None:
+    stop = "limits: {upper: 1, stop: {restitution: 0.5}}, "
+    text = chain(["revolute", "revolute"]).replace("axis: [0.2, 1, 0.3], ", f"axis: [0.2, 1, 0.3], {stop}", 1)
+    with pytest.raises(CapabilityError, match=r"rigid stops \(j0\)"):
+        crosscheck(load_scene_text(text), "pinocchio")
+    with pytest.raises(CapabilityError, match="'join' of type point_on_plane"):
+        crosscheck(load_scene_text(LOOP % ("point_on_plane", ", axis: [0, 0, 1]")), "mujoco")
+    with pytest.raises(CapabilityError, match="inverse dynamics of loops"):
+        crosscheck(load_scene_text(LOOP % ("spherical", "")), "mujoco", "inverse")
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_missing_engine_is_named(engine: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, engine, None)
+    with pytest.raises(CapabilityError, match=r"pip install 'robodyn\[oracle\]'"):
+        crosscheck(load_scene_text(chain(["revolute"])), engine)
+
+
+def test_engines_agree_on_the_parts() -> None:
+    """Mass matrix, torques, accelerations, and the frames of loops: each engine against the other."""
+    scene = load_scene_text(chain(["spherical", "universal", "planar"]))
+    asked = module.translate(scene, True)
+    one, other = (module._engine(name)(asked.model) for name in ENGINES)
+    assert isinstance(one, Engine) and isinstance(other, Engine)
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        q, v, a = (
+            rng.normal(size=asked.model.nq),
+            rng.normal(size=asked.model.nv),
+            rng.normal(size=asked.model.nv),
+        )
+        q[:4] /= np.linalg.norm(q[:4])
+        M = one.mass_matrix(q)
+        assert np.abs(M - other.mass_matrix(q)).max() < 1e-12
+        assert np.abs(one.torques(q, v, a) - other.torques(q, v, a)).max() < 1e-11
+        tau = one.torques(q, v, a)
+        assert np.abs(other.free_accelerations(q, v, tau) - a).max() < 1e-9
+        frame = asked.model.points["tip"]
+        here, there = one.place(q, v, frame), other.place(q, v, frame)
+        for name in ("p", "R", "J", "a", "w"):
+            assert np.abs(getattr(here, name) - getattr(there, name)).max() < 1e-11, name
