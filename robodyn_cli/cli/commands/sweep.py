@@ -139,7 +139,7 @@ def _variations(texts: Sequence[str]) -> dict[str, Variation]:
         key, sign, spec = (part.strip() for part in text.partition("="))
         if not sign or not key:
             raise SceneError(f"--vary {text}: is not KEY=SPEC; {FORMS}")
-        if key in found:
+        if key in found:  # other spellings of one key are found once the scene is read
             raise SceneError(f"--vary {key}: is given twice")
         try:
             found[key] = parse_variation(spec)
@@ -160,7 +160,10 @@ def _judge(summary: Mapping[str, Any], least: float | None, console: Console) ->
 def describe(summary: Mapping[str, Any]) -> str:
     """Return the summary of a study for the terminal."""
     lines = [summary["title"]]
-    drawn = f", {summary['sampler']} samples, seed {summary['seed']}" if "sampler" in summary else ""
+    drawn = ""
+    if "sampler" in summary:
+        design = "Saltelli's design of " if "sobol_indices" in summary else ""
+        drawn = f", {design}{summary['sampler']} samples, seed {summary['seed']}"
     lines.append(
         f"  study              {summary['runs']} runs of {summary['of']}{drawn}, {summary['seconds']:.3g} s"
     )
