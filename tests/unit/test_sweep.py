@@ -6,6 +6,7 @@ import dataclasses
 import json
 import math
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -376,6 +377,26 @@ def test_a_study_that_was_killed_goes_on_where_it_was(fall: Path, tmp_path: Path
     result, _ = stored(out)
     assert result["outputs/final.q.z"] == pytest.approx(result["inputs/initial.qd.z"] - 9.81 / 2, abs=1e-9)
     assert not log.exists()
+
+
+def test_an_interrupt_says_what_is_kept_and_nothing_else(fall: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "robodyn_cli", "sweep", str(fall), "--vary", "initial.qd.z=normal(1, 0.1)",
+               "-n", "100000", "--of", "energy_drift", "--out", str(out), "--jobs", "2", "--no-plots"]  # fmt: skip
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    log = out / "unfinished.jsonl"
+    limit = time.monotonic() + 60
+    while time.monotonic() < limit and not (log.exists() and log.stat().st_size > 3000):
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate()
+    assert process.returncode == 130
+    runs = len(log.read_text().splitlines()) - 1
+    first, last = said.splitlines()
+    assert first.endswith(" of 100000 runs are done and kept; the same command goes on from there")
+    # the last rows may be written and not yet counted
+    assert 0 < int(first.split()[1]) <= runs
+    assert last == "robodyn: error: interrupted"
 
 
 def test_the_yield_that_is_asked_for_decides_the_exit_code(fall: Path, tmp_path: Path) -> None:
