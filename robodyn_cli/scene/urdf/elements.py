@@ -139,10 +139,13 @@ def _refuse_xacro(root: Element) -> None:
     while pending:
         element = pending.pop()
         if element.tag.startswith("xacro:"):
-            name = element.place.source.name.removesuffix(".xacro").removesuffix(".urdf")
+            name = element.place.source.name
+            stem = name.removesuffix(".xacro").removesuffix(".urdf")
+            # a shell empties the file behind ">" before xacro reads it
+            target = f"{stem}.urdf" if f"{stem}.urdf" != name else f"{stem}_expanded.urdf"
             raise element.error(
                 f"<{element.tag}> is a macro of xacro, which is not run here; run it first: "
-                f"xacro {element.place.source.name} > {name}.urdf"
+                f"xacro {name} > {target}"
             )
         pending += reversed(element.children)
 

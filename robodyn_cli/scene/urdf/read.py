@@ -9,7 +9,7 @@ from robodyn_cli.scene.text.faults import Faults
 from robodyn_cli.scene.text.nodes import Source
 from robodyn_cli.scene.urdf.elements import UrdfRobot, read_elements
 from robodyn_cli.scene.urdf.meshes import missing_meshes
-from robodyn_cli.scene.urdf.mimic import Relation, relations
+from robodyn_cli.scene.urdf.mimic import SINGLE, Relation, relations
 from robodyn_cli.scene.urdf.structure import check_structure, moving_links
 from robodyn_cli.scene.urdf.tree import RobotTree, robot_tree
 from robodyn_cli.scene.urdf.xml import parse_xml
@@ -87,5 +87,17 @@ def _warnings(robot: UrdfRobot) -> tuple[str, ...]:
     texts = {
         "links that have a shape but no mass, and move as if they weighed nothing": hollow,
         "damping and friction of joints with several coordinates, which are left out": drag,
+        "limits whose lower is above their upper, which are left out": _crossed(robot),
     }
     return tuple(f"{what}: {', '.join(names)}" for what, names in texts.items() if names)
+
+
+def _crossed(robot: UrdfRobot) -> list[str]:
+    """List the joints whose limits are the wrong way round, with their lines."""
+    found = []
+    for joint in robot.joints:
+        lower, upper = (joint.limits.get(k, 0.0) for k in ("lower", "upper"))
+        limit = joint.element.one("limit", joint.name)
+        if limit is not None and joint.type in SINGLE and joint.type != "continuous" and lower > upper:
+            found.append(f"{joint.name} (line {limit.place.line}: lower {lower:g}, upper {upper:g})")
+    return found
