@@ -151,6 +151,9 @@ a prescribed joint; gravity of 1e160 m/s^2. Seeds 3000001 to 3011018 on nearly t
 2: 8686, 3: 29, 4: 45, 5: 89, 130: 23, no internal error, 100 885 cases in all. Earlier versions: 52 982 cases with two causes, both mended.
 No number that is not finite has come out with status ok.
 
+260 runs of six commands were ended at random moments (132 by SIGKILL, 66 by SIGTERM, 62 by SIGINT): 192 left the files of the run before as they
+were, 68 had ended and left their own; no mix, no half-written file, nothing left behind.
+
 What it has found, all mended: a mass that the scene does not give and a damped joint (internal error while the method was
 chosen), overflow warnings of numpy from `plan`, matrices of numbers such as 1e18 and 1 that cannot be solved with, now exit code 3. By hand and
 from other scenes: rows that vanish but for rounding, and joints that throw each other on their rigid stops without end.

@@ -11,7 +11,10 @@ PART = 1e-2  # of what is left to a jump is left again by a step towards it
 
 
 class Approach:
-    """Where steps end before an event. step : fixed [s], None without. halves : whether a step that is cut is cut in two."""
+    """Where steps end before an event.
+
+    step : fixed [s], None without. halves : whether a step that is cut is cut in two.
+    """
 
     def __init__(self, step: float | None, halves: bool) -> None:
         self.step, self.halves = step, halves
@@ -20,7 +23,7 @@ class Approach:
     def stopover(self, start: float, time: float, jumps: bool) -> float | None:
         """Return where a step from ``start`` that an event cuts at ``time`` ends before it, None where it goes there.
 
-        A stage at the end of a step that ends at a jump of the rates may lie beyond it, so steps come close to it first.
+        A stage at the end of a step that ends at a jump of the rates may lie beyond it, so steps come close first.
         An event cuts a step to the same length whatever the step asked for: a second integration goes there in two.
         """
         if self.step is None:
