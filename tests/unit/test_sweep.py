@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -20,6 +22,7 @@ from robodyn_cli.cli.app import app
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.variation import parse_variation
 from robodyn_cli.results.hdf5 import read
+from robodyn_cli.run.many.mechanism import Mechanism
 from robodyn_cli.run.study.design import make_design
 from robodyn_cli.run.study.runs import run_all
 from robodyn_cli.run.study.statistics import influences, share, sobol
@@ -204,6 +207,41 @@ def test_sobol_indices_are_those_of_the_ishigami_function() -> None:
         assert one.first_low <= one.first <= one.first_high
 
 
+@pytest.mark.parametrize("n, keys", [(2, 1), (2, 2), (8, 1), (8, 3)])
+def test_sobol_indices_of_few_samples_and_of_one_key_have_finite_intervals(n: int, keys: int) -> None:
+    """The last of several keys has no influence, so its indices are zero in every resample."""
+    names = [f"k{i}" for i in range(keys)]
+    design = make_design(options(n=n, **dict.fromkeys(names, "uniform(0, 1)")), indices=True)
+    found = sobol(design, design.values[:, : max(1, keys - 1)].sum(axis=1) ** 2)
+    assert found is not None and list(found) == names
+    for one in found.values():
+        assert all(math.isfinite(x) for x in dataclasses.astuple(one))
+    if keys > 1:
+        assert found[names[-1]].total == 0.0 == found[names[-1]].total_high
+
+
+def test_one_key_explains_all_of_the_variance() -> None:
+    design = make_design(options(n=2048, sampler="sobol", a="normal(1, 2)"), indices=True)
+    found = sobol(design, 3.0 * design.values[:, 0])
+    assert found is not None and (found["a"].first, found["a"].total) == pytest.approx((1.0, 1.0), abs=0.02)
+
+
+def test_runs_that_samples_share_are_not_runs_of_an_earlier_study(fall: Path, tmp_path: Path) -> None:
+    """With one key B is the block with that column of B, so the runs of both are the same."""
+    words = ["--vary", "initial.qd.z=normal(1, 0.1)", "-n", 4, "--indices", "--of", "final.q.z"]
+    first = sweep(fall, *words, "--out", tmp_path / "out")
+    assert first.exit_code == 0 and "earlier study" not in first.output, first.output
+    assert "Saltelli" in first.output and stored(tmp_path / "out")[1]["runs"] == 12
+    again = sweep(fall, *words, "--out", tmp_path / "out")
+    assert "8 of 8 runs are there from an earlier study" in again.output
+
+
+def test_one_place_may_not_vary_under_two_names(fall: Path) -> None:
+    for other in ("robot.links.ball.mass", "robot.links.0.mass"):
+        with pytest.raises(SceneError, match="vary robot.links.0.mass: is given twice"):
+            Mechanism(fall, [other, "robot.links.0.mass"])
+
+
 # -- the command ----------------------------------------------------------------------------------------
 def test_the_outputs_of_each_run_are_those_of_the_command_alone(fall: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
@@ -341,6 +379,26 @@ def test_a_study_that_was_killed_goes_on_where_it_was(fall: Path, tmp_path: Path
     assert not log.exists()
 
 
+def test_an_interrupt_says_what_is_kept_and_nothing_else(fall: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "robodyn_cli", "sweep", str(fall), "--vary", "initial.qd.z=normal(1, 0.1)",
+               "-n", "100000", "--of", "energy_drift", "--out", str(out), "--jobs", "2", "--no-plots"]  # fmt: skip
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    log = out / "unfinished.jsonl"
+    limit = time.monotonic() + 60
+    while time.monotonic() < limit and not (log.exists() and log.stat().st_size > 3000):
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate()
+    assert process.returncode == 130
+    runs = len(log.read_text().splitlines()) - 1
+    first, last = said.splitlines()
+    assert first.endswith(" of 100000 runs are done and kept; the same command goes on from there")
+    # the last rows may be written and not yet counted
+    assert 0 < int(first.split()[1]) <= runs
+    assert last == "robodyn: error: interrupted"
+
+
 def test_the_yield_that_is_asked_for_decides_the_exit_code(fall: Path, tmp_path: Path) -> None:
     words = [fall, "--vary", "initial.qd.z=[0, 1, 2]", "--of", "final.q.z", "--out", tmp_path / "out"]
     assert sweep(*words, "--yield", 0.6).exit_code == 0
@@ -369,6 +427,15 @@ def test_the_scene_can_say_what_it_studies(fall: Path, tmp_path: Path) -> None:
         (["--vary", "robot.links.ball.mass=[20 deg]"], "not an angle"),
         (["--vary", "robot.links.ball.mass"], "not KEY=SPEC"),
         (["--vary", "gravity.2=[1]", "--vary", "gravity.2=[2]"], "given twice"),
+        (
+            ["--vary", "robot.links.0.mass=[1]", "--vary", "robot.links.ball.mass=[2]"],
+            "given twice, also as robot.links.0.mass",
+        ),
+        (
+            ["--vary", "gravity.2=uniform(0, 1)", "-n", "10", "--indices"],
+            "-n 10: Sobol indices need a power of 2",
+        ),
+        (["--vary", "gravity.2=uniform(0, 1)", "-n", "1", "--indices"], "allowed: 2, 4, 8, 16"),
         (["--vary", "gravity.2=[1]", "--of", "final.q.y"], "no such key"),
         (["--vary", "gravity.2=[1]", "--of", "status"], "not a number"),
         (["--vary", "gravity.2=uniform(0, 1)"], "-n N"),

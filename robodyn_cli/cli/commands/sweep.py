@@ -33,6 +33,8 @@ from robodyn_cli.errors import SceneError
 from robodyn_cli.exit_codes import FAILED
 
 if TYPE_CHECKING:
+    from types import TracebackType
+
     from robodyn_cli.expr.variation import Variation
 
 MOST_CASES = 8  # shown on the terminal
@@ -94,7 +96,8 @@ def command(
         with begun(directory, console):
             progress = Progress(console)
             done = earlier_rows(study, directory.path)
-            rows = run_study(study, directory.path, jobs or cores(), done, progress)
+            with progress:
+                rows = run_study(study, directory.path, jobs or cores(), done, progress)
             result = report(study, rows, progress.seconds)
             store(result, directory)
             publish(result, directory, drawings(no_plots, plots, format_))
@@ -104,10 +107,11 @@ def command(
 
 
 class Progress:
-    """Shows how many runs are done, and the time left."""
+    """Shows how many runs are done, and the time left; as a context manager, says what an interrupt leaves."""
 
     def __init__(self, console: Console) -> None:
         self.console = console
+        self.done = self.runs = 0
         self.start = time.perf_counter()
         self.before: int | None = None  # runs of an earlier study
 
@@ -115,7 +119,19 @@ class Progress:
     def seconds(self) -> float:
         return time.perf_counter() - self.start
 
+    def __enter__(self) -> Progress:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if isinstance(error, KeyboardInterrupt) and self.done:
+            self.console.note(
+                f"robodyn: {self.done} of {self.runs} runs are done and kept; the same command goes on from there"
+            )
+
     def __call__(self, done: int, runs: int) -> None:
+        self.done, self.runs = done, runs
         if self.before is None:
             self.before = done
             if done:
@@ -139,7 +155,7 @@ def _variations(texts: Sequence[str]) -> dict[str, Variation]:
         key, sign, spec = (part.strip() for part in text.partition("="))
         if not sign or not key:
             raise SceneError(f"--vary {text}: is not KEY=SPEC; {FORMS}")
-        if key in found:
+        if key in found:  # other spellings of one key are found once the scene is read
             raise SceneError(f"--vary {key}: is given twice")
         try:
             found[key] = parse_variation(spec)
@@ -160,7 +176,10 @@ def _judge(summary: Mapping[str, Any], least: float | None, console: Console) ->
 def describe(summary: Mapping[str, Any]) -> str:
     """Return the summary of a study for the terminal."""
     lines = [summary["title"]]
-    drawn = f", {summary['sampler']} samples, seed {summary['seed']}" if "sampler" in summary else ""
+    drawn = ""
+    if "sampler" in summary:
+        design = "Saltelli's design of " if "sobol_indices" in summary else ""
+        drawn = f", {design}{summary['sampler']} samples, seed {summary['seed']}"
     lines.append(
         f"  study              {summary['runs']} runs of {summary['of']}{drawn}, {summary['seconds']:.3g} s"
     )

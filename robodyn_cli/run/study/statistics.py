@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -140,21 +142,29 @@ def sobol(design: Design, output: Array) -> dict[str, Index] | None:
     if not np.all(np.isfinite(output)) or np.ptp(output) == 0.0:
         return None
     blocks = output.reshape(k + 2, n)
-    func = {"f_A": blocks[0][None], "f_B": blocks[1][None], "f_AB": blocks[2:, None, :]}
-    found = sobol_indices(func=func, n=n)
-    first, total = np.atleast_1d(found.first_order.squeeze()), np.atleast_1d(found.total_order.squeeze())
-    spreads = found.bootstrap(confidence_level=CONFIDENCE)
-    sides = [
-        np.atleast_1d(np.squeeze(side))
-        for order in (spreads.first_order, spreads.total_order)
-        for side in (order.confidence_interval.low, order.confidence_interval.high)
-    ]
-    return {
-        key: Index(
-            *(float(x) for x in (first[i], sides[0][i], sides[1][i], total[i], sides[2][i], sides[3][i]))
-        )
-        for i, key in enumerate(design.keys)
-    }
+    # scipy fails on the single number of one output and one key, so the output stands there twice
+    twice = np.stack([blocks, blocks], axis=1)
+    found = sobol_indices(func={"f_A": twice[0], "f_B": twice[1], "f_AB": twice[2:]}, n=n)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # resamples may not vary, see _sides
+        spreads = found.bootstrap(confidence_level=CONFIDENCE)
+    orders = ((found.first_order, spreads.first_order), (found.total_order, spreads.total_order))
+    columns = [column for value, order in orders for column in (value, *_sides(order))]
+    by_key = np.array([column.reshape(2, k)[0] for column in columns]).T
+    return {key: Index(*(float(x) for x in row)) for key, row in zip(design.keys, by_key)}
+
+
+def _sides(order: Any) -> tuple[Array, Array]:
+    """Return both ends of a bootstrap's interval.
+
+    Where the corrected one (BCa) does not exist, because no resample varies or hardly one does (a key without
+    influence, very few samples), it is that between quantiles.
+    """
+    tail = (1.0 - CONFIDENCE) / 2.0
+    plain = np.nanquantile(order.bootstrap_distribution, (tail, 1.0 - tail), axis=-1)
+    low, high = order.confidence_interval
+    there = np.isfinite(low) & np.isfinite(high)
+    return np.where(there, low, plain[0]), np.where(there, high, plain[1])
 
 
 def extremes(output: Array) -> Sequence[int]:

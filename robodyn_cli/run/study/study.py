@@ -23,7 +23,7 @@ from robodyn_cli.run.study.row import Row, Task, Values
 from robodyn_cli.run.study.runs import Runner, run_all
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene, StudyOptions
-from robodyn_cli.scene.units import unit_of
+from robodyn_cli.scene.units import refuse_doubles, unit_of
 from robodyn_cli.version import __version__
 
 COMMANDS = tuple(name for name in SCENE_COMMANDS if name not in ("stability", "assemble"))
@@ -102,6 +102,7 @@ def prepare(asked: Asked) -> Study:
     design = make_design(options, asked.indices)
     for key, variation in options.vary.items():
         _check_key(family, key, variation)
+    refuse_doubles(family.root, options.vary, "--vary")
     wanted = options.of or tuple(key for key, e in scene.expect.items() if e.numeric and key != "exit_code")
     task = Task(family, scene.command, design.keys, wanted)
     nominal = _run_nominal(task)
@@ -168,14 +169,15 @@ def run_study(
     points: list[Values] = [tuple(row) for row in study.design.values.tolist()]
     with Log(directory / LOG_NAME, study.digest) as log:
         rows = {**done, **log.rows}
-        missing = list(dict.fromkeys(values for values in points if values not in rows))
-        tell(len(points) - len(missing), len(points))
-        done_now = len(points) - len(missing)
+        runs = list(dict.fromkeys(points))  # samples may share points
+        missing = [values for values in runs if values not in rows]
+        done_now = len(runs) - len(missing)
+        tell(done_now, len(runs))
         for more in run_all(study.task, missing, jobs):
             rows.update((row.values, row) for row in more)
             log.add(more)
             done_now += len(more)
-            tell(done_now, len(points))
+            tell(done_now, len(runs))
     return [rows[values] for values in points]
 
 
