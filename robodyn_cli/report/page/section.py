@@ -169,7 +169,11 @@ def _plots(result: Result, store: Store, moving: bool) -> Html | None:
     thinned = any(is_thinned(chart) for chart in store.figures[first:])
     return Html(
         "".join(
-            [element("p", THINNED, class_="note") if thinned else "", element("div", plots, class_="plots")]
+            [
+                tables.error_note(result.summary) or "",
+                element("p", THINNED, class_="note") if thinned else "",
+                element("div", plots, class_="plots"),
+            ]
         )
     )
 

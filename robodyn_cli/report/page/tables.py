@@ -184,10 +184,14 @@ def error_table(summary: Mapping[str, Any], plot: str) -> Html | None:
     if not found:
         return None
     rows = [(WORDS.get(name, named(name)), value) for name, value in found.items()]
+    return element("div", table(("errors and residuals", ""), rows), class_="errors")
+
+
+def error_note(summary: Mapping[str, Any]) -> Html | None:
+    """Return how the errors beside the figures were estimated; None where they were not."""
     estimate = summary.get("error_estimate")
     method = estimate.get("method") if isinstance(estimate, Mapping) else None
-    note = element("p", f"Error estimate: {method}.", class_="note") if method else None
-    return element("div", table(("errors and residuals", ""), rows), note, class_="errors")
+    return element("p", f"Error estimate: {method}.", class_="note") if method else None
 
 
 def _flat(key: str, value: Any) -> list[tuple[str, float]]:
