@@ -86,8 +86,9 @@ def written(value: Any) -> str:
 
 
 def named(key: str) -> str:
-    """Return a key in words."""
-    return key.replace("_", " ")
+    """Return a key in words, with the seconds that some end with as a unit."""
+    words = key.replace("_", " ")
+    return f"{words[:-2]} [s]" if words.endswith(" s") else words
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[Any]], caption: str | None = None) -> Html:
