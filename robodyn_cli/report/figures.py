@@ -179,22 +179,19 @@ def _configuration(result: Result, summary: Summary) -> list[Table]:
 
 
 def _study(result: Result, summary: Summary) -> list[Table]:
+    head = ["output", "as it stands", "smallest", "largest"]
+    if "sampler" in summary:
+        head += ["mean", "standard deviation"]
     rows = []
     for name, spread in summary.get("results", {}).items():
         if spread is None:
             continue
         worst = spread.get("largest_error")
-        rows.append(
-            [
-                name,
-                figure(spread["nominal"], worst),
-                figure(spread["mean"], spread.get("mean_error")),
-                figure(spread["sd"]),
-                figure(spread["minimum"], worst),
-                figure(spread["maximum"], worst),
-            ]
-        )
-    return [Table(("output", "nominal", "mean", "standard deviation", "smallest", "largest"), rows)]
+        row = [name, *(figure(spread[key], worst) for key in ("nominal", "minimum", "maximum"))]
+        if "sampler" in summary:
+            row += [figure(spread["mean"], spread.get("mean_error")), figure(spread["sd"])]
+        rows.append(row)
+    return [Table(head, rows)]
 
 
 TABLES: dict[str, Callable[[Result, Summary], list[Table]]] = {

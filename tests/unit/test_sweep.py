@@ -406,6 +406,24 @@ def test_the_yield_that_is_asked_for_decides_the_exit_code(fall: Path, tmp_path:
     assert low.exit_code == 1 and "yield is 0.6667" in low.output
 
 
+def test_a_grid_has_extremes_and_samples_a_spread(fall: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    words = [fall, "--of", "final.q.z", "--out", out]
+    grid = sweep(*words, "--vary", "initial.qd.z=linspace(0, 2, 3)")
+    found = stored(out)[1]
+    assert found["results"]["final.q.z"].keys().isdisjoint({"mean", "sd", "quantiles", "mean_error"})
+    assert found["failed"] == {"share": 0.0} and found["yield"] == {"share": pytest.approx(2 / 3)}
+    assert "least" in grid.output and "greatest" in grid.output and "95 %" not in grid.output
+    drawn = sweep(*words, "--vary", "initial.qd.z=uniform(0, 2)", "-n", 5)
+    found = stored(out)[1]
+    assert {"mean", "sd", "quantiles", "mean_error"} <= found["results"]["final.q.z"].keys()
+    assert {"low", "high", "confidence"} <= found["failed"].keys()
+    assert "95 %" in drawn.output and "0 % of the runs (0 to 52.2 %)" in drawn.output
+    # the scene expects something, which is no yield as long as the study asks for none
+    assert "yield" not in drawn.output
+    assert "yield" in sweep(*words, "--vary", "initial.qd.z=uniform(0, 2)", "-n", 5, "--yield", 0).output
+
+
 def test_the_scene_can_say_what_it_studies(fall: Path, tmp_path: Path) -> None:
     fall.write_text(
         FALL

@@ -120,7 +120,7 @@ def _summarise(
             for k, (key, column) in enumerate(columns.items())
         },
         failures={str(code): count for code, count in sorted(failures.items())},
-        failed=share(sum(failures.values()), len(rows)),
+        failed=share(sum(failures.values()), len(rows), sampled),
         cases=_cases(study, rows, columns),
         influence={key: influences(design, column) for key, column in columns.items()},
         sobol_indices={key: sobol(design, column) for key, column in columns.items()}
@@ -130,7 +130,7 @@ def _summarise(
     )
     result.summarise(summary)
     if study.scene.expect:
-        result.summary["yield"] = as_keys(share(sum(row.holds for row in rows), len(rows)))
+        result.summary["yield"] = as_keys(share(sum(row.holds for row in rows), len(rows), sampled))
 
 
 def _cases(study: Study, rows: Sequence[Row], columns: Mapping[str, Array]) -> list[Case]:
