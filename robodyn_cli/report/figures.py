@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.record import record
-from robodyn_cli.results.columns import column_names, units_of
+from robodyn_cli.results.columns import UNKNOWN, column_names, units_of
 from robodyn_cli.results.result import Result
 
 MOST_ROWS = 12  # that a small table shows
@@ -186,10 +186,10 @@ def _study(result: Result, summary: Summary) -> list[Table]:
     for name, spread in summary.get("results", {}).items():
         if spread is None:
             continue
-        worst = spread.get("largest_error")
-        row = [name, *(figure(spread[key], worst) for key in ("nominal", "minimum", "maximum"))]
+        worst, unit = spread.get("largest_error"), spread["unit"] if spread["unit"] != UNKNOWN else ""
+        row = [name, *(figure(spread[key], worst, unit) for key in ("nominal", "minimum", "maximum"))]
         if "sampler" in summary:
-            row += [figure(spread["mean"], spread.get("mean_error")), figure(spread["sd"])]
+            row += [figure(spread["mean"], spread.get("mean_error"), unit), figure(spread["sd"], None, unit)]
         rows.append(row)
     return [Table(head, rows)]
 

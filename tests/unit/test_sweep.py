@@ -21,13 +21,16 @@ from typer.testing import CliRunner
 from robodyn_cli.cli.app import app
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.variation import parse_variation
+from robodyn_cli.model.build import build_model
+from robodyn_cli.results.columns import UNKNOWN
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.run.many.mechanism import Mechanism
 from robodyn_cli.run.study.design import make_design
 from robodyn_cli.run.study.runs import run_all
 from robodyn_cli.run.study.statistics import influences, share, sobol
 from robodyn_cli.run.study.study import Asked, prepare
-from robodyn_cli.scene.load import Family, load_scene
+from robodyn_cli.run.study.units import unit_of_output
+from robodyn_cli.scene.load import Family, load_scene, load_scene_text
 from robodyn_cli.scene.types import Correlation, StudyOptions
 
 # a falling point mass with drag-free motion has a closed form: z = v t - g t^2 / 2
@@ -422,6 +425,60 @@ def test_a_grid_has_extremes_and_samples_a_spread(fall: Path, tmp_path: Path) ->
     # the scene expects something, which is no yield as long as the study asks for none
     assert "yield" not in drawn.output
     assert "yield" in sweep(*words, "--vary", "initial.qd.z=uniform(0, 2)", "-n", 5, "--yield", 0).output
+
+
+UNITS = """
+schema: 1
+gravity: [0, 0, 0]
+robot:
+  joints:
+    - {name: hinge, type: revolute, axis: [0, 0, 1]}
+    - {name: slide, type: prismatic, axis: [1, 0, 0]}
+    - {name: ball, type: spherical}
+  links: [{name: a}, {name: b}, {name: c}]
+"""
+
+
+@pytest.mark.parametrize(
+    "key, unit",
+    [
+        ("peak_torque.hinge", "N m"),
+        ("joints.slide.peak_torque", "N"),
+        ("rms_torque.slide", "N"),
+        ("peak_speed.hinge", "rad/s"),
+        ("joints.slide.peak_power", "W"),
+        ("peak_torque_time.hinge", "s"),
+        ("final.q.hinge", "rad"),
+        ("final.qd.slide", "m/s"),
+        ("final.q.ball.qw", "1"),
+        ("final.qd.ball.wx", "rad/s"),
+        ("lock.angles.slide", "m"),
+        ("lock.angles_deg.hinge", "deg"),
+        ("lock.time", "s"),
+        ("lock.time_error", "s"),
+        ("accelerations.slide", "m/s^2"),
+        ("torques_of_joints.hinge", "N m"),
+        ("points.tip.peak_speed", "m/s"),
+        ("energy_drift", "J"),
+        ("energy_drift_relative", "1"),
+        ("reactions.largest.hinge.peak_moment", "N m"),
+        ("counters.steps", "1"),
+        ("error_estimate.q_end", UNKNOWN),
+        ("constraint_residual.position", UNKNOWN),
+    ],
+)
+def test_outputs_have_the_units_of_their_keys(key: str, unit: str) -> None:
+    assert unit_of_output(key, build_model(load_scene_text(UNITS))) == unit
+
+
+def test_units_of_outputs_are_shown_and_stored(fall: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    done = sweep(fall, "--vary", "initial.qd.z=[0, 1]", "--of", "final.qd.z", "--out", out)
+    result, summary = stored(out)
+    assert (
+        result.variables["outputs/final.qd.z"].units == "m/s" == result.variables["errors/final.qd.z"].units
+    )
+    assert summary["results"]["final.qd.z"]["unit"] == "m/s" and "m/s" in done.output
 
 
 def test_the_scene_can_say_what_it_studies(fall: Path, tmp_path: Path) -> None:

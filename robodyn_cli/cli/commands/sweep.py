@@ -209,11 +209,19 @@ def _spreads(summary: Mapping[str, Any]) -> list[str]:
     columns = {"mean": "mean", "sd": "sd", "5 %": "5 %", "50 %": "50 %", "95 %": "95 %"}
     if "sampler" not in summary:
         columns = {"least": "minimum", "greatest": "maximum"}
-    rows = [["output", *columns, "as it stands"]]
+    rows = [["output", *columns, "as it stands", "unit"]]
     for key, found in summary["results"].items():
         figures = {**found, **found.get("quantiles", {})} if found is not None else {}
-        rows.append([key, *(shown(figures.get(name)) for name in (*columns.values(), "nominal"))])
+        numbers = (shown(figures.get(name)) for name in (*columns.values(), "nominal"))
+        rows.append([key, *numbers, _unit(figures.get("unit", ""))])
     return [table(rows)]
+
+
+def _unit(unit: str) -> str:
+    """Return a unit as a table shows it."""
+    from robodyn_cli.results.columns import UNKNOWN
+
+    return {"1": "-", UNKNOWN: "SI"}.get(unit, unit)
 
 
 def _influences(summary: Mapping[str, Any]) -> list[str]:

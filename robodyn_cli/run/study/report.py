@@ -88,7 +88,9 @@ def report(study: Study, rows: Sequence[Row], seconds: float) -> Result:
             ("outputs", outputs[:, k], key),
             ("errors", errors[:, k], f"estimated error of {key}"),
         ):
-            result.add(f"{group}/{key}", column, units=OUTPUT_UNITS, dims=("run",), long_name=meaning)
+            result.add(
+                f"{group}/{key}", column, units=study.output_units[key], dims=("run",), long_name=meaning
+            )
     code = [float(row.code) for row in rows]
     result.add("runs/exit_code", code, units="1", dims=("run",), long_name="exit code of each run")
     held = [float(row.holds) for row in rows]
@@ -97,9 +99,6 @@ def report(study: Study, rows: Sequence[Row], seconds: float) -> Result:
     )
     _summarise(result, study, rows, outputs, errors, seconds)
     return result
-
-
-OUTPUT_UNITS = "SI, as in the summary"
 
 
 def _summarise(
@@ -116,7 +115,7 @@ def _summarise(
         seed=options.seed if sampled else ABSENT,
         inputs={key: InputKeys(v.text, study.units[key]) for key, v in options.vary.items()},
         results={
-            key: spread(column, errors[:, k], study.nominal.outputs[k], sampled)
+            key: spread(column, errors[:, k], study.nominal.outputs[k], study.output_units[key], sampled)
             for k, (key, column) in enumerate(columns.items())
         },
         failures={str(code): count for code, count in sorted(failures.items())},

@@ -22,15 +22,16 @@ CONFIDENCE = 0.95  # of all intervals
 class Spread:
     """How an output spreads over the runs that have it.
 
-    runs : their number. nominal : value of the scene as it stands. mean, sd, quantiles, mean_error (standard error of
-    the mean) : for samples alone; of a grid they would tell how its values were chosen. largest_error : of the errors
-    that runs estimate, where they do.
+    runs : their number. nominal : value of the scene as it stands. unit : of all. mean, sd, quantiles, mean_error
+    (standard error of the mean) : for samples alone; of a grid they would tell how its values were chosen.
+    largest_error : of the errors that runs estimate, where they do.
     """
 
     runs: int
     minimum: float
     maximum: float
     nominal: float | None
+    unit: str
     mean: float | Absent = ABSENT
     sd: float | Absent = ABSENT
     quantiles: dict[str, float] | Absent = ABSENT
@@ -71,13 +72,13 @@ class Index:
     total_high: float
 
 
-def spread(values: Array, errors: Array, nominal: float, sampled: bool) -> Spread | None:
+def spread(values: Array, errors: Array, nominal: float, unit: str, sampled: bool) -> Spread | None:
     """Return how an output spreads; None where no run has it. sampled : whether the runs are random samples."""
     there = values[np.isfinite(values)]
     if not there.size:
         return None
     known = errors[np.isfinite(errors)]
-    ends = float(there.min()), float(there.max()), nominal if math.isfinite(nominal) else None
+    ends = float(there.min()), float(there.max()), nominal if math.isfinite(nominal) else None, unit
     largest_error = float(known.max()) if known.size else ABSENT
     if not sampled:
         return Spread(int(there.size), *ends, largest_error=largest_error)

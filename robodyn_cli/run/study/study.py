@@ -12,6 +12,7 @@ from typing import Any
 from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.variation import Variation
+from robodyn_cli.model.build import build_model
 from robodyn_cli.record import record
 from robodyn_cli.results.provenance import sha256
 from robodyn_cli.run.batch.criteria import lookup, refuse_unknown
@@ -21,6 +22,7 @@ from robodyn_cli.run.study.design import Design, make_design
 from robodyn_cli.run.study.log import LOG_NAME, Log
 from robodyn_cli.run.study.row import Row, Task, Values
 from robodyn_cli.run.study.runs import Runner, run_all
+from robodyn_cli.run.study.units import unit_of_output
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene, StudyOptions
 from robodyn_cli.scene.units import refuse_doubles, unit_of
@@ -47,13 +49,15 @@ class Asked:
 class Study:
     """A study that makes sense, before it runs.
 
-    scene : as it stands. units : by key that varies. nominal : the run of the scene as it stands.
+    scene : as it stands. units : by key that varies. output_units : by output. nominal : the run of the scene as it
+    stands.
     """
 
     asked: Asked
     task: Task
     design: Design
     units: dict[str, str]
+    output_units: dict[str, str]
     nominal: Row
 
     @property
@@ -107,7 +111,9 @@ def prepare(asked: Asked) -> Study:
     task = Task(family, scene.command, design.keys, wanted)
     nominal = _run_nominal(task)
     units = {key: unit_of(family.root, key) for key in design.keys}
-    return Study(asked, task, design, units, nominal)
+    model = build_model(scene)
+    output_units = {key: unit_of_output(key, model) for key in wanted}
+    return Study(asked, task, design, units, output_units, nominal)
 
 
 def _check_key(family: Family, key: str, variation: Variation) -> None:
