@@ -210,6 +210,11 @@ def test_sobol_indices_are_those_of_the_ishigami_function() -> None:
         assert one.first_low <= one.first <= one.first_high
 
 
+def test_many_runs_are_shown_in_one_line(fall: Path) -> None:
+    runs = Mechanism(fall, ["robot.links.ball.mass"]).simulate_many({"robot.links.ball.mass": [1.0, -1.0]})
+    assert repr(runs) == "ManyRuns(2 runs, 1 failed, of robot.links.ball.mass)"
+
+
 @pytest.mark.parametrize("n, keys", [(2, 1), (2, 2), (8, 1), (8, 3)])
 def test_sobol_indices_of_few_samples_and_of_one_key_have_finite_intervals(n: int, keys: int) -> None:
     """The last of several keys has no influence, so its indices are zero in every resample."""
@@ -511,7 +516,14 @@ def test_the_scene_can_say_what_it_studies(fall: Path, tmp_path: Path) -> None:
             "-n 10: Sobol indices need a power of 2",
         ),
         (["--vary", "gravity.2=uniform(0, 1)", "-n", "1", "--indices"], "allowed: 2, 4, 8, 16"),
-        (["--vary", "gravity.2=[1]", "--of", "final.q.y"], "no such key"),
+        (
+            ["--vary", "gravity.2=[1]", "--of", "final.q.y"],
+            "error: --of final.q.y: the summary has no such key",
+        ),
+        (
+            ["--vary", "gravity.2=[1]", "--set", "study={of: [final.q.y]}"],
+            "error: study.of: final.q.y: the summary",
+        ),
         (["--vary", "gravity.2=[1]", "--of", "status"], "not a number"),
         (["--vary", "gravity.2=uniform(0, 1)"], "-n N"),
         (["--vary", "gravity.2=uniform(0, 1)", "-n", "0"], "whole number >= 1"),

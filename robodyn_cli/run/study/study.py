@@ -109,7 +109,8 @@ def prepare(asked: Asked) -> Study:
     refuse_doubles(family.root, options.vary, "--vary")
     wanted = options.of or tuple(key for key, e in scene.expect.items() if e.numeric and key != "exit_code")
     task = Task(family, scene.command, design.keys, wanted)
-    nominal = _run_nominal(task)
+    source = "expect:" if not options.of else "study.of:" if options.of == scene.study.of else "--of"
+    nominal = _run_nominal(task, source)
     units = {key: unit_of(family.root, key) for key in design.keys}
     model = build_model(scene)
     output_units = {key: unit_of_output(key, model) for key in wanted}
@@ -127,8 +128,8 @@ def _check_key(family: Family, key: str, variation: Variation) -> None:
         raise SceneError(message, key=key) from error
 
 
-def _run_nominal(task: Task) -> Row:
-    """Return the run of the scene as it stands.
+def _run_nominal(task: Task, source: str) -> Row:
+    """Return the run of the scene as it stands; source : what named the outputs.
 
     Raises
     ------
@@ -145,10 +146,11 @@ def _run_nominal(task: Task) -> Row:
             f"{task.family.path}: no output is named; give --of KEY, or study.of; numbers here: {known}"
         )
     for key in task.outputs:
-        refuse_unknown(summary, key, "study.of")
+        asked = f"{source} {key}"
+        refuse_unknown(summary, key, asked)
         value = lookup(summary, key)
         if row.code == 0 and value is not None and math.isnan(number_of(summary, key)):
-            raise SceneError(f"study.of: {key!r} is {value!r}, which is not a number")
+            raise SceneError(f"{asked}: is {value!r}, which is not a number")
     return row
 
 
