@@ -14,7 +14,18 @@ from robodyn_cli.record import record
 from robodyn_cli.scene.text.faults import Faults
 from robodyn_cli.scene.text.nodes import Node, Path, Scalar, describe_node, dotted, located, shown
 from robodyn_cli.schema.describe import describe
-from robodyn_cli.schema.fields import Boolean, Choice, CsvFile, Formula, Integer, Kind, Name, Number, Text
+from robodyn_cli.schema.fields import (
+    Boolean,
+    Choice,
+    CsvFile,
+    Formula,
+    Integer,
+    Kind,
+    MeshFile,
+    Name,
+    Number,
+    Text,
+)
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 _IN_FORMULAS = ("joint", "parameter")
@@ -52,6 +63,7 @@ class ScalarReader:
             Choice: self.choice,
             Formula: self.formula,
             CsvFile: self.text,
+            MeshFile: self.text,
         }
 
     def value(self, kind: Kind, node: Node, path: Path, unit: str = "") -> Any:
