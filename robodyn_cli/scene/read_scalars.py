@@ -77,6 +77,8 @@ class ScalarReader:
         allowed = describe(kind, unit)
         if isinstance(node, Scalar) and node.value is None and not what:
             return located(node, dotted(path), f"has no value; allowed: {allowed}")
+        if isinstance(node, Scalar) and type(node.value) in (int, float):
+            what = what or "is a number"
         what = what or "is not allowed here"
         return located(node, dotted(path), f"{what} (value {describe_node(node)}); allowed: {allowed}")
 
@@ -116,6 +118,8 @@ class ScalarReader:
 
     def check_range(self, kind: Number | Integer, value: float, node: Node, path: Path, unit: str) -> None:
         low, high = kind.minimum, kind.maximum
+        if low is not None and low == high and value != low:
+            raise self.wrong(kind, node, path, unit, "is not known here")
         strict = isinstance(kind, Number) and kind.exclusive
         if low is not None and (value < low or (strict and value == low)):
             raise self.wrong(kind, node, path, unit, "is too small")

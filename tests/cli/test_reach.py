@@ -44,6 +44,19 @@ def test_a_redundant_arm_reaches_by_a_criterion(tmp_path: Path) -> None:
     assert "freedom left       3" in text
 
 
+@pytest.mark.parametrize(
+    "words, error",
+    [
+        (("--frame", "link9", *POSE[2:]), "--frame link9: reach.frame: unknown frame 'link9'"),
+        ((*POSE[:3], "0.4,0.2"), "--position 0.4,0.2: reach.position: has 2 entries"),
+        ((*POSE[:5], "0,up,0"), "--rpy 0,up,0: reach.orientation.rpy"),
+    ],
+)
+def test_errors_name_the_option_that_was_typed(tmp_path: Path, words: tuple[str, ...], error: str) -> None:
+    done = invoke("reach", PUMA, *words, "--out", str(tmp_path / "out"))
+    assert done.code == 2 and f"robodyn: error: {error}" in done.err and "--set" not in done.err, done.err
+
+
 def test_a_scene_asks_for_a_pose(tmp_path: Path) -> None:
     path = tmp_path / "scene.yaml"
     path.write_text(

@@ -21,13 +21,16 @@ from typer.testing import CliRunner
 from robodyn_cli.cli.app import app
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.variation import parse_variation
+from robodyn_cli.model.build import build_model
+from robodyn_cli.results.columns import UNKNOWN
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.run.many.mechanism import Mechanism
 from robodyn_cli.run.study.design import make_design
 from robodyn_cli.run.study.runs import run_all
 from robodyn_cli.run.study.statistics import influences, share, sobol
 from robodyn_cli.run.study.study import Asked, prepare
-from robodyn_cli.scene.load import Family, load_scene
+from robodyn_cli.run.study.units import unit_of_output
+from robodyn_cli.scene.load import Family, load_scene, load_scene_text
 from robodyn_cli.scene.types import Correlation, StudyOptions
 
 # a falling point mass with drag-free motion has a closed form: z = v t - g t^2 / 2
@@ -205,6 +208,11 @@ def test_sobol_indices_are_those_of_the_ishigami_function() -> None:
     for one, s, t in zip(found.values(), first, [first[0] + beyond, first[1], beyond]):
         assert one.first == pytest.approx(s, abs=0.02) and one.total == pytest.approx(t, abs=0.02)
         assert one.first_low <= one.first <= one.first_high
+
+
+def test_many_runs_are_shown_in_one_line(fall: Path) -> None:
+    runs = Mechanism(fall, ["robot.links.ball.mass"]).simulate_many({"robot.links.ball.mass": [1.0, -1.0]})
+    assert repr(runs) == "ManyRuns(2 runs, 1 failed, of robot.links.ball.mass)"
 
 
 @pytest.mark.parametrize("n, keys", [(2, 1), (2, 2), (8, 1), (8, 3)])
@@ -406,6 +414,78 @@ def test_the_yield_that_is_asked_for_decides_the_exit_code(fall: Path, tmp_path:
     assert low.exit_code == 1 and "yield is 0.6667" in low.output
 
 
+def test_a_grid_has_extremes_and_samples_a_spread(fall: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    words = [fall, "--of", "final.q.z", "--out", out]
+    grid = sweep(*words, "--vary", "initial.qd.z=linspace(0, 2, 3)")
+    found = stored(out)[1]
+    assert found["results"]["final.q.z"].keys().isdisjoint({"mean", "sd", "quantiles", "mean_error"})
+    assert found["failed"] == {"share": 0.0} and found["yield"] == {"share": pytest.approx(2 / 3)}
+    assert "least" in grid.output and "greatest" in grid.output and "95 %" not in grid.output
+    drawn = sweep(*words, "--vary", "initial.qd.z=uniform(0, 2)", "-n", 5)
+    found = stored(out)[1]
+    assert {"mean", "sd", "quantiles", "mean_error"} <= found["results"]["final.q.z"].keys()
+    assert {"low", "high", "confidence"} <= found["failed"].keys()
+    assert "95 %" in drawn.output and "0 % of the runs (0 to 52.2 %)" in drawn.output
+    # the scene expects something, which is no yield as long as the study asks for none
+    assert "yield" not in drawn.output
+    assert "yield" in sweep(*words, "--vary", "initial.qd.z=uniform(0, 2)", "-n", 5, "--yield", 0).output
+
+
+UNITS = """
+schema: 1
+gravity: [0, 0, 0]
+robot:
+  joints:
+    - {name: hinge, type: revolute, axis: [0, 0, 1]}
+    - {name: slide, type: prismatic, axis: [1, 0, 0]}
+    - {name: ball, type: spherical}
+  links: [{name: a}, {name: b}, {name: c}]
+"""
+
+
+@pytest.mark.parametrize(
+    "key, unit",
+    [
+        ("peak_torque.hinge", "N m"),
+        ("joints.slide.peak_torque", "N"),
+        ("rms_torque.slide", "N"),
+        ("peak_speed.hinge", "rad/s"),
+        ("joints.slide.peak_power", "W"),
+        ("peak_torque_time.hinge", "s"),
+        ("final.q.hinge", "rad"),
+        ("final.qd.slide", "m/s"),
+        ("final.q.ball.qw", "1"),
+        ("final.qd.ball.wx", "rad/s"),
+        ("lock.angles.slide", "m"),
+        ("lock.angles_deg.hinge", "deg"),
+        ("lock.time", "s"),
+        ("lock.time_error", "s"),
+        ("accelerations.slide", "m/s^2"),
+        ("torques_of_joints.hinge", "N m"),
+        ("points.tip.peak_speed", "m/s"),
+        ("energy_drift", "J"),
+        ("energy_drift_relative", "1"),
+        ("reactions.largest.hinge.peak_moment", "N m"),
+        ("counters.steps", "1"),
+        ("error_estimate.q_end", UNKNOWN),
+        ("constraint_residual.position", UNKNOWN),
+    ],
+)
+def test_outputs_have_the_units_of_their_keys(key: str, unit: str) -> None:
+    assert unit_of_output(key, build_model(load_scene_text(UNITS))) == unit
+
+
+def test_units_of_outputs_are_shown_and_stored(fall: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    done = sweep(fall, "--vary", "initial.qd.z=[0, 1]", "--of", "final.qd.z", "--out", out)
+    result, summary = stored(out)
+    assert (
+        result.variables["outputs/final.qd.z"].units == "m/s" == result.variables["errors/final.qd.z"].units
+    )
+    assert summary["results"]["final.qd.z"]["unit"] == "m/s" and "m/s" in done.output
+
+
 def test_the_scene_can_say_what_it_studies(fall: Path, tmp_path: Path) -> None:
     fall.write_text(
         FALL
@@ -436,7 +516,14 @@ def test_the_scene_can_say_what_it_studies(fall: Path, tmp_path: Path) -> None:
             "-n 10: Sobol indices need a power of 2",
         ),
         (["--vary", "gravity.2=uniform(0, 1)", "-n", "1", "--indices"], "allowed: 2, 4, 8, 16"),
-        (["--vary", "gravity.2=[1]", "--of", "final.q.y"], "no such key"),
+        (
+            ["--vary", "gravity.2=[1]", "--of", "final.q.y"],
+            "error: --of final.q.y: the summary has no such key",
+        ),
+        (
+            ["--vary", "gravity.2=[1]", "--set", "study={of: [final.q.y]}"],
+            "error: study.of: final.q.y: the summary",
+        ),
         (["--vary", "gravity.2=[1]", "--of", "status"], "not a number"),
         (["--vary", "gravity.2=uniform(0, 1)"], "-n N"),
         (["--vary", "gravity.2=uniform(0, 1)", "-n", "0"], "whole number >= 1"),

@@ -23,6 +23,7 @@ from robodyn_cli.cli.options import (
 )
 from robodyn_cli.cli.runner import SceneRun, run_scene
 from robodyn_cli.cli.words import number, table
+from robodyn_cli.errors import SceneError
 
 ROUNDING = 1e-12  # rad or m
 
@@ -55,13 +56,23 @@ def command(
     strict: Strict = False,
 ) -> int:
     """Run the command; return its exit code."""
-    settings = list(overrides or ())
-    settings += [f"reach.frame={frame}"] if frame is not None else []
-    settings += [f"reach.position=[{position}]"] if position is not None else []
-    settings += [f"reach.orientation.rpy=[{rpy}]"] if rpy is not None else []
-    settings += [f"reach.branch={branch}"] if branch is not None else []
-    job = SceneRun("reach", scene, out, settings, drawings(no_plots, plots, format_), strict)
-    return run_scene(job, Console(as_json, quiet), describe)
+    settings = {
+        f"reach.frame={frame}": f"--frame {frame}",
+        f"reach.position=[{position}]": f"--position {position}",
+        f"reach.orientation.rpy=[{rpy}]": f"--rpy {rpy}",
+        f"reach.branch={branch}": f"--branch {branch}",
+    }
+    given = (frame, position, rpy, branch)
+    settings = {text: option for (text, option), x in zip(settings.items(), given) if x is not None}
+    job = SceneRun(
+        "reach", scene, out, [*(overrides or ()), *settings], drawings(no_plots, plots, format_), strict
+    )
+    try:
+        return run_scene(job, Console(as_json, quiet), describe)
+    except SceneError as error:
+        for text, option in settings.items():  # the option as it was typed
+            error.message = error.message.replace(f"--set {text}", option, 1)
+        raise
 
 
 def describe(summary: Mapping[str, Any]) -> str:

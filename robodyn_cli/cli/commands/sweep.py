@@ -102,7 +102,8 @@ def command(
             store(result, directory)
             publish(result, directory, drawings(no_plots, plots, format_))
             forget_log(directory.path)
-    show(result, directory, console, describe)
+    judged = options.least_yield is not None
+    show(result, directory, console, lambda summary: describe(summary, judged))
     return _judge(result.summary, options.least_yield, console)
 
 
@@ -173,8 +174,8 @@ def _judge(summary: Mapping[str, Any], least: float | None, console: Console) ->
     return FAILED
 
 
-def describe(summary: Mapping[str, Any]) -> str:
-    """Return the summary of a study for the terminal."""
+def describe(summary: Mapping[str, Any], judged: bool) -> str:
+    """Return the summary of a study for the terminal; judged : whether it asks for a yield."""
     lines = [summary["title"]]
     drawn = ""
     if "sampler" in summary:
@@ -189,9 +190,9 @@ def describe(summary: Mapping[str, Any]) -> str:
     failed = summary["failed"]
     codes = ", ".join(f"{count} with exit code {code}" for code, count in summary["failures"].items())
     lines.append(f"  failed             {_share(failed)}" + (f"; {codes}" if codes else ""))
-    if (held := summary.get("yield")) is not None:
+    if judged and (held := summary.get("yield")) is not None:
         lines.append(f"  yield              {_share(held)} hold what the scene expects")
-    lines += _spreads(summary["results"])
+    lines += _spreads(summary)
     lines += _influences(summary)
     for case in summary["cases"][:MOST_CASES]:
         lines += [f"  run {case['run']}: {case['why']}", f"    {case['command']}"]
@@ -199,26 +200,28 @@ def describe(summary: Mapping[str, Any]) -> str:
 
 
 def _share(share: Mapping[str, float]) -> str:
-    return (
-        f"{100 * share['share']:.4g} % of the runs ({100 * share['low']:.3g} to {100 * share['high']:.3g} %)"
-    )
+    between = f" ({100 * share['low']:.3g} to {100 * share['high']:.3g} %)" if "low" in share else ""
+    return f"{100 * share['share']:.4g} % of the runs{between}"
 
 
-def _spreads(results: Mapping[str, Any]) -> list[str]:
-    rows = [["output", "mean", "sd", "5 %", "50 %", "95 %", "as it stands"]]
-    for key, found in results.items():
-        if found is None:
-            rows.append([key, *["-"] * 6])
-            continue
-        quantiles = (found["quantiles"][level] for level in ("5 %", "50 %", "95 %"))
-        figures = (
-            found["mean"],
-            found["sd"],
-            *quantiles,
-            found["nominal"],
-        )
-        rows.append([key, *(shown(x) for x in figures)])
+def _spreads(summary: Mapping[str, Any]) -> list[str]:
+    """Return the table of the outputs: of samples their spread, of a grid the extremes."""
+    columns = {"mean": "mean", "sd": "sd", "5 %": "5 %", "50 %": "50 %", "95 %": "95 %"}
+    if "sampler" not in summary:
+        columns = {"least": "minimum", "greatest": "maximum"}
+    rows = [["output", *columns, "as it stands", "unit"]]
+    for key, found in summary["results"].items():
+        figures = {**found, **found.get("quantiles", {})} if found is not None else {}
+        numbers = (shown(figures.get(name)) for name in (*columns.values(), "nominal"))
+        rows.append([key, *numbers, _unit(figures.get("unit", ""))])
     return [table(rows)]
+
+
+def _unit(unit: str) -> str:
+    """Return a unit as a table shows it."""
+    from robodyn_cli.results.columns import UNKNOWN
+
+    return {"1": "-", UNKNOWN: "SI"}.get(unit, unit)
 
 
 def _influences(summary: Mapping[str, Any]) -> list[str]:

@@ -12,6 +12,7 @@ from typing import Any
 from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.variation import Variation
+from robodyn_cli.model.build import build_model
 from robodyn_cli.record import record
 from robodyn_cli.results.provenance import sha256
 from robodyn_cli.run.batch.criteria import lookup, refuse_unknown
@@ -21,6 +22,7 @@ from robodyn_cli.run.study.design import Design, make_design
 from robodyn_cli.run.study.log import LOG_NAME, Log
 from robodyn_cli.run.study.row import Row, Task, Values
 from robodyn_cli.run.study.runs import Runner, run_all
+from robodyn_cli.run.study.units import unit_of_output
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene, StudyOptions
 from robodyn_cli.scene.units import refuse_doubles, unit_of
@@ -47,13 +49,15 @@ class Asked:
 class Study:
     """A study that makes sense, before it runs.
 
-    scene : as it stands. units : by key that varies. nominal : the run of the scene as it stands.
+    scene : as it stands. units : by key that varies. output_units : by output. nominal : the run of the scene as it
+    stands.
     """
 
     asked: Asked
     task: Task
     design: Design
     units: dict[str, str]
+    output_units: dict[str, str]
     nominal: Row
 
     @property
@@ -105,9 +109,12 @@ def prepare(asked: Asked) -> Study:
     refuse_doubles(family.root, options.vary, "--vary")
     wanted = options.of or tuple(key for key, e in scene.expect.items() if e.numeric and key != "exit_code")
     task = Task(family, scene.command, design.keys, wanted)
-    nominal = _run_nominal(task)
+    source = "expect:" if not options.of else "study.of:" if options.of == scene.study.of else "--of"
+    nominal = _run_nominal(task, source)
     units = {key: unit_of(family.root, key) for key in design.keys}
-    return Study(asked, task, design, units, nominal)
+    model = build_model(scene)
+    output_units = {key: unit_of_output(key, model) for key in wanted}
+    return Study(asked, task, design, units, output_units, nominal)
 
 
 def _check_key(family: Family, key: str, variation: Variation) -> None:
@@ -121,8 +128,8 @@ def _check_key(family: Family, key: str, variation: Variation) -> None:
         raise SceneError(message, key=key) from error
 
 
-def _run_nominal(task: Task) -> Row:
-    """Return the run of the scene as it stands.
+def _run_nominal(task: Task, source: str) -> Row:
+    """Return the run of the scene as it stands; source : what named the outputs.
 
     Raises
     ------
@@ -139,10 +146,11 @@ def _run_nominal(task: Task) -> Row:
             f"{task.family.path}: no output is named; give --of KEY, or study.of; numbers here: {known}"
         )
     for key in task.outputs:
-        refuse_unknown(summary, key, "study.of")
+        asked = f"{source} {key}"
+        refuse_unknown(summary, key, asked)
         value = lookup(summary, key)
         if row.code == 0 and value is not None and math.isnan(number_of(summary, key)):
-            raise SceneError(f"study.of: {key!r} is {value!r}, which is not a number")
+            raise SceneError(f"{asked}: is {value!r}, which is not a number")
     return row
 
 
