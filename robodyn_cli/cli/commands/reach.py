@@ -25,6 +25,8 @@ from robodyn_cli.cli.runner import SceneRun, run_scene
 from robodyn_cli.cli.words import number, table
 from robodyn_cli.errors import SceneError
 
+ROUNDING = 1e-12  # rad or m
+
 
 def command(
     scene: SceneFile,
@@ -82,7 +84,7 @@ def describe(summary: Mapping[str, Any]) -> str:
         f"  {summary['frame']:<18} brought to the pose {how}; error {number(summary['error'], 3)} m or rad",
     ]
     rows = [["coordinate", "position"]]
-    rows += [[name, number(q, 9)] for name, q in summary["configuration"].items()]
+    rows += [[name, _position(q, 9)] for name, q in summary["configuration"].items()]
     lines.append(table(rows))
     lines.append(f"  singular ratio     {number(summary['singular_ratio'], 3)} (0: a singular pose)")
     if summary["freedom"]:
@@ -92,10 +94,15 @@ def describe(summary: Mapping[str, Any]) -> str:
         rows = [["branch", *listed[0]["configuration"], "reached", "within limits"]]
         for facts in listed:
             name = f"{facts['name']} (chosen)" if facts["chosen"] else facts["name"]
-            q = [number(x, 6) if facts["reached"] else "-" for x in facts["configuration"].values()]
+            q = [_position(x, 6) if facts["reached"] else "-" for x in facts["configuration"].values()]
             within = ("yes" if facts["within_limits"] else "no") if facts["reached"] else "-"
             rows.append([name, *q, "yes" if facts["reached"] else "no", within])
         lines.append(table(rows))
         if not branch:
             lines.append("  that there are no other ways is not proved")
     return "\n".join(lines)
+
+
+def _position(q: float, digits: int) -> str:
+    """Return a position for reading: what rounding makes of zero is 0."""
+    return number(0.0 if abs(q) < ROUNDING else q, digits)

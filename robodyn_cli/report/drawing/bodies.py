@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from robodyn_cli.model.build import moved_link, parent_link
@@ -99,7 +101,7 @@ class Links:
         """Return the centres of mass of the links that a body is made of, where they are given."""
         found = []
         for part in body.parts:
-            if _numbers([part.m, *part.c]) and part.m > 0.0:
+            if numbers([part.m, *part.c]) and part.m > 0.0:
                 number = self.expressions.vertex(place, part.frame.point(part.c))
                 found += [] if number is None else [number]
         return found
@@ -131,14 +133,14 @@ class Links:
         """Return the corners of cuboids with the masses and inertias of a body's links, where these are given."""
         boxes = []
         for part in body.parts:
-            if not _numbers([part.m, *part.c, *part.I_com.flat]) or not part.m > 0.0:
+            if not numbers([part.m, *part.c, *part.I_com.flat]) or not part.m > 0.0:
                 continue
             corners = cuboid(float(part.m), np.array(part.I_com, dtype=float))
             if corners is None:
                 continue
             at = [part.frame.point(part.c + vector(corner)) for corner in corners.tolist()]
-            numbers = [self.expressions.vertex(place, p) for p in at]
-            boxes.append(tuple(number for number in numbers if number is not None))
+            found = [self.expressions.vertex(place, p) for p in at]
+            boxes.append(tuple(number for number in found if number is not None))
         return [box for box in boxes if len(box) == len(CORNERS)]
 
 
@@ -164,5 +166,6 @@ def _turns_freely(body: Body) -> bool:
     return body.joint.v_units.count("rad") == 3
 
 
-def _numbers(entries: list[object]) -> bool:
+def numbers(entries: Iterable[object]) -> bool:
+    """Tell whether entries are numbers, not expressions."""
     return all(isinstance(x, float) for x in entries)

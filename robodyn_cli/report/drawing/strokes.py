@@ -18,6 +18,7 @@ from robodyn_cli.scene.mesh.surfaces import CUBE
 from robodyn_cli.spatial.algebra import Array
 
 GRID, SHADOW, GROUND, TRAIL, BODY, ON_TOP, LATCH, LOAD = range(8)
+FULL = 4.0  # width of links [pt] below which springs and dampers are smaller too
 LAMP = np.array([-0.36, 0.64, 0.68])  # where light comes from: right, up, towards the eye
 SHADES = 24
 PUSH, REACTION = ALARM, "#CC79A7"
@@ -83,9 +84,10 @@ def _part(view: View, k: int, part: Part, width: float, place: int) -> list[Stro
         return _solid(view, k, part, depth)
     if part.kind == "ground":
         return _ground(points, view) if len(points) > 1 else []
+    pt = view.pt * min(1.0, width / FULL)
     if part.aside and (along := symbols.direction(points[1] - points[0])) is not None:
-        points = points + 6.0 * part.aside * view.pt * np.array([-along[1], along[0]])
-    return _connector(part.kind, points[0], points[1], view.pt, depth)
+        points = points + 6.0 * part.aside * pt * np.array([-along[1], along[0]])
+    return _connector(part.kind, points[0], points[1], pt, depth)
 
 
 def _connector(kind: str, a: Array, b: Array, pt: float, depth: float) -> list[Stroke]:
@@ -94,7 +96,7 @@ def _connector(kind: str, a: Array, b: Array, pt: float, depth: float) -> list[S
     if kind == "bar":
         return body(line, "#7F7F7F", 3.6, BODY, depth)
     if kind == "rail":
-        return [Stroke(line, "#a9a9a9", 2.0, layer=BODY, depth=depth - 1e-6)]
+        return [Stroke(line, "#a9a9a9", 1.1, layer=BODY, depth=depth - 1e-6, dashed=True)]
     if kind == "rope":
         return [Stroke(line, INK, 1.0, layer=BODY, depth=depth, dashed=True)]
     if kind == "damper":

@@ -245,7 +245,7 @@ class Strokes {
     if (part.aside && d) [a, b] = [a, b].map((p) => along(p, leftOf(d), 6 * PT * part.aside));
     const line = { width: 1.4 };
     if (part.kind === "bar") this.body([a, b], "var(--grey)", 3.6 * PT, depth, name);
-    else if (part.kind === "rail") this.add(path([a, b]), "body", depth - 1e-6, { colour: GREY, width: 2.6 }, name);
+    else if (part.kind === "rail") this.add(path([a, b]), "body", depth - 1e-6, { colour: GREY, width: 1.4, dash: "5 4" }, name);
     else if (part.kind === "rope") this.add(path([a, b]), "body", depth, { ...line, dash: "5 4" }, name);
     else if (part.kind === "damper") this.add(dashpot(a, b, 8 * PT), "onTop", depth, line, name);
     else if (part.kind === "coil") this.add(coil(b, 8 * PT), "onTop", depth, line, name);
