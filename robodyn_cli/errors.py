@@ -80,6 +80,10 @@ class SingularConfigurationError(RobodynError):
     exit_code = 4
 
 
+class StrictError(NumericalError):
+    """A run whose result is whole has warnings, which ``--strict`` takes as errors (exit code 3)."""
+
+
 class OutputError(RobodynError):
     """A result cannot be written (exit code 74)."""
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.cli.console import Console, width
 from robodyn_cli.cli.interrupts import tidy_up_first
-from robodyn_cli.errors import NumericalError, RobodynError, SceneError
+from robodyn_cli.errors import RobodynError, SceneError, StrictError
 from robodyn_cli.exit_codes import OF_STATUS, REPLACING
 from robodyn_cli.record import record
 
@@ -75,7 +75,8 @@ def run_scene(job: SceneRun, console: Console, describe: Describe) -> int:
                 store(result, directory, writer)
             publish(result, directory, job.drawings, watch)
     if failure is not None:
-        console.note(f"results until then: {directory.path}")
+        until = "" if isinstance(failure, StrictError) else " until then"
+        console.note(f"results{until}: {directory.path}")
         _show_data(directory, console)
         console.error(failure.message)
         return failure.exit_code
@@ -220,7 +221,7 @@ def _compute(
     for text in warnings:
         console.note(f"robodyn: warning: {text}")
     if job.strict and warnings and failure is None:
-        failure = NumericalError(f"{warnings[0]} (an error because of --strict)", warnings=list(warnings))
+        failure = StrictError(f"{'; '.join(warnings)} (taken as an error: --strict)", warnings=list(warnings))
         result.status = "failed"
     result.summary = {**result.summary, **result.head, **({"error": failure.facts} if failure else {})}
     return result, failure

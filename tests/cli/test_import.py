@@ -119,3 +119,9 @@ def test_what_cannot_be_read(tmp_path: Path) -> None:
         )
     done = invoke("import", tmp_path / "none.urdf")
     assert done.code == 2 and "there is no such file" in done.err
+
+
+def test_a_file_that_is_not_there_is_named_once(tmp_path: Path) -> None:
+    done = invoke("import", str(tmp_path / "none.urdf"))
+    assert done.code == 2
+    assert done.err == f"robodyn: error: {tmp_path / 'none.urdf'}: cannot be read: there is no such file\n"

@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from robodyn_cli.cli.app import app
 from robodyn_cli.results import catalogue
 from robodyn_cli.results.compare import compare
 from robodyn_cli.results.hdf5 import read, write
@@ -247,3 +249,22 @@ def test_status_comes_first_and_clocks_are_left_out() -> None:
     assert [(item.path, item.verdict) for item in found[:2]] == [("status", "entries"), ("q", "units")]
     assert found[0].detail == "no_lock instead of ok"
     assert {item.path: item.verdict for item in found}["stability/methods"] == "equal"
+
+
+def test_results_of_other_lengths_say_so_once(tmp_path: Path) -> None:
+    for name, count in (("long", 5), ("short", 3)):
+        result = Result("simulate", "x", "ok", "")
+        result.add("time", np.linspace(0.0, 1.0, count))
+        for path in ("q", "qd"):
+            result.add(path, np.zeros((count, 1)), names=("a",), units="rad", dims=("time", "joint"))
+        result.add("other", np.zeros(2), units="1", dims=("row",), long_name="no motion")
+        write(result, tmp_path / f"{name}.h5")
+    done = CliRunner().invoke(app, ["compare", str(tmp_path / "long.h5"), str(tmp_path / "short.h5")])
+    assert done.exit_code == 1
+    lines = done.output.splitlines()
+    assert (
+        lines[0].split()[:2] == ["shape", "time"]
+        and "2 more datasets over time have 5 samples instead of 3" in lines
+    )
+    assert not any(line.split()[1] in ("q", "qd") for line in lines)
+    assert lines[-1].startswith("4 datasets: 3 differ")

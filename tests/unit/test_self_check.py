@@ -55,4 +55,23 @@ def test_an_error_beyond_all_use_is_a_warning_and_an_error_where_asked(tmp_path)
     plain = run("simulate", str(PENDULUM), *options)
     assert plain.code == 0 and "not meaningful after t = " in plain.err
     strict = run("simulate", str(PENDULUM), *options, "--strict")
-    assert strict.code == 3 and "an error because of --strict" in strict.err
+    assert "results: " in strict.err and "until then" not in strict.err
+    assert strict.code == 3 and "taken as an error: --strict" in strict.err
+
+
+def test_strict_tells_all_warnings(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    limits = [f"--set=robot.joints.{joint}.limits.effort=1" for joint in ("theta1", "theta2")]
+    words = [
+        "inverse",
+        str(CONFIGS / "2r_circle.yaml"),
+        *limits,
+        "--no-plots",
+        "--out",
+        str(tmp_path),
+        "--strict",
+    ]
+    done = run(*words, "--json")
+    assert done.code == 3
+    for joint in ("theta1", "theta2"):
+        assert f"joint '{joint}' is beyond its effort limit" in done.data["error"]["message"], done.data
+    assert done.data["error"]["kind"] == "StrictError" and done.data["joints"]

@@ -13,6 +13,7 @@ from robodyn_cli.cli.options import ATOL, RTOL, AbsoluteTolerance, Quiet, Relati
 from robodyn_cli.exit_codes import FAILED
 
 if TYPE_CHECKING:
+    from robodyn_cli.results.result import Result
     from robodyn_cli.run.batch.trees import Compared
 
 PLURAL = {"equal": "agree", "differs": "differ"}
@@ -52,14 +53,34 @@ def _two(result: Path, baseline: Path, rtol: float, atol: float, console: Consol
     from robodyn_cli.run.batch.compare_records import ComparisonReport
     from robodyn_cli.run.batch.stored import read_stored
 
-    found = compare(read_stored(result), read_stored(baseline), rtol=rtol, atol=atol)
+    new, old = read_stored(result), read_stored(baseline)
+    found = compare(new, old, rtol=rtol, atol=atol)
     console.data(jsonable(as_keys(ComparisonReport.of(found, rtol, atol))))
-    width = max((len(item.path) for item in found.differences), default=0)
-    for item in found.differences:
+    longer = _only_longer(new, old)
+    shown = [item for item in found.differences if item.path not in longer]
+    width = max((len(item.path) for item in shown), default=0)
+    for item in shown:
         console.say(f"{item.verdict:<8} {item.path:<{width}}  {item.text}".rstrip())
+    if longer:
+        samples = f"{len(new.time)} samples instead of {len(old.time)}"
+        console.say(f"{len(longer)} more datasets over time have {samples}")
     bad, count = len(found.differing), len(found.differences)
     console.say(f"{count} datasets: {f'{bad} differ' if bad else 'all agree'} (rtol {rtol:g}, atol {atol:g})")
     return 0 if found.agrees else FAILED
+
+
+def _only_longer(one: Result, other: Result) -> list[str]:
+    """Return the datasets over time that differ in the number of samples alone, as ``time`` itself does."""
+    if "time" not in one or "time" not in other or len(one.time) == len(other.time):
+        return []
+    found = []
+    for path, variable in one.variables.items():
+        beside = other.variables.get(path)
+        if path == "time" or beside is None or not variable.dims[:1] == beside.dims[:1] == ("time",):
+            continue
+        if variable.data.shape[1:] == beside.data.shape[1:]:
+            found.append(path)
+    return found
 
 
 def _trees(result: Path, baseline: Path, rtol: float, atol: float, console: Console) -> int:

@@ -41,7 +41,8 @@ _TAG = "tag:yaml.org,2002:"
 def read_text(path: str, place: Node | None, key: str, shown_as: str) -> str:
     """Return the text of a UTF-8 file; errors are placed at ``place``, or at the file itself."""
     at: Node = place or Scalar(Source(shown_as, ".", positions=False), 1, 1, "", None)
-    what = f"cannot read {shown_as!r}" if place else "cannot be read"
+    # a place in the file itself names it already
+    what = "cannot be read" if at.source.name == shown_as else f"cannot read {shown_as!r}"
     try:
         mode = os.stat(path).st_mode
         if stat.S_ISDIR(mode):
