@@ -73,7 +73,7 @@ def inverse(
     with watch.stage("equations"):
         program = build_inverse(scene)
     with watch.stage("solve"):
-        planned = _at_rest(program.problem, program.plan(count))
+        planned = at_rest(program.problem, program.plan(count))
     with watch.stage("equations"):
         function = program.compile(count)
     with watch.stage("evaluate"):
@@ -89,7 +89,7 @@ def inverse(
     return result
 
 
-def _at_rest(problem: Problem, planned: Planned) -> Planned:
+def at_rest(problem: Problem, planned: Planned) -> Planned:
     """Return the motion with joints at rest where only rounding moves them (see ``rest``)."""
     if not any(body.forces for body in problem.model.bodies):
         return planned
