@@ -3,12 +3,17 @@
     python benchmarks/scaling.py                            chains, trees and windows; table and exponents
     python benchmarks/scaling.py --commands info inverse    some commands
     python benchmarks/scaling.py --sizes 10 100 --most 60   some sizes; a process may take a minute
+    python benchmarks/scaling.py --recursions               inverse and forward dynamics of long chains, us a sample
     python benchmarks/scaling.py --scene tree 100           print a scene
 
 Chains and trees have random axes, prismatic joints among them, full inertias and offset centres of mass; windows are
 the N-four-bar. Every figure is a process from start to end with an empty cache: seconds of the processor and the most
 memory at a time. The exponent is the slope of the logarithms between the two largest sizes, of what is above a process
 that does nothing.
+
+``--recursions`` takes chains of revolute joints, in one process on one core: calls of few samples, whose arrays stay in
+the processor's cache, and of many, which go through memory. Minimum of the calls within a second; the exponent is that
+of a line through all sizes.
 """
 
 from __future__ import annotations
@@ -20,6 +25,7 @@ import resource
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +34,8 @@ import numpy as np
 
 SIZES = (10, 30, 100, 300, 1000)
 WINDOWS = (5, 10, 20, 40, 80)
+JOINTS = [100, 300, 1000]  # of ``--recursions``
+SAMPLES = (64, 2048)
 OF_TREES = ("validate", "plan", "info", "inverse", "simulate", "kinematics", "statics")
 OF_WINDOWS = ("validate", "plan", "info", "assemble", "kinematics", "statics", "simulate", "deploy")
 MOMENTS = (("xx", 0, 0), ("yy", 1, 1), ("zz", 2, 2), ("xy", 0, 1), ("xz", 0, 2), ("yz", 1, 2))
@@ -139,12 +147,19 @@ def main() -> None:
     parser.add_argument("--kinds", nargs="*", default=["chain", "tree", "windows"])
     parser.add_argument("--sizes", nargs="*", type=int, default=[])
     parser.add_argument("--most", type=float, default=120.0, help="seconds a process may take")
+    parser.add_argument("--recursions", action="store_true")
     parser.add_argument("--scene", nargs="*", help="KIND N [COMMAND]: print a scene")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     if options.scene:
         kind, n, *command = options.scene
         print(scene(kind, int(n), command[0] if command else "info"))
+        return
+    if options.recursions:
+        rows = recursions(options.sizes or JOINTS)
+        measure.print_machine()
+        if options.json:
+            measure.write_json(options.json, rows)
         return
     floor = cost(scene("chain", 2, "validate"), "validate", options.most)[0]
     found = []
@@ -175,6 +190,38 @@ def main() -> None:
     measure.print_machine()
     if options.json:
         measure.write_json(options.json, found)
+
+
+def recursions(sizes: list[int]) -> list[dict[str, Any]]:
+    """Measure inverse (RNEA) and forward dynamics (ABA) of chains by loops over their bodies; print each row."""
+    from robodyn_cli import load_scene_text
+    from robodyn_cli.kernels.rolled import RolledForwardDynamics, RolledInverseDynamics
+    from robodyn_cli.model.build import build_model
+
+    texts = {n: tree(n, "simulate", chain=True).replace("prismatic", "revolute") for n in sizes}
+    models = {n: build_model(load_scene_text(text)) for n, text in texts.items()}
+    rows = []
+    for name, kernel in (("RNEA", RolledInverseDynamics), ("ABA", RolledForwardDynamics)):
+        for samples in SAMPLES:
+            found = {n: microseconds(kernel(models[n]), n, samples) for n in sizes}
+            slope = float(np.polyfit(np.log(list(found)), np.log(list(found.values())), 1)[0])
+            rows.append({"recursion": name, "samples": samples, "us": found, "exponent": round(slope, 2)})
+            cells = [f"{n} joints {us:.2f} us" for n, us in found.items()]
+            print(f"{name} of {samples} samples:", ", ".join(cells), f"; exponent {slope:.2f}", flush=True)
+    return rows
+
+
+def microseconds(call: Any, joints: int, samples: int) -> float:
+    """Return the least time of a call, by sample [us of the processor]."""
+    rng = np.random.default_rng(joints)
+    q, v, x = (np.asfortranarray(rng.uniform(-1, 1, (samples, joints))) for _ in range(3))
+    call(q, v, x)
+    times, begun = [], time.process_time()
+    while time.process_time() - begun < 1.0:
+        start = time.process_time()
+        call(q, v, x)
+        times.append(time.process_time() - start)
+    return 1e6 * min(times) / samples
 
 
 def exponent(seconds: dict[int, float], sizes: list[int], floor: float) -> str:

@@ -1,4 +1,4 @@
-"""Draw the pictures of docs/motions.md and print its table of figures: the time laws of motions in joint space.
+"""Draw the pictures of docs/motions.md and print its table of figures: motions of joints, and of a frame.
 
 python docs/make_motions.py
 """
@@ -38,6 +38,14 @@ SPLINES = {kind: f"{{type: {kind}, points: {STEP_POINTS}}}" for kind in ("quinti
 SERIES = {
     "fourier": "{type: fourier, period: 4, duration: 4, offset: {a: 0, b: 0}, "
     "sine: [{a: 0.3}, {a: 0.2}, {a: -0.1}], cosine: [{a: -0.2}, {a: 0.2}]}"
+}
+PATHS = {
+    name: "{type: path, point: tip, speed: 0.5, acceleration: 2, jerk: 30, angular_speed: 6, angular_acceleration: 60, "
+    "angular_jerk: 800, start: {position: [0, 0, 0], orientation: {}}, segments: ["
+    f"{{type: line, to: [0, 0.3, 0]{blend}}}, "
+    f"{{type: line, to: [0.6, 0.3, 0], orientation: {{rpy: [0, 0, 180 deg]}}{blend}}}, "
+    "{type: line, to: [0.6, 0, 0]}, {type: arc, via: [0.3, -0.1, 0], to: [0, 0, 0], orientation: {rpy: [0, 0, 0]}}]}"
+    for name, blend in (("stops", ""), ("blend: 0.1", ", blend: 0.1"))
 }
 ROWS = ("position", "rate", "acceleration", "jerk")
 STYLES = ("-", "--", ":")
@@ -84,10 +92,36 @@ def draw(name: str, laws: dict[str, str], rows: int, joints: tuple[int, ...]) ->
     plt.close(figure)
 
 
+def draw_paths(name: str) -> None:
+    """Write a picture of the paths of a frame: from above with its x axes, its speed and its acceleration over time."""
+    figure, axes = plt.subplots(1, 3, figsize=(10.5, 3.1))
+    for k, (title, text) in enumerate(PATHS.items()):
+        scene = f"{SCENE}  points: {{tip: {{link: two, at: [0, 0, 0]}}}}\ntrajectory: {text}"
+        motion = load_scene_text(scene).trajectory
+        times = np.linspace(0.0, motion.duration, 4001)
+        found = motion.target(times, {})
+        axes[0].plot(*found.p[:, :2].T, STYLES[k], color=f"C{k}", lw=1.3, label=title)
+        if k:
+            few = motion.target(np.linspace(0.0, motion.duration, 37), {})
+            axes[0].quiver(*few.p[:, :2].T, *few.R[:, :2, 0].T, color="0.5", width=0.004, scale=14)
+        axes[1].plot(times, np.linalg.norm(found.pd, axis=1), STYLES[k], color=f"C{k}", lw=1.3)
+        axes[2].plot(times, np.linalg.norm(found.pdd, axis=1), STYLES[k], color=f"C{k}", lw=1.3)
+    for ax, x, y in zip(axes, ("x [m]", "t [s]", "t [s]"), ("y [m]", "speed [m/s]", "acceleration [m/s²]")):
+        ax.set_xlabel(x, fontsize=9)
+        ax.set_ylabel(y, fontsize=9)
+        ax.grid(alpha=0.3)
+    axes[0].set_aspect("equal", adjustable="datalim")
+    axes[0].legend(fontsize=8, loc="center")
+    figure.tight_layout()
+    figure.savefig(IMAGES / name, dpi=80)
+    plt.close(figure)
+
+
 def main() -> None:
     draw("motions_stops.png", LAWS, 4, (0, 1))
     draw("motions_way_points.png", SPLINES, 3, (0,))
     draw("motions_fourier.png", SERIES, 3, (0,))
+    draw_paths("motions_path.png")
     print(
         "| motion | duration [s] | peak rate [rad/s] | peak acceleration [rad/s²] | beyond the way points [rad] |"
     )

@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -40,13 +40,14 @@ TABLE = re.compile(r"(<!-- keys: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
 
 
-def sections(cls: type = Scene) -> dict[str, type]:
-    """Return every dataclass that a scene can contain, by name, outermost first."""
+def sections(cls: type = Scene, known: Collection[str] = ()) -> dict[str, type]:
+    """Return every dataclass that a scene can contain, by name, outermost first; ``known`` ones left out."""
     found = {cls.__name__: cls}
     for field in dataclasses.fields(cls):
         for inner in _classes(field.metadata.get("kind")):
-            if inner.__name__ not in found:
-                found.update({k: v for k, v in sections(inner).items() if k not in found})
+            if inner.__name__ not in found and inner.__name__ not in known:
+                below = sections(inner, {*known, *found})
+                found.update({k: v for k, v in below.items() if k not in found})
     return found
 
 

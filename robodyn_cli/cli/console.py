@@ -116,7 +116,8 @@ class Console:
         self._shown = now
         part = min(1.0, done / total) if total else 1.0
         bar = "#" * round(30 * part)
-        self._write_over(f"[{bar:<30}] {100 * part:5.1f} %  t = {done:.4g} of {total:.4g} s")
+        time_reached = f"  t = {done:.4g} of {total:.4g} s" if total else ""
+        self._write_over(f"[{bar:<30}] {100 * part:5.1f} %{time_reached}")
 
     def count(self, done: int, total: int, left: float | None) -> None:
         """Show how many runs are done, and the seconds left, if standard error is a terminal."""

@@ -111,7 +111,8 @@ def begun(directory: OutputDirectory, console: Console) -> Iterator[None]:
             console.note(f"robodyn: warning: {directory.warning}")
         if (other := directory.other_scene()) is not None:
             console.note(
-                f"robodyn: warning: {directory.path} holds results of another scene, {other}, which this run replaces"
+                f"robodyn: warning: {directory.path} holds results of another scene, {other}, "
+                "which this run replaces when it has its own"
             )
         yield
 

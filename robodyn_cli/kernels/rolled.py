@@ -14,8 +14,10 @@ from robodyn_cli.model.model import Model
 from robodyn_cli.spatial.algebra import Array
 
 # A block of samples visits every column of its arrays, each on a page of its own. With more columns than the
-# processor translates pages for, samples are first copied to arrays of CHUNK rows, several columns to a page.
-MANY_COLUMNS = 2500
+# processor translates pages for, and more bytes than its cache holds, samples are first copied to arrays of CHUNK rows,
+# several columns to a page.
+MANY_COLUMNS = 1000
+MANY_BYTES = 1 << 23
 CHUNK = 64
 
 
@@ -52,7 +54,8 @@ class RolledKernel:
         for array, n in zip(arrays, (plan.nq, plan.nv, plan.nv)):
             if array.shape != (samples, n):
                 raise ValueError(f"an array of shape {(samples, n)} is needed, not {array.shape}")
-        if plan.nq + 3 * plan.nv < MANY_COLUMNS or samples <= CHUNK:
+        columns = plan.nq + 3 * plan.nv
+        if columns < MANY_COLUMNS or 8 * columns * samples < MANY_BYTES or samples <= CHUNK:
             return self._block(*arrays)
         out = np.empty((samples, plan.nv), order="F")
         for start in range(0, samples, CHUNK):

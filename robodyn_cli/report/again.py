@@ -49,6 +49,7 @@ def _over(
     from robodyn_cli.report.overlay import draw_over, labels_of
     from robodyn_cli.report.style import styled
 
-    labelled = dict(zip(labels_of([path for path, _ in results]), (result for _, result in results)))
+    paths, found = zip(*results)
+    labelled = dict(zip(labels_of(paths, [result.title for result in found]), found))
     with styled():
         return [save(draw_over(labelled, name), directory / f"{name}.{suffix}") for name in names]

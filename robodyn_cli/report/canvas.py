@@ -55,7 +55,7 @@ class Panels:
 
     labels : texts of the legend below. degrees : leaves room for a second scale. bars : adds axes for a colour bar
     beside each panel. titled : leaves room for a title above the first panels. told : what is said above the panels in
-    the colour of alarms.
+    the colour of alarms. numbered : leaves room for numbers and a label below the panels.
     """
 
     panels: int = 1
@@ -68,6 +68,7 @@ class Panels:
     bars: bool = False
     titled: bool = False
     told: str = ""
+    numbered: bool = True
 
 
 class Sheet:
@@ -83,7 +84,8 @@ class Sheet:
         self.columns, lines = legend_shape(list(shape.labels))
         lines_above = len(notes) + (1 if shape.titled else 0)
         top = 0.12 + TITLE_LINE * len(title) + SUBTITLE_LINE * lines_above + 0.14
-        bottom = X_LABEL + (LEGEND_LINE * lines + 0.1 if lines else 0.0) + 0.04
+        below = X_LABEL if shape.numbered else 0.1
+        bottom = below + (LEGEND_LINE * lines + 0.1 if lines else 0.0) + 0.04
         rows = math.ceil(panels / across)
         total = top + rows * height + (rows - 1) * gap + bottom
         self.figure = Figure(figsize=(WIDTH, total), dpi=style.DPI)
@@ -109,7 +111,7 @@ class Sheet:
             alarm = index >= len(notes) - len(alarms)
             self._text(LEFT, y, total, line, color=style.ALARM if alarm else style.GREY)
             y -= SUBTITLE_LINE
-        self._legend_at = ((LEFT - 0.1) / WIDTH, (bottom - X_LABEL) / total)
+        self._legend_at = ((LEFT - 0.1) / WIDTH, (bottom - below) / total)
 
     @property
     def ax(self) -> Axes:

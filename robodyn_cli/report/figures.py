@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.record import record
-from robodyn_cli.results.columns import column_names, units_of
+from robodyn_cli.results.columns import UNKNOWN, column_names, units_of
 from robodyn_cli.results.result import Result
 
 MOST_ROWS = 12  # that a small table shows
@@ -179,22 +179,19 @@ def _configuration(result: Result, summary: Summary) -> list[Table]:
 
 
 def _study(result: Result, summary: Summary) -> list[Table]:
+    head = ["output", "as it stands", "smallest", "largest"]
+    if "sampler" in summary:
+        head += ["mean", "standard deviation"]
     rows = []
     for name, spread in summary.get("results", {}).items():
         if spread is None:
             continue
-        worst = spread.get("largest_error")
-        rows.append(
-            [
-                name,
-                figure(spread["nominal"], worst),
-                figure(spread["mean"], spread.get("mean_error")),
-                figure(spread["sd"]),
-                figure(spread["minimum"], worst),
-                figure(spread["maximum"], worst),
-            ]
-        )
-    return [Table(("output", "nominal", "mean", "standard deviation", "smallest", "largest"), rows)]
+        worst, unit = spread.get("largest_error"), spread["unit"] if spread["unit"] != UNKNOWN else ""
+        row = [name, *(figure(spread[key], worst, unit) for key in ("nominal", "minimum", "maximum"))]
+        if "sampler" in summary:
+            row += [figure(spread["mean"], spread.get("mean_error"), unit), figure(spread["sd"], None, unit)]
+        rows.append(row)
+    return [Table(head, rows)]
 
 
 TABLES: dict[str, Callable[[Result, Summary], list[Table]]] = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -78,11 +79,11 @@ def panel_height(panels: int) -> float:
     return {1: 3.3, 2: 2.2}.get(panels, 1.6)
 
 
-def draw_groups(sheet: TimeSheet, time: Array, data: Array, groups: dict[str, list[int]]) -> list[Any]:
+def draw_groups(sheet: TimeSheet, time: Array, data: Array, groups: Iterable[list[int]]) -> list[Any]:
     """Draw each group of columns in a panel of its own; return the handles in the order of the columns."""
     styles = style.line_styles(data.shape[1])
     handles: dict[int, Any] = {}
-    for ax, columns in zip(sheet.axes, groups.values()):
+    for ax, columns in zip(sheet.axes, groups):
         drawn = draw_columns(ax, time, data[:, columns], [styles[k] for k in columns])
         handles.update(zip(columns, drawn))
     return [handles[k] for k in range(data.shape[1])]
@@ -111,7 +112,7 @@ def time_plot(result: Result, path: str, quantity: str, subtitle: str) -> Any:
         labels=names if len(names) > 1 else (),
         degrees="rad" in groups,
     )
-    handles = draw_groups(sheet, result.time, variable.data, groups)
+    handles = draw_groups(sheet, result.time, variable.data, groups.values())
     sheet.label_time()
     for ax, (units, columns) in zip(sheet.axes, groups.items()):
         quiet_axis(ax, finite(variable.data[:, columns]))

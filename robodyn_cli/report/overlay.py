@@ -34,7 +34,17 @@ MOST_PANELS = 8
 Series = dict[tuple[str, str], tuple[Array, Array]]  # name and units: times (T,), values (T,)
 
 
-def labels_of(paths: Sequence[Path]) -> list[str]:
+def labels_of(paths: Sequence[Path], titles: Sequence[str]) -> list[str]:
+    """Return the title of each result; the end of its path where titles do not tell it apart."""
+    if len(set(titles)) == 1:
+        return path_ends(paths)
+    return [
+        title if titles.count(title) == 1 else f"{title} ({end})".strip()
+        for title, end in zip(titles, path_ends(paths))
+    ]
+
+
+def path_ends(paths: Sequence[Path]) -> list[str]:
     """Return the shortest ends of paths that tell results apart."""
     parts = [(path if path.is_dir() else path.parent).resolve().parts for path in paths]
     for count in range(1, max(len(p) for p in parts) + 1):

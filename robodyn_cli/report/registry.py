@@ -26,6 +26,7 @@ PLOTS: tuple[str, ...] = (
     "joint_accelerations",
     "torques",
     "torque_terms",
+    "limits",
     "tip_path",
     "point_motion",
     "transmission_angle",

@@ -68,6 +68,8 @@ ENTRIES: tuple[Entry, ...] = (
         "forces/power", ("time", "force"), "W", "power of each entry of `forces` beside its potential energy"
     ),
     Entry("points/NAME", ("time", "axis"), "m", "position of a point in the world frame", XYZ),
+    Entry("limits/use", ("time", "limit"), "1", "part of each limit that a motion in the least time uses"),
+    Entry("limits/binding", ("time",), "1", "column of limits/use that binds, -1 where none does"),
     Entry("targets/NAME", ("time", "axis"), "m", "position asked of a point in the world frame", XYZ),
     Entry(
         "point_velocities/NAME",

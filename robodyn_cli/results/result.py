@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 
-from robodyn_cli.errors import RobodynError
+from robodyn_cli.errors import RobodynError, did_you_mean
 from robodyn_cli.record import mutable_record
 from robodyn_cli.registry import Registry
 from robodyn_cli.results import catalogue
@@ -133,8 +133,17 @@ class Result:
         raise failure
 
     def __getitem__(self, path: str) -> Array:
-        """Return the array stored under ``path`` (``result["q"]``)."""
-        return self.variables[path.strip("/")].data
+        """Return the array stored under ``path`` (``result["q"]``).
+
+        Raises
+        ------
+        KeyError : with the paths that there are.
+        """
+        name = path.strip("/")
+        if name not in self.variables:
+            near = did_you_mean(name, self.variables)
+            raise KeyError(f"no dataset {name!r}{near}; allowed: {', '.join(self.variables)}")
+        return self.variables[name].data
 
     def __contains__(self, path: object) -> bool:
         return isinstance(path, str) and path.strip("/") in self.variables

@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import os
 from collections.abc import Callable, Sequence
+from collections.abc import Mapping as MappingOf
 from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.errors import SceneError
@@ -89,8 +90,12 @@ def _examined_text(text: str, path: str, overrides: Sequence[str] = ()) -> Exami
     return _examine(lambda includer: compose(text, source, includer.faults), path, overrides)
 
 
-def load_urdf(path: str | os.PathLike[str]) -> tuple[Urdf, Scene]:
+def load_urdf(
+    path: str | os.PathLike[str], packages: MappingOf[str, str] | None = None
+) -> tuple[Urdf, Scene]:
     """Return the robot of a URDF file as it was read, and a checked scene that holds nothing else.
+
+    packages : folders of packages of meshes, by name.
 
     Raises
     ------
@@ -101,6 +106,7 @@ def load_urdf(path: str | os.PathLike[str]) -> tuple[Urdf, Scene]:
     found: list[Urdf] = []
 
     def open_root(includer: Includer) -> Node:
+        includer.packages = packages or {}
         robot = includer.include(OrFile(Section(Robot), robot=True), scalar(place, name), ())
         found.extend(includer.urdfs)
         if not found:
@@ -176,10 +182,19 @@ def _examine(open_root: Callable[[Includer], Node], path: str, overrides: Sequen
         path=path,
         text=emit(root),
         sources=sources,
-        notes=tuple(dict.fromkeys(f"{urdf.file}: {text}" for urdf in includer.urdfs for text in urdf.notes)),
+        notes=_notes(includer) if includer.urdfs or includer.undrawn else (),
         warnings=tuple(dict.fromkeys(f"{urdf.file}: {x}" for urdf in includer.urdfs for x in urdf.warnings)),
     )
     return Examined((), scene, root)
+
+
+def _notes(includer: Includer) -> tuple[str, ...]:
+    """Return what there is to say of files in other formats, each once."""
+    notes = [f"{urdf.file}: {text}" for urdf in includer.urdfs for text in urdf.notes]
+    undrawn = list(dict.fromkeys(includer.undrawn))
+    if undrawn:
+        notes.append(f"meshes left out of pictures: {len(undrawn)}; the first: {undrawn[0]}")
+    return tuple(dict.fromkeys(notes))
 
 
 def _completed(root: Node, overrides: Sequence[str], includer: Includer) -> Node:

@@ -14,7 +14,18 @@ from robodyn_cli.record import record
 from robodyn_cli.scene.text.faults import Faults
 from robodyn_cli.scene.text.nodes import Node, Path, Scalar, describe_node, dotted, located, shown
 from robodyn_cli.schema.describe import describe
-from robodyn_cli.schema.fields import Boolean, Choice, CsvFile, Formula, Integer, Kind, Name, Number, Text
+from robodyn_cli.schema.fields import (
+    Boolean,
+    Choice,
+    CsvFile,
+    Formula,
+    Integer,
+    Kind,
+    MeshFile,
+    Name,
+    Number,
+    Text,
+)
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 _IN_FORMULAS = ("joint", "parameter")
@@ -52,6 +63,7 @@ class ScalarReader:
             Choice: self.choice,
             Formula: self.formula,
             CsvFile: self.text,
+            MeshFile: self.text,
         }
 
     def value(self, kind: Kind, node: Node, path: Path, unit: str = "") -> Any:
@@ -65,6 +77,8 @@ class ScalarReader:
         allowed = describe(kind, unit)
         if isinstance(node, Scalar) and node.value is None and not what:
             return located(node, dotted(path), f"has no value; allowed: {allowed}")
+        if isinstance(node, Scalar) and type(node.value) in (int, float):
+            what = what or "is a number"
         what = what or "is not allowed here"
         return located(node, dotted(path), f"{what} (value {describe_node(node)}); allowed: {allowed}")
 
@@ -104,6 +118,8 @@ class ScalarReader:
 
     def check_range(self, kind: Number | Integer, value: float, node: Node, path: Path, unit: str) -> None:
         low, high = kind.minimum, kind.maximum
+        if low is not None and low == high and value != low:
+            raise self.wrong(kind, node, path, unit, "is not known here")
         strict = isinstance(kind, Number) and kind.exclusive
         if low is not None and (value < low or (strict and value == low)):
             raise self.wrong(kind, node, path, unit, "is too small")

@@ -16,6 +16,7 @@ from robodyn_cli.schema.fields import (
     Inline,
     ListOf,
     MapOf,
+    MeshFile,
     Name,
     Number,
     Section,
@@ -127,6 +128,36 @@ class Joint:
 
 
 @record
+class Shape:
+    """A shape that a link is drawn with: one of `box`, `sphere`, `cylinder`, `mesh` and `obj`."""
+
+    box: tuple[float, ...] | None = key(
+        Vector(3), default=None, unit="m", doc="Sides of a cuboid, whose centre is the origin."
+    )
+    sphere: float | None = key(
+        Number(minimum=0.0, exclusive=True),
+        default=None,
+        unit="m",
+        doc="Radius of a sphere about the origin.",
+    )
+    cylinder: tuple[float, ...] | None = key(
+        Vector(2), default=None, unit="m", doc="Radius, and length along z, of a cylinder about the origin."
+    )
+    mesh: str | None = key(
+        MeshFile(), default=None, doc="Path of a mesh, relative to the file that names it: STL or OBJ."
+    )
+    obj: str | None = key(
+        Text(), default=None, doc="A mesh as text: lines `v x y z` and `f i j k`, as in OBJ files."
+    )
+    scale: tuple[float, ...] = key(
+        Vector(3), default=(1.0, 1.0, 1.0), unit="1", doc="What the coordinates of a mesh are multiplied by."
+    )
+    origin: Placement | None = key(
+        Section(Placement), default=None, doc="Placement of the shape in the link's frame."
+    )
+
+
+@record
 class Link:
     """A rigid body. Data that are not given are unknown; a run that needs them refuses the scene."""
 
@@ -141,6 +172,9 @@ class Link:
     )
     inertia: Inertia = key(
         Section(Inertia), default=Inertia(), doc="About the centre of mass, in the axes of `com_frame`."
+    )
+    visual: tuple[Shape, ...] = key(
+        ListOf(Section(Shape)), default=(), doc="Shapes that it is drawn with; the equations ignore them."
     )
 
 
@@ -207,6 +241,7 @@ class Attachment:
     com: tuple[float, ...] | None = like(Link, "com")
     com_frame: str | None = like(Link, "com_frame")
     inertia: Inertia = like(Link, "inertia")
+    visual: tuple[Shape, ...] = like(Link, "visual")
     joint: Joint | None = key(
         Section(Joint),
         default=None,

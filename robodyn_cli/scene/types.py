@@ -33,6 +33,7 @@ from robodyn_cli.scene.robot_types import Place as Place
 from robodyn_cli.scene.robot_types import Placement as Placement
 from robodyn_cli.scene.robot_types import Point as Point
 from robodyn_cli.scene.robot_types import Robot as Robot
+from robodyn_cli.scene.robot_types import Shape as Shape
 from robodyn_cli.schema.fields import (
     Boolean,
     Choice,

@@ -1,9 +1,11 @@
-"""The unit of a key of a scene."""
+"""What a key of a scene is: its unit, and the place that it names."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 
+from robodyn_cli.errors import SceneError
 from robodyn_cli.scene.text.includes import child_kind, concrete
 from robodyn_cli.scene.text.nodes import Mapping, Node, Sequence, index_of
 from robodyn_cli.scene.types import Scene
@@ -25,6 +27,33 @@ def unit_of(root: Node, key: str) -> str:
         kind = child_kind(kind, step)
         node = _child(node, step)
     return unit
+
+
+def place_of(root: Node, key: str) -> tuple[str, ...]:
+    """Return the steps of a key, items of lists by their number: one place has one, however the key is written."""
+    node: Node | None = root
+    steps = []
+    for step in key.split("."):
+        index = index_of(node, step) if isinstance(node, Sequence) else None
+        steps.append(step if index is None else str(index))
+        node = _child(node, step)
+    return tuple(steps)
+
+
+def refuse_doubles(root: Node, keys: Iterable[str], option: str) -> None:
+    """Refuse keys that name one place of a scene twice, perhaps by the number and by the name of a list's item.
+
+    Raises
+    ------
+    SceneError : with both keys. option : what gave them, named first.
+    """
+    seen: dict[tuple[str, ...], str] = {}
+    for key in keys:
+        place = place_of(root, key)
+        if place in seen:
+            other = "" if seen[place] == key else f", also as {seen[place]}"
+            raise SceneError(f"{option} {key}: is given twice{other}", key=key)
+        seen[place] = key
 
 
 def _unit(cls: type, step: str) -> str:

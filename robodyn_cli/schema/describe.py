@@ -54,6 +54,8 @@ def _plain(kind: kinds.Kind) -> str:
         return "a map from keys of the scene to what they vary over"
     if isinstance(kind, kinds.CsvFile):
         return "the path of a CSV or HDF5 file"
+    if isinstance(kind, kinds.MeshFile):
+        return "the path of an STL or OBJ file"
     return "a value"
 
 

@@ -189,6 +189,13 @@ class CsvFile(Kind):
     rows: str = "rows"
 
 
+@record
+class MeshFile(Kind):
+    """The path of a mesh; the loader puts what pictures need of it into the key ``text``, as OBJ."""
+
+    text: str = "obj"
+
+
 def key_name(field: dataclasses.Field[Any]) -> str:
     """Return the YAML key of a field."""
     name: str = field.metadata.get("name") or field.name

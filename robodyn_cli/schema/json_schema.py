@@ -118,7 +118,7 @@ class _Maker:
     def kind(self, kind: kinds.Kind) -> Schema:
         if isinstance(kind, (kinds.Number, kinds.Integer)):
             return self.number(kind)
-        if isinstance(kind, (kinds.Boolean, kinds.Text, kinds.CsvFile)):
+        if isinstance(kind, (kinds.Boolean, kinds.Text, kinds.CsvFile, kinds.MeshFile)):
             return {"type": "boolean" if isinstance(kind, kinds.Boolean) else "string"}
         if isinstance(kind, kinds.Name):
             return {"type": ["string", "boolean"], "pattern": _name_pattern(kind.of)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
@@ -25,6 +26,7 @@ from robodyn_cli.schema.fields import (
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.spatial.orientation import orientation_problems, rotation_of
 from robodyn_cli.trajectories.base import Ik, Problems, SceneNames, place_problems, point_problems
+from robodyn_cli.trajectories.laws import polynomial
 from robodyn_cli.trajectories.motion import PointMotion, PoseMotion
 from robodyn_cli.trajectories.task.chain import Plan, planned
 from robodyn_cli.trajectories.task.segments import PathProblem, segment_types
@@ -149,6 +151,13 @@ class PathTrajectory:
         start, facing = self.start.orientation, self.facing
         R = None if start is None else np.array(rotation_of(start), dtype=float)
         return planned(np.array(self.start.position), R, facing, self.segments, self.law, limits)
+
+    def at_constant_speed(self) -> PathTrajectory:
+        """Return the path without its time law: the arc length of each way between stops is linear in time."""
+        found = dataclasses.replace(self)
+        for stretch in found.plan.stretches:
+            stretch.law = polynomial((0.0, 1.0), stretch.duration)
+        return found
 
     @property
     def duration(self) -> float:

@@ -15,6 +15,7 @@ trajectory_types: Registry[type] = Registry(
         "s_curve": "moves:SCurveTrajectory",
         "fourier": "fourier:FourierTrajectory",
         "sequence": "sequence:SequenceTrajectory",
+        "fastest": "fastest:FastestTrajectory",
         "table": "table:TableTrajectory",
         "circle": "circle:CircleTrajectory",
         "path": "path:PathTrajectory",

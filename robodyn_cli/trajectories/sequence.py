@@ -40,7 +40,8 @@ class SequenceTrajectory(JointSpaceTrajectory):
         wrong = False
         for k, segment in enumerate(self.segments):
             if not hasattr(segment, "expressions"):
-                yield ("segments", k, "type"), "leads a point; allowed in a sequence: motions in joint space"
+                what = "has no times of its own" if segment.type == "fastest" else "leads a point"
+                yield ("segments", k, "type"), f"{what}; allowed in a sequence: motions in joint space"
                 wrong = True
                 continue
             for path, message in segment.problems(scene):

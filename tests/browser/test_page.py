@@ -16,9 +16,10 @@ from robodyn_cli.report.page.section import Shown
 from robodyn_cli.results.moments import moments
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.inverse.inverse import inverse
-from robodyn_cli.scene.load import load_scene
+from robodyn_cli.scene.load import load_scene, load_scene_text
 from tests.browser.conftest import Opener
 from tests.unit.synthetic_results import four_bar_result
+from tests.unit.test_shapes import ball, stl_bytes
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 SMOOTH = 30.0  # frames a second
@@ -220,6 +221,28 @@ def test_the_four_bar_moves_smoothly(planar: tuple[Result, Path], opened: Opener
     """The best of several windows: other programs may take the processor for a while, never give it."""
     found = opened(planar[1]).evaluate(FRAMES)
     assert found["best"] >= SMOOTH and found["poses"] > 20
+
+
+def test_seven_links_with_meshes_are_drawn_and_move_smoothly(tmp_path: Path, opened: Opener) -> None:
+    """The arm with a fine mesh on each link: faces are there, bars are not, and a stored result needs no files."""
+    (tmp_path / "ball.stl").write_bytes(stl_bytes(ball(3, 1.0)))
+    text = (CONFIGS / "seven_joint_arm.yaml").read_text(encoding="utf-8")
+    shape = "{mesh: MESH, scale: [0.1, 0.06, 0.08], origin: {xyz: [0.02, 0, 0.05]}}"
+    shape = shape.replace("MESH", str(tmp_path / "ball.stl"))
+    overrides = [f"robot.links.link{k}.visual=[{shape}]" for k in range(1, 8)]
+    scene = load_scene_text(text, str(CONFIGS / "arm.yaml"), overrides)
+    (tmp_path / "ball.stl").unlink()
+    assert write_page([Shown("inverse", inverse(scene))], tmp_path / "arm.html") < 2e6
+    page = opened(tmp_path / "arm.html")
+    set_slider(page, 3)
+    for k in range(1, 8):
+        assert page.locator(f".scene [data-part='shape link{k}']").count() > 40
+        assert page.locator(f".scene [data-part='link link{k}']").count() == 0
+    found = page.evaluate(FRAMES)
+    assert found["best"] >= SMOOTH and found["poses"] > 20
+    page.locator(".view").select_option(label="x-z")
+    page.locator(".scene[data-flat='true']").wait_for()
+    assert page.locator(".scene [data-part='shape link7']").count() == 1, "its outline"
 
 
 def test_a_hundred_thousand_samples_stay_smooth(arm: tuple[Result, Path], opened: Opener) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from robodyn_cli import load_scene, reach
+from robodyn_cli.cli.commands.reach import describe
 from robodyn_cli.results.hdf5 import read
 from tests.cli.tool import ROOT, invoke
 
@@ -43,6 +44,19 @@ def test_a_redundant_arm_reaches_by_a_criterion(tmp_path: Path) -> None:
     assert "freedom left       3" in text
 
 
+@pytest.mark.parametrize(
+    "words, error",
+    [
+        (("--frame", "link9", *POSE[2:]), "--frame link9: reach.frame: unknown frame 'link9'"),
+        ((*POSE[:3], "0.4,0.2"), "--position 0.4,0.2: reach.position: has 2 entries"),
+        ((*POSE[:5], "0,up,0"), "--rpy 0,up,0: reach.orientation.rpy"),
+    ],
+)
+def test_errors_name_the_option_that_was_typed(tmp_path: Path, words: tuple[str, ...], error: str) -> None:
+    done = invoke("reach", PUMA, *words, "--out", str(tmp_path / "out"))
+    assert done.code == 2 and f"robodyn: error: {error}" in done.err and "--set" not in done.err, done.err
+
+
 def test_a_scene_asks_for_a_pose(tmp_path: Path) -> None:
     path = tmp_path / "scene.yaml"
     path.write_text(
@@ -71,7 +85,8 @@ def test_a_scene_asks_for_a_pose(tmp_path: Path) -> None:
         ((PUMA, *POSE, "--branch", "elbow_up"), 2, "allowed: righty-elbow_up-no_flip"),
         ((PUMA, *POSE, "--branch", "left"), 2, "reach.branch"),
         ((PUMA, "--frame", "link6", "--position", "0,0"), 2, "reach.position"),
-        ((PUMA, "--frame", "link6", "--position", "0,0,9"), 5, "m or rad away"),
+        ((PUMA, "--frame", "link6", "--position", "0,0,9"), 5, "7.466 m away"),
+        ((PUMA, "--frame", "link6", "--position", "0,0,9", "--rpy", "0,0,0"), 5, " m and "),
         ((SCARA, "--frame", "flange", "--position", "0.3,0.2,9"), 5, "beyond its limits"),
         ((SEVEN, "--frame", "link7", "--position", "0.4,0,0.5", "--set", "reach.axis=[0,0,1]"), 2, "needs 'orientation'"),
         ((SEVEN, "--frame", "link7", "--position", "0.4,0,0.5", "--set", "reach.criterion=away_from_limits"), 2, "there are none"),
@@ -86,3 +101,10 @@ def test_what_cannot_be_is_one_message(
         not (tmp_path / "summary.json").exists()
         or json.loads((tmp_path / "summary.json").read_text())["status"] != "ok"
     )
+
+
+def test_what_rounding_makes_of_zero_is_shown_as_zero() -> None:
+    summary = {"title": "arm", "frame": "tip", "error": 0.0, "singular_ratio": 1.0, "freedom": 0,
+               "configuration": {"a": -3e-19, "b": 0.5}}  # fmt: skip
+    lines = describe(summary).splitlines()
+    assert [line.split() for line in lines if line.split()[0] in "ab"] == [["a", "0"], ["b", "0.5"]]

@@ -43,6 +43,7 @@ ARM = {
     "gravity": "gravity: [0, -9.81, 0]",
     "robot": "robot: robots/planar_2r.yaml",
 }
+PUMA = {**ARM, "robot": "robot: robots/puma560.yaml"}
 FOUR_BAR = {
     "schema": "schema: 1",
     "gravity": "gravity: [0, 0, 0]",
@@ -112,7 +113,7 @@ YAML_BLOCKS = [(page.name, *block) for page in PAGES for block in blocks(page.re
 def completed(block: str, base: str) -> str:
     """Return an example with the lines above it that make it a scene."""
     given = re.findall(r"^(\w+):", block, re.MULTILINE)
-    default = FOUR_BAR if base == "four_bar" else ARM
+    default = {"four_bar": FOUR_BAR, "puma560": PUMA}.get(base, ARM)
     return "\n".join([*(line for key, line in default.items() if key not in given), block])
 
 

@@ -54,6 +54,8 @@ def shown() -> set[tuple[str, str]]:
                 if re.search(r"type: table, file: ", block):
                     # a file has become columns and rows by the time it is read
                     found.add(("TableTrajectory", "file"))
+                if "{mesh: " in block:
+                    found.add(("Shape", "mesh"))  # likewise
                 if "  attach:" in block:
                     found.add(("Robot", "attach"))
     return found

@@ -141,6 +141,7 @@ def test_every_kind_of_joint_and_force_is_drawn() -> None:
     drawing = make_drawing(result)
     assert {pin.name: pin.kind for pin in drawing.pins} == {
         "slide": "slide", "ball": "ball", "cross": "cross", "plate": "table", "screw": "hinge", "sleeve": "sleeve",
+        "s": "hinge",  # where the spring hangs on the ground
     }  # fmt: skip
     kinds = {(part.kind, part.name) for part in drawing.parts}
     assert {("spring", "slide"), ("damper", "slide"), ("spring", "s"), ("damper", "s")} <= kinds

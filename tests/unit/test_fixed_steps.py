@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -42,3 +44,28 @@ def test_a_step_that_had_to_be_shorter_is_told(method: str) -> None:
         "no solution" in text for text in fine.get("warnings", ())
     )
     assert fine["counters"]["steps"] == 500
+
+
+DAMPED_STOP = """
+schema: 1
+gravity: [0, 0, 0]
+robot:
+  joints:
+    - {name: j1, type: prismatic, axis: [1, 0, 0],
+       limits: {upper: 0.18, stop: {law: spring_damper, stiffness: 2900, damping: 57}}}
+  links: [{name: l1, mass: 2}]
+initial: {q: {j1: 0}, qd: {j1: 1.3}}
+simulate: {duration: 0.16, samples: 3}
+"""
+
+
+@pytest.mark.parametrize("method", ["rk4", "gauss4", "gauss6"])
+@pytest.mark.parametrize("step", [4e-4, 4.1e-4, 3.9999e-4, 1.7e-4])
+def test_a_step_that_ends_at_a_jump_does_not_see_the_other_side(method: str, step: float) -> None:
+    """Damping sets in at once when the stop is met, at t = 0.18 / 1.3: from there on the motion is a damped oscillation."""
+    settings = [f"simulate.integrator={method}", f"simulate.step={step}"]
+    found = simulate(load_scene_text(DAMPED_STOP, overrides=settings))
+    decay, rate = 57 / 4, (2900 / 2 - (57 / 4) ** 2) ** 0.5
+    since = 0.16 - 0.18 / 1.3
+    wave = math.cos(rate * since) - decay / rate * math.sin(rate * since)
+    assert abs(found["qd"][-1, 0] - 1.3 * math.exp(-decay * since) * wave) < 1e-9

@@ -70,7 +70,7 @@ def test_forces_in_joints_and_asymmetric_inertias() -> None:
     agree(load_scene_text(CHAIN), {key: np.array(x) for key, x in VALUES.items()}, True)
 
 
-@pytest.mark.parametrize("name", ["2r_circle", "mechanisms/five_bar_circle"])
+@pytest.mark.parametrize("name", ["2r_circle", "mechanisms/five_bar_circle", "trajectories/fastest_2r"])
 def test_motions_that_depend_on_numbers_are_found_one_by_one(name: str) -> None:
     scene = load_scene(str(CONFIGS / f"{name}.yaml"), ["inverse.samples=41"])
     agree(scene, around(scene, varied(scene, 2, 3), 3, 3), False)

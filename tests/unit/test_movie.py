@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 
 from robodyn_cli.cli.app import run
+from robodyn_cli.cli.commands.animate import describe
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.report.drawing.build import make_drawing
 from robodyn_cli.report.drawing.painter import Painted
@@ -232,5 +233,6 @@ robot:
         ["animate", str(stored), "--file", str(tmp_path / "m.gif"), "--speed", "5", "--fps", "10", "--json"]
     )
     report = json.loads(capsys.readouterr().out)
-    assert code == 0 and report["frames"] == 21 + 15 and report["speed"] == 5.0
+    assert code == 0 and report["frames"] == 21 + 15 and report["held"] == 15 and report["speed"] == 5.0
+    assert "(21 frames, then the last one for 1.5 s; 3.6 s in all at 10 a second" in describe(report)
     assert report["size"] == (tmp_path / "m.gif").stat().st_size

@@ -6,13 +6,16 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.kernels.program import Program
+from robodyn_cli.model.build import build_model
 from robodyn_cli.run.inverse.dynamics import InverseDynamics
 from robodyn_cli.run.inverse.inverse import inverse
 from robodyn_cli.run.plan.plan import plan, render
+from robodyn_cli.run.plan.plane import Plane
 from robodyn_cli.run.plan.variant import Variant
 from robodyn_cli.scene import load_scene, load_scene_text
 from robodyn_cli.scene.types import Scene
@@ -365,3 +368,21 @@ def test_large_models_are_counted_as_a_whole_only(monkeypatch: pytest.MonkeyPatc
     assert not found["terms_counted"] and found["operations_general"] > found["operations"] > 1000
     assert all(e["operations_saved"] in (None, 0) for e in found["left_out"])
     assert "not counted one by one" in render(found)
+
+
+@pytest.mark.parametrize("size", [1e-160, 9.81, 1e160])
+def test_the_plane_of_a_slide_holds_its_gravity(size: float) -> None:
+    scene = load_scene_text(
+        f"""
+schema: 1
+gravity: [0, {size}, {-0.5 * size}]
+robot:
+  joints: [{{name: slide, type: prismatic, axis: [0, 0, 1]}}]
+  links: [{{name: bar, mass: 1}}]
+initial: {{q: {{slide: 0}}}}
+"""
+    )
+    normal = Plane(build_model(scene)).normal
+    assert normal is not None
+    np.testing.assert_allclose(np.abs(normal), (1.0, 0.0, 0.0), atol=1e-12)
+    assert plan(scene, "simulate")

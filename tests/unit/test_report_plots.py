@@ -136,6 +136,23 @@ def test_the_root_mean_square_in_the_drawing_is_that_of_the_summary() -> None:
         assert f"RMS {number(figures['rms_torque'], 4)} N·m" in drawn
 
 
+def test_small_torques_beside_large_ones_have_a_panel_of_their_own() -> None:
+    result = inverse_result()
+    wave = np.sin(result.time)
+    result.add(
+        "tau",
+        np.column_stack([60.0 * wave - 70.0, 20.0 * wave, 0.5 * wave]),
+        names=("a", "b", "c"),
+        units="N m",
+    )
+    large, small = draw(result, "torques").axes
+    assert np.ptp(small.get_ylim()) < 2.0 < 100.0 < np.ptp(large.get_ylim())
+    levels = [float(line.get_ydata()[0]) for line in large.lines if line.get_linewidth() == 0.8]
+    assert levels[0] < -60.0, "the root mean square is drawn where the torque is"
+    result["tau"][:, 2] *= 40.0
+    assert len(draw(result, "torques").axes) == 1
+
+
 def test_captions_state_the_figures() -> None:
     drawn = texts(inverse_result(), "torques")
     time, tau = inverse_result().time, inverse_result()["tau"][:, 0]
@@ -416,8 +433,12 @@ def test_what_rounding_leaves_of_zero_does_not_fill_a_panel() -> None:
     load = np.zeros((51, 6))
     load[:, 0], load[:, 5] = np.linspace(1.0, 9.0, 51), 1e-15 * np.sin(np.arange(51))
     result.add("reactions/theta1", load, names=names)
-    force, moment = draw(result, "reactions").axes[:2]
-    assert force.get_ylim()[1] > 9.0 and -0.1 < moment.get_ylim()[0] < 0.0 < moment.get_ylim()[1] == 1.0
+    figure = draw(result, "reactions")
+    assert [ax.get_ylabel() for ax in figure.axes] == ["force [N]"] and figure.axes[0].get_ylim()[1] > 9.0
+    assert any("no moments" in text.get_text() for text in figure.texts)
+    load[:, 5] = 2.0
+    result.variables["reactions/theta1"].data[:] = load
+    assert len(draw(result, "reactions").axes) == 2
 
 
 def test_residuals_that_are_zero_are_drawn_as_zero() -> None:
@@ -476,7 +497,9 @@ def test_results_are_drawn_over_one_another(tmp_path: Path, capsys: pytest.Captu
     second["q"][:] += 0.1
     places = [write(r, tmp_path / name / "simulate" / "result.h5") for name, r in (("a", first), ("b", second))
               if (tmp_path / name / "simulate").mkdir(parents=True) is None]  # fmt: skip
-    assert labels_of(places) == ["a/simulate", "b/simulate"]
+    assert labels_of(places, ["arm", "arm"]) == ["a/simulate", "b/simulate"]
+    assert labels_of(places, ["arm", "heavy arm"]) == ["arm", "heavy arm"]
+    assert labels_of([*places, tmp_path], ["arm", "arm", "leg"])[1:] == ["arm (b/simulate)", "leg"]
     figure = draw_over({"a": first, "b": second}, "joint_angles")
     assert [ax.get_title(loc="left") for ax in figure.axes] == ["theta1 [rad]", "theta2 [rad]"]
     for column, ax in enumerate(figure.axes):

@@ -342,3 +342,10 @@ def test_a_pipe_is_refused(tmp_path: Path) -> None:
     for path in (tmp_path / "pipe.h5", Path("/dev/zero")):
         with pytest.raises(ResultFileError, match="pipe or a device"):
             read(path)
+
+
+def test_a_dataset_that_is_not_there_is_named_with_those_that_are() -> None:
+    result = Result("simulate", "x", "ok", "")
+    result.add("time", np.zeros(2))
+    with pytest.raises(KeyError, match=r"no dataset 'tine' \(did you mean 'time'\?\); allowed: time"):
+        result["tine"]

@@ -19,7 +19,9 @@ from robodyn_cli.scene.types import Link, Scene
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 SCENES = sorted(
-    [*CONFIGS.glob("*.yaml"), *CONFIGS.glob("benchmarks/*.yaml"), *CONFIGS.glob("mechanisms/*.yaml")]
+    path
+    for folder in (".", "benchmarks", "mechanisms", "trajectories")
+    for path in (CONFIGS / folder).glob("*.yaml")
 )
 
 

@@ -183,7 +183,7 @@ BAD = {
     "too large": ("", "simulate: {rtol: §1}", "simulate.rtol", "too large", "<= 0.1"),
     "fraction": ("", "inverse: {samples: §10.5}", "inverse.samples", "not a whole number"),
     "few samples": ("", "inverse: {samples: §1}", "inverse.samples", "too small", ">= 2 and <= 100000000"),
-    "version": ("schema: 1", "schema: §2", "schema", "too large", "allowed: 1"),
+    "version": ("schema: 1", "schema: §2", "schema", "is not known here (value 2)", "allowed: 1"),
     # other scalars
     "yes is no boolean": ("", "simulate: {error_estimate: §yes}", "simulate.error_estimate", "true or false"),
     "True is no boolean": (
@@ -227,7 +227,7 @@ BAD = {
     "null for section": ("initial: {q: {j1: 0.1}}", "initial:§\n", "initial", "has no value"),
     "null for file": ("", "simulate: §null", "simulate", "has no value"),
     # kinds chosen by their type
-    "no type": ("", "trajectory: §{point: tip}", "trajectory", "'type' is missing", "joint, quintic, table"),
+    "no type": ("", "trajectory: §{point: tip}", "trajectory", "'type' is missing", "joint, quintic, cubic"),
     "wrong type": ("", "trajectory: {type: §circel}", "trajectory.type", "did you mean 'circle'"),
     "type is a list": ("", "trajectory: {type: §[circle]}", "trajectory.type", "allowed: joint, quintic"),
     "loop type": (

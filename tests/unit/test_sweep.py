@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -19,12 +21,16 @@ from typer.testing import CliRunner
 from robodyn_cli.cli.app import app
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.variation import parse_variation
+from robodyn_cli.model.build import build_model
+from robodyn_cli.results.columns import UNKNOWN
 from robodyn_cli.results.hdf5 import read
+from robodyn_cli.run.many.mechanism import Mechanism
 from robodyn_cli.run.study.design import make_design
 from robodyn_cli.run.study.runs import run_all
 from robodyn_cli.run.study.statistics import influences, share, sobol
 from robodyn_cli.run.study.study import Asked, prepare
-from robodyn_cli.scene.load import Family, load_scene
+from robodyn_cli.run.study.units import unit_of_output
+from robodyn_cli.scene.load import Family, load_scene, load_scene_text
 from robodyn_cli.scene.types import Correlation, StudyOptions
 
 # a falling point mass with drag-free motion has a closed form: z = v t - g t^2 / 2
@@ -204,6 +210,46 @@ def test_sobol_indices_are_those_of_the_ishigami_function() -> None:
         assert one.first_low <= one.first <= one.first_high
 
 
+def test_many_runs_are_shown_in_one_line(fall: Path) -> None:
+    runs = Mechanism(fall, ["robot.links.ball.mass"]).simulate_many({"robot.links.ball.mass": [1.0, -1.0]})
+    assert repr(runs) == "ManyRuns(2 runs, 1 failed, of robot.links.ball.mass)"
+
+
+@pytest.mark.parametrize("n, keys", [(2, 1), (2, 2), (8, 1), (8, 3)])
+def test_sobol_indices_of_few_samples_and_of_one_key_have_finite_intervals(n: int, keys: int) -> None:
+    """The last of several keys has no influence, so its indices are zero in every resample."""
+    names = [f"k{i}" for i in range(keys)]
+    design = make_design(options(n=n, **dict.fromkeys(names, "uniform(0, 1)")), indices=True)
+    found = sobol(design, design.values[:, : max(1, keys - 1)].sum(axis=1) ** 2)
+    assert found is not None and list(found) == names
+    for one in found.values():
+        assert all(math.isfinite(x) for x in dataclasses.astuple(one))
+    if keys > 1:
+        assert found[names[-1]].total == 0.0 == found[names[-1]].total_high
+
+
+def test_one_key_explains_all_of_the_variance() -> None:
+    design = make_design(options(n=2048, sampler="sobol", a="normal(1, 2)"), indices=True)
+    found = sobol(design, 3.0 * design.values[:, 0])
+    assert found is not None and (found["a"].first, found["a"].total) == pytest.approx((1.0, 1.0), abs=0.02)
+
+
+def test_runs_that_samples_share_are_not_runs_of_an_earlier_study(fall: Path, tmp_path: Path) -> None:
+    """With one key B is the block with that column of B, so the runs of both are the same."""
+    words = ["--vary", "initial.qd.z=normal(1, 0.1)", "-n", 4, "--indices", "--of", "final.q.z"]
+    first = sweep(fall, *words, "--out", tmp_path / "out")
+    assert first.exit_code == 0 and "earlier study" not in first.output, first.output
+    assert "Saltelli" in first.output and stored(tmp_path / "out")[1]["runs"] == 12
+    again = sweep(fall, *words, "--out", tmp_path / "out")
+    assert "8 of 8 runs are there from an earlier study" in again.output
+
+
+def test_one_place_may_not_vary_under_two_names(fall: Path) -> None:
+    for other in ("robot.links.ball.mass", "robot.links.0.mass"):
+        with pytest.raises(SceneError, match="vary robot.links.0.mass: is given twice"):
+            Mechanism(fall, [other, "robot.links.0.mass"])
+
+
 # -- the command ----------------------------------------------------------------------------------------
 def test_the_outputs_of_each_run_are_those_of_the_command_alone(fall: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
@@ -341,11 +387,103 @@ def test_a_study_that_was_killed_goes_on_where_it_was(fall: Path, tmp_path: Path
     assert not log.exists()
 
 
+def test_an_interrupt_says_what_is_kept_and_nothing_else(fall: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "robodyn_cli", "sweep", str(fall), "--vary", "initial.qd.z=normal(1, 0.1)",
+               "-n", "100000", "--of", "energy_drift", "--out", str(out), "--jobs", "2", "--no-plots"]  # fmt: skip
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    log = out / "unfinished.jsonl"
+    limit = time.monotonic() + 60
+    while time.monotonic() < limit and not (log.exists() and log.stat().st_size > 3000):
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate()
+    assert process.returncode == 130
+    runs = len(log.read_text().splitlines()) - 1
+    first, last = said.splitlines()
+    assert first.endswith(" of 100000 runs are done and kept; the same command goes on from there")
+    # the last rows may be written and not yet counted
+    assert 0 < int(first.split()[1]) <= runs
+    assert last == "robodyn: error: interrupted"
+
+
 def test_the_yield_that_is_asked_for_decides_the_exit_code(fall: Path, tmp_path: Path) -> None:
     words = [fall, "--vary", "initial.qd.z=[0, 1, 2]", "--of", "final.q.z", "--out", tmp_path / "out"]
     assert sweep(*words, "--yield", 0.6).exit_code == 0
     low = sweep(*words, "--yield", 0.7)
     assert low.exit_code == 1 and "yield is 0.6667" in low.output
+
+
+def test_a_grid_has_extremes_and_samples_a_spread(fall: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    words = [fall, "--of", "final.q.z", "--out", out]
+    grid = sweep(*words, "--vary", "initial.qd.z=linspace(0, 2, 3)")
+    found = stored(out)[1]
+    assert found["results"]["final.q.z"].keys().isdisjoint({"mean", "sd", "quantiles", "mean_error"})
+    assert found["failed"] == {"share": 0.0} and found["yield"] == {"share": pytest.approx(2 / 3)}
+    assert "least" in grid.output and "greatest" in grid.output and "95 %" not in grid.output
+    drawn = sweep(*words, "--vary", "initial.qd.z=uniform(0, 2)", "-n", 5)
+    found = stored(out)[1]
+    assert {"mean", "sd", "quantiles", "mean_error"} <= found["results"]["final.q.z"].keys()
+    assert {"low", "high", "confidence"} <= found["failed"].keys()
+    assert "95 %" in drawn.output and "0 % of the runs (0 to 52.2 %)" in drawn.output
+    # the scene expects something, which is no yield as long as the study asks for none
+    assert "yield" not in drawn.output
+    assert "yield" in sweep(*words, "--vary", "initial.qd.z=uniform(0, 2)", "-n", 5, "--yield", 0).output
+
+
+UNITS = """
+schema: 1
+gravity: [0, 0, 0]
+robot:
+  joints:
+    - {name: hinge, type: revolute, axis: [0, 0, 1]}
+    - {name: slide, type: prismatic, axis: [1, 0, 0]}
+    - {name: ball, type: spherical}
+  links: [{name: a}, {name: b}, {name: c}]
+"""
+
+
+@pytest.mark.parametrize(
+    "key, unit",
+    [
+        ("peak_torque.hinge", "N m"),
+        ("joints.slide.peak_torque", "N"),
+        ("rms_torque.slide", "N"),
+        ("peak_speed.hinge", "rad/s"),
+        ("joints.slide.peak_power", "W"),
+        ("peak_torque_time.hinge", "s"),
+        ("final.q.hinge", "rad"),
+        ("final.qd.slide", "m/s"),
+        ("final.q.ball.qw", "1"),
+        ("final.qd.ball.wx", "rad/s"),
+        ("lock.angles.slide", "m"),
+        ("lock.angles_deg.hinge", "deg"),
+        ("lock.time", "s"),
+        ("lock.time_error", "s"),
+        ("accelerations.slide", "m/s^2"),
+        ("torques_of_joints.hinge", "N m"),
+        ("points.tip.peak_speed", "m/s"),
+        ("energy_drift", "J"),
+        ("energy_drift_relative", "1"),
+        ("reactions.largest.hinge.peak_moment", "N m"),
+        ("counters.steps", "1"),
+        ("error_estimate.q_end", UNKNOWN),
+        ("constraint_residual.position", UNKNOWN),
+    ],
+)
+def test_outputs_have_the_units_of_their_keys(key: str, unit: str) -> None:
+    assert unit_of_output(key, build_model(load_scene_text(UNITS))) == unit
+
+
+def test_units_of_outputs_are_shown_and_stored(fall: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    done = sweep(fall, "--vary", "initial.qd.z=[0, 1]", "--of", "final.qd.z", "--out", out)
+    result, summary = stored(out)
+    assert (
+        result.variables["outputs/final.qd.z"].units == "m/s" == result.variables["errors/final.qd.z"].units
+    )
+    assert summary["results"]["final.qd.z"]["unit"] == "m/s" and "m/s" in done.output
 
 
 def test_the_scene_can_say_what_it_studies(fall: Path, tmp_path: Path) -> None:
@@ -369,7 +507,23 @@ def test_the_scene_can_say_what_it_studies(fall: Path, tmp_path: Path) -> None:
         (["--vary", "robot.links.ball.mass=[20 deg]"], "not an angle"),
         (["--vary", "robot.links.ball.mass"], "not KEY=SPEC"),
         (["--vary", "gravity.2=[1]", "--vary", "gravity.2=[2]"], "given twice"),
-        (["--vary", "gravity.2=[1]", "--of", "final.q.y"], "no such key"),
+        (
+            ["--vary", "robot.links.0.mass=[1]", "--vary", "robot.links.ball.mass=[2]"],
+            "given twice, also as robot.links.0.mass",
+        ),
+        (
+            ["--vary", "gravity.2=uniform(0, 1)", "-n", "10", "--indices"],
+            "-n 10: Sobol indices need a power of 2",
+        ),
+        (["--vary", "gravity.2=uniform(0, 1)", "-n", "1", "--indices"], "allowed: 2, 4, 8, 16"),
+        (
+            ["--vary", "gravity.2=[1]", "--of", "final.q.y"],
+            "error: --of final.q.y: the summary has no such key",
+        ),
+        (
+            ["--vary", "gravity.2=[1]", "--set", "study={of: [final.q.y]}"],
+            "error: study.of: final.q.y: the summary",
+        ),
         (["--vary", "gravity.2=[1]", "--of", "status"], "not a number"),
         (["--vary", "gravity.2=uniform(0, 1)"], "-n N"),
         (["--vary", "gravity.2=uniform(0, 1)", "-n", "0"], "whole number >= 1"),

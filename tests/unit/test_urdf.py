@@ -146,6 +146,25 @@ def test_limits(limit: str, limits: dict[str, float], remark: str) -> None:
     assert given == limits
     assert stated is None or stated.stop is None
     assert any(remark in text for text in found.tree.joint_remarks["j1"]) or not remark
+    crossed = [text for text in scene.warnings if "j1 (line 5: lower 2, upper 1)" in text]
+    assert len(crossed) == ('lower="2" upper="1"' in limit)
+
+
+@pytest.mark.parametrize(
+    ("name", "target"),
+    [
+        ("arm.urdf", "arm_expanded.urdf"),
+        ("arm.urdf.xacro", "arm.urdf"),
+        ("arm.xacro", "arm.urdf"),
+        ("arm", "arm.urdf"),
+    ],
+)
+def test_the_advice_for_xacro_does_not_overwrite_the_file(tmp_path: Path, name: str, target: str) -> None:
+    path = tmp_path / name
+    path.write_text(ARM.replace("</robot>", "<xacro:macro name='x'/></robot>"), encoding="utf-8")
+    with pytest.raises(SceneError) as caught:
+        load_urdf(path)
+    assert caught.value.message.endswith(f"xacro {path} > {tmp_path / target}")
 
 
 def test_names_that_scenes_do_not_allow() -> None:

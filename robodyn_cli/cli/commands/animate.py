@@ -76,7 +76,8 @@ def describe(report: Mapping[str, Any]) -> str:
     size = f"{report['size'] / 1024:.0f} KiB"
     if "stills" in report:
         return f"{report['file']}  ({report['stills']} stills, {size})"
+    moving = report["frames"] - report["held"]
     return (
-        f"{report['file']}  ({report['frames']} frames, {report['duration']:.4g} s at {report['fps']:.4g} a second, "
-        f"speed {report['speed']:.4g}, {size})"
+        f"{report['file']}  ({moving} frames, then the last one for {report['held'] / report['fps']:.4g} s; "
+        f"{report['duration']:.4g} s in all at {report['fps']:.4g} a second, speed {report['speed']:.4g}, {size})"
     )

@@ -37,19 +37,14 @@ def command(
     """Write a URDF as a robot in YAML, never over another file; return the exit code."""
     from robodyn_cli.results.atomic import write_new
     from robodyn_cli.scene.load import load_urdf
-    from robodyn_cli.scene.urdf.meshes import missing_meshes
     from robodyn_cli.scene.urdf.write import robot_yaml
 
     console = Console(quiet=quiet)
     folders = _folders(packages or ())
-    found, scene = load_urdf(urdf)
+    found, scene = load_urdf(urdf, folders)
     warn(scene, strict, console)
-    missing = missing_meshes(found.robot, str(urdf), folders)
-    if missing:
-        what = "a mesh is" if len(missing) == 1 else f"{len(missing)} meshes are"
-        console.note(f"robodyn: {what} not there, which matters for pictures only. The first: {missing[0]}")
     path = robot or urdf.with_suffix(".yaml")
-    write_new(path, robot_yaml(found))
+    write_new(path, robot_yaml(found, str(path.parent)))
     moving = sum(joint.type != "fixed" for joint in scene.robot.joints)
     console.say(
         f"{path}: {len(scene.robot.links)} links, {moving} joints that move. In a scene: robot: {path.name}"

@@ -49,11 +49,25 @@ def describe(summary: Mapping[str, Any]) -> str:
     off = (summary.get("error_estimate") or {}).get("torque_rounding")
     if off is not None:
         lines.append(f"  rounding           torques off by some {off:.1e} N m or N")
+    lines += _fastest(summary)
     lines += multiplier_lines(summary)
     times = summary.get("wall_time_s", {})
     parts = ", ".join(f"{k} {1e3 * v:.3g}" for k, v in times.items() if k != "total" and v >= 5e-5)
     lines.append(f"  cost               ms: {parts}; in all {1e3 * times.get('total', 0.0):.4g}")
     return "\n".join(lines)
+
+
+def _fastest(summary: Mapping[str, Any]) -> list[str]:
+    """Return the lines about a path in the least time."""
+    found: Mapping[str, Any] | None = summary.get("fastest")
+    if not found:
+        return []
+    parts = sorted(found["binding"].items(), key=lambda item: -item[1])
+    binding = ", ".join(f"{name} {100.0 * part:.3g} %" for name, part in parts) or "none"
+    return [
+        f"  least time         {found['duration']:.9g} s, +- {found['duration_error']:.1e} s",
+        f"  binding limits     {binding} of the time",
+    ]
 
 
 command = scene_command("inverse", describe)

@@ -23,6 +23,9 @@ from robodyn_cli.cli.options import (
 )
 from robodyn_cli.cli.runner import SceneRun, run_scene
 from robodyn_cli.cli.words import number, table
+from robodyn_cli.errors import SceneError
+
+ROUNDING = 1e-12  # rad or m
 
 
 def command(
@@ -53,13 +56,23 @@ def command(
     strict: Strict = False,
 ) -> int:
     """Run the command; return its exit code."""
-    settings = list(overrides or ())
-    settings += [f"reach.frame={frame}"] if frame is not None else []
-    settings += [f"reach.position=[{position}]"] if position is not None else []
-    settings += [f"reach.orientation.rpy=[{rpy}]"] if rpy is not None else []
-    settings += [f"reach.branch={branch}"] if branch is not None else []
-    job = SceneRun("reach", scene, out, settings, drawings(no_plots, plots, format_), strict)
-    return run_scene(job, Console(as_json, quiet), describe)
+    settings = {
+        f"reach.frame={frame}": f"--frame {frame}",
+        f"reach.position=[{position}]": f"--position {position}",
+        f"reach.orientation.rpy=[{rpy}]": f"--rpy {rpy}",
+        f"reach.branch={branch}": f"--branch {branch}",
+    }
+    given = (frame, position, rpy, branch)
+    settings = {text: option for (text, option), x in zip(settings.items(), given) if x is not None}
+    job = SceneRun(
+        "reach", scene, out, [*(overrides or ()), *settings], drawings(no_plots, plots, format_), strict
+    )
+    try:
+        return run_scene(job, Console(as_json, quiet), describe)
+    except SceneError as error:
+        for text, option in settings.items():  # the option as it was typed
+            error.message = error.message.replace(f"--set {text}", option, 1)
+        raise
 
 
 def describe(summary: Mapping[str, Any]) -> str:
@@ -71,7 +84,7 @@ def describe(summary: Mapping[str, Any]) -> str:
         f"  {summary['frame']:<18} brought to the pose {how}; error {number(summary['error'], 3)} m or rad",
     ]
     rows = [["coordinate", "position"]]
-    rows += [[name, number(q, 9)] for name, q in summary["configuration"].items()]
+    rows += [[name, _position(q, 9)] for name, q in summary["configuration"].items()]
     lines.append(table(rows))
     lines.append(f"  singular ratio     {number(summary['singular_ratio'], 3)} (0: a singular pose)")
     if summary["freedom"]:
@@ -81,10 +94,15 @@ def describe(summary: Mapping[str, Any]) -> str:
         rows = [["branch", *listed[0]["configuration"], "reached", "within limits"]]
         for facts in listed:
             name = f"{facts['name']} (chosen)" if facts["chosen"] else facts["name"]
-            q = [number(x, 6) if facts["reached"] else "-" for x in facts["configuration"].values()]
+            q = [_position(x, 6) if facts["reached"] else "-" for x in facts["configuration"].values()]
             within = ("yes" if facts["within_limits"] else "no") if facts["reached"] else "-"
             rows.append([name, *q, "yes" if facts["reached"] else "no", within])
         lines.append(table(rows))
         if not branch:
             lines.append("  that there are no other ways is not proved")
     return "\n".join(lines)
+
+
+def _position(q: float, digits: int) -> str:
+    """Return a position for reading: what rounding makes of zero is 0."""
+    return number(0.0 if abs(q) < ROUNDING else q, digits)

@@ -57,14 +57,14 @@ def command(
 
 def shown(paths: list[Path], planned: bool) -> list[Shown]:
     """Return stored results for a page, with the plans of their scenes if ``planned``."""
-    from robodyn_cli.report.overlay import labels_of
+    from robodyn_cli.report.overlay import path_ends
     from robodyn_cli.report.page.section import Shown
     from robodyn_cli.run.batch.stored import read_stored
 
     read = [read_stored(path) for path in paths]
     return [
         Shown(label, result, plan_of(result) if planned else None)
-        for label, result in zip(labels_of(paths), read)
+        for label, result in zip(path_ends(paths), read)
     ]
 
 

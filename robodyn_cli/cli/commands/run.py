@@ -100,11 +100,12 @@ def command(
         stored = None if baseline is None else Baseline(baseline, out, rtol, atol, update)
         entries += listed(gather(scenes))
         load(entries, out, settings)
+        widths = max(len(e.name) for e in entries), max(len(e.command or "-") for e in entries)
         worker = functools.partial(command_line, drawn, settings)
         for entry in Batch(entries, jobs or cores(), worker, _ends(drawn), force, timeout).run():
             if stored is not None:
                 stored.judge(entry)
-            _tell(entry, max(len(e.name) for e in entries), console)
+            _tell(entry, widths, console)
         if stored is not None and update:
             replaced = stored.replace_old(entries)
             console.say(f"{baseline}: {len(replaced)} of {len(entries)} stored anew")
@@ -124,12 +125,14 @@ def _ends(drawn: Drawings | None) -> list[str]:
     return [f"{name}.{drawn.suffix}" for name in drawn.names or ("",)]
 
 
-def _tell(entry: Entry, width: int, console: Console) -> None:
-    """Print how a scene ended."""
+def _tell(entry: Entry, widths: tuple[int, int], console: Console) -> None:
+    """Print how a scene ended; ``widths`` : of the columns of names and commands."""
     if entry.replaced is not None:
         console.note(f"robodyn: warning: {entry.directory} held results of another scene, {entry.replaced}")
     time_taken = "unchanged" if entry.unchanged else f"{entry.seconds:.2f} s"
-    console.say(f"{entry.verdict:<7} {entry.name:<{width}}  {entry.command or '-':<8} {time_taken:>9}")
+    console.say(
+        f"{entry.verdict:<7} {entry.name:<{widths[0]}}  {entry.command or '-':<{widths[1]}} {time_taken:>9}"
+    )
     for problem in entry.problems if entry.verdict != "ok" else entry.differences:
         console.say(f"        {problem}")
     if console.quiet and entry.verdict == "error":

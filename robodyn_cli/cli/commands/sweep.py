@@ -33,6 +33,8 @@ from robodyn_cli.errors import SceneError
 from robodyn_cli.exit_codes import FAILED
 
 if TYPE_CHECKING:
+    from types import TracebackType
+
     from robodyn_cli.expr.variation import Variation
 
 MOST_CASES = 8  # shown on the terminal
@@ -94,20 +96,23 @@ def command(
         with begun(directory, console):
             progress = Progress(console)
             done = earlier_rows(study, directory.path)
-            rows = run_study(study, directory.path, jobs or cores(), done, progress)
+            with progress:
+                rows = run_study(study, directory.path, jobs or cores(), done, progress)
             result = report(study, rows, progress.seconds)
             store(result, directory)
             publish(result, directory, drawings(no_plots, plots, format_))
             forget_log(directory.path)
-    show(result, directory, console, describe)
+    judged = options.least_yield is not None
+    show(result, directory, console, lambda summary: describe(summary, judged))
     return _judge(result.summary, options.least_yield, console)
 
 
 class Progress:
-    """Shows how many runs are done, and the time left."""
+    """Shows how many runs are done, and the time left; as a context manager, says what an interrupt leaves."""
 
     def __init__(self, console: Console) -> None:
         self.console = console
+        self.done = self.runs = 0
         self.start = time.perf_counter()
         self.before: int | None = None  # runs of an earlier study
 
@@ -115,7 +120,19 @@ class Progress:
     def seconds(self) -> float:
         return time.perf_counter() - self.start
 
+    def __enter__(self) -> Progress:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if isinstance(error, KeyboardInterrupt) and self.done:
+            self.console.note(
+                f"robodyn: {self.done} of {self.runs} runs are done and kept; the same command goes on from there"
+            )
+
     def __call__(self, done: int, runs: int) -> None:
+        self.done, self.runs = done, runs
         if self.before is None:
             self.before = done
             if done:
@@ -139,7 +156,7 @@ def _variations(texts: Sequence[str]) -> dict[str, Variation]:
         key, sign, spec = (part.strip() for part in text.partition("="))
         if not sign or not key:
             raise SceneError(f"--vary {text}: is not KEY=SPEC; {FORMS}")
-        if key in found:
+        if key in found:  # other spellings of one key are found once the scene is read
             raise SceneError(f"--vary {key}: is given twice")
         try:
             found[key] = parse_variation(spec)
@@ -157,10 +174,13 @@ def _judge(summary: Mapping[str, Any], least: float | None, console: Console) ->
     return FAILED
 
 
-def describe(summary: Mapping[str, Any]) -> str:
-    """Return the summary of a study for the terminal."""
+def describe(summary: Mapping[str, Any], judged: bool) -> str:
+    """Return the summary of a study for the terminal; judged : whether it asks for a yield."""
     lines = [summary["title"]]
-    drawn = f", {summary['sampler']} samples, seed {summary['seed']}" if "sampler" in summary else ""
+    drawn = ""
+    if "sampler" in summary:
+        design = "Saltelli's design of " if "sobol_indices" in summary else ""
+        drawn = f", {design}{summary['sampler']} samples, seed {summary['seed']}"
     lines.append(
         f"  study              {summary['runs']} runs of {summary['of']}{drawn}, {summary['seconds']:.3g} s"
     )
@@ -170,9 +190,9 @@ def describe(summary: Mapping[str, Any]) -> str:
     failed = summary["failed"]
     codes = ", ".join(f"{count} with exit code {code}" for code, count in summary["failures"].items())
     lines.append(f"  failed             {_share(failed)}" + (f"; {codes}" if codes else ""))
-    if (held := summary.get("yield")) is not None:
+    if judged and (held := summary.get("yield")) is not None:
         lines.append(f"  yield              {_share(held)} hold what the scene expects")
-    lines += _spreads(summary["results"])
+    lines += _spreads(summary)
     lines += _influences(summary)
     for case in summary["cases"][:MOST_CASES]:
         lines += [f"  run {case['run']}: {case['why']}", f"    {case['command']}"]
@@ -180,26 +200,28 @@ def describe(summary: Mapping[str, Any]) -> str:
 
 
 def _share(share: Mapping[str, float]) -> str:
-    return (
-        f"{100 * share['share']:.4g} % of the runs ({100 * share['low']:.3g} to {100 * share['high']:.3g} %)"
-    )
+    between = f" ({100 * share['low']:.3g} to {100 * share['high']:.3g} %)" if "low" in share else ""
+    return f"{100 * share['share']:.4g} % of the runs{between}"
 
 
-def _spreads(results: Mapping[str, Any]) -> list[str]:
-    rows = [["output", "mean", "sd", "5 %", "50 %", "95 %", "as it stands"]]
-    for key, found in results.items():
-        if found is None:
-            rows.append([key, *["-"] * 6])
-            continue
-        quantiles = (found["quantiles"][level] for level in ("5 %", "50 %", "95 %"))
-        figures = (
-            found["mean"],
-            found["sd"],
-            *quantiles,
-            found["nominal"],
-        )
-        rows.append([key, *(shown(x) for x in figures)])
+def _spreads(summary: Mapping[str, Any]) -> list[str]:
+    """Return the table of the outputs: of samples their spread, of a grid the extremes."""
+    columns = {"mean": "mean", "sd": "sd", "5 %": "5 %", "50 %": "50 %", "95 %": "95 %"}
+    if "sampler" not in summary:
+        columns = {"least": "minimum", "greatest": "maximum"}
+    rows = [["output", *columns, "as it stands", "unit"]]
+    for key, found in summary["results"].items():
+        figures = {**found, **found.get("quantiles", {})} if found is not None else {}
+        numbers = (shown(figures.get(name)) for name in (*columns.values(), "nominal"))
+        rows.append([key, *numbers, _unit(figures.get("unit", ""))])
     return [table(rows)]
+
+
+def _unit(unit: str) -> str:
+    """Return a unit as a table shows it."""
+    from robodyn_cli.results.columns import UNKNOWN
+
+    return {"1": "-", UNKNOWN: "SI"}.get(unit, unit)
 
 
 def _influences(summary: Mapping[str, Any]) -> list[str]:

@@ -14,6 +14,7 @@ from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.events import GO_ON, Event, EventKind, Jump, Outcome, Owner, Repartition
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods
+from robodyn_cli.integrators.runtime.approach import Approach
 from robodyn_cli.integrators.runtime.begin import doubles_at_start, first_step, integers_at_start
 from robodyn_cli.integrators.runtime.crowd import Crowd
 from robodyn_cli.integrators.runtime.engine import Engine
@@ -77,7 +78,8 @@ class Integrator:
         for slot, count in integers_at_start(self.system.nv).items():
             n[slot] = count
         self.events_seen = 0
-        self._since, self._restart, self._middle = time, math.inf, math.nan
+        self._since, self._restart = time, math.inf
+        self._approach = Approach(self._step, self.options.first < 1.0)
         self.before = 0
         self.pause: int | None = None
         self._crowd = Crowd()
@@ -300,10 +302,10 @@ class Integrator:
         n, last, start = self.n, grid.count - 1, self.memory.saved_w[DoubleSlot.T]
         seen, located = n[IntegerSlot.EVENT], bool(n[IntegerSlot.LOCATED])
         time, roots = (self.time, ()) if located else self._sort_out(seen, stop, flush)
-        if self._step is not None and self.options.first < 1.0 and start != self._middle:
-            # an event cuts a step to the same length whatever the step asked for
-            self._middle = 0.5 * (start + time)
-            self._go(self._middle, last, flush)
+        if (
+            before := self._approach.stopover(start, time, self.system.events[seen].is_discontinuity)
+        ) is not None:
+            self._go(before, last, flush)
             self._watch(self.engine.seen(), {})
             return ()
         if located:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import itertools
+from collections.abc import Iterable
 
 import numpy as np
 
 from robodyn_cli.model.build import moved_link, parent_link
 from robodyn_cli.model.model import BASE, Body, FixedFrame, Model
+from robodyn_cli.model.placement import orientation
 from robodyn_cli.report.drawing.expressions import Expressions
 from robodyn_cli.report.drawing.record import Part
 from robodyn_cli.report.style import COLOURS
+from robodyn_cli.scene.mesh.surfaces import CORNERS, surface_of
 from robodyn_cli.scene.points import carrier, point_link
 from robodyn_cli.scene.types import Robot, Scene
 from robodyn_cli.spatial.algebra import Array, vector
@@ -20,8 +22,6 @@ FREE = 6  # velocities of a body that nothing holds
 GREY = "#9a9a9a"
 # black and grey are those of outlines and of the ground
 LINK_COLOURS = tuple(colour for colour in COLOURS if colour not in ("#000000", "#7F7F7F"))
-CORNERS = tuple(itertools.product((-0.5, 0.5), repeat=3))
-FACES = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))
 
 
 def colour_of(place: int) -> str:
@@ -49,7 +49,7 @@ class Links:
     """The links of a scene with the places that each takes in."""
 
     def __init__(self, scene: Scene, model: Model, expressions: Expressions) -> None:
-        self.model, self.expressions = model, expressions
+        self.scene, self.model, self.expressions = scene, model, expressions
         self.carrier = carriers(scene.robot)
         moving = [b.name for b in model.bodies]
         self.spots: dict[str, list[int]] = {GROUND: [], **{name: [] for name in moving}}
@@ -75,7 +75,9 @@ class Links:
 
     def parts(self) -> tuple[list[Part], list[int], list[int]]:
         """Return the links and their boxes, the centres of mass, and those that stand for a body without extent."""
-        parts = [Part("ground", GROUND, tuple(self.spots[GROUND]), GREY)]
+        shapes = self._shapes()
+        parts = [Part("ground", GROUND, tuple(self.spots[GROUND]), GREY), *shapes]
+        shaped = {part.name for part in shapes}
         masses: list[int] = []
         bobs: list[int] = []
         carried = {body.parent for body in self.model.bodies}
@@ -85,8 +87,9 @@ class Links:
             centres = self._centres(place, body)
             # nothing but its centre of mass says where the body at the end of a chain is
             alone = len(spots) <= 1 and place not in carried
-            boxes = self._boxes(place, body) if _turns_freely(body) or (alone and not barred) else []
-            if alone:
+            boxed = body.name not in shaped and (_turns_freely(body) or (alone and not barred))
+            boxes = self._boxes(place, body) if boxed else []
+            if alone and body.name not in shaped:
                 spots += [centre for centre in centres if centre not in spots]
                 bobs += [] if boxes else centres or spots
             parts.append(Part("link", body.name, tuple(spots), colour))
@@ -98,23 +101,46 @@ class Links:
         """Return the centres of mass of the links that a body is made of, where they are given."""
         found = []
         for part in body.parts:
-            if _numbers([part.m, *part.c]) and part.m > 0.0:
+            if numbers([part.m, *part.c]) and part.m > 0.0:
                 number = self.expressions.vertex(place, part.frame.point(part.c))
                 found += [] if number is None else [number]
+        return found
+
+    def _shapes(self) -> list[Part]:
+        """Return the shapes that the scene gives to links, where these are known."""
+        place = {body.name: k for k, body in enumerate(self.model.bodies)}
+        found = []
+        for link in self.scene.robot.links:
+            frame, name = self.model.links[link.name], self.carrier[link.name]
+            colour = colour_of(place[name]) if name in place else GREY
+            for shape in link.visual:
+                made = surface_of(shape)
+                if made is None:
+                    continue
+                corners, surface = made
+                if shape.origin is not None:
+                    corners = corners @ orientation(shape.origin).T.astype(float) + shape.origin.xyz
+                at = [
+                    self.expressions.vertex(frame.body, frame.p + frame.R @ vector(p))
+                    for p in corners.tolist()
+                ]
+                known = tuple(number for number in at if number is not None)
+                if len(known) == len(CORNERS):
+                    found.append(Part("shape", name, known, colour, surface=surface))
         return found
 
     def _boxes(self, place: int, body: Body) -> list[tuple[int, ...]]:
         """Return the corners of cuboids with the masses and inertias of a body's links, where these are given."""
         boxes = []
         for part in body.parts:
-            if not _numbers([part.m, *part.c, *part.I_com.flat]) or not part.m > 0.0:
+            if not numbers([part.m, *part.c, *part.I_com.flat]) or not part.m > 0.0:
                 continue
             corners = cuboid(float(part.m), np.array(part.I_com, dtype=float))
             if corners is None:
                 continue
             at = [part.frame.point(part.c + vector(corner)) for corner in corners.tolist()]
-            numbers = [self.expressions.vertex(place, p) for p in at]
-            boxes.append(tuple(number for number in numbers if number is not None))
+            found = [self.expressions.vertex(place, p) for p in at]
+            boxes.append(tuple(number for number in found if number is not None))
         return [box for box in boxes if len(box) == len(CORNERS)]
 
 
@@ -127,6 +153,7 @@ def cuboid(m: float, inertia: Array) -> Array | None:
     if not np.isfinite(inertia).all():
         return None
     moments, axes = np.linalg.eigh(inertia)
+    axes[:, 0] *= np.linalg.det(axes)  # no mirror
     squares = 6.0 * (moments.sum() - 2.0 * moments) / m
     if not squares.max() > 0.0:
         return None
@@ -139,5 +166,6 @@ def _turns_freely(body: Body) -> bool:
     return body.joint.v_units.count("rad") == 3
 
 
-def _numbers(entries: list[object]) -> bool:
+def numbers(entries: Iterable[object]) -> bool:
+    """Tell whether entries are numbers, not expressions."""
     return all(isinstance(x, float) for x in entries)

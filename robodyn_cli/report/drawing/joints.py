@@ -8,7 +8,7 @@ from typing import Any
 from robodyn_cli.expr.graph import is_nonzero
 from robodyn_cli.model.build import moved_link, parent_link
 from robodyn_cli.model.model import BASE, Body, Force, Loop, Model
-from robodyn_cli.report.drawing.bodies import GREY, GROUND, Links, colour_of
+from robodyn_cli.report.drawing.bodies import GREY, GROUND, Links, colour_of, numbers
 from robodyn_cli.report.drawing.expressions import Expressions
 from robodyn_cli.report.drawing.record import Latch, Part, Pin
 from robodyn_cli.scene.points import point_link
@@ -42,6 +42,7 @@ class Connections:
             self._closure(loop)
         for force in model.forces:
             self._force(force)
+            self._anchor(force)
 
     def _joint(self, k: int, body: Body) -> None:
         kind = JOINTS.get((body.joint.v_units.count("rad"), body.joint.v_units.count("m")))
@@ -84,6 +85,16 @@ class Connections:
         if len(ends) != 2 or None in ends:
             return
         self._beside(force.name, _given(ends), _kinds(force.element))
+
+    def _anchor(self, force: Force) -> None:
+        """Draw the ground where a spring, a damper or a rope hangs on a place of it that does not move."""
+        if set(_kinds(force.element)) - {"spring", "damper", "rope"}:
+            return
+        for end in force.ends:
+            vertex = self.expressions.vertex(end.body, end.p)
+            taken = any(pin.vertex == vertex and pin.grounded for pin in self.pins)
+            if end.body == BASE and vertex is not None and not taken and numbers(end.p):
+                self.pins.append(Pin("hinge", force.name, vertex, (), GREY, True))
 
     def _beside(self, name: str, ends: tuple[int, ...], kinds: list[str]) -> None:
         """Add springs and dampers between two places, side by side where there are two."""

@@ -20,6 +20,7 @@ from robodyn_cli.spatial.algebra import Array
 WIDTH = 5.9  # of the axes of a sheet [inch]
 BELOW, APART = 0.45, 0.62  # room above and between the views along the axes [inch]
 CORNER = 24.0  # of the cross of axes, from the edges [pt]
+ROOMY = 200.0  # side of a drawing below which they are smaller [pt]
 REACH = 15.0  # of its arms [pt]
 
 
@@ -98,15 +99,26 @@ def ground(ax: Axes, view: View) -> None:
 
 def cross_of_axes(ax: Axes, view: View) -> None:
     """Show the directions of the world's axes in the lower left corner."""
-    centre = view.low + CORNER * view.pt
+    # small drawings have a small one, out of the way
+    pt = view.pt * float(np.clip((view.high - view.low).min() / view.pt / ROOMY, 0.5, 1.0))
+    centre = view.low + CORNER * pt
     for name, axis in zip("xyz", np.eye(3)):
-        arm = REACH * view.pt * np.array([axis @ view.camera.right, axis @ view.camera.up])
-        if np.hypot(*arm) < 3.0 * view.pt:
+        arm = REACH * pt * np.array([axis @ view.camera.right, axis @ view.camera.up])
+        if np.hypot(*arm) < 3.0 * pt:
             continue
-        shaft, head = symbols.arrow(centre, arm, 5.0 * view.pt)
+        shaft, head = symbols.arrow(centre, arm, 5.0 * pt)
         ax.add_artist(Painted([Stroke(shaft, INK, 1.0), Stroke(head, INK, 0.5, INK, True)]))
         place = centre + 1.45 * arm
-        ax.text(place[0], place[1], name, ha="center", va="center", fontsize=8, color=INK, clip_on=False)
+        ax.text(
+            place[0],
+            place[1],
+            name,
+            ha="center",
+            va="center",
+            fontsize=8 if pt == view.pt else 6,
+            color=INK,
+            clip_on=False,
+        )
 
 
 def where(view: View) -> str:

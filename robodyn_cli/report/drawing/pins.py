@@ -22,8 +22,7 @@ def pin_strokes(view: View, k: int, width: float, layer: int) -> list[Stroke]:
         at = view.corners[k, pin.vertex]
         if not np.isfinite(at).all():
             continue
-        bias = 0.02 * view.drawing.size  # a joint is seen through its own links
-        depth = float(at[2]) + bias
+        depth = float(at[2]) + view.nearer
         if pin.grounded and view.flat:
             found += _on_ground(view, pin, at[:2], radius)
         if pin.wound:

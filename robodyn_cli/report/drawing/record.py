@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from robodyn_cli.record import record
+from robodyn_cli.scene.mesh.surfaces import Surface
 from robodyn_cli.spatial.algebra import Array
 
 
@@ -17,8 +18,9 @@ class Part:
     """Something with an outline: vertices by their numbers.
 
     kind : ``link`` (filled between all its vertices), ``ground`` (the link that stands still), ``solid`` (a box of the
-    body's inertia), ``bar``, ``rope``, ``rail`` (what a slider slides on), ``spring``, ``damper``, ``coil``,
-    ``bushing``. aside : 1 or -1 for two that lie side by side between the same places.
+    body's inertia), ``shape`` (a link as the scene says that it looks: ``surface`` in the box of its vertices),
+    ``bar``, ``rope``, ``rail`` (what a slider slides on), ``spring``, ``damper``, ``coil``, ``bushing``.
+    aside : 1 or -1 for two that lie side by side between the same places.
     """
 
     kind: str
@@ -26,6 +28,7 @@ class Part:
     vertices: tuple[int, ...]
     colour: str
     aside: int = 0
+    surface: Surface | None = None
 
 
 @record
@@ -100,6 +103,11 @@ class Drawing:
     def links(self) -> tuple[Part, ...]:
         """The moving links, in the order of the scene."""
         return tuple(part for part in self.parts if part.kind == "link")
+
+    @cached_property
+    def shaped(self) -> frozenset[str]:
+        """Names of the links that are drawn by shapes of their own."""
+        return frozenset(part.name for part in self.parts if part.kind == "shape")
 
     @cached_property
     def everything(self) -> Array:

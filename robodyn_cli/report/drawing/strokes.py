@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import functools
+import math
+
 import numpy as np
 
 from robodyn_cli.report.drawing import symbols
-from robodyn_cli.report.drawing.bodies import FACES
 from robodyn_cli.report.drawing.pins import pin_strokes
 from robodyn_cli.report.drawing.record import Part
 from robodyn_cli.report.drawing.stroke import FAINT, INK, PAPER, Stroke, body, mixed
 from robodyn_cli.report.drawing.stroke import GRID as LINES
 from robodyn_cli.report.drawing.view import View
 from robodyn_cli.report.style import ALARM
+from robodyn_cli.scene.mesh.surfaces import CUBE
 from robodyn_cli.spatial.algebra import Array
 
 GRID, SHADOW, GROUND, TRAIL, BODY, ON_TOP, LATCH, LOAD = range(8)
+FULL = 4.0  # width of links [pt] below which springs and dampers are smaller too
+LAMP = np.array([-0.36, 0.64, 0.68])  # where light comes from: right, up, towards the eye
+SHADES = 24
 PUSH, REACTION = ALARM, "#CC79A7"
 
 
@@ -62,6 +68,8 @@ def _outline(points: Array, pt: float) -> Array:
 
 
 def _part(view: View, k: int, part: Part, width: float, place: int) -> list[Stroke]:
+    if part.kind in ("link", "ground") and part.name in view.drawing.shaped:
+        return []
     corners = view.corners[k, list(part.vertices)]
     if not len(corners) or not np.isfinite(corners).all():
         return []
@@ -72,13 +80,14 @@ def _part(view: View, k: int, part: Part, width: float, place: int) -> list[Stro
         if len(points) == 1:
             return []
         return body(_outline(points, view.pt), part.colour, width, BODY, depth)
-    if part.kind == "solid":
-        return _solid(corners, part.colour, depth, view.flat)
+    if part.kind in ("solid", "shape"):
+        return _solid(view, k, part, depth)
     if part.kind == "ground":
         return _ground(points, view) if len(points) > 1 else []
+    pt = view.pt * min(1.0, width / FULL)
     if part.aside and (along := symbols.direction(points[1] - points[0])) is not None:
-        points = points + 6.0 * part.aside * view.pt * np.array([-along[1], along[0]])
-    return _connector(part.kind, points[0], points[1], view.pt, depth)
+        points = points + 6.0 * part.aside * pt * np.array([-along[1], along[0]])
+    return _connector(part.kind, points[0], points[1], pt, depth)
 
 
 def _connector(kind: str, a: Array, b: Array, pt: float, depth: float) -> list[Stroke]:
@@ -87,7 +96,7 @@ def _connector(kind: str, a: Array, b: Array, pt: float, depth: float) -> list[S
     if kind == "bar":
         return body(line, "#7F7F7F", 3.6, BODY, depth)
     if kind == "rail":
-        return [Stroke(line, "#a9a9a9", 2.0, layer=BODY, depth=depth - 1e-6)]
+        return [Stroke(line, "#a9a9a9", 1.1, layer=BODY, depth=depth - 1e-6, dashed=True)]
     if kind == "rope":
         return [Stroke(line, INK, 1.0, layer=BODY, depth=depth, dashed=True)]
     if kind == "damper":
@@ -100,24 +109,41 @@ def _connector(kind: str, a: Array, b: Array, pt: float, depth: float) -> list[S
     return [Stroke(symbols.zigzag(a, b, 9.0 * pt), INK, 1.1, layer=ON_TOP, depth=depth)]
 
 
-def _solid(corners: Array, colour: str, depth: float, flat: bool) -> list[Stroke]:
-    """Return a box: the faces that look to the eye, lighter where they face upwards in the drawing."""
-    edge = mixed(colour, INK, 0.35)
-    if flat:
-        return [
-            Stroke(
-                symbols.hull(corners[:, :2]), edge, 0.8, mixed(colour, PAPER, 0.75), True, BODY, depth - 1e-4
-            )
-        ]
+def _solid(view: View, k: int, part: Part, depth: float) -> list[Stroke]:
+    """Return a body with a surface: its outline where the view is flat, else the faces that look to the eye."""
+    edge = mixed(part.colour, INK, 0.35)
+    seen = view.project(_places(view, k, part), k)
+    if not np.isfinite(seen).all():
+        return []
+    if view.flat:
+        fill = mixed(part.colour, PAPER, 0.75 if part.kind == "solid" else 0.62)
+        return [Stroke(symbols.hull(seen[:, :2]), edge, 0.8, fill, True, BODY, depth - 1e-4)]
+    surface = part.surface or CUBE
+    a, b, c = (seen[surface.first[:, n]] for n in range(3))
+    normals = np.cross(b - a, c - a)
+    sizes = np.linalg.norm(normals, axis=1)
+    shown = (sizes > 0.0) & (normals[:, 2] > 0.0 if surface.closed else True)
     found = []
-    for face in FACES:
-        rows = corners[list(face)]
-        centre = rows.mean(axis=0) - corners.mean(axis=0)
-        if centre[2] > 0.0:
-            reach = float(np.linalg.norm(centre)) or 1.0
-            shade = mixed(colour, PAPER, 0.5 + 0.3 * float(centre[1]) / reach)
-            found.append(Stroke(rows[:, :2], edge, 0.8, shade, True, BODY, depth + 1e-6 * float(centre[2])))
+    for n in np.flatnonzero(shown):
+        rows = seen[list(surface.faces[n])]
+        light = float(normals[n] @ LAMP) / math.copysign(sizes[n], normals[n, 2])
+        shade = _lit(part.colour, round(SHADES * max(0.0, light)))
+        nearness = float(rows[:, 2].mean())
+        look = (edge, 0.8) if part.surface is None else (shade, 0.5)
+        found.append(Stroke(rows[:, :2], *look, shade, True, BODY, nearness))
     return found
+
+
+@functools.lru_cache(maxsize=1000)
+def _lit(colour: str, step: int) -> str:
+    """Return the colour of a face in the light: ``step`` 0 is dark, ``SHADES`` the brightest."""
+    return mixed(colour, PAPER, 0.2 + 0.6 * step / SHADES)
+
+
+def _places(view: View, k: int, part: Part) -> Array:
+    """Return the places (N, 3) in the world that a part consists of."""
+    corners = view.drawing.vertices[k, list(part.vertices)]
+    return corners if part.surface is None else part.surface.places(corners)
 
 
 def _ground(points: Array, view: View) -> list[Stroke]:
@@ -131,8 +157,8 @@ def _shadows(view: View, k: int) -> list[Stroke]:
     """Return the shadows of links on the ground, straight below them."""
     found = []
     for part in view.drawing.parts:
-        if part.kind in ("link", "solid", "bar"):
-            below = view.on_ground(view.drawing.vertices[k, list(part.vertices)])
+        if part.kind in ("link", "solid", "shape", "bar"):
+            below = view.on_ground(_places(view, k, part))
             points = view.project(below, k)[:, :2]
             if len(points) > 1 and np.isfinite(points).all():
                 corners = _outline(points, view.pt)
@@ -158,8 +184,7 @@ def _trails(view: View, k: int) -> list[Stroke]:
 def _masses(view: View, k: int, width: float) -> list[Stroke]:
     """Return marks of centres of mass, and discs for bodies without extent."""
     found = []
-    # in space bodies in front hide it, its own does not
-    layer, bias = (ON_TOP, 0.0) if view.flat else (BODY, 0.02 * view.drawing.size)
+    layer, bias = (ON_TOP, 0.0) if view.flat else (BODY, view.nearer)
     colours = {vertex: part.colour for part in view.drawing.links for vertex in part.vertices}
     sliders = {pin.vertex for pin in view.drawing.pins if pin.kind in ("slide", "sleeve", "table")}
     for vertex in view.drawing.bobs:

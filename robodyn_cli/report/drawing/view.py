@@ -63,6 +63,14 @@ class View:
         """Whether the view is along an axis, without perspective."""
         return not math.isfinite(self.camera.distance)
 
+    @property
+    def nearer(self) -> float:
+        """How much nearer to the eye marks are painted [m]: bodies in front hide a mark, its own does not.
+
+        Where links have shapes of their own, a mark inside them is hidden.
+        """
+        return 0.0 if self.drawing.shaped else 0.02 * self.drawing.size
+
     def project(self, points: Array, k: int) -> Array:
         """Return places and depths (..., 3) of points at the k-th instant."""
         camera = self.camera if self.follow is None else self.camera.aimed_at(self.follow[k])

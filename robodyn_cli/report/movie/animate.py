@@ -49,7 +49,7 @@ def animate(
     plan = plan_movie(result, speed, fps, suffix == ".gif")
     with styled():
         write_movie(Frames(result, plan, follow), target)
-    return {"file": str(target), "frames": plan.frames, "fps": plan.fps, "speed": plan.speed,
+    return {"file": str(target), "frames": plan.frames, "held": plan.held, "fps": plan.fps, "speed": plan.speed,
             "duration": plan.frames / plan.fps, "size": target.stat().st_size}  # fmt: skip
 
 

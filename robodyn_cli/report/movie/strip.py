@@ -16,8 +16,11 @@ from robodyn_cli.report.drawing.view import View
 from robodyn_cli.report.ticks import number
 from robodyn_cli.results.result import Result
 
-STILLS, ACROSS = 6, 3
+STILLS = 6
+ACROSS, ACROSS_WIDE = 3, 2  # stills side by side, and of drawings that are wide
+WIDE = 1.6  # width over height from which on a drawing is wide
 WIDTH, BETWEEN = 5.9, 0.15  # of all stills side by side, and between them [inch]
+RIM = 0.3  # above and below a still, for the marks of joints [inch]
 
 
 def draw_strip(result: Result, follow: str | None = None) -> Any:
@@ -28,17 +31,19 @@ def draw_strip(result: Result, follow: str | None = None) -> Any:
     poses = drawing.at(chosen)
     places = None if follow is None else result[f"points/{follow}"][samples[np.array(chosen)]]
     view = View(poses, default_camera(drawing), places)
-    across = min(ACROSS, len(chosen))
+    width, height = view.extent[1] - view.extent[0]
+    across = min(ACROSS_WIDE if width > WIDE * height else ACROSS, len(chosen))
     wide = (WIDTH - (across - 1) * BETWEEN) / across
-    height = paper.height_of(view, wide, 0.8, 2.0 * wide)
+    high = paper.height_of(view, wide, 0.8, 2.0 * wide) + RIM
     sheet = Sheet(
         result,
         paper.caption(view),
         panels=len(chosen),
         across=across,
-        height=height,
+        height=high,
         gap=0.3,
         between=BETWEEN,
+        numbered=False,
     )
     for k, ax in enumerate(sheet.axes):
         paper.set_up(ax, view, scale=False)

@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.report.drawing.bodies import FACES
 from robodyn_cli.report.drawing.build import make_drawing
 from robodyn_cli.report.drawing.camera import Camera, along_axis, default_camera
 from robodyn_cli.report.drawing.instants import evenly, nearest
-from robodyn_cli.report.drawing.record import Drawing, Trail
+from robodyn_cli.report.drawing.record import Drawing, Part, Trail
 from robodyn_cli.report.drawing.view import View
 from robodyn_cli.report.movie.plan import usual_speed
 from robodyn_cli.report.page.pack import Arrays
 from robodyn_cli.report.ticks import number
 from robodyn_cli.results.moments import Moment, moments
 from robodyn_cli.results.result import Result
+from robodyn_cli.scene.mesh.surfaces import CUBE, Surface
 from robodyn_cli.spatial.algebra import Array
 
 MOST_POSES = 1500
@@ -73,14 +73,13 @@ def _drawing(drawing: Drawing, arrays: Arrays) -> dict[str, Any]:
         "vertices": arrays.put(drawing.vertices),
         # most axes never turn
         "axes": arrays.put(drawing.axes if np.ptp(drawing.axes, axis=0).any() else drawing.axes[:1]),
-        "parts": [_fields(part) for part in drawing.parts],
+        "parts": [_part(part, arrays) for part in drawing.parts],
         "pins": [_fields(pin) for pin in drawing.pins],
         "masses": drawing.masses,
         "bobs": drawing.bobs,
         "arrows": [{**_fields(arrow), "force": arrays.put(arrow.force)} for arrow in drawing.arrows],
         "trails": [_trail(trail, share, arrays) for trail in drawing.trails],
         "latch": None if drawing.latch is None else _latch(drawing),
-        "faces": FACES,
         "up": drawing.up.tolist(),
         "size": drawing.size,
         "centre": _centre(drawing),
@@ -92,6 +91,15 @@ def _centre(drawing: Drawing) -> list[float]:
     """Return the middle of everything (3,) [m]."""
     points = drawing.everything
     return (0.5 * (points.min(axis=0) + points.max(axis=0))).tolist() if len(points) else [0.0, 0.0, 0.0]
+
+
+def _part(part: Part, arrays: Arrays) -> dict[str, Any]:
+    surface = part.surface or (CUBE if part.kind == "solid" else None)
+    return {**_fields(part), "surface": None if surface is None else _surface(surface, arrays)}
+
+
+def _surface(surface: Surface, arrays: Arrays) -> dict[str, Any]:
+    return {**_fields(surface), "points": arrays.put(surface.points)}
 
 
 def _latch(drawing: Drawing) -> dict[str, Any]:

@@ -17,6 +17,8 @@ function withArrays(item, arrays, names) {
 function drawingOf(data, arrays) {
   const found = withArrays(data, arrays, ["times", "vertices", "axes"]);
   found.arrows = data.arrows.map((arrow) => withArrays(arrow, arrays, ["force"]));
+  found.parts = data.parts.map((part) => (part.surface ? { ...part, surface: withArrays(part.surface, arrays, ["points"]) } : part));
+  found.shaped = new Set(data.parts.filter((part) => part.kind === "shape").map((part) => part.name));
   found.trails = data.trails.map((trail) => withArrays(trail, arrays, ["times", "points"]));
   return found;
 }

@@ -15,7 +15,7 @@ from robodyn_cli.results.atomic import write_bytes
 from robodyn_cli.version import __version__
 
 # one after another they are the script of the page
-SCRIPTS = ("strokes.js", "player.js", "charts.js", "page.js")
+SCRIPTS = ("strokes.js", "surfaces.js", "player.js", "charts.js", "page.js")
 STYLE = "page.css"
 
 

@@ -190,8 +190,9 @@ class Strokes {
 
   shadows() {
     for (const part of this.drawing.parts) {
-      if (!["link", "solid", "bar"].includes(part.kind) || part.vertices.length < 2) continue;
-      const points = part.vertices.map((v) => this.view.seen(this.view.onGround(this.view.place(v))));
+      if (!["link", "solid", "shape", "bar"].includes(part.kind) || part.vertices.length < 2) continue;
+      const places = part.surface ? placesOf(part, this.view) : part.vertices.map((v) => this.view.place(v));
+      const points = places.map((p) => this.view.seen(this.view.onGround(p)));
       if (!points.every(isPlace)) continue;
       const corners = outline(points), closed = corners.length > 2;
       this.add(path(corners, closed), "shadow", 0, { colour: FAINT, fill: closed ? FAINT : "none", width: 3 });
@@ -213,11 +214,13 @@ class Strokes {
     const corners = part.vertices.map((v) => this.view.at(v));
     if (!corners.length || !corners.every(isPlace)) return;
     const depth = this.view.flat ? 1e-3 * place : corners.reduce((sum, p) => sum + p[2], 0) / corners.length;
+    if (["link", "ground"].includes(part.kind) && this.drawing.shaped.has(part.name)) return;
     const name = `${part.kind} ${part.name}`, colour = inked(part.colour);
     if (part.kind === "link") {
       if (corners.length > 1) this.body(outline(corners), colour, this.width, depth, name);
-    } else if (part.kind === "solid") this.solid(corners, colour, depth, name);
-    else if (part.kind === "ground") this.ground(corners, name);
+    } else if (part.surface) {
+      for (const [d, at, look] of solid(part, this.view, colour, depth)) this.add(d, "body", at, look, name);
+    } else if (part.kind === "ground") this.ground(corners, name);
     else this.connector(part, ...corners.slice(0, 2), depth, name);
   }
 
@@ -227,24 +230,6 @@ class Strokes {
     const d = path(points, closed), rim = Math.min(1.3, 0.25 * width);
     this.add(d, "body", depth, { colour: dark, width, fill: closed ? dark : "none" }, name);
     this.add(d, "body", depth, { colour: light, width: width - 2 * rim, fill: closed ? light : "none" });
-  }
-
-  /* A box: the faces that look to the eye, lighter where they face upwards. */
-  solid(corners, colour, depth, name) {
-    const edge = mixed(colour, INK, 0.35);
-    if (this.view.flat) {
-      this.add(path(hull(corners), true), "body", depth - 1e-4, { colour: edge, fill: mixed(colour, PAPER, 0.75) }, name);
-      return;
-    }
-    const middle = (rows) => [0, 1, 2].map((k) => rows.reduce((sum, p) => sum + p[k], 0) / rows.length);
-    const centre = middle(corners);
-    for (const face of this.drawing.faces) {
-      const rows = face.map((k) => corners[k]), out = plus(middle(rows), centre, -1);
-      if (out[2] <= 0) continue;
-      const reach = Math.hypot(out[0], out[1], out[2] * this.view.scale) || 1;
-      const fill = mixed(colour, PAPER, 0.5 - 0.3 * out[1] / reach);
-      this.add(path(rows, true), "body", depth + 1e-6 * out[2], { colour: edge, fill }, name);
-    }
   }
 
   ground(corners, name) {
@@ -260,7 +245,7 @@ class Strokes {
     if (part.aside && d) [a, b] = [a, b].map((p) => along(p, leftOf(d), 6 * PT * part.aside));
     const line = { width: 1.4 };
     if (part.kind === "bar") this.body([a, b], "var(--grey)", 3.6 * PT, depth, name);
-    else if (part.kind === "rail") this.add(path([a, b]), "body", depth - 1e-6, { colour: GREY, width: 2.6 }, name);
+    else if (part.kind === "rail") this.add(path([a, b]), "body", depth - 1e-6, { colour: GREY, width: 1.4, dash: "5 4" }, name);
     else if (part.kind === "rope") this.add(path([a, b]), "body", depth, { ...line, dash: "5 4" }, name);
     else if (part.kind === "damper") this.add(dashpot(a, b, 8 * PT), "onTop", depth, line, name);
     else if (part.kind === "coil") this.add(coil(b, 8 * PT), "onTop", depth, line, name);
@@ -283,7 +268,7 @@ class Strokes {
 
   /* In space bodies in front hide a mark; its own body does not. */
   get front() { return this.view.flat ? "onTop" : "body"; }
-  get bias() { return this.view.flat ? 0 : 0.02 * this.drawing.size; }
+  get bias() { return this.view.flat || this.drawing.shaped.size ? 0 : 0.02 * this.drawing.size; }
 
   masses() {
     const r = PT * Math.min(3.2, Math.max(1.6, 0.36 * this.width / PT));
@@ -300,7 +285,7 @@ class Strokes {
   pin(pin) {
     const at = this.view.at(pin.vertex);
     if (!isPlace(at)) return;
-    const r = PT * Math.min(4, Math.max(1.7, 0.36 * this.width / PT + 0.9)), depth = at[2] + 0.02 * this.drawing.size;
+    const r = PT * Math.min(4, Math.max(1.7, 0.36 * this.width / PT + 0.9)), depth = at[2] + this.bias;
     if (pin.grounded && this.view.flat) this.support(pin, at, r);
     const mark = (d, look) => this.add(d, this.front, depth, { width: 1.3, ...look }, `joint ${pin.name}`);
     if (pin.wound) mark(coil(at, 3.2 * r), {});

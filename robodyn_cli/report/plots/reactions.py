@@ -10,7 +10,7 @@ from robodyn_cli.report import style
 from robodyn_cli.report.canvas import TimeSheet
 from robodyn_cli.report.decimate import finite, where_largest
 from robodyn_cli.report.heatmap import draw_map
-from robodyn_cli.report.lines import draw_columns, quiet_axis
+from robodyn_cli.report.lines import NOTHING, draw_columns, quiet_axis
 from robodyn_cli.report.marks import sharing_note
 from robodyn_cli.report.ticks import labelled, log_axis, number
 from robodyn_cli.results import wrenches
@@ -26,7 +26,10 @@ def applies(result: Result) -> bool:
 
 
 def draw(result: Result) -> Any:
-    """Return the figure: forces above, moments below, or a map of the forces where there are very many."""
+    """Return the figure: forces above, moments below, or a map of the forces where there are very many.
+
+    Moments that are nothing beside the forces have no panel.
+    """
     loads = {**result.group("reactions"), **result.group("loop_reactions")}
     force = np.column_stack([magnitude(item, "f") for item in loads.values()])
     moment = np.column_stack([magnitude(item, "m") for item in loads.values()])
@@ -40,11 +43,14 @@ def draw(result: Result) -> Any:
         return draw_map(
             result, Variable(force, ("time", "wrench"), "N", "force", tuple(names)), "force", subtitle
         )
-    sheet = TimeSheet(result, subtitle, panels=2, height=2.4, labels=names)
+    panels = [(force, labelled("force", "N"))]
+    if np.nanmax(moment, initial=0.0) > NOTHING * np.nanmax(force, initial=0.0):
+        panels.append((moment, labelled("moment", "N m")))
+    else:
+        subtitle += ", no moments"
+    sheet = TimeSheet(result, subtitle, panels=len(panels), height=2.4, labels=names)
     handles: list[Any] = []
-    for ax, data, label in zip(
-        sheet.axes, (force, moment), (labelled("force", "N"), labelled("moment", "N m"))
-    ):
+    for ax, (data, label) in zip(sheet.axes, panels):
         handles = _draw(ax, result.time, data)
         quiet_axis(ax, data, float(np.nanmax(force, initial=0.0)), magnitudes=True)
         ax.set_ylabel(label)

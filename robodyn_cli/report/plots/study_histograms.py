@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.report import style
-from robodyn_cli.report.study import outputs, panels, runs_text
+from robodyn_cli.report.study import axis_label, outputs, panels, runs_text
 from robodyn_cli.results.result import Result
 
 FEWEST = 20  # values below which a histogram says nothing
@@ -37,7 +37,7 @@ def draw(result: Result) -> Any:
         handles = [lines[0]]
         if nominal is not None:
             handles.append(ax.axvline(nominal, color=style.ALARM, linestyle=style.DASHES[1], linewidth=1.4))
-        ax.set_xlabel(name)
+        ax.set_xlabel(axis_label(result, name, "outputs"))
         ax.set_ylabel("runs")
         ax.ticklabel_format(axis="x", useOffset=False)
         ax.locator_params(axis="x", nbins=5)

@@ -8,7 +8,7 @@ import numpy as np
 
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
-from robodyn_cli.report.study import outputs, runs_text
+from robodyn_cli.report.study import axis_label, outputs, runs_text
 from robodyn_cli.results.result import Result
 
 MOST_KEYS = 12
@@ -35,7 +35,11 @@ def draw(result: Result) -> Any:
     handles: list[Any] = []
     for place, (name, found) in enumerate(influence.items()):
         keys = list(found)[:MOST_KEYS]
-        _tornado(sheet.axes[across * place], name, {key: found[key]["swing"] for key in keys})
+        _tornado(
+            sheet.axes[across * place],
+            axis_label(result, name, "outputs"),
+            {key: found[key]["swing"] for key in keys},
+        )
         if indices.get(name):
             handles = _bars(sheet.axes[across * place + 1], indices[name], keys)
     if handles:
@@ -43,7 +47,7 @@ def draw(result: Result) -> Any:
     return sheet.figure
 
 
-def _tornado(ax: Any, name: str, swings: dict[str, float]) -> None:
+def _tornado(ax: Any, label: str, swings: dict[str, float]) -> None:
     """Draw a bar for each key, the longest on top; its name stands inside the panel, above the bar."""
     y = np.arange(len(swings))[::-1]
     colours = [style.COLOURS[0] if swing >= 0.0 else style.COLOURS[1] for swing in swings.values()]
@@ -54,7 +58,7 @@ def _tornado(ax: Any, name: str, swings: dict[str, float]) -> None:
     ax.margins(x=0.08)
     for place, key in zip(y, swings):
         ax.text(0.01, place + 0.24, key, transform=ax.get_yaxis_transform(), fontsize=7.5, va="bottom")
-    ax.set_xlabel(f"change of {name}")
+    ax.set_xlabel(f"change of {label}")
     ax.locator_params(axis="x", nbins=6)
 
 

@@ -35,7 +35,7 @@ def draw(result: Result) -> Any:
         ax.grid(False)
         ax.set_xlabel(axis_label(result, first))
         ax.set_ylabel(axis_label(result, second))
-        sheet.figure.colorbar(drawn, ax=ax).set_label(name)
+        sheet.figure.colorbar(drawn, ax=ax).set_label(axis_label(result, name, "outputs"))
     return sheet.figure
 
 

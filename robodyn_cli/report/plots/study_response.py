@@ -28,7 +28,7 @@ def draw(result: Result) -> Any:
     for ax, (name, y) in zip(sheet.axes, found.items()):
         handles = _curve(ax, x, y, failed, is_curve="sampler" not in result.summary)
         ax.set_xlabel(axis_label(result, key))
-        ax.set_ylabel(name)
+        ax.set_ylabel(axis_label(result, name, "outputs"))
         ax.ticklabel_format(axis="y", useOffset=False)
         if _is_logarithmic(x):
             ax.set_xscale("log")

@@ -17,6 +17,9 @@ from robodyn_cli.report.ticks import load_label, number, unit
 from robodyn_cli.results.columns import by_unit, column_names, units_of
 from robodyn_cli.results.result import Result, Variable
 from robodyn_cli.solve.quadrature import root_mean_square_over
+from robodyn_cli.spatial.algebra import Array
+
+RATIO = 8.0  # of the peaks of two torques from which on each has a panel of its own
 
 
 def applies(result: Result) -> bool:
@@ -40,25 +43,45 @@ def draw(result: Result) -> Any:
     if len(names) > style.MANY:
         return draw_map(result, variable, "torque or force", subtitle)
     if few:
-        subtitle = f"Actuator torques; dot: peak, thin line: root mean square{note}"
+        subtitle = f"Actuator torques; dot: peak, thin line: root mean square, on the side of the peak{note}"
         labels = [
             f"{name}: peak {number(data[at, k], 4)}, RMS {number(float(rms[k]), 4)} {units[k]}"
             for k, (name, at) in enumerate(zip(names, peak))
         ]
-    groups = by_unit(variable)
-    sheet = TimeSheet(result, subtitle, panels=len(groups), height=panel_height(len(groups)), labels=labels)
-    handles = draw_groups(sheet, result.time, data, groups)
-    for ax, (units_here, columns) in zip(sheet.axes, groups.items()):
+    panels = (
+        _panels(variable, np.nanmax(np.abs(data), axis=0, initial=0.0))
+        if few
+        else list(by_unit(variable).items())
+    )
+    sheet = TimeSheet(result, subtitle, panels=len(panels), height=panel_height(len(panels)), labels=labels)
+    handles = draw_groups(sheet, result.time, data, [columns for _, columns in panels])
+    for ax, (units_here, columns) in zip(sheet.axes, panels):
         for column in columns if few else ():
             colour, dash = handles[column].get_color(), handles[column].get_linestyle()
-            place = result.time[peak[column]], data[peak[column], column]
-            ax.plot(*place, "o", color=colour, markersize=5, clip_on=False, zorder=3)
-            ax.axhline(float(rms[column]), color=colour, linewidth=0.8, linestyle=dash, alpha=0.7)
+            largest = data[peak[column], column]
+            ax.plot(
+                result.time[peak[column]], largest, "o", color=colour, markersize=5, clip_on=False, zorder=3
+            )
+            level = float(np.copysign(rms[column], largest))
+            ax.axhline(level, color=colour, linewidth=0.8, linestyle=dash, alpha=0.7)
         quiet_axis(ax, data[:, columns])
         ax.set_ylabel(load_label("torque or force", units_here))
     sheet.label_time()
     sheet.legend(handles, labels)
     return sheet.figure
+
+
+def _panels(variable: Variable, peaks: Array) -> list[tuple[str, list[int]]]:
+    """Return unit and columns of each panel: beside a torque that is much larger a small one would be a line."""
+    found: list[tuple[str, list[int]]] = []
+    for units, columns in by_unit(variable).items():
+        largest = np.inf
+        for column in sorted(columns, key=lambda k: -peaks[k]):
+            if peaks[column] * RATIO < largest:
+                largest = peaks[column]
+                found.append((units, []))
+            found[-1][1].append(column)
+    return [(units, sorted(columns)) for units, columns in found]
 
 
 def _working(variable: Variable) -> Variable:

@@ -65,7 +65,7 @@ def judge(expect: Mapping[str, Expectation], summary: Mapping[str, Any], place: 
         value = lookup(facts, key)
         if value is _ABSENT:
             if summary.get("status") != "failed":
-                raise _unknown(key, facts, place)
+                raise _unknown(key, facts, place, f"expect.{key}")
             found.append(NotReached(key, expected.text, None, False))
             continue
         if isinstance(value, (Mapping, list)):
@@ -97,15 +97,17 @@ def lookup_number(facts: Mapping[str, Any], key: str) -> float | None:
     return float(value) if isinstance(value, (bool, int, float)) else None
 
 
-def refuse_unknown(facts: Mapping[str, Any], key: str, where: str) -> None:
+def refuse_unknown(facts: Mapping[str, Any], key: str, asked: str) -> None:
     """Refuse a key that a summary does not have, unless the run failed before it had one.
+
+    asked : what asks for the key, named first: ``--of final.q.z``.
 
     Raises
     ------
     SceneError
     """
     if lookup(facts, key) is _ABSENT and facts.get("status") != "failed":
-        raise _unknown(key, facts, "", where)
+        raise _unknown(key, facts, "", asked)
 
 
 def _descend(node: Any, steps: list[str]) -> Any:
@@ -130,7 +132,7 @@ def _leaves(node: Any, path: str = "") -> Iterator[str]:
         yield path
 
 
-def _unknown(key: str, facts: Mapping[str, Any], place: str, where: str = "expect") -> SceneError:
+def _unknown(key: str, facts: Mapping[str, Any], place: str, asked: str) -> SceneError:
     options = list(_leaves(facts))
     joints = facts.get("joints")
     for joint, row in joints.items() if isinstance(joints, Mapping) else ():
@@ -140,6 +142,4 @@ def _unknown(key: str, facts: Mapping[str, Any], place: str, where: str = "expec
     hint = did_you_mean(key, options)
     allowed = f"; below {head!r}: {', '.join(near[:12])}" if near and head in facts else ""
     keys = f"; allowed: {', '.join(facts)}" if not allowed else ""
-    return SceneError(
-        f"{place}{where}.{key}: the summary has no such key{hint}{allowed}{keys}", key=f"{where}.{key}"
-    )
+    return SceneError(f"{place}{asked}: the summary has no such key{hint}{allowed}{keys}", key=asked)

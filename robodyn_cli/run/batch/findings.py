@@ -149,6 +149,10 @@ def _missing(scene: Scene, root: Node, command: str, names: Sequence[str]) -> li
 
 
 def _inverse(scene: Scene) -> tuple[Model, list[Scalar]]:
+    if getattr(scene.trajectory, "type", None) == "fastest":
+        from robodyn_cli.run.fastest.resolve import with_time_law
+
+        scene = with_time_law(scene)
     program = build_inverse(scene)
     planned = program.plan(min(TRIED, scene.inverse.samples))
     model, outputs = program.problem.model, [x for term in program.terms.values() for x in term]

@@ -13,7 +13,12 @@ from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.inverse.program import InverseProgram, Sampled, expressions_of
-from robodyn_cli.run.mechanism.motion import Planned, plan_motion, with_led_point, without_following
+from robodyn_cli.run.mechanism.motion import (
+    Planned,
+    plan_motion,
+    with_led_point,
+    without_following,
+)
 from robodyn_cli.run.observation.evaluation import SampleFunction, without_idle_unknowns
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Array

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from robodyn_cli.kernels.rolled_tables import RolledPlan
 
 
-def _timeless(problem: Problem) -> list[Vector]:
+def timeless(problem: Problem) -> list[Vector]:
     """Return the torques beside those of the actuators by term, friction with the exact sign.
 
     Raises
@@ -66,7 +66,7 @@ class _JointForces:
     def __init__(self, problem: Problem) -> None:
         from robodyn_cli.kernels.samples import SampleKernel
 
-        terms = _timeless(problem)
+        terms = timeless(problem)
         self.kernel = SampleKernel({"f": list(sum(terms[1:], terms[0]))}, ("q", "v")) if terms else None
         self.operations = self.kernel.program.operations if self.kernel else 0
 
@@ -137,7 +137,7 @@ class InverseDynamics(_Samples):
             call = lambda q, qd, qdd: forces.take_from(rigid(q, qd, qdd), q, qd)  # noqa: E731
             return "rolled", call, operations, rigid.plan
         tau: Any = problem.inverse_dynamics
-        for term in _timeless(problem):
+        for term in timeless(problem):
             tau = tau - term
         unrolled = _Unrolled(tau, "a")
         return "unrolled", unrolled, unrolled.operations, unrolled.kernel.program
@@ -178,7 +178,7 @@ class ForwardDynamics(_Samples):
         f: Any = zeros(model.nv)
         for k, symbol in enumerate(problem.graph.symbols(model.v_names, "tau")):
             f[k] = symbol
-        for term in _timeless(problem):
+        for term in timeless(problem):
             f = f + term
         unrolled = _Unrolled(problem.free_accelerations(f - problem.bias), "tau")
         return "unrolled", unrolled, unrolled.operations

@@ -8,7 +8,7 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Residual, Termination
+from robodyn_cli.results.summary import ABSENT, Absent, Residual, Termination
 from robodyn_cli.run.inverse.build import build_inverse
 from robodyn_cli.run.inverse.checks import (
     error_estimate,
@@ -33,6 +33,7 @@ from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 
 if TYPE_CHECKING:
+    from robodyn_cli.run.fastest.report import FastestFigures
     from robodyn_cli.run.observation.reactions import Loads
 
 
@@ -71,7 +72,7 @@ def inverse(
     if count < 2:
         raise ValueError(f"samples: {count}; allowed: 2 or more")
     with watch.stage("equations"):
-        program = build_inverse(scene)
+        program = program_of(scene)
     with watch.stage("solve"):
         planned = at_rest(program.problem, program.plan(count))
     with watch.stage("equations"):
@@ -87,6 +88,20 @@ def inverse(
     result.summarise(summarise(program, planned, sampled, errors, loads), seconds=watch.report())
     refuse_result(result)
     return result
+
+
+def program_of(scene: Scene) -> InverseProgram:
+    """Return the program of a scene, whose time law is found first where its motion is to be the fastest.
+
+    Raises
+    ------
+    RobodynError : see ``inverse``.
+    """
+    if getattr(scene.trajectory, "type", None) == "fastest":
+        from robodyn_cli.run.fastest.resolve import with_time_law
+
+        scene = with_time_law(scene)
+    return build_inverse(scene)
 
 
 def at_rest(problem: Problem, planned: Planned) -> Planned:
@@ -148,6 +163,10 @@ def report(program: InverseProgram, planned: Planned, sampled: Sampled, loads: L
         asked = result[f"points/{planned.point}"].copy()
         asked[:, : planned.target.shape[1]] = planned.target
         result.add(f"targets/{planned.point}", asked)
+    if program.scaling is not None:
+        from robodyn_cli.run.fastest.report import add_limits
+
+        add_limits(result, program.scaling, problem.model, sampled)
     if loads is not None:
         loads.add_to(result)
     return result
@@ -162,6 +181,11 @@ def summarise(
 ) -> InverseSummary:
     """Return the summary of a run."""
     problem, loops = program.problem, sampled.loops
+    fastest: FastestFigures | Absent = ABSENT
+    if program.scaling is not None:
+        from robodyn_cli.run.fastest.report import figures
+
+        fastest = figures(program.scaling, problem.model, sampled)
     return InverseSummary(
         termination=Termination("end of the trajectory", float(sampled.times[-1])),
         samples=len(sampled.times),
@@ -172,6 +196,7 @@ def summarise(
         ]
         or ABSENT,
         mechanism=ABSENT if loops is None else _mechanism(loops),
+        fastest=fastest,
         inverse_kinematics=planned.method or ABSENT,
         ik_residual=path_error(planned, sampled),
         error_estimate=errors,

@@ -24,6 +24,7 @@ from robodyn_cli.trajectories.motion import JointMotion
 
 if TYPE_CHECKING:
     from robodyn_cli.solve.load_sharing import Shared
+    from robodyn_cli.trajectories.fastest import Scaling
 
 RIGID = ("inertia", "coriolis", "gravity")
 
@@ -109,6 +110,11 @@ class InverseProgram(ABC):
     terms: Outputs
     others: Outputs
     places: Outputs
+
+    @property
+    def scaling(self) -> Scaling | None:
+        """How the path got its times, None where it had them."""
+        return getattr(self.problem.scene.trajectory, "scaling", None)
 
     @property
     def outputs(self) -> Outputs:

@@ -17,7 +17,9 @@ from robodyn_cli.forces.gear import Gear
 from robodyn_cli.model.model import JointForce, Model
 from robodyn_cli.run.mechanism.motion import Planned
 from robodyn_cli.run.observation.units import TORQUE
+from robodyn_cli.spatial.algebra import Array
 
+MOST_PERIODS = 3  # that a warning lists for one joint
 ROUNDING = 64 * np.finfo(float).eps  # relative, of what a motion is computed from
 
 
@@ -47,30 +49,54 @@ def explained_rate(planned: Planned, force: JointForce) -> float:
 
 
 def rest_warnings(problem: Problem, planned: Planned) -> list[str]:
-    """Return a warning for each joint that stands still over more than two samples where dry friction may act."""
-    found = []
+    """Return one warning about all joints that stand still over more than two samples where dry friction may act."""
+    joints: dict[str, list[str]] = {}  # names by when they stand still
+    frictions: dict[str, list[str]] = {}  # names by the bounds of friction
+    gears: list[str] = []
     for place, forces in _dry(problem.model).items():
-        still = planned.motion.qd[:, place] == 0.0
-        if not (still[1:-1] & still[2:] & still[:-2]).any():
+        periods = _periods(planned.times, planned.motion.qd[:, place] == 0.0)
+        if not periods:
             continue
-        time = float(planned.times[int(np.argmax(still[1:] & still[:-1]))])
-        found.append(
-            f"joint {forces[0].name!r} stands still from t = {time:.6g} s on: {_bounds(forces)}, so its actuator "
-            "torque is not determined there; reported is the torque without them"
-        )
-    return found
+        joints.setdefault(_listed(periods), []).append(forces[0].name)
+        for force in forces:
+            if isinstance(force.element, Friction):
+                plus, minus = force.element.breakaway(force.gear_ratio)
+                bounds = f"{-minus:.6g} to {plus:.6g} {TORQUE[force.unit]}"
+                frictions.setdefault(bounds, []).append(force.name)
+            else:
+                gears.append(force.name)
+    if not joints:
+        return []
+    standing = "; ".join(
+        f"{', '.join(names)} {'stands' if len(names) == 1 else 'stand'} still {when}"
+        for when, names in joints.items()
+    )
+    causes, left_out = [], []
+    if frictions:
+        listed = "; ".join(f"{bounds} in {', '.join(names)}" for bounds, names in frictions.items())
+        causes.append(f"dry friction takes any value within its bounds ({listed})")
+        left_out.append("dry friction")
+    if gears:
+        causes.append(f"gears bear a part of the load ({', '.join(gears)})")
+        left_out.append("losses of gears")
+    return [
+        f"{standing}: there {' and '.join(causes)}, so the actuator torques of these joints are not determined; "
+        f"those reported for that time are without {' and '.join(left_out)}"
+    ]
 
 
-def _bounds(forces: Sequence[JointForce]) -> str:
-    """Say what may act in a joint at rest."""
-    parts = []
-    for force in forces:
-        if isinstance(force.element, Friction):
-            plus, minus = force.element.breakaway(force.gear_ratio)
-            parts.append(f"its friction is anything from {-minus:.6g} to {plus:.6g} {TORQUE[force.unit]}")
-        else:
-            parts.append("its gear bears a part of the load")
-    return " and ".join(parts)
+def _periods(times: Array, still: Array) -> list[tuple[float, float]]:
+    """Return from when to when a joint stands still, over more than two samples each."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]])))
+    starts, ends = edges[::2], edges[1::2] - 1
+    return [(float(times[i]), float(times[k])) for i, k in zip(starts, ends) if k - i >= 2]
+
+
+def _listed(periods: Sequence[tuple[float, float]]) -> str:
+    """Say when, in one line however many periods there are."""
+    shown = ", ".join(f"from {start:.4g} to {end:.4g} s" for start, end in periods[:MOST_PERIODS])
+    more = len(periods) - MOST_PERIODS
+    return f"{shown} and {more} more {'time' if more == 1 else 'times'}" if more > 0 else shown
 
 
 def _dry(model: Model) -> dict[int, list[JointForce]]:

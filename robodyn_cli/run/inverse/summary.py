@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import ABSENT, Absent, Residual, Termination
+
+if TYPE_CHECKING:
+    from robodyn_cli.run.fastest.report import FastestFigures
 
 # meaning of the figures, for readers of summary.json
 DEFINITIONS = {
@@ -74,6 +77,7 @@ class InverseSummary:
     samples: int
     warnings: list[str] | Absent
     mechanism: Mechanism | Absent
+    fastest: FastestFigures | Absent
     inverse_kinematics: str | Absent
     ik_residual: float | Absent
     error_estimate: ErrorEstimate

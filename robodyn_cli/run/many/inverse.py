@@ -14,9 +14,9 @@ from robodyn_cli.integrators.stepping.writer import Tables
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import MOTION_GROUPS
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.inverse.build import OpenChain, build_inverse
+from robodyn_cli.run.inverse.build import OpenChain
 from robodyn_cli.run.inverse.checks import FIGURES, Loaded
-from robodyn_cli.run.inverse.inverse import at_rest
+from robodyn_cli.run.inverse.inverse import at_rest, program_of
 from robodyn_cli.run.inverse.program import InverseProgram
 from robodyn_cli.run.many.command import Asked, Command, Rows
 from robodyn_cli.run.many.groups import Built, table_rows
@@ -42,7 +42,7 @@ class InverseStructure(Built):
     def __init__(self, family: Family, keys: Sequence[Key], row: Array) -> None:
         scene = family.scene(settings([key.name for key in keys], row))
         with witnessed() as witnesses:
-            self.program = build_inverse(scene)
+            self.program = program_of(scene)
             outputs = list(self.program.outputs.values())
             # without names from the scene, scenes with equal equations share their code
             self.kernel = SampleKernel({f"o{k}": x for k, x in enumerate(outputs)}, MOTION_GROUPS)
@@ -66,6 +66,7 @@ def obstacle(program: InverseProgram, scene: Scene, keys: Sequence[Key]) -> str:
     reasons = {
         "closed loops share the load": not isinstance(program, OpenChain),
         "a point is led, so lengths change the motion": isinstance(scene.trajectory, TaskSpace),
+        "limits of torques decide the motion": getattr(scene.trajectory, "type", None) == "fastest",
         "parameters may change the motion": any(
             key.sort == NUMBER and key.place.startswith("parameters.") for key in keys
         ),

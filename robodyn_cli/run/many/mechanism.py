@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robodyn_cli.errors import CapabilityError, SceneError
+from robodyn_cli.errors import CapabilityError
 from robodyn_cli.run.many.groups import Structures
 from robodyn_cli.run.many.keys import Allowed, Key, understand
 from robodyn_cli.run.many.record import ManyRuns
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.scene.units import refuse_doubles
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
@@ -46,9 +47,7 @@ class Mechanism:
 
     def __init__(self, scene: Scene | Family | str | os.PathLike[str], vary: Sequence[str] = ()) -> None:
         self.family = scene if isinstance(scene, Family) else _family_of(scene)
-        twice = [name for k, name in enumerate(vary) if name in vary[:k]]
-        if twice:
-            raise SceneError(f"vary: {twice[0]!r} is there twice", key=twice[0])
+        refuse_doubles(self.family.root, vary, "vary")
         self.keys: tuple[Key, ...] = tuple(understand(self.family, name) for name in vary)
         self._allowed = Allowed(self.family, self.keys)
         self._structures: dict[str, Structures] = {}

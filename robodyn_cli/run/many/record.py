@@ -48,6 +48,11 @@ class ManyRuns:
         """Which runs ended as they should."""
         return self.code == 0
 
+    def __repr__(self) -> str:
+        """Return one line; the arrays of many runs would fill screens."""
+        failed = int(np.count_nonzero(self.code))
+        return f"ManyRuns({len(self)} runs, {failed} failed, of {', '.join(self.keys) or 'the scene as it stands'})"
+
     def __len__(self) -> int:
         return len(self.values)
 

@@ -16,7 +16,12 @@ from robodyn_cli.run.driver.prepare import held_columns
 from robodyn_cli.run.mechanism.guided_motion import guided_motion
 from robodyn_cli.run.mechanism.loop_conditions import Lead, lead_of, refuse_quasi
 from robodyn_cli.run.mechanism.mobility import Mobility, mobility
-from robodyn_cli.run.mechanism.motion import Planned, plan_motion, with_led_point, without_following
+from robodyn_cli.run.mechanism.motion import (
+    Planned,
+    plan_motion,
+    with_led_point,
+    without_following,
+)
 from robodyn_cli.run.mechanism.report import add_rows
 from robodyn_cli.run.mechanism.summary import (
     Closure,
@@ -57,6 +62,10 @@ def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwat
     watch = watch or Stopwatch()
     if scene.kinematics.sweep is None:
         scene = without_following(scene)
+        if getattr(scene.trajectory, "type", None) == "fastest":
+            from robodyn_cli.run.fastest.resolve import with_time_law
+
+            scene = with_time_law(scene)
     with watch.stage("equations"):
         problem = Problem(with_points(with_led_point(scene), scene.kinematics.transmission or ()))
     with watch.stage("solve"):

@@ -32,7 +32,12 @@ class Inverse:
     redundant: tuple[str, ...] = ()
 
     def __init__(self, scene: sc.Scene) -> None:
+        if getattr(scene.trajectory, "type", None) == "fastest":
+            from robodyn_cli.run.fastest.resolve import with_time_law
+
+            scene = with_time_law(scene)
         self.program = build_inverse(scene)
+        scene = self.program.problem.scene
         # equations of their own, for counts that the run does not need
         self.problem = Problem(scene)
         leads = isinstance(scene.trajectory, TaskSpace) and not self.problem.model.closures

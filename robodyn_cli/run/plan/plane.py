@@ -58,7 +58,10 @@ class Plane:
         """Return the normal, if there is one; where bodies only slide along a line, gravity decides."""
         if self._turning:
             return self._turning[0]
-        across = (np.cross(self._sliding[0], d) for d in (*self._sliding, self.gravity, *np.eye(3)))
+        down = self.gravity / (
+            np.abs(self.gravity).max() or 1.0
+        )  # squares of it may exceed what a double holds
+        across = (np.cross(self._sliding[0], d) for d in (*self._sliding, down, *np.eye(3)))
         return next(n / np.linalg.norm(n) for n in across if np.linalg.norm(n) > PARALLEL)
 
     def normal_in(self, body: int) -> Array:

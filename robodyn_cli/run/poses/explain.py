@@ -23,7 +23,7 @@ def explain_miss(solver: InverseKinematics, found: Poses, k: int) -> str:
     _, left = equations.reach({"q": nearer, "d": d, "p": solver.limits.numbers}, solver.tolerance, 0)
     if left[0] < error:
         q, error = nearer[0], float(left[0])
-    text = f"the nearest pose found is {error:.4g} m or rad away"
+    text = f"the nearest pose found is {_distance(solver, target, q)} away"
     limits = solver.limits
     if limits.places:
         beyond = _reached_beyond(solver, target, q)
@@ -40,6 +40,22 @@ def explain_miss(solver: InverseKinematics, found: Poses, k: int) -> str:
         joint = solver.model.joint_of(moving[int(np.argmax(np.abs(Vt[rank - 1])))])
         text += f", in a singular pose, in which moving joint {joint!r} does not bring it nearer"
     return text
+
+
+def _distance(solver: InverseKinematics, target: Array, q: Array) -> str:
+    """Return how far a target (12,) is from the frame at q, as far as it is asked for: distance and angle."""
+    task = solver.task
+    p, R = (x[0] for x in solver.forward(q[None]))
+    wanted, places, parts = target[3:].reshape(3, 3), list(task.position), []
+    if places:
+        parts.append(f"{np.linalg.norm((target[:3] - p)[places]):.4g} m")
+    if task.orientation == "axis":
+        half_sine = 0.5 * np.linalg.norm((wanted - R) @ task.axis)
+    elif task.orientation == "full":
+        half_sine = np.linalg.norm(wanted - R) / np.sqrt(8.0)
+    if task.orientation != "free":
+        parts.append(f"{2.0 * np.arcsin(min(1.0, half_sine)):.4g} rad")
+    return " and ".join(parts)
 
 
 def _reached_beyond(solver: InverseKinematics, target: Array, q: Array) -> str | None:

@@ -81,6 +81,10 @@ def _check(
         raise SceneError(
             "Sobol indices need independent distributions alone; leave the grid and the correlation out"
         )
+    if indices and options.n is not None and (options.n < 2 or options.n & (options.n - 1)):
+        raise SceneError(
+            f"-n {options.n}: Sobol indices need a power of 2 for the number of samples; allowed: 2, 4, 8, 16, ..."
+        )
     points = math.prod(len(v.values) for v in grid.values())
     per_point = (options.n or 1) * (len(drawn) + 2 if indices else 1)
     if points * per_point > MOST_RUNS:

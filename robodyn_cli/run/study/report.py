@@ -88,7 +88,9 @@ def report(study: Study, rows: Sequence[Row], seconds: float) -> Result:
             ("outputs", outputs[:, k], key),
             ("errors", errors[:, k], f"estimated error of {key}"),
         ):
-            result.add(f"{group}/{key}", column, units=OUTPUT_UNITS, dims=("run",), long_name=meaning)
+            result.add(
+                f"{group}/{key}", column, units=study.output_units[key], dims=("run",), long_name=meaning
+            )
     code = [float(row.code) for row in rows]
     result.add("runs/exit_code", code, units="1", dims=("run",), long_name="exit code of each run")
     held = [float(row.holds) for row in rows]
@@ -97,9 +99,6 @@ def report(study: Study, rows: Sequence[Row], seconds: float) -> Result:
     )
     _summarise(result, study, rows, outputs, errors, seconds)
     return result
-
-
-OUTPUT_UNITS = "SI, as in the summary"
 
 
 def _summarise(
@@ -116,11 +115,11 @@ def _summarise(
         seed=options.seed if sampled else ABSENT,
         inputs={key: InputKeys(v.text, study.units[key]) for key, v in options.vary.items()},
         results={
-            key: spread(column, errors[:, k], study.nominal.outputs[k], sampled)
+            key: spread(column, errors[:, k], study.nominal.outputs[k], study.output_units[key], sampled)
             for k, (key, column) in enumerate(columns.items())
         },
         failures={str(code): count for code, count in sorted(failures.items())},
-        failed=share(sum(failures.values()), len(rows)),
+        failed=share(sum(failures.values()), len(rows), sampled),
         cases=_cases(study, rows, columns),
         influence={key: influences(design, column) for key, column in columns.items()},
         sobol_indices={key: sobol(design, column) for key, column in columns.items()}
@@ -130,7 +129,7 @@ def _summarise(
     )
     result.summarise(summary)
     if study.scene.expect:
-        result.summary["yield"] = as_keys(share(sum(row.holds for row in rows), len(rows)))
+        result.summary["yield"] = as_keys(share(sum(row.holds for row in rows), len(rows), sampled))
 
 
 def _cases(study: Study, rows: Sequence[Row], columns: Mapping[str, Array]) -> list[Case]:

@@ -150,9 +150,10 @@ def _pool(task: Task, jobs: int) -> Iterator[futures.ProcessPoolExecutor]:
     try:
         yield pool
     except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
         for process in multiprocessing.active_children():
             process.terminate()
+        # waiting lets the pool give back its semaphores, of which Python would complain otherwise
+        pool.shutdown(cancel_futures=True)
         raise
     pool.shutdown()
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -20,29 +22,31 @@ CONFIDENCE = 0.95  # of all intervals
 class Spread:
     """How an output spreads over the runs that have it.
 
-    runs : their number. mean_error : standard error of the mean, for samples. largest_error : of the errors that runs
-    estimate, where they do. nominal : value of the scene as it stands.
+    runs : their number. nominal : value of the scene as it stands. unit : of all. mean, sd, quantiles, mean_error
+    (standard error of the mean) : for samples alone; of a grid they would tell how its values were chosen.
+    largest_error : of the errors that runs estimate, where they do.
     """
 
     runs: int
-    mean: float
-    sd: float
-    quantiles: dict[str, float]
     minimum: float
     maximum: float
     nominal: float | None
+    unit: str
+    mean: float | Absent = ABSENT
+    sd: float | Absent = ABSENT
+    quantiles: dict[str, float] | Absent = ABSENT
     mean_error: float | Absent = ABSENT
     largest_error: float | Absent = ABSENT
 
 
 @record
 class Share:
-    """A share of runs with its confidence interval (Clopper and Pearson)."""
+    """A share of runs, of samples with its confidence interval (Clopper and Pearson)."""
 
     share: float
-    low: float
-    high: float
-    confidence: float = CONFIDENCE
+    low: float | Absent = ABSENT
+    high: float | Absent = ABSENT
+    confidence: float | Absent = ABSENT
 
 
 @record
@@ -68,34 +72,38 @@ class Index:
     total_high: float
 
 
-def spread(values: Array, errors: Array, nominal: float, sampled: bool) -> Spread | None:
+def spread(values: Array, errors: Array, nominal: float, unit: str, sampled: bool) -> Spread | None:
     """Return how an output spreads; None where no run has it. sampled : whether the runs are random samples."""
     there = values[np.isfinite(values)]
     if not there.size:
         return None
-    sd = float(there.std(ddof=1)) if there.size > 1 else 0.0
     known = errors[np.isfinite(errors)]
+    ends = float(there.min()), float(there.max()), nominal if math.isfinite(nominal) else None, unit
+    largest_error = float(known.max()) if known.size else ABSENT
+    if not sampled:
+        return Spread(int(there.size), *ends, largest_error=largest_error)
+    sd = float(there.std(ddof=1)) if there.size > 1 else 0.0
     return Spread(
         int(there.size),
-        float(there.mean()),
-        sd,
-        {f"{100 * level:g} %": float(q) for level, q in zip(LEVELS, np.quantile(there, LEVELS))},
-        float(there.min()),
-        float(there.max()),
-        nominal if math.isfinite(nominal) else None,
-        mean_error=sd / math.sqrt(there.size) if sampled else ABSENT,
-        largest_error=float(known.max()) if known.size else ABSENT,
+        *ends,
+        mean=float(there.mean()),
+        sd=sd,
+        quantiles={f"{100 * level:g} %": float(q) for level, q in zip(LEVELS, np.quantile(there, LEVELS))},
+        mean_error=sd / math.sqrt(there.size),
+        largest_error=largest_error,
     )
 
 
-def share(count: int, runs: int) -> Share:
-    """Return the share of runs and the interval that holds its true value with 95 % confidence."""
+def share(count: int, runs: int, sampled: bool = True) -> Share:
+    """Return the share of runs; of random samples with the interval that holds its true value with 95 % confidence."""
+    if not sampled:
+        return Share(count / runs)
     from scipy.special import betaincinv
 
     tail = (1.0 - CONFIDENCE) / 2.0
     low = float(betaincinv(count, runs - count + 1, tail)) if count else 0.0
     high = float(betaincinv(count + 1, runs - count, 1.0 - tail)) if count < runs else 1.0
-    return Share(count / runs, low, high)
+    return Share(count / runs, low, high, CONFIDENCE)
 
 
 def influences(design: Design, output: Array) -> dict[str, Influence]:
@@ -140,21 +148,29 @@ def sobol(design: Design, output: Array) -> dict[str, Index] | None:
     if not np.all(np.isfinite(output)) or np.ptp(output) == 0.0:
         return None
     blocks = output.reshape(k + 2, n)
-    func = {"f_A": blocks[0][None], "f_B": blocks[1][None], "f_AB": blocks[2:, None, :]}
-    found = sobol_indices(func=func, n=n)
-    first, total = np.atleast_1d(found.first_order.squeeze()), np.atleast_1d(found.total_order.squeeze())
-    spreads = found.bootstrap(confidence_level=CONFIDENCE)
-    sides = [
-        np.atleast_1d(np.squeeze(side))
-        for order in (spreads.first_order, spreads.total_order)
-        for side in (order.confidence_interval.low, order.confidence_interval.high)
-    ]
-    return {
-        key: Index(
-            *(float(x) for x in (first[i], sides[0][i], sides[1][i], total[i], sides[2][i], sides[3][i]))
-        )
-        for i, key in enumerate(design.keys)
-    }
+    # scipy fails on the single number of one output and one key, so the output stands there twice
+    twice = np.stack([blocks, blocks], axis=1)
+    found = sobol_indices(func={"f_A": twice[0], "f_B": twice[1], "f_AB": twice[2:]}, n=n)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # resamples may not vary, see _sides
+        spreads = found.bootstrap(confidence_level=CONFIDENCE)
+    orders = ((found.first_order, spreads.first_order), (found.total_order, spreads.total_order))
+    columns = [column for value, order in orders for column in (value, *_sides(order))]
+    by_key = np.array([column.reshape(2, k)[0] for column in columns]).T
+    return {key: Index(*(float(x) for x in row)) for key, row in zip(design.keys, by_key)}
+
+
+def _sides(order: Any) -> tuple[Array, Array]:
+    """Return both ends of a bootstrap's interval.
+
+    Where the corrected one (BCa) does not exist, because no resample varies or hardly one does (a key without
+    influence, very few samples), it is that between quantiles.
+    """
+    tail = (1.0 - CONFIDENCE) / 2.0
+    plain = np.nanquantile(order.bootstrap_distribution, (tail, 1.0 - tail), axis=-1)
+    low, high = order.confidence_interval
+    there = np.isfinite(low) & np.isfinite(high)
+    return np.where(there, low, plain[0]), np.where(there, high, plain[1])
 
 
 def extremes(output: Array) -> Sequence[int]:

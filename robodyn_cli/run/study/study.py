@@ -12,6 +12,7 @@ from typing import Any
 from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.variation import Variation
+from robodyn_cli.model.build import build_model
 from robodyn_cli.record import record
 from robodyn_cli.results.provenance import sha256
 from robodyn_cli.run.batch.criteria import lookup, refuse_unknown
@@ -21,9 +22,10 @@ from robodyn_cli.run.study.design import Design, make_design
 from robodyn_cli.run.study.log import LOG_NAME, Log
 from robodyn_cli.run.study.row import Row, Task, Values
 from robodyn_cli.run.study.runs import Runner, run_all
+from robodyn_cli.run.study.units import unit_of_output
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene, StudyOptions
-from robodyn_cli.scene.units import unit_of
+from robodyn_cli.scene.units import refuse_doubles, unit_of
 from robodyn_cli.version import __version__
 
 COMMANDS = tuple(name for name in SCENE_COMMANDS if name not in ("stability", "assemble"))
@@ -47,13 +49,15 @@ class Asked:
 class Study:
     """A study that makes sense, before it runs.
 
-    scene : as it stands. units : by key that varies. nominal : the run of the scene as it stands.
+    scene : as it stands. units : by key that varies. output_units : by output. nominal : the run of the scene as it
+    stands.
     """
 
     asked: Asked
     task: Task
     design: Design
     units: dict[str, str]
+    output_units: dict[str, str]
     nominal: Row
 
     @property
@@ -102,11 +106,15 @@ def prepare(asked: Asked) -> Study:
     design = make_design(options, asked.indices)
     for key, variation in options.vary.items():
         _check_key(family, key, variation)
+    refuse_doubles(family.root, options.vary, "--vary")
     wanted = options.of or tuple(key for key, e in scene.expect.items() if e.numeric and key != "exit_code")
     task = Task(family, scene.command, design.keys, wanted)
-    nominal = _run_nominal(task)
+    source = "expect:" if not options.of else "study.of:" if options.of == scene.study.of else "--of"
+    nominal = _run_nominal(task, source)
     units = {key: unit_of(family.root, key) for key in design.keys}
-    return Study(asked, task, design, units, nominal)
+    model = build_model(scene)
+    output_units = {key: unit_of_output(key, model) for key in wanted}
+    return Study(asked, task, design, units, output_units, nominal)
 
 
 def _check_key(family: Family, key: str, variation: Variation) -> None:
@@ -120,8 +128,8 @@ def _check_key(family: Family, key: str, variation: Variation) -> None:
         raise SceneError(message, key=key) from error
 
 
-def _run_nominal(task: Task) -> Row:
-    """Return the run of the scene as it stands.
+def _run_nominal(task: Task, source: str) -> Row:
+    """Return the run of the scene as it stands; source : what named the outputs.
 
     Raises
     ------
@@ -138,10 +146,11 @@ def _run_nominal(task: Task) -> Row:
             f"{task.family.path}: no output is named; give --of KEY, or study.of; numbers here: {known}"
         )
     for key in task.outputs:
-        refuse_unknown(summary, key, "study.of")
+        asked = f"{source} {key}"
+        refuse_unknown(summary, key, asked)
         value = lookup(summary, key)
         if row.code == 0 and value is not None and math.isnan(number_of(summary, key)):
-            raise SceneError(f"study.of: {key!r} is {value!r}, which is not a number")
+            raise SceneError(f"{asked}: is {value!r}, which is not a number")
     return row
 
 
@@ -168,14 +177,15 @@ def run_study(
     points: list[Values] = [tuple(row) for row in study.design.values.tolist()]
     with Log(directory / LOG_NAME, study.digest) as log:
         rows = {**done, **log.rows}
-        missing = list(dict.fromkeys(values for values in points if values not in rows))
-        tell(len(points) - len(missing), len(points))
-        done_now = len(points) - len(missing)
+        runs = list(dict.fromkeys(points))  # samples may share points
+        missing = [values for values in runs if values not in rows]
+        done_now = len(runs) - len(missing)
+        tell(done_now, len(runs))
         for more in run_all(study.task, missing, jobs):
             rows.update((row.values, row) for row in more)
             log.add(more)
             done_now += len(more)
-            tell(done_now, len(points))
+            tell(done_now, len(runs))
     return [rows[values] for values in points]
 
 

@@ -63,6 +63,10 @@ def check_robot(robot: Robot, check: Check) -> Robot:
             message = "key 'com_frame' is missing: with standard D-H the link frame is not at the joint"
             with check:
                 check.fail(path, f"{message}; allowed: joint, link")
+        if link.visual:
+            from robodyn_cli.scene.checks.shapes import check_shapes
+
+            check_shapes(link, check, path)
     _check_orientations(robot, check)
     _check_points(robot, check)
     return robot
@@ -71,6 +75,8 @@ def check_robot(robot: Robot, check: Check) -> Robot:
 def _check_orientations(robot: Robot, check: Check) -> None:
     places: dict[Path, Orientation | None] = {(*ROBOT, "base"): robot.base}
     places |= {(*ROBOT, "joints", k, "origin"): joint.origin for k, joint in enumerate(robot.joints)}
+    for k, link in enumerate(robot.links):
+        places |= {(*ROBOT, "links", k, "visual", n, "origin"): x.origin for n, x in enumerate(link.visual)}
     places |= {(*ROBOT, "frames", name): frame for name, frame in robot.frames.items()}
     for path, given in places.items():
         if given is not None and not given.plain:

@@ -118,6 +118,10 @@ def _following(scene: Scene, check: Check) -> Scene:
         trajectory = scene.trajectory
         if not hasattr(trajectory, "expressions"):
             what = "there is none" if trajectory is None else f"one of type {trajectory.type} leads a point"
+            if getattr(trajectory, "type", None) == "fastest":
+                what = (
+                    "one of type fastest gets its times in `inverse`, whose result can be followed as a table"
+                )
             kinds = [name for name in trajectory_types if hasattr(trajectory_types[name], "expressions")]
             check.fail(
                 ("prescribed",),

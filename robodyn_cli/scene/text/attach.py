@@ -29,7 +29,7 @@ from robodyn_cli.scene.text.nodes import (
 from robodyn_cli.schema.fields import ATTACH, INCLUDE, PREFIX
 
 GROUND = "base"
-OF_LINK = ("mass", "com", "com_frame", "inertia")
+OF_LINK = ("mass", "com", "com_frame", "inertia", "visual")
 OF_ROBOT = (INCLUDE, PREFIX, "to", "origin")
 KEYS = ("link", "to", "origin", "joint", *OF_LINK, INCLUDE, PREFIX)
 DH = ("a", "alpha", "d", "theta")

@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import os
 from collections.abc import Iterator
+from collections.abc import Mapping as MappingOf
 from typing import TYPE_CHECKING
 
 from robodyn_cli.errors import SceneError
@@ -35,6 +36,7 @@ from robodyn_cli.schema.fields import (
     Kind,
     ListOf,
     MapOf,
+    MeshFile,
     OrFile,
     Section,
     Tagged,
@@ -92,12 +94,17 @@ def child_kind(kind: Kind | None, step: str) -> Kind | None:
 
 
 class Includer:
-    """Includes files and remembers which; a value whose file cannot be included stays as it is."""
+    """Includes files and remembers which; a value whose file cannot be included stays as it is.
+
+    packages : folders of the meshes of URDF files, by name. undrawn : meshes that could not be read, and why.
+    """
 
     def __init__(self, faults: Faults) -> None:
         self.faults = faults
         self.sources: list[str] = []
         self.urdfs: list[Urdf] = []
+        self.packages: MappingOf[str, str] = {}
+        self.undrawn: list[str] = []
 
     def open_root(self, path: str) -> Node:
         """Return the tree of the scene file itself."""
@@ -129,6 +136,8 @@ class Includer:
                 if isinstance(field.metadata.get("kind"), CsvFile):
                     with self.collecting((*path, field.name)):
                         result = self.csv(field.metadata["kind"], field.name, result, path)
+                elif isinstance(field.metadata.get("kind"), MeshFile):
+                    result = self.mesh(field.metadata["kind"], field.name, result)
         return result
 
     def here(self, kind: Kind, node: Node, path: Path) -> Node:
@@ -203,7 +212,7 @@ class Includer:
         """Return the tree of a robot in a URDF text."""
         from robodyn_cli.scene.urdf.read import read_urdf
 
-        self.urdfs.append(read_urdf(text, source, self.faults))
+        self.urdfs.append(read_urdf(text, source, self.faults, self.packages))
         return self.urdfs[-1].tree.root
 
     def locate(self, node: Scalar) -> tuple[str, str]:
@@ -241,6 +250,34 @@ class Includer:
             columns, rows = csv_table(text, source, dotted((*path, kind.rows)))
         entries = [(k, v) for k, v in section.entries if k.text != key]
         entries += [(scalar(columns, kind.columns), columns), (scalar(rows, kind.rows), rows)]
+        return mapping(section, entries)
+
+    def mesh(self, kind: MeshFile, key: str, section: Mapping) -> Mapping:
+        """Return a shape with the mesh that it names replaced by what pictures need of it.
+
+        Nothing but pictures depends on a mesh, so one that cannot be read is remembered, and leaves an empty shape.
+        """
+        node = section.get(key)
+        if (
+            not isinstance(node, Scalar)
+            or not isinstance(node.value, str)
+            or section.get(kind.text) is not None
+        ):
+            return section
+        from robodyn_cli.scene.mesh.mesh import MeshError
+        from robodyn_cli.scene.mesh.read import small_mesh
+
+        name, _ = self.locate(node)
+        text = ""
+        try:
+            text = small_mesh(self.opened(node))
+            self.sources.append(name)
+        except MeshError as error:
+            self.undrawn.append(f"{name}: {error}")
+        entries = [
+            (scalar(k, kind.text), scalar(node, text)) if k.text == key else (k, v)
+            for k, v in section.entries
+        ]
         return mapping(section, entries)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 
-from robodyn_cli.errors import did_you_mean
+from robodyn_cli.errors import SceneError, did_you_mean
 from robodyn_cli.record import record
 from robodyn_cli.scene.text.faults import Faults
 from robodyn_cli.scene.text.nodes import shown
@@ -38,14 +38,34 @@ class Inertial:
 
 
 @record
+class UrdfShape:
+    """A shape that a link is drawn or tested with.
+
+    kind : ``box``, ``sphere``, ``cylinder`` (``sizes`` : sides; radius; radius and length [m]) or ``mesh`` (``file``,
+    as the URDF names it, whose coordinates are multiplied by ``sizes``); empty for what cannot be understood.
+    """
+
+    element: Element
+    kind: str
+    sizes: tuple[float, ...] = ()
+    file: str = ""
+    pose: Pose = Pose()
+
+
+@record
 class UrdfLink:
-    """A link; ``shapes`` : how many it is drawn and tested with; ``meshes`` : their files, as the URDF names them."""
+    """A link; ``visual`` and ``collision`` : the shapes that it is drawn and tested with."""
 
     element: Element
     name: str
     inertial: Inertial | None
-    shapes: int
-    meshes: tuple[tuple[Element, str], ...]
+    visual: tuple[UrdfShape, ...]
+    collision: tuple[UrdfShape, ...]
+
+    @property
+    def shapes(self) -> tuple[UrdfShape, ...]:
+        """All shapes."""
+        return (*self.visual, *self.collision)
 
     @property
     def massless(self) -> bool:
@@ -119,10 +139,13 @@ def _refuse_xacro(root: Element) -> None:
     while pending:
         element = pending.pop()
         if element.tag.startswith("xacro:"):
-            name = element.place.source.name.removesuffix(".xacro").removesuffix(".urdf")
+            name = element.place.source.name
+            stem = name.removesuffix(".xacro").removesuffix(".urdf")
+            # a shell empties the file behind ">" before xacro reads it
+            target = f"{stem}.urdf" if f"{stem}.urdf" != name else f"{stem}_expanded.urdf"
             raise element.error(
                 f"<{element.tag}> is a macro of xacro, which is not run here; run it first: "
-                f"xacro {element.place.source.name} > {name}.urdf"
+                f"xacro {name} > {target}"
             )
         pending += reversed(element.children)
 
@@ -130,15 +153,32 @@ def _refuse_xacro(root: Element) -> None:
 def _link(element: Element) -> UrdfLink:
     name = element.text("name", "a link")
     what = f"link {name!r}"
-    shapes = [shape for tag in _SHAPES for shape in element.all(tag)]
-    meshes = [mesh for shape in shapes for geometry in shape.all("geometry") for mesh in geometry.all("mesh")]
-    return UrdfLink(
-        element,
-        name,
-        _inertial(element, what),
-        len(shapes),
-        tuple((mesh, mesh.attributes.get("filename", "")) for mesh in meshes),
-    )
+    visual, collision = (tuple(_shape(shape, what) for shape in element.all(tag)) for tag in _SHAPES)
+    return UrdfLink(element, name, _inertial(element, what), visual, collision)
+
+
+def _shape(element: Element, what: str) -> UrdfShape:
+    """Return a shape; one that is wrong is left out of pictures, and of nothing else."""
+    found = next((kind for geometry in element.all("geometry") for kind in geometry.children), None)
+    if found is None:
+        return UrdfShape(element, "")
+    try:
+        sizes, file = _sizes(found, what), ""
+        if found.tag == "mesh":
+            file = found.text("filename", what)
+        return UrdfShape(found, found.tag if sizes else "", sizes, file, _pose(element, what))
+    except SceneError:
+        return UrdfShape(found, "")
+
+
+def _sizes(found: Element, what: str) -> tuple[float, ...]:
+    """Return the numbers of a geometry; none for one of another kind, or without extent."""
+    if found.tag == "mesh":
+        return tuple(found.numbers("scale", what, 3, (1.0, 1.0, 1.0)))
+    names = {"sphere": ("radius",), "cylinder": ("radius", "length")}.get(found.tag, ())
+    sizes = tuple(found.numbers("size", what, 3)) if found.tag == "box" else ()
+    sizes = sizes or tuple(found.number(name, what) for name in names)
+    return sizes if all(size > 0.0 for size in sizes) else ()
 
 
 def _inertial(link: Element, what: str) -> Inertial | None:

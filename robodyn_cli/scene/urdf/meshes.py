@@ -1,11 +1,11 @@
-"""Where the meshes of a URDF lie. They are for pictures: nothing of the equations depends on them."""
+"""The shapes of a URDF, and where its meshes lie. They are for pictures: no equation depends on them."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Mapping
 
-from robodyn_cli.scene.urdf.elements import UrdfRobot
+from robodyn_cli.scene.urdf.elements import UrdfLink, UrdfRobot, UrdfShape
 
 PACKAGE = "package://"
 
@@ -43,8 +43,36 @@ def _above(folder: str) -> list[str]:
 def missing_meshes(robot: UrdfRobot, urdf: str, packages: Mapping[str, str]) -> list[str]:
     """Return the meshes that are not there, each once, as ``FILE:LINE: NAME``."""
     found: dict[str, str] = {}
-    for link in robot.links:
-        for element, name in link.meshes:
-            if name not in found and mesh_file(name, urdf, packages) is None:
-                found[name] = f"{urdf}:{element.place.line}: {name}"
+    for shape in (shape for link in robot.links for shape in link.shapes if shape.kind == "mesh"):
+        if shape.file not in found and mesh_file(shape.file, urdf, packages) is None:
+            found[shape.file] = f"{urdf}:{shape.element.place.line}: {shape.file}"
     return list(found.values())
+
+
+def drawn_shapes(link: UrdfLink, urdf: str, packages: Mapping[str, str]) -> list[tuple[UrdfShape, str]]:
+    """Return the shapes that a link is drawn with, with the files of those that are meshes.
+
+    They are those of ``visual``; where there are none, or a mesh among them is not there or in a format that is not
+    read, they are those of ``collision``, if all of these can be drawn.
+    """
+    visual, collision = (
+        [(shape, _file(shape, urdf, packages)) for shape in shapes if shape.kind]
+        for shapes in (link.visual, link.collision)
+    )
+    seen, tested = (
+        bool(shapes) and all(file is not None and _is_read(file) for _, file in shapes)
+        for shapes in (visual, collision)
+    )
+    chosen = collision if tested and not seen else visual
+    return [(shape, file) for shape, file in chosen if file is not None]
+
+
+def _file(shape: UrdfShape, urdf: str, packages: Mapping[str, str]) -> str | None:
+    """Return the file of a shape, empty for one without, None where it is not there."""
+    return mesh_file(shape.file, urdf, packages) if shape.kind == "mesh" else ""
+
+
+def _is_read(file: str) -> bool:
+    from robodyn_cli.scene.mesh.read import is_readable
+
+    return not file or is_readable(file)

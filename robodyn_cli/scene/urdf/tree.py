@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+from collections.abc import Mapping as MappingOf
 from typing import Any
 
 from robodyn_cli.record import record
@@ -14,12 +16,15 @@ from robodyn_cli.scene.urdf.elements import (
     UrdfJoint,
     UrdfLink,
     UrdfRobot,
+    UrdfShape,
 )
+from robodyn_cli.scene.urdf.meshes import drawn_shapes
 from robodyn_cli.scene.urdf.mimic import SINGLE, Relation
 from robodyn_cli.scene.urdf.names import GROUND, joint_names, link_names, scene_names
 from robodyn_cli.scene.urdf.structure import root_of
 
 ROOT_JOINT = "root_joint"
+Drawn = tuple[UrdfShape, str]  # with the file of a mesh
 # the scene's type where it has another name
 _TYPES = {"continuous": "revolute"}
 
@@ -33,14 +38,22 @@ class RobotTree:
     link_remarks: dict[str, list[str]]
 
 
-def robot_tree(robot: UrdfRobot, relations: dict[str, Relation]) -> RobotTree:
-    """Return the tree of a robot whose structure and mimics have been checked."""
-    return _Tree(robot, relations).tree()
+def robot_tree(
+    robot: UrdfRobot, relations: dict[str, Relation], urdf: str, packages: MappingOf[str, str]
+) -> RobotTree:
+    """Return the tree of a robot whose structure and mimics have been checked.
+
+    urdf, packages : where the meshes are looked for, see ``mesh_file``.
+    """
+    shapes = {link.name: drawn_shapes(link, urdf, packages) for link in robot.links}
+    return _Tree(robot, relations, shapes, os.path.dirname(os.path.abspath(urdf))).tree()
 
 
 class _Tree:
-    def __init__(self, robot: UrdfRobot, relations: dict[str, Relation]) -> None:
-        self.robot, self.relations = robot, relations
+    def __init__(
+        self, robot: UrdfRobot, relations: dict[str, Relation], shapes: dict[str, list[Drawn]], folder: str
+    ) -> None:
+        self.robot, self.relations, self.shapes, self.folder = robot, relations, shapes, folder
         self.joints = joint_names(joint.name for joint in robot.joints)
         self.root_joint = scene_names([ROOT_JOINT], self.joints.values())[ROOT_JOINT]
         self.links = link_names(link.name for link in robot.links)
@@ -141,7 +154,7 @@ class _Tree:
         place, inertial = link.element.place, link.inertial
         if inertial is None or link.massless:
             remarks.append("massless: " + ("no <inertial>" if inertial is None else "mass and inertia are 0"))
-            return _map(place, {"name": name, "mass": 0.0})
+            return _map(place, {"name": name, "mass": 0.0, **self.visual(link)})
         place = inertial.element.place
         inertia = _turned(inertial)
         if inertia != inertial.inertia:
@@ -153,8 +166,27 @@ class _Tree:
                 "mass": _scalar(place, inertial.mass),
                 "com": _numbers(place, inertial.pose.xyz),
                 "inertia": _map(place, {k: inertia[k] for k in ("xx", "yy", "zz", "xy", "xz", "yz")}),
+                **self.visual(link),
             },
         )
+
+    def visual(self, link: UrdfLink) -> dict[str, Any]:
+        """Return the key ``visual``, left out where there is nothing to draw."""
+        shapes = [self.shape(shape, file) for shape, file in self.shapes[link.name]]
+        return {"visual": sequence(link.element.place, shapes)} if shapes else {}
+
+    def shape(self, shape: UrdfShape, file: str) -> Mapping:
+        """Return a shape; the file of a mesh is named from the folder of the URDF."""
+        place = shape.element.place
+        if shape.kind == "mesh":
+            entries: dict[str, Any] = {"mesh": os.path.relpath(file, self.folder)}
+            if shape.sizes != (1.0, 1.0, 1.0):
+                entries["scale"] = _numbers(place, shape.sizes)
+        elif shape.kind == "sphere":
+            entries = {"sphere": shape.sizes[0]}
+        else:
+            entries = {shape.kind: _numbers(place, shape.sizes)}
+        return _map(place, entries | _origin(place, shape.pose))
 
 
 # -- values ------------------------------------------------------------------------------------------------

@@ -145,13 +145,17 @@ def spline(points: Array) -> Parametric:
 def blend(before: Line, after: Line, distance: float) -> Parametric:
     """Return the rounded corner between two lines, from ``distance`` before it to as far behind it.
 
-    A polynomial of degree 5 whose direction and curvature are those of the lines at both ends.
+    A polynomial of degree 5 whose direction and curvature are those of the lines at both ends. Its speed there keeps
+    the curvature and its rate low: of a right angle 1.5 / distance and 3.4 / distance^2.
     """
     from robodyn_cli.trajectories.quintic_spline import hermite
 
     corner, rest = after.start, np.zeros(3)
-    # the corner is the third of Bezier's points from either end, twice: |c'| is 5/2 of the distance in unit time
-    first = (corner - distance * before.direction, 2.5 * distance * before.direction, rest)
-    last = (corner + distance * after.direction, 2.5 * distance * after.direction, rest)
+    half = math.sqrt(
+        max(0.5 * (1.0 + float(before.direction @ after.direction)), 0.0)
+    )  # cosine of half the turn
+    speed = (0.8 + 1.3 * half) * distance
+    first = (corner - distance * before.direction, speed * before.direction, rest)
+    last = (corner + distance * after.direction, speed * after.direction, rest)
     course = Course([0.0, 1.0], hermite(1.0, first, last)[:, None])
     return Parametric(lambda u: series_of(course, u), [0.0, 1.0])

@@ -1,0 +1,147 @@
+"""Paths in the least time: errors of the duration, what the limits are passed by, and times, beside toppra.
+
+    python benchmarks/time_optimal.py [--quick]
+
+A mass has a closed form. For the arms the duration is compared with that of the finest grid. ``passed`` is the largest
+part by which any limit is passed at 41 times in every interval; milliseconds are the median over calls, limits
+evaluated, path and equations built before. toppra (``pip install toppra``) is compared where it is installed: torques
+by interpolation, the same inverse dynamics and path. It takes torques as quadratic in the speed, so that
+arms with friction are left out there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import importlib.util
+import re
+import statistics
+import time
+from typing import Any
+
+import measure
+
+measure.single_thread()
+
+import numpy as np  # noqa: E402
+
+from robodyn_cli import load_scene, load_scene_text  # noqa: E402
+from robodyn_cli.run.fastest.resolve import fastest_on, limited_path, special_points  # noqa: E402
+from robodyn_cli.run.inverse.build import build_inverse  # noqa: E402
+
+MASS = """
+schema: 1
+gravity: [{gravity}, 0, 0]
+robot:
+  joints: [{{name: slide, type: prismatic, axis: [1, 0, 0]}}]
+  links: [{{name: mass, mass: 2, com: [0, 0, 0]}}]
+trajectory: {{type: fastest, points: [{{q: {{slide: 0}}}}, {{q: {{slide: 1}}}}], effort: {{slide: 10}}}}
+"""
+ARM = """
+trajectory:
+  type: fastest
+  points:
+    - {q: {q1: 0, q2: 0.3, q3: 0, q4: 1.2, q5: 0, q6: 0.5, q7: 0}}
+    - {q: {q1: 0.5, q2: 0.8, q3: -0.4, q4: 0.8, q5: 0.5, q6: 1.0, q7: 0.6}}
+    - {q: {q1: 1.0, q2: 0.2, q3: 0.3, q4: 1.5, q5: -0.3, q6: 0.2, q7: 1.0}}
+  effort: {q1: 120, q2: 150, q3: 60, q4: 60, q5: 20, q6: 15, q7: 8}
+  speed: {q1: 2, q2: 2, q3: 2.5, q4: 2.5, q5: 3, q6: 3, q7: 3}
+"""
+
+
+class Case:
+    """A scene's path with its limits, ready to be timed."""
+
+    def __init__(self, scene: Any) -> None:
+        self.trajectory = scene.trajectory
+        self.program = build_inverse(dataclasses.replace(scene, trajectory=scene.trajectory.way))
+        self.path = limited_path(self.trajectory, self.program)
+        self.special = special_points(self.trajectory, self.program, self.path)
+
+    def solve(self, intervals: int) -> Any:
+        return fastest_on(self.path, self.trajectory, intervals, self.special, self.program)
+
+    def passed(self, law: Any) -> float:
+        """Return the largest part by which a limit is passed between the grid points."""
+        parts = np.linspace(1e-6, 1.0 - 1e-6, 41)
+        t = (law.knots[:-1, None] + np.diff(law.knots)[:, None] * parts).ravel()
+        s, v, u = law(t)[:, 0], law(t, 1)[:, 0], law(t, 2)[:, 0]
+        way = self.path.motion(s)
+        use = np.abs(self.path.torques_at(way, u, v * v)).max(axis=1, initial=0.0)
+        places, bounds = self.path.speed
+        speed = np.abs(way.qd[:, places] * v[:, None]) / bounds
+        return float(max(use.max(), speed.max(initial=0.0)) - 1.0)
+
+    def toppra(self, intervals: int) -> tuple[float, float]:
+        """Return the duration by toppra, and milliseconds."""
+        import toppra as ta
+        from toppra import algorithm, constraint
+
+        case, bounds = self, np.full(self.program.problem.model.nv, 1e9)
+        bounds[self.path.effort[0]] = self.path.effort[1]
+
+        class Path(ta.interpolator.AbstractGeometricPath):
+            path_interval = np.array([0.0, case.trajectory.way.duration])
+            dof = len(bounds)
+
+            def __call__(self, s: Any, order: int = 0) -> Any:
+                found = case.path.motion(np.atleast_1d(np.asarray(s, dtype=float)))
+                value = (found.q, found.qd, found.qdd)[order]
+                return value[0] if np.ndim(s) == 0 else value
+
+        def torques(q: Any, qd: Any, qdd: Any) -> Any:
+            return case.path.torques(*(np.asfortranarray(x[None]) for x in (q, qd, qdd)))[0]
+
+        scheme = constraint.DiscretizationType.Interpolation
+        limits = [
+            constraint.JointTorqueConstraint(
+                torques, np.column_stack([-bounds, bounds]), 0 * bounds, discretization_scheme=scheme
+            )
+        ]
+        if self.path.speed[0]:
+            fast = np.full(len(bounds), 1e9)
+            fast[self.path.speed[0]] = self.path.speed[1]
+            limits.append(constraint.JointVelocityConstraint(np.column_stack([-fast, fast])))
+        grid = np.linspace(0.0, case.trajectory.way.duration, intervals + 1)
+        start = time.perf_counter()
+        solver = algorithm.TOPPRA(limits, Path(), gridpoints=grid, parametrizer="ParametrizeConstAccel")
+        found = solver.compute_trajectory(0, 0)
+        return float(found.duration), 1e3 * (time.perf_counter() - start)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="coarser grids, fewer calls")
+    quick = parser.parse_args().quick
+    seven = measure.ROOT / "configs" / "seven_joint_arm.yaml"
+    top = np.sqrt(2.0 * 3.0 * 7.0 / 10.0)
+    cases = [
+        ("mass", load_scene_text(MASS.format(gravity=0), "mass.yaml"), 0.8944271909999159),
+        ("mass, gravity", load_scene_text(MASS.format(gravity=-2), "mass.yaml"), top / 3.0 + top / 7.0),
+        ("2R arm, circle", load_scene(measure.ROOT / "configs" / "trajectories" / "fastest_2r.yaml"), None),
+        ("7-joint arm", load_scene_text(seven.read_text().split("trajectory:")[0] + ARM, str(seven)), None),
+    ]
+    rigid = re.sub(r",?\s*friction: \{(?:[^{}]|\{[^{}]*\})*\}", "", seven.read_text().split("trajectory:")[0])
+    cases.append(("... no friction", load_scene_text(rigid + ARM, str(seven)), None))
+    peer = importlib.util.find_spec("toppra") is not None
+    print(f"{'path':<16}{'intervals':>10}{'duration [s]':>16}{'error':>10}{'passed':>10}{'ms':>8}   toppra")
+    for name, scene, exact in cases:
+        case = Case(scene)
+        reference = exact or case.solve(400 if quick else 6400).law.duration
+        for intervals in (100, 200) if quick else (100, 200, 400, 800):
+            found, seconds = None, []
+            for _ in range(1 if quick else 5):
+                start = time.perf_counter()
+                found = case.solve(intervals)
+                seconds.append(time.perf_counter() - start)
+            law = found.law
+            off, ms = law.duration / reference - 1.0, 1e3 * statistics.median(seconds)
+            line = f"{name:<16}{intervals:>10}{law.duration:>16.10f}{off:>10.1e}{case.passed(law):>10.1e}{ms:>8.1f}"
+            if peer and not any(body.forces for body in case.program.problem.model.bodies):
+                duration, ms = case.toppra(intervals)
+                line += f"   error {duration / reference - 1.0:.1e}, {ms:.1f} ms"
+            print(line)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,238 @@
+"""A path that is run through as fast as the limits of the drives allow.
+
+The path is given here; how fast it is run through follows from the robot's inverse dynamics, so that a command makes a
+``Timed...`` trajectory of it before anything asks for its motion.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.expr.graph import Expr
+from robodyn_cli.record import record
+from robodyn_cli.schema.fields import Choice, Integer, JointMap, ListOf, Number, OrFile, Section, Tagged, key
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.trajectories.base import Problems, SceneNames, joint_problems, position_problems
+from robodyn_cli.trajectories.course import Course
+from robodyn_cli.trajectories.joint_space import CourseTrajectory, JointSpaceTrajectory
+from robodyn_cli.trajectories.led import position_columns
+from robodyn_cli.trajectories.motion import PointMotion, PoseMotion
+from robodyn_cli.trajectories.registry import trajectory_types
+
+BOUNDS = ("speed", "acceleration", "effort")
+
+
+@record
+class PathPoint:
+    """A position that the path goes through."""
+
+    q: dict[str, float] = key(JointMap(Number(angle=True)), unit="rad or m", doc="Positions of all joints.")
+
+
+@record
+class ThroughPoints(CourseTrajectory):
+    """The natural cubic spline through positions, over the polyline's length; two: a straight line."""
+
+    points: tuple[PathPoint, ...]
+
+    @property
+    def joints(self) -> tuple[str, ...]:  # type: ignore[override]
+        return tuple(self.points[0].q)
+
+    @property
+    def duration(self) -> float:
+        """Length of the parameter."""
+        return self.course.duration
+
+    def make_course(self) -> Course:
+        q = np.array([[p.q[name] for name in self.joints] for p in self.points])
+        s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
+        if len(q) == 2:
+            return Course(s, [q[:1], np.diff(q, axis=0) / s[1]])
+        from scipy.interpolate import CubicSpline  # takes long to import: only where it is used
+
+        return Course(s, CubicSpline(s, q, bc_type="natural").c[::-1])
+
+
+def _limit_key(what: str, unit: str, angle: bool = True) -> Any:
+    return key(
+        JointMap(Number(minimum=0.0, exclusive=True, angle=angle), coordinates="v"),
+        default=None,
+        unit=unit,
+        doc=f"Largest {what} of each joint, either way; by default that in its `limits`.",
+    )
+
+
+@record
+class FastestTrajectory:
+    """A path in the least time, from rest to rest, under limits of speed, acceleration and effort of the joints.
+
+    The path is a spline through ``points``, or that of another trajectory, whose own times are dropped.
+    """
+
+    type: str = key(Choice(("fastest",)), doc="Kind of trajectory.")
+    points: tuple[PathPoint, ...] = key(
+        ListOf(Section(PathPoint), minimum=2),
+        default=(),
+        doc="Positions that the joints go through without a stop, on a cubic spline; two: a straight line.",
+    )
+    path: Any = key(
+        OrFile(Tagged(lambda: trajectory_types)),
+        default=None,
+        doc="A trajectory whose path is taken, in joint or task space; it must not stand still on the way.",
+    )
+    speed: dict[str, float] = _limit_key("speed", "rad/s or m/s")
+    acceleration: dict[str, float] = _limit_key("acceleration", "rad/s^2 or m/s^2")
+    effort: dict[str, float] = _limit_key("torque or force of the drive", "N m or N", angle=False)
+    intervals: int = key(
+        Integer(minimum=4, maximum=100_000),
+        default=200,
+        doc="Into how many parts the path is divided at least.",
+    )
+
+    def problems(self, scene: SceneNames) -> Problems:
+        """Report what single keys cannot tell."""
+        if bool(self.points) == (self.path is not None):
+            yield (), "needs a path: either 'points' or 'path'"
+            return
+        if scene.quasi:
+            yield (
+                (),
+                f"joint {scene.quasi[0]!r} has no limits along a path; allowed: joints of one axis or slides",
+            )
+        for k, point in enumerate(self.points):
+            needed = tuple(self.points[0].q) if scene.some else scene.columns
+            yield from position_problems(point.q, scene, ("points", k, "q"), needed)
+        for k, (one, two) in enumerate(zip(self.points, self.points[1:])):
+            if one.q == two.q:
+                yield (
+                    ("points", k + 1, "q"),
+                    "is the position of the way point before it; leave one of them out",
+                )
+        if isinstance(self.path, FastestTrajectory):
+            yield ("path", "type"), "'fastest' drops the times of its path; allowed: all other kinds"
+        elif self.path is not None:
+            for where, message in self.path.problems(scene):
+                yield ("path", *where), message
+        yield from self._limit_problems(scene)
+
+    def _limit_problems(self, scene: SceneNames) -> Problems:
+        for name in BOUNDS:
+            given = getattr(self, name)
+            yield from joint_problems(tuple(given), scene.rates, (name,), ())
+            for joint, x in given.items():
+                most = getattr(scene.limits(joint), name, None)
+                if most is not None and x > most:
+                    yield (name, joint), f"{x:.6g} is above the joint's own limit; allowed: up to {most:.6g}"
+        whole = self.completed(scene)
+        if not whole.effort and not whole.acceleration:
+            yield (), "needs limits: 'effort' or 'acceleration', here or in the joints' `limits`"
+
+    def completed(self, scene: SceneNames) -> FastestTrajectory:
+        """Return the trajectory with the limits of the joints where it gives none of its own."""
+        found = {}
+        for name in BOUNDS:
+            own = {joint: getattr(scene.limits(joint), name, None) for joint in scene.rates}
+            found[name] = {k: x for k, x in own.items() if x is not None} | getattr(self, name)
+        path = self.path.completed(scene) if hasattr(self.path, "completed") else self.path
+        return dataclasses.replace(self, path=path, **found)
+
+    @property
+    def way(self) -> Any:
+        """The path as a trajectory over its own parameter."""
+        if self.points:
+            return ThroughPoints(self.points)
+        return self.path.at_constant_speed() if hasattr(self.path, "at_constant_speed") else self.path
+
+
+@record
+class Scaling:
+    """A path with its time law s(t), and how it was found.
+
+    law : one function of t. error : estimated error of the duration [s]. limits : bounds by kind and column of v.
+    intervals : of the grid.
+    """
+
+    law: Course
+    error: float
+    limits: Mapping[str, Mapping[str, float]]
+    intervals: int
+
+
+@record
+class TimedJoints(JointSpaceTrajectory):
+    """A path in joint space with its time law."""
+
+    way: Any
+    scaling: Scaling
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The columns of q whose motion it gives."""
+        return position_columns(self.way.joints)
+
+    @property
+    def duration(self) -> float:
+        """Time of the whole path [s]."""
+        return self.scaling.law.duration
+
+    def expressions(self, t: Expr, env: Mapping[str, Any]) -> Mapping[str, Any]:
+        (s,) = self.scaling.law.expressions(t)
+        found: Mapping[str, Any] = self.way.expressions(s, {**env, "t": s})
+        return found
+
+    def described(self, column: str) -> str:
+        return str(self.way.described(column))
+
+
+@record
+class TimedPath:
+    """A path in task space with its time law."""
+
+    way: Any
+    scaling: Scaling
+
+    @property
+    def duration(self) -> float:
+        """Time of the whole path [s]."""
+        return self.scaling.law.duration
+
+    @property
+    def point(self) -> str:
+        """The point that is led."""
+        return str(self.way.point)
+
+    @property
+    def relative_to(self) -> str | None:
+        """The place in whose coordinates the path is given."""
+        found: str | None = self.way.relative_to
+        return found
+
+    @property
+    def ik(self) -> Any:
+        """Options of the inverse kinematics."""
+        return self.way.ik
+
+    def target(self, times: Array, parameters: Mapping[str, float]) -> PointMotion | PoseMotion:
+        """Return what is asked of the point at ``times`` (T,)."""
+        law = self.scaling.law
+        s, sd, sdd = law(times)[:, 0], law(times, 1), law(times, 2)
+        asked = self.way.target(s, parameters)
+        linear = asked.p, asked.pd * sd, asked.pdd * sd**2 + asked.pd * sdd
+        if isinstance(asked, PoseMotion):
+            return PoseMotion(*linear, asked.R, asked.w * sd, asked.wd * sd**2 + asked.w * sdd)
+        return PointMotion(*linear)
+
+
+def timed(way: Any, scaling: Scaling) -> TimedJoints | TimedPath:
+    """Return a path with its time law."""
+    return TimedJoints(way, scaling) if hasattr(way, "expressions") else TimedPath(way, scaling)
+
+
+def names_of(limits: Mapping[str, Mapping[str, float]], columns: Sequence[str]) -> list[tuple[str, str]]:
+    """Return the limits as (kind, column of v) in the order of kinds and columns."""
+    return [(kind, name) for kind in BOUNDS for name in columns if name in limits.get(kind, {})]

@@ -1,0 +1,234 @@
+"""Paths in the least time: closed forms, limits kept everywhere, and no path that a faster motion exists on."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from robodyn_cli import load_scene, load_scene_text
+from robodyn_cli.errors import CapabilityError, GeometryError, SceneError
+from robodyn_cli.run.fastest.resolve import with_time_law
+from robodyn_cli.run.inverse.dynamics import InverseDynamics
+from robodyn_cli.run.inverse.inverse import inverse
+from robodyn_cli.scene.types import Scene
+from tests.source import ROOT
+
+MASS = """
+schema: 1
+gravity: [{gravity}, 0, 0]
+robot:
+  joints: [{{name: slide, type: prismatic, axis: [1, 0, 0]{friction}}}]
+  links: [{{name: mass, mass: 2, com: [0, 0, 0]}}]
+trajectory: {{type: fastest, points: [{{q: {{slide: 0}}}}, {{q: {{slide: 1}}}}], {limits}}}
+"""
+SEVEN = ROOT / "configs" / "seven_joint_arm.yaml"
+WAY = (
+    (0.0, 0.3, 0.0, 1.2, 0.0, 0.5, 0.0),
+    (0.5, 0.8, -0.4, 0.8, 0.5, 1.0, 0.6),
+    (1.0, 0.2, 0.3, 1.5, -0.3, 0.2, 1.0),
+)
+EFFORT = (120, 150, 60, 60, 20, 15, 8)
+SPEED = (2, 2, 2.5, 2.5, 3, 3, 3)
+
+
+def mass(limits: str, gravity: float = 0.0, friction: str = "") -> Scene:
+    text = MASS.format(limits=limits, gravity=gravity, friction=friction and f", friction: {friction}")
+    return load_scene_text(text, "mass.yaml")
+
+
+def duration(scene: Scene) -> float:
+    return float(with_time_law(scene).trajectory.duration)
+
+
+def two_parts(up: float, down: float) -> float:
+    """Return the time over 1 m that is speeded up on and braked on at these rates."""
+    top = np.sqrt(2.0 * up * down / (up + down))
+    return float(top / up + top / down)
+
+
+def test_a_mass_under_a_force() -> None:
+    assert duration(mass("effort: {slide: 10}")) == pytest.approx(0.8944271909999159, abs=1e-12)
+
+
+@pytest.mark.parametrize("gravity", [-4.0, -1.234, 3.3])
+def test_a_mass_under_a_force_and_gravity(gravity: float) -> None:
+    expected = two_parts(5.0 + gravity, 5.0 - gravity)
+    assert duration(mass("effort: {slide: 10}", gravity)) == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_mass_under_limits_of_speed_and_acceleration() -> None:
+    found = duration(mass("speed: {slide: 1.5}, acceleration: {slide: 4}"))
+    assert found == pytest.approx(1.0 / 1.5 + 1.5 / 4.0, abs=1e-4)
+
+
+def test_friction_slows_the_start_and_does_not_help_at_the_last_moment() -> None:
+    found = duration(mass("effort: {slide: 10}", friction="{coulomb: 2}"))
+    # braking with friction at 6 m/s^2, but for the last of it, where the drive alone brakes
+    assert two_parts(4.0, 6.0) <= found < two_parts(4.0, 6.0) * 1.002
+
+
+def test_viscous_friction() -> None:
+    """F - d v = m a up to the switch, -F - d v = m a from there: the switching speed by bisection on the way."""
+    found = duration(mass("effort: {slide: 10}", friction="{viscous: 3}"))
+    F, d, m = 10.0, 3.0, 2.0
+
+    def way_and_time(top: float) -> tuple[float, float]:
+        v = np.linspace(0.0, top, 20001)
+        up, down = m / (F - d * v), m / (F + d * v)
+        return float(np.trapezoid(v * (up + down), v)), float(np.trapezoid(up + down, v))
+
+    low, high = 0.0, F / d * (1.0 - 1e-9)
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if way_and_time(middle)[0] < 1.0 else (low, middle)
+    assert found == pytest.approx(way_and_time(low)[1], rel=1e-4)
+
+
+def seven(intervals: int) -> Scene:
+    scene = load_scene(SEVEN)
+    names = [f"q{k}" for k in range(1, 8)]
+    text = f"points: [{', '.join('{q: ' + str(dict(zip(names, q))) + '}' for q in WAY)}]".replace("'", "")
+    limits = {"effort": dict(zip(names, EFFORT)), "speed": dict(zip(names, SPEED))}
+    given = "\n".join(f"  {name}: {value}".replace("'", "") for name, value in limits.items())
+    head = SEVEN.read_text().split("trajectory:")[0]
+    end = f"trajectory:\n  type: fastest\n  {text}\n{given}\n  intervals: {intervals}\n"
+    assert scene.robot.joints
+    return load_scene_text(head + end, str(SEVEN))
+
+
+def test_no_limit_is_passed_between_grid_points() -> None:
+    scene = with_time_law(seven(100))
+    law = scene.trajectory.scaling.law
+    # many times in each interval, but the last moment, at rest without friction
+    times = (law.knots[:-1, None] + np.diff(law.knots)[:, None] * np.linspace(1e-6, 1.0 - 1e-6, 41)).ravel()
+    names = [f"q{k}" for k in range(1, 8)]
+    motion = scene.trajectory.motion(times, names, {})
+    tau = InverseDynamics(dataclasses.replace(scene, trajectory=None))(motion.q, motion.qd, motion.qdd)
+    use = np.maximum(np.abs(tau) / EFFORT, np.abs(motion.qd) / SPEED)
+    assert use.max() <= 1.0 + 1e-6
+    # and one of them is touched nearly all the time
+    assert np.mean(use.max(axis=1) > 0.999) > 0.9
+
+
+def test_the_time_converges_and_its_error_is_stated() -> None:
+    coarse, fine = (with_time_law(seven(n)).trajectory.scaling for n in (100, 400))
+    assert fine.law.duration <= coarse.law.duration
+    assert coarse.law.duration - fine.law.duration < 2.0 * coarse.error
+    assert coarse.error < 1e-2 * coarse.law.duration
+
+
+def test_a_slower_motion_of_the_same_path_needs_less_and_a_faster_one_more() -> None:
+    """Brute force: no time law of a family of others is faster and keeps to the limits."""
+    scene = load_scene(ROOT / "configs" / "trajectories" / "fastest_2r.yaml")
+    least = inverse(scene, samples=2001)
+    circle = dataclasses.replace(scene.trajectory.path, duration=1.0)
+    assert least.summary["fastest"]["largest_use"] == pytest.approx(1.0, abs=1e-6)
+    T = least.summary["fastest"]["duration"]
+    for power in (1.0, 1.5, 2.0):  # s = 1 / (1 + ((1 - r) / r)^p) with r from a smooth step
+        r = np.linspace(0.0, 1.0, 400)
+        smooth = 6 * r**5 - 15 * r**4 + 10 * r**3
+        s = smooth**power / (smooth**power + (1.0 - smooth) ** power)
+        assert _least_time(scene, circle, s) >= T * (1.0 - 1e-3)
+
+
+def _least_time(scene: Scene, circle: object, s: np.ndarray) -> float:
+    """Return the shortest time in which s, at uniform times, keeps to the limits of torque."""
+    from robodyn_cli.equations.problem import Problem
+    from robodyn_cli.run.mechanism.motion import plan_motion, with_led_point
+
+    problem = Problem(with_led_point(dataclasses.replace(scene, trajectory=circle)))
+    law = dataclasses.replace(problem.scene, trajectory=circle)
+    way = plan_motion(Problem(with_led_point(law)), s).motion
+    h = 1.0 / (len(s) - 1)
+    sd, sdd = np.gradient(s, h), np.gradient(np.gradient(s, h), h)
+    dynamics, bounds = InverseDynamics(problem), np.array([250.0, 120.0])
+    low, high = 0.2, 50.0
+    for _ in range(40):
+        T = 0.5 * (low + high)
+        qd, qdd = way.qd * (sd / T)[:, None], way.qdd * ((sd / T) ** 2)[:, None]
+        tau = dynamics(way.q, qd, qdd + way.qd * (sdd / T**2)[:, None])
+        low, high = (low, T) if (np.abs(tau) <= bounds).all() else (T, high)
+    return high
+
+
+def test_the_time_law_of_a_path_is_dropped() -> None:
+    scene = load_scene(ROOT / "configs" / "trajectories" / "fastest_2r.yaml")
+    text = (ROOT / "configs" / "trajectories" / "fastest_2r.yaml").read_text()
+    before, found = text.split("  path:")[0], []
+    for law in ("quintic, speed: 1", "trapezoid, speed: 0.3, acceleration: 2"):
+        way = f"{{type: path, point: tip, start: {{position: [1.4, 1.0, 0]}}, law: {law}, ik: {{branch: elbow_up}}, "
+        way += "segments: [{type: line, to: [1.0, 1.2, 0]}]}"
+        line = load_scene_text(
+            f"{before}  path: {way}\n  effort: {{theta1: 250, theta2: 120}}\n", str(scene.path)
+        )
+        found.append(duration(line))
+    assert found[0] == pytest.approx(found[1], rel=1e-6)
+
+
+REFUSED = [
+    ("{type: fastest, effort: {slide: 1}}", SceneError, "either 'points' or 'path'"),
+    ("{type: fastest, points: [{q: {slide: 0}}, {q: {slide: 1}}]}", SceneError, "needs limits"),
+    (
+        "{type: fastest, points: [{q: {slide: 0}}, {q: {slide: 0}}], effort: {slide: 1}}",
+        SceneError,
+        "leave one",
+    ),
+    ("{type: fastest, points: [{q: {slide: 0}}, {q: {slide: 1}}], effort: {slid: 1}}", SceneError, "slid"),
+    (
+        "{type: fastest, effort: {slide: 9}, path: {type: joint, q: {slide: '(t-1)^2'}, duration: 2}}",
+        GeometryError,
+        "stands still",
+    ),
+    (
+        "{type: fastest, effort: {slide: 9}, path: {type: table, interpolation: linear, columns: [t, slide], "
+        "rows: [[0, 0], [1, 1], [2, 3]]}}",
+        GeometryError,
+        "corner",
+    ),
+]
+
+
+@pytest.mark.parametrize(("trajectory", "error", "words"), REFUSED)
+def test_what_is_wrong_is_said(trajectory: str, error: type[Exception], words: str) -> None:
+    text = (
+        MASS.format(limits="", gravity=0, friction="").split("trajectory:")[0] + f"trajectory: {trajectory}\n"
+    )
+    with pytest.raises(error, match=words):
+        with_time_law(load_scene_text(text, "mass.yaml"))
+
+
+def test_a_drive_that_cannot_hold_the_weight_is_named() -> None:
+    with pytest.raises(
+        GeometryError, match="'slide' needs 20 there at rest, and its effort is limited to 10"
+    ):
+        with_time_law(mass("effort: {slide: 10}", gravity=-10.0))
+
+
+def test_losses_of_gears_are_refused() -> None:
+    text = MASS.format(limits="effort: {slide: 9}", gravity=0, friction="")
+    text = text.replace("axis: [1, 0, 0]", "axis: [1, 0, 0], gear: {ratio: 10, efficiency: 0.8}")
+    with pytest.raises((CapabilityError, SceneError)):
+        with_time_law(load_scene_text(text, "mass.yaml"))
+
+
+def test_a_mechanism_keeps_to_the_limits_of_its_drives() -> None:
+    path = ROOT / "robodyn_cli" / "robots" / "five_bar.yaml"
+    text, circle = (
+        path.read_text(),
+        "{type: circle, point: tip, center: [0.3, 0.9], radius: 0.15, duration: 3}",
+    )
+    assert circle in text
+    scene = load_scene_text(text, str(path))
+    drives = scene.actuated
+    assert drives is not None
+    slow = inverse(scene, samples=51)
+    columns = [list(slow.variables["tau"].names).index(name) for name in drives]
+    bounds = {name: 2.0 * float(np.abs(slow["tau"][:, k]).max()) for name, k in zip(drives, columns)}
+    limits = ", ".join(f"{name}: {x}" for name, x in bounds.items())
+    timed = f"{{type: fastest, intervals: 16, effort: {{{limits}}}, path: {circle}}}"
+    found = inverse(load_scene_text(text.replace(circle, timed), str(path)), samples=51)
+    assert 0.99 < found.summary["fastest"]["largest_use"] <= 1.0 + 1e-6
+    use = np.abs(found["tau"][:, columns]) / np.array(list(bounds.values()))
+    assert np.mean(use.max(axis=1) > 0.8) > 0.9
