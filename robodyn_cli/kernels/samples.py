@@ -70,7 +70,6 @@ class SampleKernel:
 
     def __init__(self, outputs: Mapping[str, Sequence[Scalar]], known: Sequence[str]) -> None:
         self.program = make_program(dict(outputs), known)
-        self._numbers = self.program.table.ctypes.data
         self.lanes = machine().lanes
         self._seen = 0  # samples so far
 
@@ -94,14 +93,18 @@ class SampleKernel:
 
         return InterpretedSamples(self.program)
 
-    def _run(self, inputs: Mapping[str, Array], results: Mapping[str, Array], samples: int) -> None:
-        """Fill ``results`` (samples, n) from ``inputs``, in whichever way takes less time in the long run."""
+    def _run(
+        self, inputs: Mapping[str, Array], results: Mapping[str, Array], samples: int, table: Array
+    ) -> None:
+        """Fill ``results`` (samples, n) from ``inputs`` and a table of numbers, in whichever way takes less time in the
+        long run.
+        """
         self._seen += samples
         if self._seen < MANY and (interpreted := self._interpreted) is not None:
-            interpreted(inputs, results, samples)
+            interpreted(inputs, results, samples, table)
         else:
-            arrays = [*inputs.values(), *results.values()]
-            self._compiled(*(a.ctypes.data for a in arrays), self._numbers, samples)
+            arrays = [*inputs.values(), *results.values(), table]
+            self._compiled(*(a.ctypes.data for a in arrays), samples)
 
     def __call__(self, **groups: Array) -> dict[str, Array]:
         lengths = {np.shape(a)[0] for g, a in groups.items() if g != PARAMETERS}
@@ -113,6 +116,29 @@ class SampleKernel:
     def evaluate(self, samples: int, groups: Mapping[str, Array]) -> dict[str, Array]:
         """Evaluate so many samples; a constant program needs no input."""
         padded = max(samples, self.lanes)
+        inputs = self._inputs(samples, padded, groups)
+        results = {
+            name: np.empty((padded, len(entries)), order="F")
+            for name, entries in self.program.outputs.items()
+        }
+        if samples:
+            self._run(inputs, results, padded, self.program.table)
+        return {name: r[:samples] for name, r in results.items()}
+
+    def of_tables(self, tables: Array, samples: int, groups: Mapping[str, Array]) -> dict[str, Array]:
+        """Evaluate so many samples with each row of tables (N, numbers) in place of its own: {output: (N, n, T)}."""
+        padded = max(samples, self.lanes)
+        inputs = self._inputs(samples, padded, groups)
+        results = {
+            name: np.empty((len(tables), len(entries), padded))
+            for name, entries in self.program.outputs.items()
+        }
+        for k, table in enumerate(np.ascontiguousarray(tables, dtype=np.float64)):
+            self._run(inputs, {name: r[k].T for name, r in results.items()}, padded, table)
+        return {name: r[:, :, :samples] for name, r in results.items()}
+
+    def _inputs(self, samples: int, padded: int, groups: Mapping[str, Array]) -> dict[str, Array]:
+        """Return the inputs as code reads them, the last sample repeated up to ``padded``."""
         inputs: dict[str, Array] = {}
         for group, count in self.program.inputs.items():
             if group not in groups:
@@ -131,13 +157,7 @@ class SampleKernel:
             else:
                 array = np.ascontiguousarray(array)
             inputs[group] = array
-        results = {
-            name: np.empty((padded, len(entries)), order="F")
-            for name, entries in self.program.outputs.items()
-        }
-        if samples:
-            self._run(inputs, results, padded)
-        return {name: r[:samples] for name, r in results.items()}
+        return inputs
 
 
 def of_one_sample(kernel: SampleKernel, **sizes: int) -> Callable[..., dict[str, Array]]:

@@ -16,10 +16,10 @@ from robodyn_cli.integrators.registry import methods
 from robodyn_cli.kernels.report import REPORT
 from robodyn_cli.model.places import with_places
 from robodyn_cli.run.driver.build import build_motion
+from robodyn_cli.run.many.groups import Structures
 from robodyn_cli.run.many.integrate import Batch
 from robodyn_cli.run.many.keys import NUMBER, START, STRUCTURE, _parts, settings, understand
 from robodyn_cli.run.many.simulate import Simulate
-from robodyn_cli.run.many.structure import Structures
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 
@@ -283,7 +283,7 @@ def test_lanes_make_the_steps_of_the_scalar_loop(method: str) -> None:
     mechanism = Mechanism(scene, [MASS, "simulate.duration"])
     rng = np.random.default_rng(3)
     values = np.stack([rng.uniform(10, 15, 101), rng.uniform(0.1, 3.0, 101)], axis=1)
-    ((structure, _),) = Structures(mechanism.family, mechanism.keys, Simulate()).groups(values)
+    ((structure, _),) = Structures(mechanism.family, mechanism.keys, Simulate().structure).groups(values)
     assert structure is not None
     fleet = structure.fleet(method)
     batch = Batch.of(structure, values, rng.uniform(-1, 1, (101, 2)), None, threads=2)

@@ -44,7 +44,7 @@ class InterpretedSamples:
 
     def __init__(self, program: Program) -> None:
         host = machine()
-        self.lanes, self._table = host.lanes, program.table
+        self.lanes = host.lanes
         kinds = kinds_of(program)
         self._code = code = encode(program, kinds)
         # of each output the numbers of its columns that vary, and the whole row where nothing does
@@ -64,14 +64,16 @@ class InterpretedSamples:
         pointer, number = ctypes.c_void_p, ctypes.c_int64
         self._call = compiled.function("kernel", *[pointer] * 3, number, *[pointer] * 2, number, number)
 
-    def __call__(self, inputs: Mapping[str, Array], results: Mapping[str, Array], samples: int) -> None:
-        """Fill the columns of ``results`` from those of ``inputs``, both (samples, n)."""
+    def __call__(
+        self, inputs: Mapping[str, Array], results: Mapping[str, Array], samples: int, table: Array
+    ) -> None:
+        """Fill the columns of ``results`` from those of ``inputs``, both (samples, n), and a table of numbers."""
         code = self._code
         # of this call alone, since several threads may call
         memory = aligned_zeros(code.registers * self.lanes)
         registers = memory.reshape(code.registers, self.lanes)
         registers[code.first_constant :][: len(code.constants)] = code.constants[:, None]
-        registers[code.first_number :][: code.numbers] = self._table[: code.numbers, None]
+        registers[code.first_number :][: code.numbers] = table[: code.numbers, None]
         read, written = [], []
         for group, count in code.inputs.items():
             columns = inputs[group]

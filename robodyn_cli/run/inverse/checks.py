@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cached_property
+
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.forces.element import half_turn_warning
 from robodyn_cli.model.model import Model
+from robodyn_cli.record import record
 from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.inverse.program import InverseProgram, Sampled
 from robodyn_cli.run.inverse.summary import ErrorEstimate, JointFigures
@@ -17,6 +21,39 @@ from robodyn_cli.solve.quadrature import integrate, integrate_positive, root_mea
 from robodyn_cli.spatial.algebra import Array
 
 
+@record
+class Loaded:
+    """Columns of joints at uniform times (T,), of one run or of many: torques and rates (T, n)."""
+
+    times: Array
+    tau: Array
+    qd: Array
+
+    @property
+    def step(self) -> float:
+        """Time between samples [s]."""
+        return float(self.times[1] - self.times[0])
+
+    @cached_property
+    def power(self) -> Array:
+        """Mechanical power (T, n) [W]."""
+        return self.tau * self.qd
+
+
+# figures (n,) that size an actuator, by key below that of its joint in the summary
+FIGURES: dict[str, Callable[[Loaded], Array]] = {
+    "peak_torque": lambda x: np.abs(x.tau).max(axis=0),
+    "peak_torque_time": lambda x: x.times[np.argmax(np.abs(x.tau), axis=0)],
+    "rms_torque": lambda x: root_mean_square(x.tau, x.step),
+    "torque_range.0": lambda x: x.tau.min(axis=0),
+    "torque_range.1": lambda x: x.tau.max(axis=0),
+    "peak_speed": lambda x: np.abs(x.qd).max(axis=0),
+    "peak_power": lambda x: np.abs(x.power).max(axis=0),
+    "energy": lambda x: integrate_positive(x.power, x.step),
+    "energy_net": lambda x: integrate(x.power, x.step),
+}
+
+
 def joint_figures(model: Model, sampled: Sampled) -> dict[str, JointFigures]:
     """Return the figures that size the actuators, by velocity coordinate; in mechanisms with loops, of actuated joints
     only.
@@ -25,24 +62,15 @@ def joint_figures(model: Model, sampled: Sampled) -> dict[str, JointFigures]:
     energy : integral of the positive mechanical power, which the actuator delivers if it cannot take back any;
     energy_net : integral of the power. Integrals are of degree 5 between samples (see ``quadrature``).
     """
-    h, tau, power = sampled.step, sampled.tau, sampled.power
-    rms = root_mean_square(tau, h)
-    delivered, net = integrate_positive(power, h), integrate(power, h)
+    loaded = Loaded(sampled.times, sampled.tau, sampled.motion.qd)
+    columns = {name: figure(loaded).tolist() for name, figure in FIGURES.items()}
     figures: dict[str, JointFigures] = {}
     for k in range(model.nv) if sampled.loops is None else sampled.loops.driven:
-        name, unit = model.v_names[k], model.v_units[k]
-        at = int(np.argmax(np.abs(tau[:, k])))
-        figures[name] = JointFigures(
-            peak_torque=float(np.abs(tau[at, k])),
-            peak_torque_time=float(sampled.times[at]),
-            rms_torque=float(rms[k]),
-            torque_range=[float(tau[:, k].min()), float(tau[:, k].max())],
-            peak_speed=float(np.abs(sampled.motion.qd[:, k]).max()),
-            peak_power=float(np.abs(power[:, k]).max()),
-            energy=float(delivered[k]),
-            energy_net=float(net[k]),
-            units={"torque": TORQUE[unit], "speed": f"{unit}/s", "power": "W", "energy": "J"},
-        )
+        unit = model.v_units[k]
+        own = {name: column[k] for name, column in columns.items()}
+        own["torque_range"] = [own.pop("torque_range.0"), own.pop("torque_range.1")]
+        units = {"torque": TORQUE[unit], "speed": f"{unit}/s", "power": "W", "energy": "J"}
+        figures[model.v_names[k]] = JointFigures(**own, units=units)
     return figures
 
 

@@ -72,13 +72,9 @@ def inverse(
     if count < 2:
         raise ValueError(f"samples: {count}; allowed: 2 or more")
     with watch.stage("equations"):
-        if getattr(scene.trajectory, "type", None) == "fastest":
-            from robodyn_cli.run.fastest.resolve import with_time_law
-
-            scene = with_time_law(scene)
-        program = build_inverse(scene)
+        program = program_of(scene)
     with watch.stage("solve"):
-        planned = _at_rest(program.problem, program.plan(count))
+        planned = at_rest(program.problem, program.plan(count))
     with watch.stage("equations"):
         function = program.compile(count)
     with watch.stage("evaluate"):
@@ -94,7 +90,21 @@ def inverse(
     return result
 
 
-def _at_rest(problem: Problem, planned: Planned) -> Planned:
+def program_of(scene: Scene) -> InverseProgram:
+    """Return the program of a scene, whose time law is found first where its motion is to be the fastest.
+
+    Raises
+    ------
+    RobodynError : see ``inverse``.
+    """
+    if getattr(scene.trajectory, "type", None) == "fastest":
+        from robodyn_cli.run.fastest.resolve import with_time_law
+
+        scene = with_time_law(scene)
+    return build_inverse(scene)
+
+
+def at_rest(problem: Problem, planned: Planned) -> Planned:
     """Return the motion with joints at rest where only rounding moves them (see ``rest``)."""
     if not any(body.forces for body in problem.model.bodies):
         return planned

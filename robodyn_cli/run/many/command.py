@@ -3,50 +3,64 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.driver.motion import Motion
-from robodyn_cli.run.many.integrate import Batch, Driven
+from robodyn_cli.run.many.groups import Built
+from robodyn_cli.run.many.keys import Key
 from robodyn_cli.run.many.record import ManyRuns
+from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 
 Rows = NDArray[np.int64]
+Own = TypeVar("Own", bound=Built)
 
 
-class Command(ABC):
-    """A command for many runs. Without state: one object serves all."""
+@record
+class Asked:
+    """What is asked of runs.
+
+    result : takes the rows; its outputs are the keys that are wanted. q, qd : initial states (N, nq), (N, nv) in place
+    of the scene's. samples : at how many uniform times values are wanted. threads : that make runs.
+    """
+
+    result: ManyRuns
+    q: Array | None
+    qd: Array | None
+    samples: int
+    threads: int
+
+
+class Command(ABC, Generic[Own]):
+    """A command for many runs. Without state: one object serves all.
+
+    sampled : columns of what samples hold, ``q`` as positions and all others as rates.
+    """
 
     name: str
+    sampled: tuple[str, ...] = ("q", "qd")
 
     @abstractmethod
-    def build(self, scene: Scene) -> Motion:
-        """Return the motion of a scene; raises what the command raises for it."""
-
-    def obstacle(self, motion: Motion) -> str:
-        """Return why runs of a motion are made one by one, beside what holds for all commands; nothing if not."""
-        return ""
+    def structure(self, family: Family, keys: Sequence[Key], row: Array) -> Own:
+        """Return what serves runs with such a row of values; raises what the command raises for it."""
 
     @abstractmethod
     def is_plain(self, key: str) -> bool:
-        """Tell whether ``output`` gives this key of the summary."""
+        """Tell whether compiled code gives this key of the summary."""
 
     @abstractmethod
-    def drive(self, batch: Batch, method: str, samples: int) -> Driven:
-        """Make the runs of a batch."""
+    def make(self, structure: Own, rows: Rows, asked: Asked) -> list[int]:
+        """Make runs of one structure in compiled code; return those that are left to be made one by one."""
 
     @abstractmethod
-    def output(self, key: str, result: ManyRuns, rows: Rows) -> Array:
-        """Return a plain key of the summary for rows whose ends are in the result."""
-
-    @abstractmethod
-    def error_of(self, key: str, result: ManyRuns, rows: Rows) -> Array | float:
-        """Return the estimated error of a key for such rows, nan where there is none."""
+    def with_samples(self, scene: Scene, samples: int) -> Scene:
+        """Return a scene that asks for so many samples."""
 
     @abstractmethod
     def single(self, scene: Scene) -> Result:
@@ -55,12 +69,3 @@ class Command(ABC):
     @abstractmethod
     def read(self, summary: Mapping[str, Any], result: ManyRuns, row: int) -> None:
         """Take the end of a run that was made by ``single`` into its row."""
-
-
-def column_of(result: ManyRuns, group: str, name: str, rows: Rows) -> Array:
-    """Return a position or a rate (``q``, ``theta1``) of rows, nan where there is none of that name."""
-    names = result.q_names if group == "q" else result.qd_names
-    if name not in names:
-        return np.full(len(rows), np.nan)
-    found: Array = getattr(result, group)[rows, names.index(name)]
-    return found

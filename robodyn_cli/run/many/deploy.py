@@ -15,8 +15,9 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.run.deploy.deploy import build_deployment
 from robodyn_cli.run.deploy.lock import TRUSTED
 from robodyn_cli.run.driver.motion import Motion
-from robodyn_cli.run.many.command import Command, Rows, column_of
+from robodyn_cli.run.many.command import Rows
 from robodyn_cli.run.many.integrate import Batch, Driven, Masks, Second, first_run
+from robodyn_cli.run.many.motions import MotionCommand, column_of
 from robodyn_cli.run.many.record import ManyRuns
 from robodyn_cli.run.many.single import number_of
 from robodyn_cli.run.stopwatch import Stopwatch
@@ -28,7 +29,7 @@ ROUNDING = 1e-14  # part of a time that rounding leaves over the steps of a run
 LOCK_TIME, LOCK_ERROR = "lock.time", "lock.time_error"
 
 
-class Deploy(Command):
+class Deploy(MotionCommand):
     """Motions up to their lock; ends are the states there."""
 
     name = "deploy"
@@ -45,7 +46,7 @@ class Deploy(Command):
         }
         return next((reason for reason, holds in reasons.items() if holds), "")
 
-    def is_plain(self, key: str) -> bool:
+    def gives(self, key: str) -> bool:
         return key in (LOCK_TIME, LOCK_ERROR) or key.startswith(("lock.angles.", "lock.rates."))
 
     def drive(self, batch: Batch, method: str, samples: int) -> Driven:

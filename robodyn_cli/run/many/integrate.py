@@ -22,8 +22,9 @@ from robodyn_cli.run.driver.method import FAST_DECAYS, TRIAL
 from robodyn_cli.run.driver.second_run import MOST_STEPS, least_growth, other_steps, remainder, tighter
 from robodyn_cli.run.driver.self_check import BEYOND, EPS, is_judged_by_energy
 from robodyn_cli.run.driver.stiffness import COST, FIRST_LOOK, MOST, WORTH
+from robodyn_cli.run.many.groups import table_rows
 from robodyn_cli.run.many.start import Starts, starts_of
-from robodyn_cli.run.many.structure import Structure, table_rows
+from robodyn_cli.run.many.structure import Structure
 from robodyn_cli.spatial.algebra import Array
 
 Masks = NDArray[np.bool_]

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError
+from robodyn_cli.run.many.groups import Structures
 from robodyn_cli.run.many.keys import Allowed, Key, understand
 from robodyn_cli.run.many.record import ManyRuns
-from robodyn_cli.run.many.structure import Structures
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.scene.units import refuse_doubles
@@ -150,9 +150,35 @@ class Mechanism:
 
         return self._make(Deploy(), values, (q, qd), of, 0, threads)
 
+    def inverse_many(
+        self, values: Values = None, *, of: Sequence[str] = (), samples: int | None = None
+    ) -> ManyRuns:
+        """Compute the torques that the scene's trajectory needs, with other numbers in each run.
+
+        Parameters
+        ----------
+        values, of : as for ``simulate_many``; ``of`` names keys of the summary of ``inverse``.
+        samples : number of uniform samples of the trajectory; default: the scene's ``inverse.samples``.
+
+        Returns
+        -------
+        A row for each run. ``samples`` has times (N, M), q (N, M, nq), and qd, qdd and tau (N, M, nv) [N m or N];
+        ``q`` and ``qd`` are those at the end. Mechanisms with loops, and paths of points, are computed run by run.
+
+        Raises
+        ------
+        CapabilityError : arrays of shapes that do not fit, or fewer than two samples.
+        """
+        from robodyn_cli.run.many.inverse import Inverse
+
+        count = self.scene.inverse.samples if samples is None else samples
+        if count < 2:
+            raise CapabilityError(f"samples: {count}; allowed: 2 or more")
+        return self._make(Inverse(), values, (None, None), of, count, None)
+
     def _make(
         self,
-        command: Command,
+        command: Command[Any],
         values: Values,
         start: Start,
         of: Sequence[str],
@@ -161,31 +187,38 @@ class Mechanism:
     ) -> ManyRuns:
         rows = self._rows(values, start)
         q, qd = (self._start(x, names, len(rows)) for x, names in zip(start, self._names))
-        making, allowed = self._making(command, rows, of, samples, threads or processors())
-        making.one_by_one(making.compiled(allowed, q, qd), q, qd)
-        return making.result
+        result = ManyRuns.empty(self._key_names, rows, self._names, of, command.sampled, samples)
+        making, allowed = self._making(command, result, (q, qd), samples, threads or processors())
+        making.one_by_one(making.compiled(allowed))
+        return result
 
     def compiled(
-        self, command: Command, rows: Array, of: Sequence[str], threads: int
+        self, command: Command[Any], rows: Array, of: Sequence[str], threads: int
     ) -> tuple[ManyRuns, NDArray[np.int64]]:
         """Return runs with rows of values (N, keys), and the numbers of those that are left to the command itself."""
-        making, allowed = self._making(command, rows, of, 0, threads)
-        return making.result, making.compiled(allowed, None, None)
+        result = ManyRuns.empty(self._key_names, rows, self._names, of)
+        making, allowed = self._making(command, result, (None, None), 0, threads)
+        return result, making.compiled(allowed)
+
+    @property
+    def _key_names(self) -> list[str]:
+        return [key.name for key in self.keys]
 
     def _making(
-        self, command: Command, rows: Array, of: Sequence[str], samples: int, threads: int
+        self, command: Command[Any], result: ManyRuns, start: Start, samples: int, threads: int
     ) -> tuple[Making, NDArray[np.int64]]:
         """Return what makes the runs, and the numbers of those whose values are allowed."""
+        from robodyn_cli.run.many.command import Asked
         from robodyn_cli.run.many.making import Making
 
-        result = ManyRuns.empty([k.name for k in self.keys], rows, self._names, of, samples)
-        refused = self._allowed.refusals(rows)
+        refused = self._allowed.refusals(result.values)
         for row, error in refused.items():
             result.code[row], result.reason[row] = error.exit_code, error.message
-        allowed = np.array([k for k in range(len(rows)) if k not in refused], dtype=np.int64)
+        allowed = np.array([k for k in range(len(result)) if k not in refused], dtype=np.int64)
         if command.name not in self._structures:
-            self._structures[command.name] = Structures(self.family, self.keys, command)
-        return Making(command, self._structures[command.name], result, samples, threads), allowed
+            self._structures[command.name] = Structures(self.family, self.keys, command.structure)
+        asked = Asked(result, *start, samples, threads)
+        return Making(command, self._structures[command.name], asked), allowed
 
     def _rows(self, values: Values, others: Sequence[Array | None]) -> Array:
         """Return rows of values (N, keys).
@@ -194,7 +227,7 @@ class Mechanism:
         ------
         CapabilityError : keys or shapes that do not fit.
         """
-        names = [key.name for key in self.keys]
+        names = self._key_names
         if values is None:
             values = {}
         if not isinstance(values, Mapping):

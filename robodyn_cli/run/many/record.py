@@ -20,7 +20,7 @@ class ManyRuns:
     there [rad or m, 1/s of these], columns as in ``q_names`` and ``qd_names``. q_error, qd_error : their estimated
     errors. outputs, errors : (N,) by key of the summary, as far as they were asked for. steps : of the integration.
     one_by_one : which runs were made by the driver in Python. samples : times (N, M) [s], positions (N, M, nq) and
-    rates (N, M, nv), where they were asked for.
+    rates (N, M, nv), where they were asked for; of inverse dynamics qdd and tau (N, M, nv) too.
 
     What a run does not have is nan.
     """
@@ -57,14 +57,20 @@ class ManyRuns:
         return len(self.values)
 
     @staticmethod
-    def empty(keys: Any, values: Array, names: tuple[Any, Any], of: Any, samples: int) -> ManyRuns:
-        """Return rows without anything in them; names : columns of q and of qd."""
+    def empty(
+        keys: Any, values: Array, names: tuple[Any, Any], of: Any, sampled: Any = (), samples: int = 0
+    ) -> ManyRuns:
+        """Return rows without anything in them.
+
+        names : columns of q and of qd. sampled : what is kept at so many samples, ``q`` and others with its rates'
+        columns.
+        """
         count, (nq, nv) = len(values), (len(n) for n in names)
 
         def nothing(*shape: int) -> Array:
             return np.full((count, *shape), np.nan)
 
-        grid = {"time": nothing(samples), "q": nothing(samples, nq), "qd": nothing(samples, nv)}
+        grid = {"time": nothing(samples), **{n: nothing(samples, nq if n == "q" else nv) for n in sampled}}
         return ManyRuns(
             tuple(keys), values, tuple(names[0]), tuple(names[1]),
             np.full(count, -1), [""] * count, nothing(), nothing(), nothing(nq), nothing(nv), nothing(nq), nothing(nv),

@@ -9,8 +9,9 @@ from typing import Any
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.driver.build import build_motion
 from robodyn_cli.run.driver.motion import Motion
-from robodyn_cli.run.many.command import Command, Rows, column_of
+from robodyn_cli.run.many.command import Rows
 from robodyn_cli.run.many.integrate import Batch, Driven, integrate
+from robodyn_cli.run.many.motions import MotionCommand, column_of
 from robodyn_cli.run.many.record import ManyRuns
 from robodyn_cli.run.many.single import number_of
 from robodyn_cli.scene.types import Scene
@@ -19,7 +20,7 @@ from robodyn_cli.spatial.algebra import Array
 ERRORS = {"error_estimate.q_end": "q", "error_estimate.qd_end": "qd"}
 
 
-class Simulate(Command):
+class Simulate(MotionCommand):
     """Motions over their duration; ends are the last states."""
 
     name = "simulate"
@@ -27,7 +28,7 @@ class Simulate(Command):
     def build(self, scene: Scene) -> Motion:
         return build_motion(scene)
 
-    def is_plain(self, key: str) -> bool:
+    def gives(self, key: str) -> bool:
         return key == "final.time" or key.startswith(("final.q.", "final.qd.")) or key in ERRORS
 
     def drive(self, batch: Batch, method: str, samples: int) -> Driven:

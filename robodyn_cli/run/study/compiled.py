@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from robodyn_cli.record import record
 from robodyn_cli.run.batch.criteria import EXIT_CODE
 from robodyn_cli.run.many.command import Command
 from robodyn_cli.run.many.deploy import Deploy
-from robodyn_cli.run.many.making import is_plain
+from robodyn_cli.run.many.inverse import Inverse
 from robodyn_cli.run.many.mechanism import Mechanism
 from robodyn_cli.run.many.record import ManyRuns
 from robodyn_cli.run.many.simulate import Simulate
@@ -22,8 +23,8 @@ from robodyn_cli.spatial.algebra import Array
 FIRST_BLOCK, LARGEST_BLOCK = 64, 8192  # runs
 SECONDS_OF_BLOCK = 0.5  # about: between blocks rows are stored, and interrupts seen
 STATUS = "status"
-COMMANDS: dict[str, Command] = {"simulate": Simulate(), "deploy": Deploy()}
-GOOD = {"simulate": "ok", "deploy": "locked"}  # status of a run that ended as it should
+COMMANDS: dict[str, Command[Any]] = {"simulate": Simulate(), "deploy": Deploy(), "inverse": Inverse()}
+GOOD = {"simulate": "ok", "deploy": "locked", "inverse": "ok"}  # status of a run that ended as it should
 
 
 @record
@@ -38,14 +39,14 @@ def suits(task: Task) -> bool:
     """Tell whether compiled code gives all that a study wants of its runs."""
     wanted = [*task.outputs, *(key for key in task.family.own.expect if key not in (EXIT_CODE, STATUS))]
     command = COMMANDS.get(task.command)
-    return command is not None and all(is_plain(command, key) for key in wanted)
+    return command is not None and all(command.is_plain(key) for key in wanted)
 
 
 def blocks(task: Task, points: Sequence[Values], threads: int) -> Iterator[Block]:
     """Yield the rows of all points, a block at a time."""
     mechanism, command = Mechanism(task.family, task.keys), COMMANDS[task.command]
     expect = task.family.own.expect
-    of = tuple(dict.fromkeys([*task.outputs, *(key for key in expect if is_plain(command, key))]))
+    of = tuple(dict.fromkeys([*task.outputs, *(key for key in expect if command.is_plain(key))]))
     first, size = 0, FIRST_BLOCK
     while first < len(points):
         block = points[first : first + size]

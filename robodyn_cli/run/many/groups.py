@@ -1,0 +1,157 @@
+"""Runs in groups of one structure: what is built for one row of values, and which other rows it serves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.errors import RobodynError
+from robodyn_cli.expr.fixed import Witness
+from robodyn_cli.expr.many import ManyNumbers, Recipe
+from robodyn_cli.integrators.stepping.writer import Tables
+from robodyn_cli.run.many.keys import NUMBER, STRUCTURE, Key
+from robodyn_cli.scene.load import Family
+from robodyn_cli.spatial.algebra import Array
+
+FARTHER = 2.0
+ALIKE = 1e-9  # relative difference of numbers that were computed in two ways
+
+
+class Built:
+    """What is built for one row of values of some keys, and serves others through its tables of numbers.
+
+    Parameters
+    ----------
+    tables : of all programs. witnesses : comparisons of numbers that were made while they were built.
+    obstacle : why runs are made one by one all the same; nothing if they are not.
+    """
+
+    def __init__(
+        self, keys: Sequence[Key], row: Array, tables: Tables, witnesses: Sequence[Witness], obstacle: str
+    ) -> None:
+        self.keys, self.row, self.tables, self.obstacle = keys, row, tables, obstacle
+        self.recipe = Recipe([key.place for key in keys if key.sort == NUMBER])
+        self._deciding = self.recipe.deciding(witnesses)
+        self._last: tuple[Array, ManyNumbers] | None = None  # asked for, by rows: several ask for the same
+        self._confirmed = np.zeros(len(row))  # how far from its own row another one has been built
+
+    def numbers(self, values: Array) -> ManyNumbers:
+        """Return the numbers of the scene for rows of values (N, keys)."""
+        if self._last is None or not np.array_equal(self._last[0], values):
+            given = {k.place: values[:, j] for j, k in enumerate(self.keys) if k.sort == NUMBER}
+            self._last = values, ManyNumbers(self.recipe, given, len(values))
+        return self._last[1]
+
+    def column(self, place: str, values: Array) -> Array | None:
+        """Return the values of the key that is a start or an option of this name; None where none varies."""
+        return next(
+            (values[:, j] for j, k in enumerate(self.keys) if k.place == place and k.sort != NUMBER), None
+        )
+
+    def fits(self, values: Array) -> NDArray[np.bool_]:
+        """Return for which rows (N, keys) every comparison turns out as it did for this structure's own."""
+        return self.numbers(values).decided_alike(self._deciding)
+
+    def is_confirmed(self, values: Array, build: Callable[[Array], Built]) -> bool:
+        """Tell whether what is built for other rows (N, keys) has the numbers that this structure gives.
+
+        Asked at the row farthest from its own, and again where rows are more than FARTHER times as far.
+        """
+        away = np.abs(values - self.row)
+        if not any(key.sort == NUMBER for key in self.keys) or np.all(away <= FARTHER * self._confirmed):
+            return True
+        far = int(np.argmax((away / np.maximum(away.max(axis=0), 1e-300)).sum(axis=1)))
+        try:
+            other = build(values[far])
+        except RobodynError:
+            return False
+        self._confirmed = np.maximum(self._confirmed, away.max(axis=0))
+        return self._has_numbers_of(other)
+
+    def _has_numbers_of(self, other: Built) -> bool:
+        """Tell whether the numbers of another structure, for its own row, are those that this one gives for it."""
+        if other.tables.digest != self.tables.digest or other.obstacle != self.obstacle:
+            return False
+        own = table_rows(self.tables, self.numbers(other.row[None]))[0]
+        scale = np.abs(own) + np.abs(other.tables.numbers)
+        return bool(np.all(np.abs(own - other.tables.numbers) <= ALIKE * scale))
+
+
+def table_rows(tables: Tables, numbers: ManyNumbers) -> Array:
+    """Return the tables of numbers (N, n) of all programs of a run."""
+    columns = [numbers.table(p.numbers or (0.0,)) for p in tables.programs]
+    return np.hstack(columns)
+
+
+Build = Callable[[Family, Sequence[Key], Array], Built]
+
+
+class Structures:
+    """All structures of a mechanism, found as runs ask for them.
+
+    Parameters
+    ----------
+    build : makes the structure of a scene with one row of values of the keys; raises RobodynError.
+    """
+
+    def __init__(
+        self, family: Family, keys: Sequence[Key], build: Callable[[Family, Sequence[Key], Array], Built]
+    ) -> None:
+        self.family, self.keys, self._make = family, list(keys), build
+        self._found: dict[tuple[float, ...], list[Built]] = {}
+
+    def groups(self, values: Array) -> list[tuple[Built | None, NDArray[np.int64]]]:
+        """Return rows of values (N, keys) in groups of one structure: it, and the numbers of its rows.
+
+        Rows without a structure, since nothing can be built with their values, or since what is built does not confirm
+        the numbers of a structure that seems to fit, are to be run as scenes of their own.
+        """
+        groups: list[tuple[Built | None, NDArray[np.int64]]] = []
+        patterns = self._patterns(values)
+        _, first, which = np.unique(patterns, axis=0, return_index=True, return_inverse=True)
+        for k, start in enumerate(first):
+            rows = np.flatnonzero(which.ravel() == k)
+            known = self._found.setdefault(tuple(patterns[start].tolist()), [])
+            groups += self._split(values, rows, known)
+        return groups
+
+    def _patterns(self, values: Array) -> Array:
+        """Return what of each row is structure: values of keys that are, and which keys are at a special one."""
+        columns = [
+            values[:, k] if key.sort == STRUCTURE else np.isin(values[:, k], key.special).astype(float)
+            for k, key in enumerate(self.keys)
+        ]
+        return np.stack([*columns, np.zeros(len(values))], axis=1)
+
+    def _split(
+        self, values: Array, rows: NDArray[np.int64], known: list[Built]
+    ) -> list[tuple[Built | None, NDArray[np.int64]]]:
+        groups: list[tuple[Built | None, NDArray[np.int64]]] = []
+        alone: list[int] = []
+        untried = list(known)
+        while len(rows):
+            try:
+                structure = untried.pop(0) if untried else self._build(values[rows[0]])
+            except RobodynError:
+                alone.append(int(rows[0]))
+                rows = rows[1:]
+                continue
+            fits = structure.fits(values[rows])
+            own = rows[fits]
+            if structure not in known:
+                known.append(structure)
+                if not len(own):  # a comparison that is not decided by the numbers alone
+                    own, fits[0] = rows[:1], True
+            if len(own) and structure.is_confirmed(values[own], self._build):
+                groups.append((structure, own))
+            else:
+                alone += own.tolist()
+            rows = rows[~fits]
+        if alone:
+            groups.append((None, np.array(alone, dtype=np.int64)))
+        return groups
+
+    def _build(self, row: Array) -> Built:
+        return self._make(self.family, self.keys, row)
