@@ -195,18 +195,23 @@ def is_ours(path: Path) -> bool:
     return path.suffix in DRAWING_SUFFIXES and any(CREATOR.encode() in part for part in (start, end))
 
 
-def add_to_summary(directory: Path, key: str, value: Any) -> None:
-    """Add a key to the summary that a run left in a directory.
+def set_in_summary(directory: Path, key: str, value: Any) -> None:
+    """Set a key of the summary that a run left in a directory; None takes the key away.
 
     Raises
     ------
     OutputError : it cannot be written. DirectoryInUseError : another run is writing there.
     """
     path = directory / SUMMARY_NAME
+    if value is None and key not in read_summary(path):
+        return
     with output_errors(path):
         lock = DirectoryLock(directory)
         try:
-            write_summary({**read_summary(path), key: value}, path)
+            summary = {**read_summary(path), key: value}
+            if value is None:
+                del summary[key]
+            write_summary(summary, path)
         finally:
             lock.release()
 

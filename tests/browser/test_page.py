@@ -128,6 +128,22 @@ def test_plots_and_the_drawing_follow_each_other(planar: tuple[Result, Path], op
     page.locator(".scene[data-pose='1228']").wait_for()
 
 
+def test_a_small_change_of_a_large_value_is_read_off_to_the_end(tmp_path: Path, opened: Opener) -> None:
+    """Ticks have numbers of their own; at the end of a run of 0.7 s the cursor still reads values."""
+    result = four_bar_result(60)
+    result.time[:] = np.linspace(0.0, 0.7, len(result.time))
+    result["q"][:] = 1228.28 + 1e-4 * np.sin(result.time)[:, None]
+    write_page([Shown("deploy", result)], tmp_path / "narrow.html")
+    page = opened(tmp_path / "narrow.html")
+    plot = page.locator("figure.plot").first
+    plot.scroll_into_view_if_needed()
+    plot.locator(".chart .frame").wait_for()
+    numbers = [text for text in plot.locator(".chart text.end").all_text_contents() if text]
+    assert len(numbers) >= 3 and len(set(numbers)) == len(numbers), numbers
+    set_slider(page, len(result.time) - 1)
+    assert plot.locator(".legend span").all_inner_texts() == ["1228"] * 3
+
+
 def camera(page: Any) -> tuple[str, float]:
     page.wait_for_timeout(100)
     scene = page.locator(".scene")

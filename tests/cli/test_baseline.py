@@ -127,7 +127,12 @@ def again(batch: Path, *words: object) -> tuple[int, dict[str, Any]]:
 def test_a_batch_that_agrees_with_its_baseline(batch: Path) -> None:
     code, scenes = again(batch)
     assert code == 0 and all(scene["baseline"]["verdict"] == "equal" for scene in scenes.values())
+    summary = batch / "out/a/inverse/summary.json"
+    before = json.loads(summary.read_text())
+    assert before["baseline"]["verdict"] == "equal"
     assert "baseline" not in run(batch / "scenes", "--out", batch / "out")[1]["a"]
+    after = json.loads(summary.read_text())
+    assert after == {key: value for key, value in before.items() if key != "baseline"}
 
 
 def test_a_difference_is_a_failure_of_its_scene(batch: Path) -> None:

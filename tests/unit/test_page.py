@@ -99,6 +99,15 @@ def test_the_drawing_is_that_of_the_stored_poses() -> None:
 
 
 # -- charts ---------------------------------------------------------------------------------------------------
+def test_lines_end_at_the_very_time_at_which_the_cursor_does() -> None:
+    """Single precision ends a run of 0.7 s at 0.69999999, where the cursor at its end reads nothing."""
+    result, arrays = inverse_result(), Arrays()
+    result.time[:] = np.linspace(0.0, 0.7, len(result.time))
+    data = chart_data(draw(result, "joint_angles"), arrays)
+    assert data is not None and result.time[-1] == 0.7
+    assert {unpacked(arrays, line["x"])[-1] for panel in data["panels"] for line in panel["lines"]} == {0.7}
+
+
 def test_charts_show_what_the_figures_show() -> None:
     """Lines, units, scales and legends of every plot over time; others become pictures."""
     drawn = set()
@@ -249,7 +258,7 @@ def test_mistakes_are_one_message_and_leave_nothing(
         ([stored], 2, "--file"),
         ([foreign, "--file", "a.html"], 2, "cannot be read as HDF5"),
         ([stored, damaged, "--file", "a.html"], 2, "cannot be read as HDF5"),
-        ([old, "--file", "a.html"], 2, "the scene stored in the result cannot be read"),
+        ([stored, old, "--file", "a.html"], 2, f"{old}: the scene stored in the result cannot be read"),
         ([tmp_path / "none", "--file", "a.html"], 2, "no such file"),
         ([stored, "--file", "nowhere/a.html"], 74, "cannot write nowhere"),
     ]

@@ -56,16 +56,35 @@ def command(
 
 
 def shown(paths: list[Path], planned: bool) -> list[Shown]:
-    """Return stored results for a page, with the plans of their scenes if ``planned``."""
+    """Return stored results for a page, with the plans of their scenes if ``planned``.
+
+    Raises
+    ------
+    ResultFileError : a result cannot be read. CapabilityError : one has poses, but this version cannot read its scene.
+    """
     from robodyn_cli.report.overlay import path_ends
     from robodyn_cli.report.page.section import Shown
     from robodyn_cli.run.batch.stored import read_stored
 
     read = [read_stored(path) for path in paths]
+    for path, result in zip(paths, read):
+        _require_scene(path, result)
     return [
         Shown(label, result, plan_of(result) if planned else None)
         for label, result in zip(path_ends(paths), read)
     ]
+
+
+def _require_scene(path: Path, result: Result) -> None:
+    """Refuse a result with poses of which this version cannot read the scene; say which result it is."""
+    from robodyn_cli.errors import CapabilityError
+    from robodyn_cli.report.drawing.build import has_poses, scene_of
+
+    try:
+        if has_poses(result):
+            scene_of(result.scene_text)
+    except CapabilityError as error:
+        raise CapabilityError(f"{path}: {error.message}") from error
 
 
 def plan_of(result: Result) -> Mapping[str, Any] | None:
@@ -78,7 +97,5 @@ def plan_of(result: Result) -> Mapping[str, Any] | None:
         return None
     try:
         return plan(load_scene_text(result.scene_text), result.command)
-    except (
-        RobodynError
-    ):  # an old scene that this version cannot read; the page says so where the drawing would be
+    except RobodynError:  # an old scene that this version cannot read
         return None

@@ -90,7 +90,7 @@ def command(
     tidy_up_first()
     try:
         from robodyn_cli.kernels.cache import cache_directory
-        from robodyn_cli.run.batch.baseline import Baseline
+        from robodyn_cli.run.batch.baseline import Baseline, note
         from robodyn_cli.run.batch.batch import Batch
         from robodyn_cli.run.batch.entries import listed, load
         from robodyn_cli.run.batch.gather import gather
@@ -105,6 +105,8 @@ def command(
         for entry in Batch(entries, jobs or cores(), worker, _ends(drawn), force, timeout).run():
             if stored is not None:
                 stored.judge(entry)
+            if not update:
+                note(entry)
             _tell(entry, widths, console)
         if stored is not None and update:
             replaced = stored.replace_old(entries)

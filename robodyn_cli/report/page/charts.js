@@ -21,6 +21,14 @@ function ticks(low, high, log, most) {
   return marks(low - 1e-9 * step, high + 1e-9 * step, step).map((x) => Number(x.toPrecision(12)));
 }
 
+/* Ticks with their numbers, of as many digits as tell them apart. */
+function numbered(low, high, log, most) {
+  const values = ticks(low, high, log, most), place = (x) => Math.floor(Math.log10(Math.abs(x)) + 1e-9);
+  const digits = log || values.length < 2 ? 4 : 1 + place(Math.max(...values.map(Math.abs))) - place(values[1] - values[0]);
+  return values.map((value) => [value, text(value, Math.min(12, Math.max(4, digits))).replace(/^1·/, "")]);
+}
+const upright = (panel, high) => numbered(...panel.y, panel.log, Math.max(3, Math.floor(high / 32)));
+
 let panelsMade = 0; // the names of their clips are unique on the page
 
 class Chart {
@@ -68,6 +76,8 @@ class Chart {
     this.width = Math.max(260, this.box.clientWidth);
     const across = this.data.panels.length > 3 && this.width > 620 ? 2 : 1, wide = this.width / across;
     const rows = Math.ceil(this.data.panels.length / across), high = rows === 1 ? 230 : rows === 2 ? 170 : 140;
+    const longest = Math.max(0, ...this.data.panels.flatMap((panel) => upright(panel, high).map(([, word]) => word.length)));
+    this.left = Math.max(LEFT, 12 + 7 * longest);
     this.svg?.remove();
     this.over?.remove();
     const height = rows * (high + TOP + BOTTOM) + LAST - BOTTOM;
@@ -76,7 +86,7 @@ class Chart {
     this.over = made("svg", { viewBox: `0 0 ${this.width} ${height}`, class: "over", "aria-hidden": "true" }, this.box);
     this.panels = this.data.panels.map((panel, k) => {
       const row = Math.floor(k / across), box = {
-        left: (k % across) * wide + LEFT, right: (k % across + 1) * wide - RIGHT,
+        left: (k % across) * wide + this.left, right: (k % across + 1) * wide - RIGHT,
         top: row * (high + TOP + BOTTOM) + TOP, bottom: row * (high + TOP + BOTTOM) + TOP + high,
       };
       return this.panel(panel, box, k + across >= this.data.panels.length);
@@ -111,18 +121,18 @@ class Chart {
 
   /* Axes with their numbers and units; the label stands above, so that phones have room. */
   scales(panel, box, x, y, last) {
-    for (const value of ticks(...panel.y, panel.log, Math.max(3, Math.floor((box.bottom - box.top) / 32)))) {
+    for (const [value, word] of upright(panel, box.bottom - box.top)) {
       if (!Number.isFinite(y(value))) continue;
       made("line", { class: "rule", x1: box.left, x2: box.right, y1: round(y(value)), y2: round(y(value)) }, this.svg);
-      made("text", { class: "end", x: box.left - 6, y: round(y(value)) + 4 }, this.svg).textContent = text(value).replace(/^1·/, "");
+      made("text", { class: "end", x: box.left - 6, y: round(y(value)) + 4 }, this.svg).textContent = word;
     }
-    for (const value of ticks(...panel.x, false, Math.max(3, Math.floor((box.right - box.left) / 62)))) {
+    for (const [value, word] of numbered(...panel.x, false, Math.max(3, Math.floor((box.right - box.left) / 62)))) {
       made("line", { class: "rule", x1: round(x(value)), x2: round(x(value)), y1: box.top, y2: box.bottom }, this.svg);
-      made("text", { class: "middle", x: round(x(value)), y: box.bottom + 16 }, this.svg).textContent = text(value, 6);
+      made("text", { class: "middle", x: round(x(value)), y: box.bottom + 16 }, this.svg).textContent = word;
     }
     made("path", { class: "frame", d: `M${box.left} ${box.top}V${box.bottom}H${box.right}` }, this.svg);
     const label = [panel.title, panel.label].filter((word) => word).join(": ");
-    made("text", { x: box.left - LEFT + 4, y: box.top - 14, class: "label" }, this.svg).textContent = label;
+    made("text", { x: box.left - this.left + 4, y: box.top - 14, class: "label" }, this.svg).textContent = label;
     if (last) made("text", { x: (box.left + box.right) / 2, y: box.bottom + 33, class: "middle" }, this.svg).textContent = "time [s]";
   }
 

@@ -140,11 +140,17 @@ def _points(ax: Axes, artist: Any, x: Array, y: Array, arrays: Arrays) -> dict[s
     thin_x, thin_y = envelope(x, y, BINS)
     thinned = len(thin_x) < len(x)
     return {
-        "x": arrays.put(thin_x),
-        "y": arrays.put(thin_y),
+        "x": arrays.put(thin_x, double=True),  # times of the cursor are compared with them
+        "y": arrays.put(thin_y, double=_is_narrow(thin_y)),
         "spans": [not along_x, not along_y],
         "thinned": thinned,
     }
+
+
+def _is_narrow(y: Array) -> bool:
+    """Tell whether values differ so little that single precision would make stairs of their line."""
+    finite = y[np.isfinite(y)]
+    return bool(finite.size) and 0.0 < np.ptp(finite) < 1e-4 * np.abs(finite).max()
 
 
 def _collected(ax: Axes, collection: Any, arrays: Arrays) -> list[dict[str, Any]]:

@@ -353,8 +353,8 @@ class Player {
       const other = [...down].find(([id]) => id !== event.pointerId);
       if (other) {
         const far = (p) => Math.hypot(p[0] - other[1][0], p[1] - other[1][1]) || 1;
-        const box = this.svg.getBoundingClientRect();
-        this.view.zoom(far(now) / far(before), (now[0] + other[1][0]) / 2 - box.left, (now[1] + other[1][1]) / 2 - box.top);
+        const box = this.svg.getBoundingClientRect(), centre = [(now[0] + other[1][0]) / 2, (now[1] + other[1][1]) / 2];
+        this.view.zoom(far(now) / far(before), (centre[0] - box.left) * ratio(), (centre[1] - box.top) * ratio());
         this.view.move(dx / 2 * ratio(), dy / 2 * ratio());
       } else if (event.shiftKey || event.buttons === 4) this.view.move(dx * ratio(), dy * ratio());
       else this.view.turn(-0.008 * dx, -0.008 * dy);

@@ -12,7 +12,7 @@ from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.exit_codes import FAILED, worst
 from robodyn_cli.record import record
 from robodyn_cli.results.atomic import discard, output_errors, publish, temporary_path, uninterrupted
-from robodyn_cli.results.output_dir import RESULT_NAME, SUMMARY_NAME, add_to_summary
+from robodyn_cli.results.output_dir import RESULT_NAME, SUMMARY_NAME, set_in_summary
 from robodyn_cli.results.summary import as_keys
 from robodyn_cli.run.batch.compare_records import BaselineReport, DatasetReport
 from robodyn_cli.run.batch.entry import Entry
@@ -72,7 +72,6 @@ class Baseline:
             # without a stored result nothing is known of this one
             code = FAILED if found.verdict == "extra" else found.exit_code
             entry.exit_code = worst([entry.exit_code, code])
-            _note(entry)
 
     def _compare(self, directory: Path, entry: Entry) -> Compared | None:
         """Return how the result of a run compares; None where it is right that there are none."""
@@ -115,7 +114,7 @@ class Baseline:
             assert entry.baseline is not None
             entry.baseline = dataclasses.replace(entry.baseline, updated=True)
         for entry in entries:
-            _note(entry)
+            note(entry)
         return changed
 
 
@@ -147,12 +146,15 @@ def _put(copies: Mapping[Path, Path], place: Path) -> None:
                 target.unlink(missing_ok=True)
 
 
-def _note(entry: Entry) -> None:
-    """Store how a result compares in its summary, where reports find it."""
-    if entry.baseline is None or not entry.has_result:
+def note(entry: Entry) -> None:
+    """Store how a result compares in its summary, where reports find it; if it was not compared, nothing stands there.
+
+    A result that is kept from an earlier batch may say how it compared then.
+    """
+    if not entry.has_result:
         return
     assert entry.directory is not None
     try:
-        add_to_summary(entry.directory, KEY, as_keys(entry.baseline))
+        set_in_summary(entry.directory, KEY, None if entry.baseline is None else as_keys(entry.baseline))
     except RobodynError as error:
         entry.exit_code, entry.message = worst([entry.exit_code, error.exit_code]), error.message
