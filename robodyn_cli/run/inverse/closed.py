@@ -25,6 +25,7 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import LostRank, TooFewActuators, accelerations, share
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.led import led_joints
+from robodyn_cli.trajectories.registry import trajectory_types
 
 
 def build_closed(scene: Scene) -> ClosedLoops:
@@ -146,8 +147,8 @@ def motion_duration(scene: Scene) -> float:
         return scene.simulate.duration
     raise SceneError(
         f"{scene.path}: key 'trajectory' is missing: inverse dynamics needs a motion, of as many joints as the "
-        "mechanism has degrees of freedom (kinds: joint, quintic, table), or of a point or frame (path, circle, "
-        "cartesian); or prescribe joints",
+        f"mechanism has degrees of freedom, or of a point or frame (kinds: {', '.join(trajectory_types)}); "
+        "or prescribe joints",
         key="trajectory",
     )
 

@@ -14,6 +14,7 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.led import followed_by, position_columns
 from robodyn_cli.trajectories.motion import JointMotion, JointSpace, TaskSpace
+from robodyn_cli.trajectories.registry import trajectory_types
 
 if TYPE_CHECKING:
     from robodyn_cli.solve.inverse_kinematics import PointTask
@@ -65,7 +66,7 @@ def plan_motion(problem: Problem, times: Array) -> Planned:
     if trajectory is None:
         raise SceneError(
             f"{scene.path}: key 'trajectory' is missing: inverse dynamics needs a motion; "
-            "kinds: joint, quintic, table, path, circle, cartesian",
+            f"kinds: {', '.join(trajectory_types)}",
             key="trajectory",
         )
     if not isinstance(trajectory, TaskSpace):
