@@ -21,7 +21,7 @@ from robodyn_cli.trajectories.course import Course
 from robodyn_cli.trajectories.joint_space import CourseTrajectory, JointSpaceTrajectory
 from robodyn_cli.trajectories.led import position_columns
 from robodyn_cli.trajectories.motion import PointMotion, PoseMotion
-from robodyn_cli.trajectories.registry import trajectory_types
+from robodyn_cli.trajectories.registry import path_types
 
 BOUNDS = ("speed", "acceleration", "effort")
 
@@ -81,7 +81,7 @@ class FastestTrajectory:
         doc="Positions that the joints go through without a stop, on a cubic spline; two: a straight line.",
     )
     path: Any = key(
-        OrFile(Tagged(lambda: trajectory_types)),
+        OrFile(Tagged(lambda: path_types)),
         default=None,
         doc="A trajectory whose path is taken, in joint or task space; it must not stand still on the way.",
     )
@@ -113,9 +113,7 @@ class FastestTrajectory:
                     ("points", k + 1, "q"),
                     "is the position of the way point before it; leave one of them out",
                 )
-        if isinstance(self.path, FastestTrajectory):
-            yield ("path", "type"), "'fastest' drops the times of its path; allowed: all other kinds"
-        elif self.path is not None:
+        if self.path is not None:
             for where, message in self.path.problems(scene):
                 yield ("path", *where), message
         yield from self._limit_problems(scene)

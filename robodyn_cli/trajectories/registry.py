@@ -4,21 +4,23 @@ from __future__ import annotations
 
 from robodyn_cli.registry import Registry
 
-trajectory_types: Registry[type] = Registry(
-    "robodyn_cli.trajectories",
-    {
-        "joint": "joint:JointTrajectory",
-        "quintic": "way_points:QuinticTrajectory",
-        "cubic": "way_points:CubicTrajectory",
-        "monotone": "way_points:MonotoneTrajectory",
-        "trapezoid": "moves:TrapezoidTrajectory",
-        "s_curve": "moves:SCurveTrajectory",
-        "fourier": "fourier:FourierTrajectory",
-        "sequence": "sequence:SequenceTrajectory",
-        "fastest": "fastest:FastestTrajectory",
-        "table": "table:TableTrajectory",
-        "circle": "circle:CircleTrajectory",
-        "path": "path:PathTrajectory",
-        "cartesian": "cartesian:CartesianTrajectory",
-    },
-)
+PACKAGE = "robodyn_cli.trajectories"
+PLACES = {
+    "joint": "joint:JointTrajectory",
+    "quintic": "way_points:QuinticTrajectory",
+    "cubic": "way_points:CubicTrajectory",
+    "monotone": "way_points:MonotoneTrajectory",
+    "trapezoid": "moves:TrapezoidTrajectory",
+    "s_curve": "moves:SCurveTrajectory",
+    "fourier": "fourier:FourierTrajectory",
+    "sequence": "sequence:SequenceTrajectory",
+    "fastest": "fastest:FastestTrajectory",
+    "table": "table:TableTrajectory",
+    "circle": "circle:CircleTrajectory",
+    "path": "path:PathTrajectory",
+    "cartesian": "cartesian:CartesianTrajectory",
+}
+
+trajectory_types: Registry[type] = Registry(PACKAGE, PLACES)
+# whose path another trajectory can take; `fastest` has that of another one itself
+path_types: Registry[type] = Registry(PACKAGE, {name: PLACES[name] for name in PLACES if name != "fastest"})

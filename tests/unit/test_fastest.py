@@ -169,6 +169,11 @@ def test_the_time_law_of_a_path_is_dropped() -> None:
 
 REFUSED = [
     ("{type: fastest, effort: {slide: 1}}", SceneError, "either 'points' or 'path'"),
+    (
+        "{type: fastest, path: {type: fastest, points: [{q: {slide: 0}}, {q: {slide: 1}}]}}",
+        SceneError,
+        "allowed: joint, quintic,",
+    ),
     ("{type: fastest, points: [{q: {slide: 0}}, {q: {slide: 1}}]}", SceneError, "needs limits"),
     (
         "{type: fastest, points: [{q: {slide: 0}}, {q: {slide: 0}}], effort: {slide: 1}}",
