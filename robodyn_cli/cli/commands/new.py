@@ -21,7 +21,7 @@ def command(
         typer.Argument(
             metavar="[KIND]",
             show_default=False,
-            help="inverse, joint, waypoints, table, path, simulate, body, loop, mechanism, kinematics, statics, "
+            help="inverse, joint, waypoints, stops, lines, table, path, simulate, body, loop, mechanism, kinematics, statics, "
             "assemble or deploy; none with --from.",
         ),
     ] = None,
