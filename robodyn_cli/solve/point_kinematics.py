@@ -13,6 +13,7 @@ from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.record import record
+from robodyn_cli.spatial import quaternion
 from robodyn_cli.spatial.algebra import Array
 
 POSE = 12  # values of a pose: position and axes
@@ -94,8 +95,5 @@ def what_is_left(wanted: Array, found: Array) -> Array:
         left: Array = wanted - found
         return left
     A, B = (x[..., 3:].reshape(*x.shape[:-1], 3, 3) for x in (wanted, found))
-    sine = 0.5 * np.sum(np.cross(B, A, axis=-2), axis=-1)
-    cosine = 0.5 * (np.einsum("...ij,...ij->...", A, B) - 1.0)
-    length = np.linalg.norm(sine, axis=-1)
-    factor = np.where(length > 1e-8, np.arctan2(length, cosine) / np.maximum(length, 1e-300), 1.0)
-    return np.concatenate([wanted[..., :3] - found[..., :3], factor[..., None] * sine], axis=-1)
+    turn = quaternion.logarithm(A @ np.swapaxes(B, -1, -2))
+    return np.concatenate([wanted[..., :3] - found[..., :3], turn], axis=-1)

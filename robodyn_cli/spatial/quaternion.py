@@ -9,8 +9,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 from robodyn_cli.expr.functions import atan2, cos, maximum, sin, sqrt, where
-from robodyn_cli.spatial.algebra import Matrix, Values, Vector, cross, dot, identity, vector
+from robodyn_cli.spatial.algebra import Array, Matrix, Values, Vector, cross, dot, identity, vector
 
 TINY = 1e-300  # keeps quotients of two vanishing lengths finite
 NEAR = 0.25  # squared angle [rad^2] below which power series replace quotients that lose digits
@@ -93,6 +95,27 @@ def rotation_vector(q: Values) -> Vector:
     flip = where(w, 1.0, -1.0)
     factor = 2.0 * atan2(s, flip * w) / maximum(s, TINY) * flip
     return vector([factor * x for x in xyz])
+
+
+def logarithm(R: Array) -> Array:
+    """Return the rotation vectors (..., 3) [rad] of rotations R (..., 3, 3), no longer than pi; exact at half turns.
+
+    4 q q^T is linear in R; its column with the largest diagonal entry loses no digits (Shepperd 1978). Of the two
+    vectors of a half turn it returns one.
+    """
+    squares = np.empty((*R.shape[:-2], 4, 4))
+    trace = np.trace(R, axis1=-2, axis2=-1)
+    squares[..., 0, 0] = 1.0 + trace
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        squares[..., 1 + i, 1 + i] = 1.0 + 2.0 * R[..., i, i] - trace
+        squares[..., 0, 1 + i] = squares[..., 1 + i, 0] = R[..., k, j] - R[..., j, k]
+        squares[..., 1 + i, 1 + j] = squares[..., 1 + j, 1 + i] = R[..., i, j] + R[..., j, i]
+    largest = np.argmax(np.diagonal(squares, axis1=-2, axis2=-1), axis=-1)
+    q = np.take_along_axis(squares, largest[..., None, None], axis=-1)[..., 0]
+    q = np.where(q[..., :1] < 0.0, -q, q)
+    sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
+    found: Array = 2.0 * np.arctan2(sine, q[..., :1]) / np.maximum(sine, TINY) * q[..., 1:]
+    return found
 
 
 def _half_sine(square: Any) -> Any:

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from robodyn_cli.spatial import quaternion
-from robodyn_cli.spatial.algebra import Array, vector
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.course import Course
 from robodyn_cli.trajectories.task import taylor
 from robodyn_cli.trajectories.task.curves import ORDER, series_of
@@ -81,20 +81,5 @@ class Facing:
 
 def turn_between(R: Array, to: Array) -> Array:
     """Return the rotation vector (3,), in the axes of R, of the shorter turn to other axes."""
-    return rotation_vector(R.T @ to)
-
-
-def rotation_vector(R: Array) -> Array:
-    """Return the rotation vector (3,) of a rotation (3, 3)."""
-    # the quaternion is the eigenvector of Bar-Itzhack's symmetric matrix, exact at half turns too
-    K = np.array(
-        [
-            [R[0, 0] - R[1, 1] - R[2, 2], R[1, 0] + R[0, 1], R[2, 0] + R[0, 2], R[2, 1] - R[1, 2]],
-            [R[1, 0] + R[0, 1], R[1, 1] - R[0, 0] - R[2, 2], R[2, 1] + R[1, 2], R[0, 2] - R[2, 0]],
-            [R[2, 0] + R[0, 2], R[2, 1] + R[1, 2], R[2, 2] - R[0, 0] - R[1, 1], R[1, 0] - R[0, 1]],
-            [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], R[0, 0] + R[1, 1] + R[2, 2]],
-        ]
-    )
-    x, y, z, w = np.linalg.eigh(K)[1][:, -1].tolist()
-    found = np.array(quaternion.rotation_vector(vector([w, x, y, z])), dtype=float)
-    return found if math.hypot(*found) > 1e-12 else np.zeros(3)
+    turn = quaternion.logarithm(R.T @ to)
+    return turn if math.hypot(*turn) > 1e-12 else np.zeros(3)  # rounding is no turn
