@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from robodyn_cli.expr.fixed import CANCELLED, Fixed, Witness, derive
 from robodyn_cli.expr.graph import Expr, Scalar, reachable
-from robodyn_cli.expr.rebuild import APPLY, apply
+from robodyn_cli.expr.rebuild import APPLY, apply, piecewise
 
 Array = NDArray[Any]
 COMPARE: dict[str, Callable[[Any, Any], Any]] = {
@@ -187,15 +187,15 @@ class ManyNumbers:
         largest = np.maximum(np.abs(args[0]), np.abs(args[1]))
         return np.where(np.abs(found) <= CANCELLED * largest, 0.0, found)
 
-    def _looked_up(self, x: Any, node: Expr) -> Any:
-        """Return the values of a table whose knots and values may be others in each run."""
-        knots, values, order = node.value
-        rows = self.table(knots), self.table(values)
+    def _looked_up(self, x: Any, node: Expr) -> Array:
+        """Return the values of a piecewise polynomial whose knots and coefficients may be others in each run."""
+        knots, rows, held = node.value
+        own = self.table(knots), [self.table(row) for row in rows], None if held is None else self.table(held)
         xs = np.broadcast_to(x, self.runs)
-        if order == 0:
-            return np.array([np.interp(u, *row) for u, *row in zip(xs, *rows)])
-        slopes = np.pad(np.diff(rows[1]) / np.diff(rows[0]), ((0, 0), (1, 1)))
-        return np.array([s[np.searchsorted(k, u, side="right")] for u, k, s in zip(xs, rows[0], slopes)])
+        return np.array([
+            piecewise(xs[k], (own[0][k], [row[k] for row in own[1]], None if own[2] is None else own[2][k]))
+            for k in range(self.runs)
+        ])  # fmt: skip
 
 
 class Expressions:

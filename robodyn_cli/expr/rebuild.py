@@ -12,7 +12,8 @@ from robodyn_cli.expr import functions as f
 from robodyn_cli.expr.graph import Expr, Scalar, reachable
 
 
-def _table(x: Any, value: tuple[Any, ...]) -> Any:
+def piecewise(x: Any, value: tuple[Any, ...]) -> Any:
+    """Return a piecewise polynomial (knots, rows, held) of x, an expression or numbers; see ``Graph.piecewise``."""
     knots, rows, held = value
     if isinstance(x, Expr):
         return x.graph.piecewise(x, knots, rows, held)
@@ -58,7 +59,7 @@ APPLY: dict[str, Callable[..., Any]] = {
 def apply(node: Expr, args: Sequence[Any]) -> Any:
     """Return the operation of ``node`` on ``args``."""
     if node.op == "table":
-        return _table(args[0], node.value)
+        return piecewise(args[0], node.value)
     return APPLY[node.op](*args)
 
 

@@ -97,6 +97,39 @@ expect: # what `robodyn run` and `robodyn check` ask of the summary
   round_trip: < 1e-9
 """
 
+_STOPS = """\
+trajectory: # from stop to stop, as fast as the limits allow; `trapezoid` does without a jerk
+  type: s_curve
+  speed: {shoulder: 90 deg, elbow: 120 deg}
+  acceleration: {shoulder: 4, elbow: 6}
+  jerk: {shoulder: 40, elbow: 60}
+  points:
+    - {q: {shoulder: 0, elbow: 0}}
+    - {q: {shoulder: 60 deg, elbow: -30 deg}, dwell: 0.2}
+    - {q: {shoulder: 0, elbow: 0}}
+inverse: {samples: 501}
+expect: # what `robodyn run` and `robodyn check` ask of the summary
+  round_trip: < 1e-9
+"""
+
+_FRAME = """\
+trajectory: # a point runs along lines and arcs, under limits of its own motion
+  type: path
+  point: tip
+  speed: 0.5
+  acceleration: 2
+  jerk: 40
+  start: {position: [1.2, 0.2, 0]}
+  segments:
+    - {type: line, to: [1.2, 0.6, 0], blend: 0.05} # the corner is rounded
+    - {type: line, to: [0.9, 0.6, 0], dwell: 0.3}
+    - {type: arc, via: [0.95, 0.3, 0], to: [1.2, 0.2, 0]}
+  ik: {branch: elbow_up}
+inverse: {samples: 501}
+expect: # what `robodyn run` and `robodyn check` ask of the summary
+  ik_residual: < 1e-9
+"""
+
 _TABLE = """\
 trajectory: # measured or computed elsewhere; a spline runs through the rows
   type: table
@@ -229,6 +262,10 @@ STARTERS = {
     "joint": Starter("Arm on sines", "Torques that a motion of the joints needs.", "inverse", _ARM + _JOINT),
     "waypoints": Starter(
         "Arm through way points", "Torques on the way through points.", "inverse", _ARM + _WAY_POINTS
+    ),
+    "stops": Starter("Arm from stop to stop", "Torques of a motion under limits.", "inverse", _ARM + _STOPS),
+    "lines": Starter(
+        "Arm along lines and arcs", "Torques along a path under limits.", "inverse", _ARM + _FRAME
     ),
     "table": Starter("Arm after a table", "Torques that a sampled motion needs.", "inverse", _ARM + _TABLE),
     "path": Starter("Arm along a path", "Torques along a path of the tip.", "inverse", _ARM + _PATH),

@@ -67,7 +67,7 @@ def test_anything_in_a_urdf(seed: int, tmp_path: Path) -> None:
             assert "robot.urdf" in error.message and "\n" not in error.message
             continue
         build_model(scene)
-        again = load_scene_text(f"schema: 1\ngravity: [0, 0, 0]\nrobot:\n{_indented(robot_yaml(found))}")
+        again = load_scene_text(f"schema: 1\ngravity: [0, 0, 0]\nrobot:\n{_indented(robot_yaml(found, '.'))}")
         assert again.robot == scene.robot and again.couplers == scene.couplers
         read += 1
     assert read > 10  # many changes are allowed

@@ -8,20 +8,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robodyn_cli import Mechanism, deploy, load_scene, load_scene_text, simulate
+from robodyn_cli import Mechanism, deploy, load_scene, load_scene_text, simulate, write_result
 from robodyn_cli.errors import CapabilityError, RobodynError, SceneError
 from robodyn_cli.expr.fixed import Fixed, literal, witnessed
-from robodyn_cli.expr.many import ManyNumbers, Recipe
+from robodyn_cli.expr.graph import Graph
+from robodyn_cli.expr.many import Expressions, ManyNumbers, Recipe
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.kernels.report import REPORT
 from robodyn_cli.model.places import with_places
 from robodyn_cli.run.driver.build import build_motion
-from robodyn_cli.run.many.groups import Structures
+from robodyn_cli.run.many.groups import Built, Structures
 from robodyn_cli.run.many.integrate import Batch
 from robodyn_cli.run.many.keys import NUMBER, START, STRUCTURE, _parts, settings, understand
 from robodyn_cli.run.many.simulate import Simulate
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
+from tests.numeric import assert_close
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 PENDULUM = str(CONFIGS / "double_pendulum.yaml")
@@ -362,3 +364,69 @@ def test_loops_are_closed_as_assembly_closes_them() -> None:
         single = simulate(Family.of(scene).scene(settings(keys, values[run])))
         np.testing.assert_allclose(found.samples["q"][run][0], single["q"][0], atol=1e-12)
         np.testing.assert_allclose(found.q[run], single["q"][-1], atol=1e-10)
+
+
+FIXED_STEPS = """
+schema: 1
+gravity: [0, -9.81, 0]
+robot: {include: robots/planar_2r.yaml}
+initial: {q: {theta1: -60 deg, theta2: 20 deg}}
+torques: {theta1: "if(q.theta1 < -1.3, 5, -5)"}
+simulate: {duration: 2, integrator: rk4, step: 0.05}
+"""
+
+
+def test_fixed_steps_at_jumps_are_made_one_by_one() -> None:
+    """Only the driver comes close to a jump before it goes there."""
+    scene = load_scene_text(FIXED_STEPS, str(CONFIGS / "scene.yaml"))
+    runs = Mechanism(scene, vary=[MASS]).simulate_many({MASS: np.array([12.0, 13.0])})
+    assert runs.one_by_one.all() and (runs.code == 0).all()
+
+
+def test_runs_that_go_on_from_a_stored_one_begin_there(tmp_path: Path) -> None:
+    before = load_scene(PENDULUM)
+    write_result(simulate(before), tmp_path / "result.h5")
+    text = FIXED_STEPS.replace(
+        "initial: {q: {theta1: -60 deg, theta2: 20 deg}}", f"initial: {{from: {tmp_path}}}"
+    )
+    text = text.replace("duration: 2, integrator: rk4, step: 0.05", "duration: 12, error_estimate: false")
+    text = text.replace('torques: {theta1: "if(q.theta1 < -1.3, 5, -5)"}\n', "")
+    scene = load_scene_text(text, str(CONFIGS / "scene.yaml"))
+    values = np.array([11.0, 13.0])
+    runs = Mechanism(scene, vary=[MASS]).simulate_many({MASS: values})
+    for k, mass in enumerate(values):
+        own = simulate(Family.of(scene).scene([f"{MASS}={mass}"]))
+        assert_close(runs.q[k], own["q"][-1], 1e-12)
+
+
+def test_rows_that_cannot_be_built_leave_the_others_to_compiled_code() -> None:
+    scene = load_scene(CONFIGS / "four_bar_deploy.yaml")
+    key = "robot.joints.phi2.a"
+    length = numbers_of(with_places(scene), {})[key]
+    values = length * np.array([0.999, 1.0, 1.001, 25.0])
+    runs = Mechanism(scene, vary=[key]).deploy_many({key: values})
+    assert runs.code[-1] != 0 and (runs.code[:3] == 0).all()
+    assert not runs.one_by_one[:3].any()
+
+
+def test_a_structure_whose_numbers_are_refuted_is_never_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Built, "_has_numbers_of", lambda self, other: False)
+    mechanism = Mechanism(load_scene(PENDULUM), vary=[MASS])
+    for _ in range(2):
+        runs = mechanism.simulate_many({MASS: np.array([11.0, 12.0, 13.0])}, of=["final.time"])
+        assert runs.one_by_one.all()
+
+
+def test_errors_of_many_runs_are_no_less_than_rounding() -> None:
+    scene = Family(PENDULUM).scene(["simulate.duration=2", "simulate.rtol=1e-13", "simulate.atol=1e-13"])
+    runs = Mechanism(scene, vary=[MASS]).simulate_many({MASS: np.array([12.0, 13.0])})
+    assert (runs.q_error > 1e-15).all()
+
+
+def test_tables_have_the_numbers_of_each_run() -> None:
+    graph = Graph()
+    x = graph.symbol("x", "q", 0)
+    table = graph.interpolate(x, (0.0, 1.0, 2.0), (0.0, 3.0, 4.0))
+    many = ManyNumbers(Recipe([]), {}, 3)
+    found = many.evaluate(Expressions([table]), {"q": [np.array([0.5, 1.5, 9.0])]})
+    assert_close(found[:, 0], [1.5, 3.5, 4.0], 1e-15)

@@ -94,12 +94,7 @@ def test_torques_are_those_of_the_textbook() -> None:
 
 @pytest.mark.parametrize(
     "path",
-    # paths under limits have jumps of the acceleration or jerk between samples; tests/unit/test_paths.py differentiates them
-    [
-        p
-        for p in sorted(CONFIGS.glob("*.yaml"))
-        if "command: inverse" in p.read_text() and "type: path" not in p.read_text()
-    ],
+    [p for p in sorted(CONFIGS.glob("*.yaml")) if "command: inverse" in p.read_text()],
     ids=lambda p: p.stem,
 )
 def test_shipped_scenes(path: Path) -> None:

@@ -71,8 +71,8 @@ BAD = [
     ("type: universal, a: 1", "[0, 0]", "D-H parameters describe revolute, prismatic and fixed joints"),
     ("type: universal, axis: [0, 0, 1], axis2: [0, 1, 1]", "[0, 0]", "at right angles"),
     ("type: revolute, axis: [0, 0, 1], axis2: [1, 0, 0]", "0", "universal and planar joints only"),
-    ("type: planar, gear_ratio: 3", "[0, 0, 0]", "takes no 'gear_ratio'"),
-    ("type: planar, spring: {stiffness: 3}", "[0, 0, 0]", "takes no 'spring'"),
+    ("type: planar, gear_ratio: 3", "[0, 0, 0]", "'gear_ratio' belongs to one of its coordinates"),
+    ("type: planar, spring: {stiffness: 3}", "[0, 0, 0]", "'spring' belongs to one of its coordinates"),
     (
         "type: planar",
         "1",

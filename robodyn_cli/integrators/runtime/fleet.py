@@ -167,13 +167,8 @@ class Fleet:
             first = np.minimum(first_step(ends, options), longest)
         w[:, DoubleSlot.H] = w[:, DoubleSlot.H_OLD] = first
 
-    def drive(self, runs: Runs, threads: int = 1, tell: Callable[[int], None] | None = None) -> None:
-        """Make the runs, up to their end, their first event or what stops them.
-
-        Parameters
-        ----------
-        tell : is told how many are made, now and then, by the calling thread.
-        """
+    def drive(self, runs: Runs, threads: int = 1) -> None:
+        """Make the runs, up to their end, their first event or what stops them."""
         # runs with samples are made one after another
         lanes = self.lanes if runs.out.size == 0 else 1
         many, most = (self._many, CHUNK) if lanes == 1 else (self._in_lanes, PER_LANE * lanes)
@@ -187,7 +182,7 @@ class Fleet:
         workers = [_Worker(engine, many, job, chunks) for engine in self._engines[:crew_size]]
         if len(workers) < 2:
             for worker in workers:
-                worker.work(tell)
+                worker.work()
             return
         crew = [threading.Thread(target=worker.work, daemon=True) for worker in workers]
         try:
@@ -196,11 +191,13 @@ class Fleet:
             for thread in crew:
                 while thread.is_alive():
                     thread.join(WAIT)
-                    if tell is not None:
-                        tell(sum(worker.made for worker in workers))
         except BaseException:
             stop[0] = 1
             chunks.clear()
+            # compiled code writes into the arrays of the runs until the run that it is at has ended
+            for thread in crew:
+                if thread.ident is not None:
+                    thread.join()
             raise
 
     def _job(self, runs: Runs, stop: Integers) -> Integers:
@@ -222,15 +219,14 @@ def _callable(compiled: CompiledModule) -> Callable[..., int]:
 
 
 class _Worker:
-    """One thread's engine, and the chunks of runs that it takes from the queue; ``made`` : runs so far."""
+    """One thread's engine, and the chunks of runs that it takes from the queue."""
 
     def __init__(
         self, engine: Engine, many: Callable[..., int], job: Integers, chunks: deque[tuple[int, int]]
     ) -> None:
         self._places, self._job, self._many, self._chunks = engine.addresses[2], job, many, chunks
-        self.made = 0
 
-    def work(self, tell: Callable[[int], None] | None = None) -> None:
+    def work(self) -> None:
         """Make chunk after chunk until there are none."""
         while True:
             try:
@@ -238,6 +234,3 @@ class _Worker:
             except IndexError:
                 return
             self._many(self._places, self._job.ctypes.data, first, last)
-            self.made += last - first
-            if tell is not None:
-                tell(self.made)

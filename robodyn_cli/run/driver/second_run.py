@@ -264,6 +264,11 @@ def remainder(method: str, steps: Any, more: Any) -> Any:
     return 1.0 / (1.0 - np.minimum(left, 0.5))
 
 
+def rounding_walk(steps: Any) -> Any:
+    """Return by which part of the largest state rounding moves it over so many steps (a number or an array)."""
+    return HALF_UNIT * np.sqrt(np.maximum(1.0, steps))
+
+
 @record
 class Floor:
     """Errors that rounding is expected to leave, of positions and of rates."""
@@ -282,7 +287,7 @@ def rounding_floor(motion: Motion, recorder: Recorder, samples: int, steps: int,
     """
     q, qd, qdd = (recorder.array(path)[:samples] for path in ("q", "qd", "qdd"))
     largest_q, largest_v = float(np.abs(q).max(initial=0.0)), float(np.abs(qd).max(initial=0.0))
-    walk = HALF_UNIT * max(1.0, steps) ** 0.5
+    walk = rounding_walk(steps)
     watched = sum(watcher.rounding for watcher in motion.watchers)
     floor = Floor(max(walk * largest_q, watched), max(walk * largest_v, watched))
     if found > NEAR_ROUNDING * max(floor.q, floor.qd):

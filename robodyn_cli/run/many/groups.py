@@ -16,6 +16,7 @@ from robodyn_cli.scene.load import Family
 from robodyn_cli.spatial.algebra import Array
 
 FARTHER = 2.0
+TRIES = 5  # rows, the farthest first, until something can be built with one
 ALIKE = 1e-9  # relative difference of numbers that were computed in two ways
 
 
@@ -57,18 +58,23 @@ class Built:
     def is_confirmed(self, values: Array, build: Callable[[Array], Built]) -> bool:
         """Tell whether what is built for other rows (N, keys) has the numbers that this structure gives.
 
-        Asked at the row farthest from its own, and again where rows are more than FARTHER times as far.
+        Asked at the farthest row with which something can be built, and again where rows are more than FARTHER times
+        as far.
         """
         away = np.abs(values - self.row)
         if not any(key.sort == NUMBER for key in self.keys) or np.all(away <= FARTHER * self._confirmed):
             return True
-        far = int(np.argmax((away / np.maximum(away.max(axis=0), 1e-300)).sum(axis=1)))
-        try:
-            other = build(values[far])
-        except RobodynError:
-            return False
-        self._confirmed = np.maximum(self._confirmed, away.max(axis=0))
-        return self._has_numbers_of(other)
+        farthest = np.argsort(-(away / np.maximum(away.max(axis=0), 1e-300)).sum(axis=1))
+        for row in farthest[:TRIES]:
+            try:
+                other = build(values[row])
+            except RobodynError:
+                continue
+            alike = self._has_numbers_of(other)
+            if alike:
+                self._confirmed = np.maximum(self._confirmed, away[row])
+            return alike
+        return False
 
     def _has_numbers_of(self, other: Built) -> bool:
         """Tell whether the numbers of another structure, for its own row, are those that this one gives for it."""

@@ -19,7 +19,14 @@ from robodyn_cli.integrators.runtime.fleet import NO_LIMITS, Limits, Runs
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.record import record
 from robodyn_cli.run.driver.method import FAST_DECAYS, TRIAL
-from robodyn_cli.run.driver.second_run import MOST_STEPS, least_growth, other_steps, remainder, tighter
+from robodyn_cli.run.driver.second_run import (
+    MOST_STEPS,
+    least_growth,
+    other_steps,
+    remainder,
+    rounding_walk,
+    tighter,
+)
 from robodyn_cli.run.driver.self_check import BEYOND, EPS, is_judged_by_energy
 from robodyn_cli.run.driver.stiffness import COST, FIRST_LOOK, MOST, WORTH
 from robodyn_cli.run.many.groups import table_rows
@@ -147,10 +154,22 @@ def integrate(batch: Batch, method: str, samples: int = 0) -> Driven:
     rows = np.flatnonzero(trusted)
     if motion.scene.simulate.error_estimate and len(rows):
         ends = Second(batch.part(rows), method, runs.steps[rows], batch.ends[rows]).run()
-        errors[rows] = ends.scale[:, None] * np.abs(ends.y - runs.y[rows])
+        found = ends.scale[:, None] * np.abs(ends.y - runs.y[rows])
+        errors[rows] = np.maximum(found, _rounding(batch, runs)[rows])
         steps[rows] = ends.steps
         trusted[rows] &= ends.done
     return Driven(runs, errors, none, steps, trusted)
+
+
+def _rounding(batch: Batch, runs: Runs) -> Array:
+    """Return what rounding of the state is expected to leave of each component (N, nx), as ``rounding_floor`` does."""
+    system, floor = batch.structure.motion.system, np.zeros(runs.y.shape)
+    for places in (list(system.q_places), list(system.v_places)):
+        largest = np.maximum(np.abs(batch.states[:, places]), np.abs(runs.y[:, places])).max(
+            axis=1, initial=0.0
+        )
+        floor[:, places] = (rounding_walk(runs.steps) * largest)[:, None]
+    return floor
 
 
 @record

@@ -126,6 +126,8 @@ class Mechanism:
         """
         from robodyn_cli.run.many.simulate import Simulate
 
+        if samples < 0 or samples == 1:
+            raise CapabilityError(f"samples: {samples}; allowed: 0, for none, or 2 or more")
         return self._make(Simulate(), values, (q, qd), of, samples, threads)
 
     def deploy_many(

@@ -92,7 +92,8 @@ class MotionCommand(Command[Structure]):
             found: Array = getattr(driven.runs, name)[driven.trusted]
             return found
         if key == SECOND_STEPS:
-            return driven.second_steps[driven.trusted]
+            steps = driven.second_steps[driven.trusted]
+            return np.where(steps > 0, steps, np.nan)
         return self.output(key, result, rows)
 
 

@@ -101,5 +101,8 @@ def obstacle(motion: Motion, times_vary: bool) -> str:
         "a motion is prescribed": bool(constraints.rheonomic),
         "rows of the loops depend on each other": bool(problem.dependent or motion.assembled.redundant),
         "Baumgarte's gains are found by trial runs": motion.gains is not None,
+        "the run goes on from a stored one": motion.scene.initial.source is not None,
+        "fixed steps come close to jumps in Python": motion.options.step is not None
+        and any(event.is_discontinuity for event in system.events),
     }
     return next((reason for reason, holds in reasons.items() if holds), "")
