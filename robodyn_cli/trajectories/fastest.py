@@ -14,6 +14,7 @@ import numpy as np
 
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.record import record
+from robodyn_cli.registry import Registry
 from robodyn_cli.schema.fields import Choice, Integer, JointMap, ListOf, Number, OrFile, Section, Tagged, key
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.base import Problems, SceneNames, joint_problems, position_problems
@@ -21,8 +22,10 @@ from robodyn_cli.trajectories.course import Course
 from robodyn_cli.trajectories.joint_space import CourseTrajectory, JointSpaceTrajectory
 from robodyn_cli.trajectories.led import position_columns
 from robodyn_cli.trajectories.motion import PointMotion, PoseMotion
-from robodyn_cli.trajectories.registry import path_types
+from robodyn_cli.trajectories.registry import PACKAGE, PLACES
 
+# whose path can be taken; `fastest` has that of another one itself
+path_types: Registry[type] = Registry(PACKAGE, {name: PLACES[name] for name in PLACES if name != "fastest"})
 BOUNDS = ("speed", "acceleration", "effort")
 
 

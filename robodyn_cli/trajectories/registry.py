@@ -22,5 +22,3 @@ PLACES = {
 }
 
 trajectory_types: Registry[type] = Registry(PACKAGE, PLACES)
-# whose path another trajectory can take; `fastest` has that of another one itself
-path_types: Registry[type] = Registry(PACKAGE, {name: PLACES[name] for name in PLACES if name != "fastest"})
