@@ -105,7 +105,7 @@ def test_different_results(results: dict[str, Path]) -> None:
 
 def test_different_shapes(results: dict[str, Path]) -> None:
     code, output = invoke("compare", results["longer"], results["same"])
-    assert code == 1 and "(41, 1) instead of (21, 1)" in output
+    assert code == 1 and "(41,) instead of (21,)" in output and "41 samples instead of 21" in output
 
 
 def test_criteria_are_stored_with_the_result(results: dict[str, Path]) -> None:

@@ -81,8 +81,9 @@ class Built:
         if other.tables.digest != self.tables.digest or other.obstacle != self.obstacle:
             return False
         own = table_rows(self.tables, self.numbers(other.row[None]))[0]
-        scale = np.abs(own) + np.abs(other.tables.numbers)
-        return bool(np.all(np.abs(own - other.tables.numbers) <= ALIKE * scale))
+        with np.errstate(all="ignore"):  # what is not finite is not alike
+            scale = np.abs(own) + np.abs(other.tables.numbers)
+            return bool(np.all(np.abs(own - other.tables.numbers) <= ALIKE * scale))
 
 
 def table_rows(tables: Tables, numbers: ManyNumbers) -> Array:
