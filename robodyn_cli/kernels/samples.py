@@ -184,9 +184,7 @@ def write_iteration_kernel(program: Program, size: int, lanes: int, fused: bool)
     f = Function("kernel", [*arguments, "i64 %T", "double %limit", "i64 %rounds"], flags=RELAXED)
     samples, rounds, limit = f.int_argument("T"), f.int_argument("rounds"), f.argument("limit")
     state = [f.slot(lanes) for _ in range(size)]
-    with f.count(samples, step=lanes) as start:
-        # the last block is moved back so that it ends at T; it repeats a few samples instead of needing masks
-        t = f.select_int(f.compare_int("sgt", start + lanes, samples), samples - lanes, start)
+    with f.blocks(samples, lanes) as t:
         for k, slot in enumerate(state):
             f.store(f.load(f.offset("%q", samples * k + t), lanes), slot, 8 * lanes)
         inputs: dict[str, list[Value] | Rows] = {NUMBERS: Loaded(Rows(f, f"%{NUMBERS}"), program, lanes)}

@@ -7,7 +7,7 @@ cannot tell, as (path below the trajectory, message); the loader adds file and l
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Integer, JointMap, Number, key
@@ -127,6 +127,25 @@ def joint_problems(
     missing = [name for name in needed if name not in names]
     if missing:
         yield path, f"joint {missing[0]!r} is missing; needed here: {', '.join(needed)}"
+
+
+def limit_problems(given: Mapping[str, Mapping[str, float]], scene: SceneNames) -> Problems:
+    """Report limits of a trajectory, by kind and joint, that are of no joint or above the joint's own."""
+    for name, values in given.items():
+        yield from joint_problems(tuple(values), scene.rates, (name,), ())
+        for joint, x in values.items():
+            most = getattr(scene.limits(joint), name, None)
+            if most is not None and x > most:
+                yield (name, joint), f"{x:.6g} is above the joint's own limit; allowed: up to {most:.6g}"
+
+
+def with_joint_limits(given: Mapping[str, Mapping[str, float]], scene: SceneNames) -> dict[str, Any]:
+    """Return limits of a trajectory, by kind and joint, with those of the joints where it gives none of its own."""
+    found = {}
+    for name, values in given.items():
+        own = {joint: getattr(scene.limits(joint), name, None) for joint in scene.rates}
+        found[name] = {joint: x for joint, x in own.items() if x is not None} | dict(values)
+    return found
 
 
 def led_joints(names: Sequence[str], scene: SceneNames) -> Sequence[str]:

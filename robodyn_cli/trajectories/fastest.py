@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,13 @@ from robodyn_cli.record import record
 from robodyn_cli.registry import Registry
 from robodyn_cli.schema.fields import Choice, Integer, JointMap, ListOf, Number, OrFile, Section, Tagged, key
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.base import Problems, SceneNames, joint_problems, position_problems
+from robodyn_cli.trajectories.base import (
+    Problems,
+    SceneNames,
+    limit_problems,
+    position_problems,
+    with_joint_limits,
+)
 from robodyn_cli.trajectories.course import Course
 from robodyn_cli.trajectories.joint_space import CourseTrajectory, JointSpaceTrajectory
 from robodyn_cli.trajectories.led import position_columns
@@ -122,27 +129,22 @@ class FastestTrajectory:
         yield from self._limit_problems(scene)
 
     def _limit_problems(self, scene: SceneNames) -> Problems:
-        for name in BOUNDS:
-            given = getattr(self, name)
-            yield from joint_problems(tuple(given), scene.rates, (name,), ())
-            for joint, x in given.items():
-                most = getattr(scene.limits(joint), name, None)
-                if most is not None and x > most:
-                    yield (name, joint), f"{x:.6g} is above the joint's own limit; allowed: up to {most:.6g}"
+        yield from limit_problems(self._limits, scene)
         whole = self.completed(scene)
         if not whole.effort and not whole.acceleration:
             yield (), "needs limits: 'effort' or 'acceleration', here or in the joints' `limits`"
 
     def completed(self, scene: SceneNames) -> FastestTrajectory:
         """Return the trajectory with the limits of the joints where it gives none of its own."""
-        found = {}
-        for name in BOUNDS:
-            own = {joint: getattr(scene.limits(joint), name, None) for joint in scene.rates}
-            found[name] = {k: x for k, x in own.items() if x is not None} | getattr(self, name)
+        found = with_joint_limits(self._limits, scene)
         path = self.path.completed(scene) if hasattr(self.path, "completed") else self.path
         return dataclasses.replace(self, path=path, **found)
 
     @property
+    def _limits(self) -> dict[str, dict[str, float]]:
+        return {name: getattr(self, name) for name in BOUNDS}
+
+    @cached_property
     def way(self) -> Any:
         """The path as a trajectory over its own parameter."""
         if self.points:

@@ -16,7 +16,13 @@ from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, JointMap, ListOf, Number, Section, key
 from robodyn_cli.spatial import quaternion
 from robodyn_cli.spatial.algebra import Array, vector
-from robodyn_cli.trajectories.base import Problems, SceneNames, joint_problems, position_problems
+from robodyn_cli.trajectories.base import (
+    Problems,
+    SceneNames,
+    limit_problems,
+    position_problems,
+    with_joint_limits,
+)
 from robodyn_cli.trajectories.course import Course
 from robodyn_cli.trajectories.joint_space import JointSpaceTrajectory, attitude_places
 from robodyn_cli.trajectories.laws import Law, fastest
@@ -73,6 +79,10 @@ class Moves(JointSpaceTrajectory):
         """Names of the limits that the motion needs; it may do without one of the speed."""
         return tuple(name for name in BOUNDS if hasattr(self, name))
 
+    @property
+    def _limits(self) -> dict[str, dict[str, float]]:
+        return {name: getattr(self, name) for name in self.bounds}
+
     # -- checks ---------------------------------------------------------------------------------------
     def problems(self, scene: SceneNames) -> Problems:
         """Report what single keys cannot tell."""
@@ -90,13 +100,7 @@ class Moves(JointSpaceTrajectory):
                 ("points", 0, "duration"),
                 "the motion begins here; a duration goes with the way points behind",
             )
-        for name in self.bounds:
-            given = getattr(self, name)
-            yield from joint_problems(tuple(given), scene.rates, (name,), ())
-            for joint, x in given.items():
-                most = getattr(scene.limits(joint), name, None)
-                if most is not None and x > most:
-                    yield (name, joint), f"{x:.6g} is above the joint's own limit; allowed: up to {most:.6g}"
+        yield from limit_problems(self._limits, scene)
         if self.blend:
             joint = next(iter(attitude_places(tuple(self.points[0].q))), None)
             if joint is not None:
@@ -126,11 +130,7 @@ class Moves(JointSpaceTrajectory):
 
     def completed(self, scene: SceneNames) -> Moves:
         """Return the trajectory with the limits of the joints where it gives none of its own."""
-        found = {}
-        for name in self.bounds:
-            own = {joint: getattr(scene.limits(joint), name, None) for joint in scene.rates}
-            found[name] = {k: x for k, x in own.items() if x is not None} | getattr(self, name)
-        return dataclasses.replace(self, **found)
+        return dataclasses.replace(self, **with_joint_limits(self._limits, scene))
 
     # -- geometry -------------------------------------------------------------------------------------
     @property

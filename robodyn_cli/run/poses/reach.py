@@ -87,7 +87,7 @@ def reach(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch | 
     still = np.zeros(solver.model.nv)
     add_sample(result, solver.problem, q, still, still)
     branches = [_described(solver, way, q) for way in ways]
-    _add_branches(result, solver.problem, [way.q for way in ways if _shown(solver, way)])
+    _add_branches(result, solver.problem, [way.q for way, branch in zip(ways, branches) if branch.reached])
     number = int(found.branch[0])
     result.summarise(
         ReachSummary(
@@ -129,10 +129,6 @@ def _described(solver: InverseKinematics, way: Way, q: Array) -> ReachedBranch:
     configuration = dict(zip(solver.model.q_names, way.q.tolist()))
     reached = way.error <= solver.tolerance
     return ReachedBranch(way.name, configuration, reached, way.within_limits, way.error, chosen)
-
-
-def _shown(solver: InverseKinematics, way: Way) -> bool:
-    return way.error <= solver.tolerance
 
 
 def _add_branches(result: Result, problem: Problem, configurations: list[Array]) -> None:
