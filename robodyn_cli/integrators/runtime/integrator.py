@@ -131,7 +131,7 @@ class Integrator:
                 # no control lets a fixed step grow again, so an event must not shorten it for good
                 self._step = w[DoubleSlot.H]
         if self._step is not None:
-            w[DoubleSlot.H] = w[DoubleSlot.H_MAX] = self._part_of_way(self._step, end)
+            w[DoubleSlot.H] = w[DoubleSlot.H_MAX] = self.options.part_of_way(self._step, end - self.time)
         if not w[DoubleSlot.H_OLD] > 0.0:
             w[DoubleSlot.H_OLD] = w[DoubleSlot.H]
         while True:
@@ -183,16 +183,8 @@ class Integrator:
         """Yield when a step has to end; formulas of time are kept to the stretch before each."""
         for stop, after, before in stretches(self.system.breakpoints, self.time, end):
             self.w[DoubleSlot.T_AFTER], self.w[DoubleSlot.T_BEFORE] = after, before
-            self.w[DoubleSlot.H] = self._part_of_way(self.w[DoubleSlot.H], stop)
+            self.w[DoubleSlot.H] = self.options.part_of_way(self.w[DoubleSlot.H], stop - self.time)
             yield stop
-
-    def _part_of_way(self, step: float, end: float) -> float:
-        """Return a step towards ``end``; in a second integration only a part of the way.
-
-        A stretch that is shorter than the steps of both would be one and the same step, and its error shared.
-        """
-        first = self.options.first
-        return step if first >= 1.0 else min(step, first * (end - self.time))
 
     def run(
         self,
