@@ -67,7 +67,8 @@ def losses_of_drive(
             what = "rotor_inertia" if gear.name not in prescribed else "prescribed motion"
             raise CapabilityError(
                 f"joint {gear.name}: gear losses together with {what} are done by `inverse` only; allowed in "
-                "simulations: gear losses without rotor inertia, of joints driven by torques"
+                "simulations: gear losses without rotor inertia, of joints driven by torques",
+                joint=gear.name,
             )
         torque: Any = drive[k]
         if "friction" in terms and _on_motor(body, k):
@@ -75,5 +76,5 @@ def losses_of_drive(
         try:
             found[k] = gear.element.torque_of_drive(torque, v[k])
         except CapabilityError as error:
-            raise CapabilityError(f"joint {gear.name}: {error.message}") from error
+            raise CapabilityError(f"joint {gear.name}: {error.message}", joint=gear.name) from error
     return found

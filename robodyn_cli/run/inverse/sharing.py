@@ -20,10 +20,11 @@ def refuse_gears(problem: Problem) -> None:
     ------
     CapabilityError
     """
-    if geared(problem.model):
+    if gears := geared(problem.model):
         raise CapabilityError(
             "losses in gears depend on the load of each actuator, and with closed loops that load depends on "
-            "the losses; allowed here: friction in the joints"
+            "the losses; allowed here: friction in the joints",
+            joint=gears[0][1].name,
         )
 
 
@@ -47,7 +48,8 @@ def share_load(
         names = ", ".join(problem.model.joint_of(k) for k in driven)
         raise CapabilityError(
             f"the mechanism has {few.freedom} degrees of freedom, and its actuated joints ({names}) command "
-            f"{few.commanded} of them anywhere; allowed: as many independent ones, in 'actuated'"
+            f"{few.commanded} of them anywhere; allowed: as many independent ones, in 'actuated'",
+            key="actuated",
         ) from None
     except LostRank as lost:
         raise lost_rank(problem, lost, times, q) from None
