@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from robodyn_cli.model.model import TORQUE
-from robodyn_cli.results.columns import UNKNOWN, Model
+from robodyn_cli.model.model import TORQUE, Model
+from robodyn_cli.results.columns import UNKNOWN
 
 # maps from joints or their coordinates to numbers, by their key; what follows the joint's own unit
 STATES = {
