@@ -8,7 +8,7 @@ from typing import Any
 
 from robodyn_cli.report import figures
 from robodyn_cli.report.page.markup import Html, element
-from robodyn_cli.report.ticks import labelled, number
+from robodyn_cli.report.ticks import number, unit
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import concerning
 
@@ -147,11 +147,13 @@ def _folded(title: str, content: list[Html], is_open: bool) -> Html:
     )
 
 
-def error_table(summary: Mapping[str, Any], plot: str) -> Html | None:
+def errors_of(summary: Mapping[str, Any], plot: str) -> Html | None:
     """Return the errors and residuals that a figure is to be read with, None where the summary has none for it."""
     found = concerning(summary, SHOWN[plot]) if plot in SHOWN else ()
-    rows = [(labelled(one.words, one.statement.unit), one.value) for one in found]
-    return element("div", table(("errors and residuals", ""), rows), class_="errors") if rows else None
+    said = [
+        " ".join(filter(None, (one.words, number(one.value, 2), unit(one.statement.unit)))) for one in found
+    ]
+    return element("p", f"Errors: {'; '.join(said)}.", class_="errors") if said else None
 
 
 def error_note(summary: Mapping[str, Any]) -> Html | None:
