@@ -115,8 +115,8 @@ def _take_up(run: Run, journal: Journal) -> None:
     """
     if any(watcher.changes_motion for watcher in run.driver.watchers):
         raise CapabilityError(
-            f"{run.motion.scene.path}: a run with joints that stick or meet rigid stops, or that passes singular "
-            "poses, does not go on after it was killed; run it without --resume"
+            f"{run.motion.scene.path}: a run with joints that stick or meet rigid stops, that picks up masses, or "
+            "that passes singular poses, does not go on after it was killed; run it without --resume"
         )
     for block in journal.blocks():
         for watcher in run.driver.watchers:
