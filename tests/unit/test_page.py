@@ -157,12 +157,14 @@ def test_errors_stand_beside_the_figures_they_belong_to() -> None:
     summary = {
         "error_estimate": {"method": "m", "q_max": 1e-9, "qd_max": 2e-8, "closure": {"position": 3e-12}},
         "energy_drift": 4e-7,
+        "after_lock": {"error_estimate": {"qd_max": 5e-6}},
     }
     expected = {
-        "joint_angles": ["1·10⁻⁹", "3·10⁻¹²"], "joint_rates": ["2·10⁻⁸"], "energy": ["4·10⁻⁷"], "branches": ["3·10⁻¹²"],
+        "joint_angles": ["1·10⁻⁹", "3·10⁻¹²"], "joint_rates": ["2·10⁻⁸", "5·10⁻⁶"], "energy": ["4·10⁻⁷"], "multipliers": [],
     }  # fmt: skip
     for plot, values in expected.items():
         assert re.findall(r"<td class=\"number\">([^<]*)</td>", error_table(summary, plot) or "") == values
+    assert "largest error of qd after the lock [rad/s or m/s]" in (error_table(summary, "joint_rates") or "")
     assert error_table({}, "joint_angles") is None and error_table(summary, "unknown") is None
 
 
