@@ -281,7 +281,7 @@ class Integrator:
             self._watch(self.event_values(), {})
         elif isinstance(outcome, Jump):
             if outcome.parameters is not None:
-                self.p[:] = outcome.parameters
+                self.p[: len(outcome.parameters)] = outcome.parameters
             places = [k for k, e in enumerate(self.system.events) if e.owner is owner]
             sides = {places[k]: side for k, side in outcome.sides.items()}
             self.set_state(outcome.state, sides, outcome.step)
