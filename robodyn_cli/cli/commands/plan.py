@@ -9,6 +9,7 @@ import typer
 
 from robodyn_cli.cli.console import Console, width
 from robodyn_cli.cli.options import Overrides, Quiet, ReportAsJson, SceneFile
+from robodyn_cli.cli.runner import placed
 from robodyn_cli.exit_codes import WRONG_USAGE
 
 
@@ -27,7 +28,10 @@ def command(
     from robodyn_cli.scene.load import load_scene
 
     console = Console(as_json, quiet)
-    found = plan(load_scene(scene, list(overrides or ())), for_command)
+    loaded = load_scene(scene, list(overrides or ()))
+    command = for_command or loaded.command or ""
+    with console.waiting(lambda: "planning"), placed(scene, overrides or (), command):
+        found = plan(loaded, for_command)
     console.data(found)
     console.say(render(found, width(sys.stdout)))
     if found.get("missing"):
