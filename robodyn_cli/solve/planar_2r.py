@@ -18,6 +18,7 @@ import numpy as np
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.model.model import BASE, FixedFrame, Model
 from robodyn_cli.record import record
+from robodyn_cli.solve.poses.subproblems import two_bars
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import PointMotion
 
@@ -118,19 +119,9 @@ class Planar2R:
         )
 
     def angles(self, plane: PlaneMotion, branch: float) -> tuple[Array, Array]:
-        """Return phi and beta (T,), principal values, of the branch with the sign ``branch`` of beta.
-
-        tan^2(beta / 2) = ((l1 + l2)^2 - r^2) / (r^2 - (l1 - l2)^2), which keeps its digits near the limits.
-        """
-        r = np.hypot(plane.x, plane.y)
-        outer, inner = self.l1 + self.l2, abs(self.l1 - self.l2)
-        near = np.sqrt(np.maximum(0.0, (outer - r) * (outer + r)))
-        far = np.sqrt(np.maximum(0.0, (r - inner) * (r + inner)))
-        beta = branch * 2.0 * np.arctan2(near, far)
-        phi = np.arctan2(plane.y, plane.x) - np.arctan2(
-            self.l2 * np.sin(beta), self.l1 + self.l2 * np.cos(beta)
-        )
-        return phi, beta
+        """Return phi and beta (T,) of the branch with the sign ``branch`` of beta, which is a principal value."""
+        beta, lean = two_bars(self.l1, self.l2, np.hypot(plane.x, plane.y))
+        return np.arctan2(plane.y, plane.x) - branch * lean, branch * beta
 
     def rates(self, plane: PlaneMotion, phi: Array, beta: Array) -> tuple[Array, Array, Array, Array]:
         """Return phi-dot, beta-dot, phi-ddot, beta-ddot (T,); infinite in singular poses (sin beta = 0)."""
