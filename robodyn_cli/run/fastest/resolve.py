@@ -37,6 +37,12 @@ def with_time_law(scene: Scene) -> Scene:
     """
     if not isinstance(scene.trajectory, FastestTrajectory):
         return scene
+    changing = [payload.name for payload in scene.payloads if payload.changes]
+    if changing:
+        raise CapabilityError(
+            f"payload {changing[0]!r} is gripped or released at a time, and 'fastest' chooses the times; allowed "
+            "there: payloads without 'from' and 'until'"
+        )
     trajectory: FastestTrajectory = scene.trajectory
     along = dataclasses.replace(scene, trajectory=trajectory.way)
     program = build_inverse(along)
