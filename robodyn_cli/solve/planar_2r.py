@@ -18,7 +18,6 @@ import numpy as np
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.model.model import BASE, FixedFrame, Model
 from robodyn_cli.record import record
-from robodyn_cli.solve.poses.subproblems import two_bars
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import PointMotion
 
@@ -154,6 +153,20 @@ class Planar2R:
     def bend(self, q: Array) -> float:
         """Return the principal value of beta at joint positions q (2,)."""
         return _principal(self.beta0 + self.turn * float(q[self.second]))
+
+
+def two_bars(first: float, second: float, r: Array) -> tuple[Array, Array]:
+    """Return the bend (T,) in [0, pi] of two bars whose free ends are ``r`` (T,) apart, and how far they lean (T,).
+
+    That is the angle from the first bar to the line between the free ends, towards the side of the bend. Ends that
+    the bars do not reach leave them stretched, or folded.
+    tan^2(bend / 2) = ((l1 + l2)^2 - r^2) / (r^2 - (l1 - l2)^2), which keeps its digits near the limits.
+    """
+    outer, inner = first + second, abs(first - second)
+    near = np.sqrt(np.maximum(0.0, (outer - r) * (outer + r)))
+    far = np.sqrt(np.maximum(0.0, (r - inner) * (r + inner)))
+    bend = 2.0 * np.arctan2(near, far)
+    return bend, np.arctan2(second * np.sin(bend), first + second * np.cos(bend))
 
 
 def _principal(angle: float) -> float:

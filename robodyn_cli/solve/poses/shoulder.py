@@ -7,12 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from robodyn_cli.record import record
+from robodyn_cli.solve.planar_2r import two_bars
 from robodyn_cli.solve.poses.screws import Axis
 from robodyn_cli.solve.poses.subproblems import (
     angle_between,
     component_angles,
     dots,
-    two_bars,
 )
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.base import ELBOWS, SIDES

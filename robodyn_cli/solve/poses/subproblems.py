@@ -46,20 +46,6 @@ def angle_between(axis: Array, first: Array, second: Array) -> Array:
     return out
 
 
-def two_bars(first: float, second: float, r: Array) -> tuple[Array, Array]:
-    """Return the bend (T,) in [0, pi] of two bars whose free ends are ``r`` (T,) apart, and how far they lean (T,).
-
-    That is the angle from the first bar to the line between the free ends, towards the side of the bend. Ends that
-    the bars do not reach leave them stretched, or folded.
-    tan^2(bend / 2) = ((l1 + l2)^2 - r^2) / (r^2 - (l1 - l2)^2), which keeps its digits near the limits.
-    """
-    outer, inner = first + second, abs(first - second)
-    near = np.sqrt(np.maximum(0.0, (outer - r) * (outer + r)))
-    far = np.sqrt(np.maximum(0.0, (r - inner) * (r + inner)))
-    bend = 2.0 * np.arctan2(near, far)
-    return bend, np.arctan2(second * np.sin(bend), first + second * np.cos(bend))
-
-
 @record
 class Pair:
     """Two angles (T,) that solve an equation, and by how much the equation fails (0 where there are solutions).
