@@ -232,6 +232,8 @@ class Model:
         return ancestor
 
 
+# unit of a torque or force by that of the position that it works along
+TORQUE = {"rad": "N m", "m": "N"}
 UNKNOWN_GROUP = "unknown"  # of data that the scene does not give
 PARAMETER_GROUP = "p"
 # orders in which compiled functions take the arrays of the symbol groups

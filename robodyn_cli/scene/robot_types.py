@@ -144,7 +144,7 @@ class Shape:
         Vector(2), default=None, unit="m", doc="Radius, and length along z, of a cylinder about the origin."
     )
     mesh: str | None = key(
-        MeshFile(), default=None, doc="Path of a mesh, relative to the file that names it: STL or OBJ."
+        MeshFile(), default=None, doc="Path of a mesh, relative to the file that names it: STL, OBJ or DAE."
     )
     obj: str | None = key(
         Text(), default=None, doc="A mesh as text: lines `v x y z` and `f i j k`, as in OBJ files."

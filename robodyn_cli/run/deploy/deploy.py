@@ -33,6 +33,7 @@ from robodyn_cli.run.driver.second_run import ErrorEstimate, FirstRun, estimate_
 from robodyn_cli.run.driver.self_check import Judgement, Run, motion_warnings, redundant_rows
 from robodyn_cli.run.driver.summary import motion_summary
 from robodyn_cli.run.observation.recorder import Recorder
+from robodyn_cli.run.observation.units import add_joint_limits
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.singular.singularity import refuse_singular_start
 from robodyn_cli.run.stopwatch import Stopwatch
@@ -192,6 +193,7 @@ def report(done: Deployment, judgement: Judgement, watch: Stopwatch) -> Result:
         *done.driver.log,
     ]
     done.recorder.fill(result)
+    add_joint_limits(result, done.motion.scene, done.motion.problem.model)
     overload: Overload | None = None
     if failure is None:
         if done.followed is not None:

@@ -11,13 +11,13 @@ import numpy as np
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.errors import CapabilityError, GeometryError
 from robodyn_cli.model.model import Model
-from robodyn_cli.run.fastest.rows import LimitedPath, PathLimits, Torques
+from robodyn_cli.run.fastest.limits import LimitedPath, PathLimits, Torques
+from robodyn_cli.run.fastest.profile import NoProfile
+from robodyn_cli.run.fastest.search import Fastest, fastest, merged
 from robodyn_cli.run.inverse.build import build_inverse
 from robodyn_cli.run.inverse.program import InverseProgram
 from robodyn_cli.run.mechanism.motion import Planned, plan_motion
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.fastest.profile import NoProfile
-from robodyn_cli.solve.fastest.search import Fastest, fastest, merged
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.fastest import BOUNDS, FastestTrajectory, Scaling, timed
 from robodyn_cli.trajectories.motion import JointMotion

@@ -27,7 +27,7 @@ from robodyn_cli.run.inverse.summary import (
 from robodyn_cli.run.mechanism.motion import Planned
 from robodyn_cli.run.observation.finite import refuse_result
 from robodyn_cli.run.observation.places import FORCES, add_places
-from robodyn_cli.run.observation.units import add_motion, joint_columns
+from robodyn_cli.run.observation.units import add_joint_limits, add_motion, joint_columns
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
@@ -158,6 +158,7 @@ def report(program: InverseProgram, planned: Planned, sampled: Sampled, loads: L
 
         result.events = events_of(scene, sampled.times)
     add_motion(result, problem.model, sampled.times, sampled.motion)
+    add_joint_limits(result, scene, problem.model)
     result.add("tau", sampled.tau, **columns["tau"].described())
     for name, term in sampled.terms.items():
         result.add(f"torque_terms/{name}", term, **columns["tau"].described())
