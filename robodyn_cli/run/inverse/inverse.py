@@ -213,6 +213,7 @@ def summarise(
         fastest=fastest,
         inverse_kinematics=planned.method or ABSENT,
         ik_residual=path_error(planned, sampled),
+        attitude_residual=errors.attitude_residual,
         error_estimate=errors,
         round_trip=errors.round_trip,
         constraint_residual=ABSENT
