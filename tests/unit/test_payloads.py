@@ -320,5 +320,5 @@ def test_refusals() -> None:
         deploy(load_scene_text(DISC.replace("initial:", latch)))
     motion = "trajectory: {type: joint, duration: 3, q: {spin: t}}\ninitial:"
     event = DISC.replace("from: {time: 1}", 'from: {when: "q.spin - 1"}')
-    with pytest.raises(SceneError, match=r"payloads\[0\].from.when.*'time'"):
+    with pytest.raises(SceneError, match=r"payloads\.0\.from\.when.*'time'"):
         inverse(load_scene_text(event.replace("initial:", motion)))
