@@ -145,7 +145,13 @@ def build_model(
     scene = with_places(scene)
     values = _Values(graph, symbolic)
     robot = scene.robot
+    if scene.drives:
+        from robodyn_cli.model.drives import with_drives
+
+        robot = with_drives(scene)
     placed, moving = _place_links(robot, values, merge)
+    if scene.drives:
+        _carry_drives(scene, placed, moving)
     gravity = vector([values.get(f"gravity.{k}", g) for k, g in enumerate(scene.gravity)])
     base = Transform.from_pose(orientation(robot.base), vector(robot.base.xyz))
     bodies = _number(robot, moving, values)
@@ -200,6 +206,22 @@ def _place_links(robot: sc.Robot, values: _Values, merge: bool) -> tuple[dict[st
         if here.body != BASE and part is not None:  # what is fixed to the ground has no effect
             moving[here.body].parts += (part,)
     return placed, moving
+
+
+def _carry_drives(scene: sc.Scene, placed: dict[str, _Placed], moving: list[_Moving]) -> None:
+    """Add the masses of drives to the bodies of the links that carry them."""
+    from robodyn_cli.model.drives import loads
+
+    moved = {joint.name: str(joint.link) for joint in scene.robot.joints}
+    for load in loads(scene):
+        where, link = placed[load.link], moved[load.joint]
+        if where.body == BASE:
+            continue
+        if load.at is not None:
+            frame = where.link_frame
+        else:
+            frame = where.joint_frame if load.link == link else moving[placed[link].body].X_tree
+        moving[where.body].parts += (load.part(frame),)
 
 
 def _topological(robot: sc.Robot) -> list[int]:
