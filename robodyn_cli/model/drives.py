@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from typing import Any
 
 from robodyn_cli.expr.graph import is_nonzero
-from robodyn_cli.model.model import RigidPart
+from robodyn_cli.model.model import BASE, RigidPart
 from robodyn_cli.motors.drive import NOWHERE, Train
-from robodyn_cli.record import record
-from robodyn_cli.scene.types import Joint, Robot, Scene
-from robodyn_cli.spatial.algebra import matrix, vector, zeros
+from robodyn_cli.scene.types import Joint, Scene
+from robodyn_cli.spatial.algebra import Transform, vector, zeros
 
 
 def trains(scene: Scene) -> dict[str, Train]:
@@ -18,38 +18,29 @@ def trains(scene: Scene) -> dict[str, Train]:
     return {name: Train.of(drive, scene.catalogue) for name, drive in scene.drives.items()}
 
 
-def driven(joint: Joint, train: Train) -> Joint:
+def add_drives(scene: Scene, placed: Mapping[str, Any], moving: list[Any]) -> None:
+    """Give the joints of moving bodies the ratios and rotors of their drives, and bodies the masses that they carry.
+
+    placed : where each link is. moving : the bodies, which are changed.
+    """
+    found = trains(scene)
+    for joint in scene.robot.joints:
+        if (train := found.get(joint.name)) is None:
+            continue
+        own = moving[placed[str(joint.link)].body]
+        own.joint = _driven(joint, train)
+        link = train.drive.mass_on or str(joint.parent)
+        if link == NOWHERE or not is_nonzero(train.mass) or placed[link].body == BASE:
+            continue
+        where = placed[link]
+        at = zeros(3) if train.drive.mass_at is None else vector(train.drive.mass_at)
+        frame: Transform = where.link_frame
+        if train.drive.mass_at is None:
+            frame = where.joint_frame if link == joint.link else own.X_tree
+        moving[where.body].parts += (RigidPart(train.mass, at, zeros(3, 3), frame),)
+
+
+def _driven(joint: Joint, train: Train) -> Joint:
     """Return a joint with ratio and rotor of its drive."""
     inertia = train.inertia if train.drive.count == 1 else float(train.drive.count) * train.inertia
     return dataclasses.replace(joint, gear_ratio=train.turns, rotor_inertia=inertia)
-
-
-def with_drives(scene: Scene) -> Robot:
-    """Return the robot whose joints have the ratios and rotors of their drives."""
-    found = trains(scene)
-    joints = tuple(driven(j, found[j.name]) if j.name in found else j for j in scene.robot.joints)
-    return dataclasses.replace(scene.robot, joints=joints)
-
-
-@record
-class Load:
-    """The mass of a drive on a link: at ``at`` in the link's frame, None for the place of the joint ``joint``."""
-
-    link: str
-    joint: str
-    mass: float
-    at: tuple[float, ...] | None
-
-    def part(self, frame: object) -> RigidPart:
-        """Return it as a part of a body, in a frame from body coordinates."""
-        place = zeros(3) if self.at is None else vector(self.at)
-        return RigidPart(self.mass, place, matrix([[0.0] * 3] * 3), frame)  # type: ignore[arg-type]
-
-
-def loads(scene: Scene) -> Iterator[Load]:
-    """Yield the masses of drives that are not in the links' own."""
-    joints: Mapping[str, Joint] = {joint.name: joint for joint in scene.robot.joints}
-    for name, train in trains(scene).items():
-        on = train.drive.mass_on or joints[name].parent
-        if on != NOWHERE and is_nonzero(train.mass):
-            yield Load(str(on), name, train.mass, train.drive.mass_at)

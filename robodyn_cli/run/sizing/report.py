@@ -8,9 +8,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.model.drives import trains
-from robodyn_cli.model.model import MOTION_GROUPS, are_known
+from robodyn_cli.model.model import MOTION_GROUPS, PARAMETER_GROUP, UNKNOWN_GROUP
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT
@@ -109,7 +109,7 @@ class Drives:
 @record
 class AtRest:
     """What the joints feel of the mechanism, (T, nv): inertia at each joint [kg m^2 or kg], rotors included, and the
-    torque that holds each pose [N m or N]. None where data or the number of drives leave it open."""
+    torque that holds each pose [N m or N]. None where data, payloads or the number of drives leave it open."""
 
     inertia: Array | None
     hold: Array | None
@@ -126,7 +126,8 @@ class AtRest:
         M, terms = problem.mass_matrix, list(torque_terms(problem).values())
         hold: list[Any] = [sum((term[k] for term in terms[1:]), terms[0][k]) for k in range(problem.model.nv)]
         outputs: dict[str, list[Scalar]] = {"M": list(M.flat), "hold": hold}
-        outputs = {name: x for name, x in outputs.items() if all(are_known(x))}
+        groups = {n: {symbol.value[1] for symbol in free_symbols(x)} for n, x in outputs.items()}
+        outputs = {n: x for n, x in outputs.items() if not groups[n] & {UNKNOWN_GROUP, PARAMETER_GROUP}}
         outputs["psi"] = [x for row in rows for x in row]
         still = np.zeros_like(moved.qd)
         arrays = SampleFunction(outputs, MOTION_GROUPS, len(moved.times))(
