@@ -13,14 +13,16 @@ from robodyn_cli.errors import RobodynError, SceneError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.rolled import Rolled
-from robodyn_cli.model.consistency import body_problems
+from robodyn_cli.model.consistency import doubtful_bodies
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.commands import execute
 from robodyn_cli.run.driver.build import payload_watchers
+from robodyn_cli.run.driver.mass_matrix import refuse_indefinite
 from robodyn_cli.run.driver.prepare import passive_coordinates, prepare, refuse_changes
 from robodyn_cli.run.inverse.build import build_inverse
+from robodyn_cli.run.observation.rounding import few
 from robodyn_cli.run.placing import links_without, place
 from robodyn_cli.run.plan.data import unknown_data
 from robodyn_cli.run.plan.words import listed_data
@@ -76,10 +78,7 @@ def _place(error: RobodynError) -> dict[str, Any]:
 
 def _physical(scene: Scene, root: Node) -> list[SceneError]:
     found = [SceneError(text) for text in scene.warnings]
-    for k, link in enumerate(scene.robot.links):
-        for text in body_problems(link):
-            key = "inertia" if "inertia" in text or "moments" in text else "mass"
-            found.append(_at(root, ("robot", "links", k, key), f"{link.name}: {text}"))
+    found += [_at(root, path, f"{name}: {text}") for path, name, text in doubtful_bodies(scene)]
     return found
 
 
@@ -132,6 +131,7 @@ def _inverse(scene: Scene) -> tuple[Model, list[Scalar]]:
         scene = with_time_law(scene)
     program = build_inverse(scene)
     planned = program.plan(min(TRIED, scene.inverse.samples))
+    refuse_indefinite(program.problem, planned.motion.q[few(len(planned.times))])
     model, outputs = program.problem.model, [x for term in program.terms.values() for x in term]
     if not unknown_data(model, outputs)[0]:
         first = JointMotion(*(x[:1] for x in (planned.motion.q, planned.motion.qd, planned.motion.qdd)))

@@ -8,7 +8,7 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SingularConfigurationError
-from robodyn_cli.run.inverse.sharing import lost_rank, refuse_gears
+from robodyn_cli.run.inverse.sharing import lost_rank
 from robodyn_cli.run.inverse.terms import torque_terms
 from robodyn_cli.run.mechanism.at_rest import AtRest, refuse_unknown
 from robodyn_cli.run.mechanism.loop_conditions import LoopConditions, nothing_led, velocity_places
@@ -26,8 +26,6 @@ def held(problem: Problem, q: Array) -> AtRest:
     CapabilityError : too few actuators. SingularConfigurationError : they cannot hold it there.
     """
     model = problem.model
-    if model.closures:
-        refuse_gears(problem)
     terms = {name: x for name, x in torque_terms(problem).items() if name not in ("inertia", "coriolis")}
     refuse_unknown([x for term in terms.values() for x in term])
     needed = {name: problem.numbers([term], q) for name, term in terms.items()}
