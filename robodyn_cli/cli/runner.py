@@ -233,11 +233,16 @@ def placed(scene: Path, overrides: Sequence[str], command: str) -> Iterator[None
     try:
         yield
     except RobodynError as error:
-        from robodyn_cli.run.placing import place
-        from robodyn_cli.scene.load import examine
-
-        place(error, lambda: examine(scene, list(overrides)).root, command)
+        place_in_files(error, scene, overrides, command)
         raise
+
+
+def place_in_files(error: RobodynError, scene: Path, overrides: Sequence[str], command: str) -> None:
+    """Put file, line, column and key before the message of an error about a scene; see ``run/placing.py``."""
+    from robodyn_cli.run.placing import place
+    from robodyn_cli.scene.load import examine
+
+    place(error, lambda: examine(scene, list(overrides)).root, command)
 
 
 def store(result: Result, directory: OutputDirectory, writer: ResultWriter | None = None) -> None:
