@@ -1,17 +1,22 @@
-"""The scene's forces on points and between bodies, as torques on the joints with their energy and power."""
+"""The scene's forces on points and between bodies, as torques on the joints with their energy and power.
+
+With what its formulas are evaluated with, and the torques that it gives.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 from robodyn_cli.algorithms.external import PathKinematics, common_axis, path_torques, turn_about
+from robodyn_cli.expr.functions import interpolate
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols, is_nonzero
 from robodyn_cli.forces.element import Action, Effect, HalfTurn, Line, Setting
 from robodyn_cli.model.model import BASE, FixedFrame, Force, Model
-from robodyn_cli.spatial.algebra import Transform, Values, Vector, Wrench, dot
+from robodyn_cli.scene.types import Scene, Torque
+from robodyn_cli.spatial.algebra import Transform, Values, Vector, Wrench, dot, zeros
 
 
 class Elements:
@@ -160,3 +165,36 @@ def spans(model: Model, X: Sequence[Transform], q: Values, v: Values) -> dict[st
         line = Line.of(tuple(kinematics.end(end) for end in ends))
         found[name] = line.length if name.startswith("length(") else line.rate
     return found
+
+
+# -- formulas -------------------------------------------------------------------------------------------------
+class Symbols(Protocol):
+    """The symbols of a scene's equations (satisfied by ``Problem``)."""
+
+    scene: Scene
+    model: Model
+    t: Expr
+    q: list[Expr]
+    v: list[Expr]
+
+    @property
+    def spans(self) -> dict[str, Scalar]: ...
+
+
+def environment(at: Symbols, states: bool = True) -> dict[str, Any]:
+    """Return what formulas may ask for by name: time, distances, parameters and, but for ``states``, q and qd."""
+    found = {"t": at.t, **at.spans, **{f"p.{name}": value for name, value in at.scene.parameters.items()}}
+    if states:
+        found |= {f"q.{name}": q for name, q in zip(at.model.q_names, at.q)}
+        found |= {f"qd.{name}": v for name, v in zip(at.model.v_names, at.v)}
+    return found
+
+
+def given_torques(at: Symbols) -> Vector:
+    """Return the scene's ``torques`` (nv,): constants, formulas, tables."""
+    tau, env = zeros(at.model.nv), environment(at)
+    for name, torque in at.scene.torques.items():
+        table = isinstance(torque, Torque)
+        value = interpolate(at.t, *zip(*torque.table)) if table else torque.evaluate(env)
+        tau[at.model.v_names.index(name)] = value
+    return tau

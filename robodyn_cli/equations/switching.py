@@ -6,17 +6,18 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
 from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
+from robodyn_cli.equations.elements import given_torques
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.scene import types as sc
 from robodyn_cli.trajectories.led import followed_by
 
 if TYPE_CHECKING:
     from robodyn_cli.equations.constraints import Constraints
+    from robodyn_cli.equations.control.control import Control
     from robodyn_cli.equations.elements import Elements
     from robodyn_cli.equations.joint_forces import JointForces
     from robodyn_cli.equations.time_structure import Structure
     from robodyn_cli.model.model import Model
-    from robodyn_cli.spatial.algebra import Vector
 
 
 class Equations(Protocol):
@@ -26,8 +27,12 @@ class Equations(Protocol):
     model: Model
     t: Expr
 
+    q: list[Expr]
+    v: list[Expr]
+    control: Control | None
+
     @property
-    def actuator_torques(self) -> Vector: ...
+    def spans(self) -> dict[str, Scalar]: ...
     @property
     def constraints(self) -> Constraints: ...
     @property
@@ -48,9 +53,10 @@ class Switching:
         """Values of the scene's formulas in the equations, with the key of each."""
         e = self.equations
         found: list[tuple[str, list[Scalar]]] = []
+        given = given_torques(e) if e.scene.torques else ()
         for name, torque in e.scene.torques.items():
             if not isinstance(torque, sc.Torque):
-                found.append((f"torques.{name}", [e.actuator_torques[e.model.v_names.index(name)]]))
+                found.append((f"torques.{name}", [given[e.model.v_names.index(name)]]))
         known: set[str] = set()
         if e.scene.prescribed:
             from robodyn_cli.equations.prescribed import attitude_functions
@@ -78,7 +84,8 @@ class Switching:
         e = self.equations
         gears = [("gear", [torque]) for torque in e.gear_losses(smooth=True).values()]
         found = [(key, switch) for key, entries in [*self.formulas, *gears] for switch in switches(entries)]
-        return [*found, *e.forces_in_joints.switches()]
+        own = [] if e.control is None else e.control.switches
+        return [*found, *own, *e.forces_in_joints.switches()]
 
     @property
     def with_state(self) -> list[tuple[str, Expr]]:
@@ -109,6 +116,8 @@ class Switching:
             float(row[0]) for torque in tables for row in torque.table
         } | self.equations.elements.breakpoints
         times.update(self.followed or ())
+        if self.equations.control is not None:
+            times.update(x for x in self.equations.control.breakpoints if 0.0 < x < duration)
         for _, switch in self.switches:
             if is_of_time(switch, t):
                 times.update(switching_times(switch, t, duration))

@@ -324,7 +324,8 @@ class _Places:
 
 def _spans(scene: sc.Scene) -> list[str]:
     """Return the distances of points that formulas ask for, in the order of the scene."""
-    names = (name for x in formulas_in([scene.torques, scene.forces]) for name in sorted(x.names))
+    given = [scene.torques, scene.forces, scene.control, scene.outputs.signals]
+    names = (name for x in formulas_in(given) for name in sorted(x.names))
     return list(dict.fromkeys(name for name in names if name.endswith(")")))
 
 

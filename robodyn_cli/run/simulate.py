@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.results.hdf5.writer import ResultWriter
@@ -30,11 +30,15 @@ def simulate(
     watch: Stopwatch | None = None,
     writer: ResultWriter | None = None,
     journal: Journal | None = None,
+    controller: Any = None,
+    period: float | None = None,
 ) -> Result:
     """Integrate the scene over its duration.
 
     Parameters
     ----------
+    controller, period : a function ``f(t, q, qd)`` that gives the torques of the driven joints (n,) for what is
+        measured at each sample, and the time between two samples [s] where ``control`` in the scene says none.
     writer : takes the datasets block by block while the run goes on; the Result then holds a selection of the
         samples, and the caller finishes the file.
     journal : takes what a run that is killed goes on from; one with blocks of such a run goes on with them.
@@ -48,6 +52,10 @@ def simulate(
     RobodynError : with ``result`` holding what was computed until then.
     """
     watch = watch or Stopwatch()
+    if controller is not None or period is not None:
+        from robodyn_cli.run.control.in_python import controlled_by
+
+        scene = controlled_by(scene, controller, period)
     run = _start(scene, writer, watch)
     stopped = _drive(run, progress, watch, journal)
     judgement = judge(run, stopped)

@@ -83,6 +83,10 @@ class Integrator:
         self.before = 0
         self.pause: int | None = None
         self._crowd = Crowd()
+        if self.system.updates is not None:
+            n[IntegerSlot.UPDATES], n[IntegerSlot.PHASE], w[DoubleSlot.NEXT_UPDATE] = (
+                self.system.updates.after(time)
+            )
         if self.system.partition is not None:
             self.parameters.start(time, self.y)
 
@@ -125,6 +129,8 @@ class Integrator:
         w, n = self.w, self.n
         limit = min(self.options.max_steps, pause or self.options.max_steps) - self.before
         w[DoubleSlot.T_END] = end
+        if self.system.updates is not None:
+            self.engine.expect((end - w[DoubleSlot.T]) / self.system.updates.period)
         if self._step is not None:
             w[DoubleSlot.H] = self._step
         elif not w[DoubleSlot.H] > 0.0:
@@ -385,6 +391,8 @@ class Integrator:
         """Raise a NumericalError (see ``stopped``) where a run cannot go on."""
         if status in (Status.DONE, Status.FULL):
             return
+        if status is Status.FAILED and self.engine.updates is not None:
+            self.engine.updates.raise_failure()
         from robodyn_cli.integrators.runtime.stopped import Stopped
 
         raise Stopped(status, self.time, self.w[DoubleSlot.H], self.y, self.options).error(

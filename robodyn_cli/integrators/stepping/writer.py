@@ -17,7 +17,7 @@ from robodyn_cli.kernels.program import NUMBERS, Program
 
 LONG = 24  # velocities from which on what is done for each of them is a loop
 LONG_INTERPRETED = 4  # the same where programs are interpreted, to write little
-ARGUMENTS = ("w", "n", "y", "p", "dense", "out", "tables", "scratch", "work", NUMBERS, REGISTERS)
+ARGUMENTS = ("w", "n", "y", "p", "dense", "out", "tables", "scratch", "work", NUMBERS, REGISTERS, "updates")
 
 
 def placement(rates: Program) -> Decision:
@@ -196,6 +196,13 @@ class Writer:
             bound = limit + (f.abs(limit) + f.abs(self.get(DoubleSlot.SAMPLE_START))) * slack
         last = f.load_int(self.integer_at(IntegerSlot.LAST_SAMPLE))
         return f.compare("ole", time, bound) & f.compare_int("sle", k, last)
+
+    def bound(self) -> Value:
+        """Return the time beyond which no step may go: the end of the run, or the next update."""
+        end = self.get(DoubleSlot.T_END)
+        if self.system.updates is None:
+            return end
+        return self.f.min(end, self.get(DoubleSlot.NEXT_UPDATE))
 
     def sample_time(self, k: Int) -> Value:
         """Return the time of uniform sample k."""
