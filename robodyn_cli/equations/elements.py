@@ -1,14 +1,11 @@
-"""The scene's forces on points and between bodies, as torques on the joints with their energy and power.
-
-With what its formulas are evaluated with, and the torques that it gives.
-"""
+"""The scene's forces on points and between bodies, as torques on the joints with their energy and power."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 from robodyn_cli.algorithms.external import PathKinematics, common_axis, path_torques, turn_about
 from robodyn_cli.expr.functions import interpolate
@@ -167,34 +164,11 @@ def spans(model: Model, X: Sequence[Transform], q: Values, v: Values) -> dict[st
     return found
 
 
-# -- formulas -------------------------------------------------------------------------------------------------
-class Symbols(Protocol):
-    """The symbols of a scene's equations (satisfied by ``Problem``)."""
-
-    scene: Scene
-    model: Model
-    t: Expr
-    q: list[Expr]
-    v: list[Expr]
-
-    @property
-    def spans(self) -> dict[str, Scalar]: ...
-
-
-def environment(at: Symbols, states: bool = True) -> dict[str, Any]:
-    """Return what formulas may ask for by name: time, distances, parameters and, but for ``states``, q and qd."""
-    found = {"t": at.t, **at.spans, **{f"p.{name}": value for name, value in at.scene.parameters.items()}}
-    if states:
-        found |= {f"q.{name}": q for name, q in zip(at.model.q_names, at.q)}
-        found |= {f"qd.{name}": v for name, v in zip(at.model.v_names, at.v)}
-    return found
-
-
-def given_torques(at: Symbols) -> Vector:
+def given_torques(scene: Scene, model: Model, t: Scalar, environment: Mapping[str, Any]) -> Vector:
     """Return the scene's ``torques`` (nv,): constants, formulas, tables."""
-    tau, env = zeros(at.model.nv), environment(at)
-    for name, torque in at.scene.torques.items():
+    tau = zeros(model.nv)
+    for name, torque in scene.torques.items():
         table = isinstance(torque, Torque)
-        value = interpolate(at.t, *zip(*torque.table)) if table else torque.evaluate(env)
-        tau[at.model.v_names.index(name)] = value
+        value = interpolate(t, *zip(*torque.table)) if table else torque.evaluate(environment)
+        tau[model.v_names.index(name)] = value
     return tau

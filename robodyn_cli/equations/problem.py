@@ -20,7 +20,7 @@ from robodyn_cli.algorithms.kinematics import Pose, moved, poses, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.equations.contact_joints import ContactJoint, contact_joints
-from robodyn_cli.equations.elements import Elements, environment, given_torques, spans
+from robodyn_cli.equations.elements import Elements, given_torques, spans
 from robodyn_cli.equations.gears import geared, losses_of_drive, losses_of_load
 from robodyn_cli.equations.joint_forces import JointForces
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations, is_nonzero
@@ -65,7 +65,7 @@ class Problem:
         braces: Mapping[int, float] | None = None,
     ) -> None:
         self.scene = scene = with_places(scene)
-        self.model = model if model is not None else build_model(scene, symbolic)
+        self.model = model or build_model(scene, symbolic)
         graph = self.graph = self.model.graph
         self.t: Expr = graph.symbol("t", "t")
         self.q: list[Expr] = graph.symbols(self.model.q_names, "q")
@@ -89,7 +89,7 @@ class Problem:
         """Return the values of expressions at q (nq,) and v (nv,), by default 0, in the shape of ``entries``."""
         still, z = [0.0] * self.model.nv, [0.0] * (0 if self.control is None else len(self.control.names))
         groups = {"t": [t], "q": q.tolist(), "v": still if v is None else v.tolist(), "a": still, "z": z}
-        return numbers(entries, groups | {"p": [] if p is None else p.tolist()})
+        return numbers(entries, groups | {"p": self.model.switched if p is None else p.tolist()})
 
     # -- rigid bodies ---------------------------------------------------------------------------------
     @property
@@ -161,15 +161,23 @@ class Problem:
 
     # -- torques --------------------------------------------------------------------------------------
     @cached_property
+    def environment(self) -> dict[str, Any]:
+        """What formulas of the scene may name."""
+        env: dict[str, Any] = {"t": self.t, **self.spans}
+        env |= {f"q.{name}": q for name, q in zip(self.model.q_names, self.q)}
+        env |= {f"qd.{name}": v for name, v in zip(self.model.v_names, self.v)}
+        return env | {f"p.{name}": value for name, value in self.scene.parameters.items()}
+
+    @cached_property
     def spans(self) -> dict[str, Scalar]:
         """Distances of points [m] and their rates [m/s] that formulas ask for, by the names that these give them."""
         return spans(self.model, self.X, self.q, self.v)
 
     @cached_property
     def actuator_torques(self) -> Vector:
-        """tau_a (nv,): given torques and those of the controller."""
-        given = given_torques(self)
-        return given if self.control is None else given + self.control.on_joints()
+        """tau_a (nv,): the scene's ``torques``, and those of its controller."""
+        tau = given_torques(self.scene, self.model, self.t, self.environment)
+        return tau if self.control is None else tau + self.control.on_joints()
 
     @cached_property
     def switching(self) -> Switching:
@@ -186,7 +194,7 @@ class Problem:
     @cached_property
     def elements(self) -> Elements:
         """Forces on points and between bodies."""
-        return Elements(self.model, self.X, self.q, self.v, environment(self), self.t)
+        return Elements(self.model, self.X, self.q, self.v, self.environment, self.t)
 
     def passive_forces(self, smooth: bool) -> dict[str, Vector]:
         """Return the torques of everything but the actuators on the joints (nv,), by term.
@@ -257,7 +265,7 @@ class Problem:
                     dropped.append(row.name)
                 else:
                     rows.append(row)
-        env = environment(self)
+        env = self.environment
         for coupler in self.scene.couplers:
             value = 0.0 if coupler.value is None else coupler.value.evaluate(env)
             units = {self.model.q_units[self.model.q_names.index(name)] for name in coupler.terms}

@@ -6,7 +6,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
 from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
-from robodyn_cli.equations.elements import given_torques
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.scene import types as sc
 from robodyn_cli.trajectories.led import followed_by
@@ -27,12 +26,10 @@ class Equations(Protocol):
     model: Model
     t: Expr
 
-    q: list[Expr]
-    v: list[Expr]
     control: Control | None
 
     @property
-    def spans(self) -> dict[str, Scalar]: ...
+    def environment(self) -> dict[str, Any]: ...
     @property
     def constraints(self) -> Constraints: ...
     @property
@@ -53,10 +50,9 @@ class Switching:
         """Values of the scene's formulas in the equations, with the key of each."""
         e = self.equations
         found: list[tuple[str, list[Scalar]]] = []
-        given = given_torques(e) if e.scene.torques else ()
         for name, torque in e.scene.torques.items():
             if not isinstance(torque, sc.Torque):
-                found.append((f"torques.{name}", [given[e.model.v_names.index(name)]]))
+                found.append((f"torques.{name}", [torque.evaluate(e.environment)]))
         known: set[str] = set()
         if e.scene.prescribed:
             from robodyn_cli.equations.prescribed import attitude_functions

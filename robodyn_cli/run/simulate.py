@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.results.hdf5.writer import ResultWriter
@@ -15,6 +15,7 @@ from robodyn_cli.run.driver.second_run import ErrorEstimate, FirstRun, estimate_
 from robodyn_cli.run.driver.self_check import Judgement, Run, judge
 from robodyn_cli.run.driver.summary import motion_summary
 from robodyn_cli.run.observation.recorder import Recorder
+from robodyn_cli.run.observation.units import add_joint_limits
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
@@ -30,15 +31,11 @@ def simulate(
     watch: Stopwatch | None = None,
     writer: ResultWriter | None = None,
     journal: Journal | None = None,
-    controller: Any = None,
-    period: float | None = None,
 ) -> Result:
     """Integrate the scene over its duration.
 
     Parameters
     ----------
-    controller, period : a function ``f(t, q, qd)`` that gives the torques of the driven joints (n,) for what is
-        measured at each sample, and the time between two samples [s] where ``control`` in the scene says none.
     writer : takes the datasets block by block while the run goes on; the Result then holds a selection of the
         samples, and the caller finishes the file.
     journal : takes what a run that is killed goes on from; one with blocks of such a run goes on with them.
@@ -52,10 +49,6 @@ def simulate(
     RobodynError : with ``result`` holding what was computed until then.
     """
     watch = watch or Stopwatch()
-    if controller is not None or period is not None:
-        from robodyn_cli.run.control.in_python import controlled_by
-
-        scene = controlled_by(scene, controller, period)
     run = _start(scene, writer, watch)
     stopped = _drive(run, progress, watch, journal)
     judgement = judge(run, stopped)
@@ -122,8 +115,8 @@ def _take_up(run: Run, journal: Journal) -> None:
     """
     if any(watcher.changes_motion for watcher in run.driver.watchers):
         raise CapabilityError(
-            f"{run.motion.scene.path}: a run with joints that stick or meet rigid stops, or that passes singular "
-            "poses, does not go on after it was killed; run it without --resume"
+            f"{run.motion.scene.path}: a run with joints that stick or meet rigid stops, that picks up masses, or "
+            "that passes singular poses, does not go on after it was killed; run it without --resume"
         )
     for block in journal.blocks():
         for watcher in run.driver.watchers:
@@ -150,5 +143,6 @@ def _report(run: Run, judgement: Judgement, estimate: ErrorEstimate | None, watc
     result = Result.of("simulate", run.motion.scene, "ok" if failure is None else "failed")
     result.events = run.driver.log
     run.recorder.fill(result)
+    add_joint_limits(result, run.motion.scene, run.motion.problem.model)
     result.summarise(motion_summary(run, judgement, estimate), seconds=watch.report())
     return result.unless(failure)

@@ -10,10 +10,10 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 
+from robodyn_cli import simulate
 from robodyn_cli.errors import NumericalError, RobodynError, SceneError
 from robodyn_cli.run.driver.build import build_motion
 from robodyn_cli.run.inverse.inverse import inverse
-from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene import load_scene_text
 from tests.numeric import assert_close
 

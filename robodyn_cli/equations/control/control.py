@@ -21,7 +21,6 @@ from robodyn_cli.equations.control.equations import Equations
 from robodyn_cli.equations.control.reference import Reference, reference_of
 from robodyn_cli.equations.control.situation import At, Measured
 from robodyn_cli.equations.discontinuities import switches
-from robodyn_cli.equations.elements import environment
 from robodyn_cli.expr.functions import maximum, minimum, nearest
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.expr.rebuild import evaluate
@@ -148,7 +147,7 @@ class Control:
     def situation(self, seen: Measured) -> At:
         """Return what the law sees, with measured positions and rates."""
         p = self.problem
-        env = environment(p, states=False)
+        env = p.environment
         states = dict(zip(self.own, self.z))
         return At(p, seen, self.reference.at(p.t, env), states, self._starting, env)
 
@@ -295,7 +294,7 @@ class Control:
         """Times at which the reference of a continuous law is not smooth."""
         if self.period is not None:
             return []
-        return self.reference.breakpoints(self.problem.t, environment(self.problem, states=False))
+        return self.reference.breakpoints(self.problem.t, self.problem.environment)
 
 
 def _of_joint(value: Any, name: str) -> Any:

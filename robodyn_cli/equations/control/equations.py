@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Protocol
 
 from robodyn_cli.algorithms.kinematics import Pose
-from robodyn_cli.expr.graph import Expr, Graph, Scalar
+from robodyn_cli.expr.graph import Expr, Graph
 from robodyn_cli.model.model import Model
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array, Matrix, Transform, Values, Vector
@@ -22,7 +22,7 @@ class Equations(Protocol):
     v: list[Expr]
 
     @property
-    def spans(self) -> dict[str, Scalar]: ...
+    def environment(self) -> dict[str, Any]: ...
     @property
     def gravity(self) -> Vector | None: ...
     @property

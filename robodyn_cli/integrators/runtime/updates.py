@@ -7,7 +7,8 @@ import ctypes
 import numpy as np
 
 from robodyn_cli.formulations.updates import Updates
-from robodyn_cli.integrators.runtime.layout import UpdateSlot
+from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot, UpdateSlot
+from robodyn_cli.integrators.runtime.memory import Memory
 from robodyn_cli.kernels.arrays import aligned_zeros
 
 CALLBACK = ctypes.CFUNCTYPE(ctypes.c_int64)
@@ -42,6 +43,15 @@ class UpdateMemory:
             self.failure = error
             return 1
         return 0
+
+    def begin(self, memory: Memory, time: float) -> None:
+        """Note in the memory of a run that begins at ``time`` [s] which update comes first."""
+        n, w = memory.n, memory.w
+        n[IntegerSlot.UPDATES], n[IntegerSlot.PHASE], w[DoubleSlot.NEXT_UPDATE] = self.updates.after(time)
+
+    def within(self, time: float) -> float:
+        """Return how many updates there are within a time [s], and so at least how many steps."""
+        return time / self.updates.period
 
     def raise_failure(self) -> None:
         """Raise what the function has raised."""

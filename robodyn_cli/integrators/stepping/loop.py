@@ -118,8 +118,10 @@ def _next_step(w: Writer, adaptive: bool, run: Exit) -> Step:
     most = f.load_int(w.integer_at(IntegerSlot.MAX_STEPS))
     run.leave(Status.MAX_STEPS, unless=f.compare_int("slt", taken, most))
     if w.system.updates is not None:
+        from robodyn_cli.integrators.stepping.updates import bound
+
         with f.strict():
-            left = w.bound() - t
+            left = bound(w) - t
     return step_over(w, t, left, adaptive)
 
 
@@ -200,7 +202,12 @@ def end_of(w: Writer, step: Step) -> tuple[Value, Value]:
         total = step.t + more
         added = total - step.t
         rest = (step.t - (total - added)) + (more - added)
-        reached = f.select(step.last, w.bound(), total)
+        end = w.get(DoubleSlot.T_END)
+        if w.system.updates is not None:
+            from robodyn_cli.integrators.stepping.updates import bound
+
+            end = bound(w)
+        reached = f.select(step.last, end, total)
         return reached, f.select(step.last, f.constant(0.0), rest)
 
 

@@ -31,6 +31,11 @@ def update_when_due(w: Writer, updates: Updates, run: Exit) -> None:
         f.store_int(0, w.integer_at(IntegerSlot.RATE_KNOWN))
 
 
+def bound(w: Writer) -> Value:
+    """Return the time beyond which no step may go: the end of the run, or the next update."""
+    return w.f.min(w.get(DoubleSlot.T_END), w.get(DoubleSlot.NEXT_UPDATE))
+
+
 class UpdateCode:
     """The code of both phases."""
 

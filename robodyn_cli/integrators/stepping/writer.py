@@ -197,13 +197,6 @@ class Writer:
         last = f.load_int(self.integer_at(IntegerSlot.LAST_SAMPLE))
         return f.compare("ole", time, bound) & f.compare_int("sle", k, last)
 
-    def bound(self) -> Value:
-        """Return the time beyond which no step may go: the end of the run, or the next update."""
-        end = self.get(DoubleSlot.T_END)
-        if self.system.updates is None:
-            return end
-        return self.f.min(end, self.get(DoubleSlot.NEXT_UPDATE))
-
     def sample_time(self, k: Int) -> Value:
         """Return the time of uniform sample k."""
         f = self.f

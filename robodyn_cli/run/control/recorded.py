@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from robodyn_cli.equations.elements import environment
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.run.observation.units import unit_text
@@ -34,7 +33,7 @@ def _signals(problem: Problem) -> list[Any]:
     given = problem.scene.outputs.signals
     if not given:
         return []
-    names = environment(problem) if problem.control is None else problem.control.exact.names()
+    names = problem.environment if problem.control is None else problem.control.exact.names()
     names = names | {f"tau.{name}": x for name, x in zip(problem.model.v_names, problem.actuator_torques)}
     return [_formula(signal).evaluate(names) for signal in given.values()]
 

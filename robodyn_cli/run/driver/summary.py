@@ -82,7 +82,8 @@ class FinalState:
 class MotionSummary:
     """Keys of the summary of every integrated motion, in their order.
 
-    transitions : of contact states, how many of each kind. passed : times of poses [s]. switches : of the method.
+    transitions : of contact states, how many of each kind. payloads : when each was gripped and released [s], and the
+    energy that gripping it took [J]. passed : times of poses [s]. switches : of the method.
     """
 
     termination: Termination | dict[str, Any]
@@ -105,6 +106,7 @@ class MotionSummary:
     switches: list[MethodKeys] | Absent
     control: ControlSummary | Absent = ABSENT
     transitions: dict[str, int] | Absent = ABSENT
+    payloads: dict[str, dict[str, float]] | Absent = ABSENT
     passed: list[float] | Absent = ABSENT
     final: FinalState | Absent = ABSENT
 
