@@ -70,7 +70,7 @@ def partials(node: Expr) -> list[tuple[Expr, Scalar]]:
         if not slopes:
             return []
         return [(a, node.graph.piecewise(a, knots, slopes, None if held is None else (0.0, 0.0)))]
-    if op == "sign":
+    if op in ("sign", "round"):
         return []
     raise CapabilityError(f"the operation {op} has no derivative")
 

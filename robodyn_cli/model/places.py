@@ -25,10 +25,15 @@ def with_places(scene: Scene) -> Scene:
     Keys are those of ``--set``, such as ``robot.links.link1.mass``; the numbers of a formula are counted behind its
     key. Zeros, directions, attitudes, and values that are what a key has by default, are structure.
     """
-    placed = {name: _placed(getattr(scene, name), name) for name in SECTIONS}
+    found = {name: _placed(getattr(scene, name), name) for name in SECTIONS}
     if scene.drives:
-        placed["catalogue"] = _placed(scene.catalogue.used_by(scene.drives.values()), "catalogue")
-    return dataclasses.replace(scene, **placed)
+        found["catalogue"] = _placed(scene.catalogue.used_by(scene.drives.values()), "catalogue")
+    if scene.control is not None:
+        numbers = {
+            name: _placed(getattr(scene.control, name), f"control.{name}") for name in scene.control.numbers
+        }
+        found["control"] = dataclasses.replace(scene.control, **numbers)
+    return dataclasses.replace(scene, **found)
 
 
 def _placed(value: Any, place: str) -> Any:
