@@ -110,7 +110,7 @@ def prepare(asked: Asked) -> Study:
     wanted = options.of or tuple(key for key, e in scene.expect.items() if e.numeric and key != "exit_code")
     task = Task(family, scene.command, design.keys, wanted)
     source = "expect:" if not options.of else "study.of:" if options.of == scene.study.of else "--of"
-    nominal = _run_nominal(task, source)
+    nominal = run_nominal(task, source)
     units = {key: unit_of(family.root, key) for key in design.keys}
     model = build_model(scene)
     output_units = {key: unit_of_output(key, model) for key in wanted}
@@ -128,7 +128,7 @@ def _check_key(family: Family, key: str, variation: Variation) -> None:
         raise SceneError(message, key=key) from error
 
 
-def _run_nominal(task: Task, source: str) -> Row:
+def run_nominal(task: Task, source: str) -> Row:
     """Return the run of the scene as it stands; source : what named the outputs.
 
     Raises
