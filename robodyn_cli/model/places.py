@@ -9,10 +9,12 @@ from robodyn_cli.expr.fixed import Fixed, literal
 from robodyn_cli.expr.formula import Formula
 from robodyn_cli.expr.formula_tree import Node, Num
 from robodyn_cli.scene.types import Orientation, Scene
-from robodyn_cli.schema.fields import Direction, Vector
+from robodyn_cli.schema.fields import Direction, Vector, key_name
 
 # what enters the equations; durations, tolerances, starts and trajectories are read by programs that run once
-SECTIONS = ("robot", "gravity", "parameters", "loops", "forces", "couplers", "torques", "prescribed")
+SECTIONS = (
+    "robot", "gravity", "parameters", "loops", "forces", "payloads", "couplers", "torques", "prescribed",
+)  # fmt: skip
 _ORIENTATION = frozenset(field.name for field in dataclasses.fields(Orientation))
 
 
@@ -84,7 +86,7 @@ def _record(value: Any, place: str) -> Any:
             or (isinstance(own, float) and own == field.default)
         ):
             continue
-        found = _placed(own, f"{place}.{field.name}")
+        found = _placed(own, f"{place}.{key_name(field)}")
         if found is not own:
             changed[field.name] = found
     return dataclasses.replace(value, **changed) if changed else value

@@ -9,6 +9,7 @@ from typing import Any
 from robodyn_cli.record import record
 from robodyn_cli.results.columns import UNKNOWN, column_names, units_of
 from robodyn_cli.results.result import Result
+from robodyn_cli.results.stated_errors import stated
 
 MOST_ROWS = 12  # that a small table shows
 Summary = Mapping[str, Any]
@@ -28,7 +29,11 @@ def figure(value: Any, error: Any = None, unit: str = "") -> str:
         return "-" if value is None else str(value)
     known = _is_number(error)
     text = f"{value:.{_digits(abs(float(value)), float(error)) if known else 6}g}"
-    return f"{text}{f' ± {float(error):.1g}' if known else ''}{f' {unit}' if unit not in ('', '1') else ''}"
+    return f"{text}{f' ± {float(error):.1g}' if known else ''}{_spaced(unit)}"
+
+
+def _spaced(unit: str) -> str:
+    return f" {unit}" if unit not in ("", "1") else ""
 
 
 def _digits(size: float, error: float) -> int:
@@ -53,28 +58,17 @@ def notes(result: Result) -> list[str]:
     """Return what else is to be known of a result, a sentence each: its lock, its errors, warnings."""
     summary = result.summary
     found = _lock(summary)
-    for key, words, unit in NOTES:
-        value = _at(summary, *key)
-        if _is_number(value):
-            found.append(f"{words} {value:.2g}{f' {unit}' if unit else ''}")
+    found += [
+        f"{one.words} {one.value:.2g}{_spaced(one.statement.unit)}"
+        for one in stated(summary)
+        if one.statement.is_main
+    ]
     estimate = summary.get("error_estimate")
     if isinstance(estimate, Mapping) and estimate.get("reason"):
         found.append(f"no error estimate: {estimate['reason']}")
     if result.status == "failed":
         found.append(f"failed: {_at(summary, 'termination', 'reason')}")
     return [*found, *(f"warning: {text}" for text in summary.get("warnings", ()))]
-
-
-NOTES = (
-    (("error_estimate", "q_max"), "largest error of q", "rad or m"),
-    (("error_estimate", "qd_max"), "largest error of qd", "rad/s or m/s"),
-    (("ik_residual",), "path off by", "m"),
-    (("round_trip",), "forward after inverse dynamics: relative error", ""),
-    (("energy_drift",), "energy drift", "J"),
-    (("constraint_residual", "position"), "loops off by", "m or rad"),
-    (("error_estimate", "closure", "position"), "loops off by", "m or rad"),
-    (("error_estimate", "force_residual"), "forces out of balance by", "N m or N"),
-)
 
 
 def _at(summary: Any, *keys: str) -> Any:

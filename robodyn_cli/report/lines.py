@@ -14,6 +14,8 @@ from robodyn_cli.report import style
 from robodyn_cli.report.canvas import TimeSheet
 from robodyn_cli.report.decimate import crest, envelope, finite
 from robodyn_cli.report.heatmap import draw_map
+from robodyn_cli.report.joint_limits import NOTE as LIMIT_NOTE
+from robodyn_cli.report.joint_limits import draw_limits, limits_near
 from robodyn_cli.report.ticks import degree_axis, labelled
 from robodyn_cli.results.columns import by_unit, column_names
 from robodyn_cli.results.result import Result
@@ -103,10 +105,10 @@ def time_plot(result: Result, path: str, quantity: str, subtitle: str) -> Any:
     names = column_names(variable)
     if len(names) > style.MANY:
         return draw_map(result, variable, quantity, subtitle)
-    groups = by_unit(variable)
+    groups, near = by_unit(variable), limits_near(result, path)
     sheet = TimeSheet(
         result,
-        subtitle,
+        subtitle + (LIMIT_NOTE if near else ""),
         panels=len(groups),
         height=panel_height(len(groups)),
         labels=names if len(names) > 1 else (),
@@ -116,6 +118,7 @@ def time_plot(result: Result, path: str, quantity: str, subtitle: str) -> Any:
     sheet.label_time()
     for ax, (units, columns) in zip(sheet.axes, groups.items()):
         quiet_axis(ax, finite(variable.data[:, columns]))
+        draw_limits(ax, near, [names[k] for k in columns], [handles[k] for k in columns])
         what = "quaternion" if path == "q" and units == "1" else quantity
         ax.set_ylabel(labelled(what if len(names) > 1 else f"{names[0]}: {what}", units))
         if units == "rad":

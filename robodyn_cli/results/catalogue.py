@@ -28,6 +28,12 @@ ENTRIES: tuple[Entry, ...] = (
     Entry("qd", ("time", "joint"), "rad/s or m/s", "joint velocity"),
     Entry("qdd", ("time", "joint"), "rad/s^2 or m/s^2", "joint acceleration"),
     Entry("tau", ("time", "joint"), "N m or N", "actuator torque or force"),
+    Entry(
+        "joint_limits/LIMIT",
+        ("LIMIT_limit",),
+        "of what it limits",
+        "limits (`lower`, `upper`, `speed`, `acceleration`, `effort`) of the joints that have one",
+    ),
     Entry("torque_terms/TERM", ("time", "joint"), "N m or N", "part of the actuator torque"),
     Entry(
         "constraints/multipliers",

@@ -1,26 +1,133 @@
-"""The errors that a result states of its own figures, dataset by dataset."""
+"""The errors that a result states of its own figures: one table for plots, pages, notebooks and comparisons."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
+from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 
-# dataset -> path of the key in the summary that holds its largest error, in the unit of the dataset
-STATED: dict[str, tuple[str, ...]] = {
-    "q": ("error_estimate", "q_max"),
-    "qd": ("error_estimate", "qd_max"),
-    "tau": ("error_estimate", "torque_rounding"),
-    "energy/total": ("energy_drift",),
-    "constraints/position_residual": ("constraint_residual", "position"),
-    "constraints/velocity_residual": ("constraint_residual", "velocity"),
-}
+
+@record
+class Statement:
+    """An error or a residual that a summary may state.
+
+    key : its path in the summary.
+    words, unit : what it is; the unit is empty for a plain number.
+    about : datasets, or groups of them, that are to be read with it.
+    bounds : the dataset whose largest error it is, in the unit of the dataset; empty if there is none.
+    is_main : whether it is told where there is room for a few only.
+    """
+
+    key: tuple[str, ...]
+    words: str
+    unit: str
+    about: tuple[str, ...]
+    bounds: str = ""
+    is_main: bool = False
+
+
+@record
+class Stated:
+    """What a summary states: the number, and in which phase of the run, in words; empty for the whole run."""
+
+    statement: Statement
+    phase: str
+    value: float
+
+    @property
+    def words(self) -> str:
+        """What it is, with its phase."""
+        return f"{self.statement.words} {self.phase}" if self.phase else self.statement.words
+
+
+# what is read off positions, velocities and loads of a mechanism
+POSES = ("q", "points", "transmission_angle", "singularity", "branches")
+RATES = ("qd", "point_velocities")
+LOADS = ("constraints/multipliers", "reactions")
+STATEMENTS = (
+    Statement(("error_estimate", "q_max"), "largest error of q", "rad or m", POSES, "q", True),
+    Statement(("error_estimate", "q_end"), "error of q at the end", "rad or m", ("q",)),
+    Statement(("error_estimate", "qd_max"), "largest error of qd", "rad/s or m/s", RATES, "qd", True),
+    Statement(("error_estimate", "qd_end"), "error of qd at the end", "rad/s or m/s", ("qd",)),
+    Statement(
+        ("error_estimate", "state_max"), "largest error of the state", "rad or m, rad/s or m/s", LOADS
+    ),
+    Statement(("ik_residual",), "path off by", "m", POSES, is_main=True),
+    Statement(
+        ("error_estimate", "torque_rounding"), "rounding of any torque", "N m or N", ("tau", "torque_terms"), "tau"
+    ),
+    Statement(
+        ("round_trip",), "forward after inverse dynamics: relative error", "",
+        ("qdd", "tau", "torque_terms", "reactions"), is_main=True,
+    ),
+    Statement(("energy_drift",), "energy drift", "J", ("energy",), "energy/total", True),
+    Statement(("energy_drift_relative",), "energy drift, over the energy exchanged", "", ("energy",)),
+    Statement(("error_estimate", "energy_balance"), "work less the change of energy", "J", ("energy",)),
+    Statement(
+        ("error_estimate", "energy_balance_relative"), "work less the change of energy, over the work", "",
+        ("energy",),
+    ),
+    Statement(
+        ("error_estimate", "energy_quadrature"), "energies with every second sample", "J", ("energy",)
+    ),
+    Statement(
+        ("constraint_residual", "position"), "loops off by", "m or rad",
+        (*POSES, "constraints"), "constraints/position_residual", True,
+    ),
+    Statement(
+        ("constraint_residual", "velocity"), "velocities of the loops off by", "m/s or rad/s",
+        (*RATES, "constraints"), "constraints/velocity_residual",
+    ),
+    Statement(
+        ("constraint_residual", "redundant"), "loop rows that were left out off by", "m or rad",
+        ("constraints",),
+    ),
+    Statement(("error_estimate", "closure", "position"), "loops off by", "m or rad", POSES, is_main=True),
+    Statement(
+        ("error_estimate", "closure", "velocity"), "velocities of the loops off by", "m/s or rad/s", RATES
+    ),
+    Statement(
+        ("error_estimate", "closure", "acceleration"), "accelerations of the loops off by", "m/s^2 or rad/s^2",
+        ("qdd", "point_accelerations", "constraints/multipliers"),
+    ),
+    Statement(
+        ("error_estimate", "virtual_work_residual"), "virtual work of actuators and loads out of balance by",
+        "N m or N", ("tau", "constraints/multipliers"),
+    ),
+    Statement(
+        ("error_estimate", "force_residual"), "forces out of balance by", "N m or N", ("tau", "reactions"),
+        is_main=True,
+    ),
+)  # fmt: skip
+# a run that goes on after the lock states its errors phase by phase
+PHASES = {"": (), "after the lock": ("after_lock",)}
 # the energy balance, as the summary names it, in which the energy is a constant: its drift is its error
 CONSERVED = "kinetic + potential"
+
+
+def stated(summary: Mapping[str, Any]) -> Iterator[Stated]:
+    """Yield what a summary states of its errors."""
+    for phase, place in PHASES.items():
+        for statement in STATEMENTS:
+            value = _number(summary, *place, *statement.key)
+            if np.isfinite(value):
+                yield Stated(statement, phase, value)
+
+
+def concerning(summary: Mapping[str, Any], path: str) -> Iterator[Stated]:
+    """Yield what a summary states of the errors of a dataset, or of all in a group."""
+    for found in stated(summary):
+        if any(_is_inside(path, about) or _is_inside(about, path) for about in found.statement.about):
+            yield found
+
+
+def _is_inside(path: str, group: str) -> bool:
+    return path == group or path.startswith(f"{group}/")
 
 
 def stated_error(result: Result, path: str) -> Array:
@@ -36,11 +143,14 @@ def stated_error(result: Result, path: str) -> Array:
         return np.where(at_lock, _number(summary, "lock", "time_error"), np.nan)
     if group == "outputs" and f"errors/{key}" in result:
         return result[f"errors/{key}"]
-    if path not in STATED or (path == "energy/total" and summary.get("energy_balance") != CONSERVED):
+    if path == "energy/total" and summary.get("energy_balance") != CONSERVED:
         return np.array(np.nan)
-    # a run that goes on after the lock states its errors phase by phase
-    phases = [summary, summary.get("after_lock")]
-    return np.array(sum(_number(phase, *STATED[path]) for phase in phases if isinstance(phase, Mapping)))
+    # one phase without an error leaves the dataset without one
+    phases = [place for place in PHASES.values() if not place or isinstance(summary.get(*place), Mapping)]
+    keys = [one.key for one in STATEMENTS if one.bounds == path]
+    return np.array(
+        sum(_number(summary, *place, *key) for place in phases for key in keys) if keys else np.nan
+    )
 
 
 def _number(summary: Mapping[str, Any], *keys: str) -> float:

@@ -15,6 +15,7 @@ from robodyn_cli.run.driver.second_run import ErrorEstimate, FirstRun, estimate_
 from robodyn_cli.run.driver.self_check import Judgement, Run, judge
 from robodyn_cli.run.driver.summary import motion_summary
 from robodyn_cli.run.observation.recorder import Recorder
+from robodyn_cli.run.observation.units import add_joint_limits
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
@@ -114,8 +115,8 @@ def _take_up(run: Run, journal: Journal) -> None:
     """
     if any(watcher.changes_motion for watcher in run.driver.watchers):
         raise CapabilityError(
-            f"{run.motion.scene.path}: a run with joints that stick or meet rigid stops, or that passes singular "
-            "poses, does not go on after it was killed; run it without --resume"
+            f"{run.motion.scene.path}: a run with joints that stick or meet rigid stops, that picks up masses, or "
+            "that passes singular poses, does not go on after it was killed; run it without --resume"
         )
     for block in journal.blocks():
         for watcher in run.driver.watchers:
@@ -142,5 +143,6 @@ def _report(run: Run, judgement: Judgement, estimate: ErrorEstimate | None, watc
     result = Result.of("simulate", run.motion.scene, "ok" if failure is None else "failed")
     result.events = run.driver.log
     run.recorder.fill(result)
+    add_joint_limits(result, run.motion.scene, run.motion.problem.model)
     result.summarise(motion_summary(run, judgement, estimate), seconds=watch.report())
     return result.unless(failure)

@@ -29,6 +29,7 @@ from robodyn_cli.scene.robot_types import Inertia as Inertia
 from robodyn_cli.scene.robot_types import Joint as Joint
 from robodyn_cli.scene.robot_types import Link as Link
 from robodyn_cli.scene.robot_types import Orientation as Orientation
+from robodyn_cli.scene.robot_types import Payload as Payload
 from robodyn_cli.scene.robot_types import Place as Place
 from robodyn_cli.scene.robot_types import Placement as Placement
 from robodyn_cli.scene.robot_types import Point as Point
@@ -284,6 +285,9 @@ class Scene:
     loops: tuple[Any, ...] = key(ListOf(Tagged(lambda: loop_types)), default=(), doc="Loop closures.")
     forces: tuple[Any, ...] = key(
         ListOf(Tagged(lambda: force_types)), default=(), doc="Forces on points and between bodies."
+    )
+    payloads: tuple[Payload, ...] = key(
+        ListOf(Section(Payload)), default=(), doc="Masses that links pick up and release."
     )
     couplers: tuple[Coupler, ...] = key(
         ListOf(Section(Coupler)), default=(), doc="Gears, racks, belts: relations between joint coordinates."

@@ -55,7 +55,7 @@ def _plain(kind: kinds.Kind) -> str:
     if isinstance(kind, kinds.CsvFile):
         return "the path of a CSV or HDF5 file"
     if isinstance(kind, kinds.MeshFile):
-        return "the path of an STL or OBJ file"
+        return "the path of an STL, OBJ or DAE file"
     return "a value"
 
 

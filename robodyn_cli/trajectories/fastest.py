@@ -101,7 +101,7 @@ class FastestTrajectory:
     intervals: int = key(
         Integer(minimum=4, maximum=100_000),
         default=200,
-        doc="Into how many parts the path is divided at least.",
+        doc="Into how many parts the path is divided, most of them where other limits begin to bind.",
     )
 
     def problems(self, scene: SceneNames) -> Problems:

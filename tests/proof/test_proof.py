@@ -48,6 +48,13 @@ def test_scenes_that_were_wrong_once(seed: int) -> None:
     assert not bad, "\n".join(bad)
 
 
+@pytest.mark.parametrize("seed", [230073, 230399, 250003])
+def test_errors_that_both_integrations_share(seed: int) -> None:
+    """Some of 12 settings end where both errors are the same, or take a pulse in one and the same step."""
+    bad = [line(run) for run in try_seed(seed, 12) if run.verdict in BAD]
+    assert not bad, "\n".join(bad)
+
+
 def test_an_error_that_is_hidden_is_found() -> None:
     """The judge sees a run whose equations are not those of the reference."""
     _, m, _ = make(0)

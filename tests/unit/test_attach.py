@@ -200,7 +200,7 @@ def test_what_cannot_be_appended(override: str, words: str, tmp_path: Path) -> N
         ("{to: fore}", "either 'link', a new link, or 'include', a robot"),
         ("{link: a, include: hand.yaml}", "either 'link', a new link, or 'include'"),
         ("3", "either 'link'"),
-        ("{link: a, to: foer, mass: 1}", "unknown link 'foer' .did you mean 'fore'"),
+        ("{link: a, to: foer, mass: 1}", "robot.attach.0.to: unknown link 'foer' .did you mean 'fore'"),
         ("{link: a, mas: 1}", "unknown key 'mas' beside 'link' .did you mean 'mass'"),
         (
             "{include: hand.yaml, mass: 1}",

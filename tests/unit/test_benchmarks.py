@@ -107,6 +107,13 @@ def test_ensembles(tmp_path: Path) -> None:
     assert rows["four-bars to their lock", "robodyn gauss, with error estimate"]["error"] < 1e-9
 
 
+def test_memory_of_studies(tmp_path: Path) -> None:
+    file = tmp_path / "memory.json"
+    run("study_memory.py", "--quick", "--json", str(file))
+    few, many = rows_of(file)
+    assert (few["runs"], many["runs"]) == (100, 1000) and many["peak_MB"] < 1.1 * few["peak_MB"]
+
+
 def test_operations_of_a_hundred_loops() -> None:
     """Counted on graphs alone: proportional still, and rows in any order of the loops cost the same."""
     code = """

@@ -99,18 +99,16 @@ def test_samples_are_asked_for() -> None:
 
 
 def test_a_study_of_figures_takes_compiled_code() -> None:
-    from robodyn_cli.run.study.compiled import blocks
-    from robodyn_cli.run.study.row import Task
-    from robodyn_cli.run.study.runs import Runner, run_all
+    from robodyn_cli.run.study.compiled import Compiled
+    from robodyn_cli.run.study.row import Points, Task
+    from robodyn_cli.run.study.runs import make_alone
 
     family = Family.of(load_scene_text(CHAIN))
     task = Task(family, "inverse", ("robot.links.a.mass",), ("peak_torque.j1", "joints.j2.energy"))
-    points = [(float(m),) for m in np.linspace(1.0, 4.0, 70)]
-    assert not any(block.left for block in blocks(task, points, 1))
-    rows = [row for some in run_all(task, points, 1) for row in some]
-    single = Runner(task)
-    assert [row.values for row in rows] == points
-    for row in rows[::23]:
-        own = single.one(row.values)
-        np.testing.assert_allclose(row.outputs, own.outputs, rtol=1e-9)
-        assert (row.code, row.holds, row.reason) == (own.code, own.holds, own.reason)
+    points = Points(np.arange(70), np.linspace(1.0, 4.0, 70)[:, None])
+    made = Compiled(task, 1).make(points)
+    assert np.array_equal(made.runs, points.runs) and np.array_equal(made.rows["values"], points.values)
+    some = [0, 23, 46, 69]
+    own = make_alone(task, points.part(some))
+    np.testing.assert_allclose(made.rows["outputs"][some], own.rows["outputs"], rtol=1e-9)
+    assert (made.rows["code"][some] == own.rows["code"]).all() and made.reasons == own.reasons == {}

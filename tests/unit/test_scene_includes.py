@@ -230,3 +230,17 @@ def test_include_must_name_a_map(tmp_path: Path) -> None:
         included(tmp_path, "{include: [parts/robot.yaml]}")
     scene = write(tmp_path, scene_yaml=SCENE.replace("parts/robot.yaml", "{include: l.yaml}"), l_yaml="[1]")
     assert "l.yaml:1:1: robot: an included file must contain a map" in refuse(scene).message
+
+
+def test_a_whole_scene_lends_its_robot(tmp_path: Path) -> None:
+    """Another scene, or one that `robodyn new` wrote, may stand where a robot is asked for; nothing of it is lost."""
+    path = write(tmp_path, scene_yaml=SCENE, parts__robot_yaml=ROBOT)
+    plain = load_scene(path).robot
+    body = "".join(f"  {line}\n" for line in ROBOT.splitlines())
+    whole = f"schema: 1\ntitle: an arm\ngravity: [1, 2, 3]\nrobot:\n{body}"
+    write(tmp_path, scene_yaml=SCENE, parts__robot_yaml=whole)
+    found = load_scene(path)
+    assert found.robot == plain and found.gravity == (0, 0, 0)
+    write(tmp_path, scene_yaml=SCENE, parts__robot_yaml=whole + "forces: [{type: damper}]\n")
+    error = refuse(path)
+    assert "robot.yaml:11" in error.message and "'forces' beside its robot" in error.message

@@ -72,9 +72,9 @@ def exact(question: Asked) -> dict[tuple[str, str], Slope]:
 
 def compare_with_differences(question: Asked, beyond: float = 3.0) -> None:
     """All derivatives are exact, and differ from central differences by no more than both say."""
-    found = exact(question)
+    found, others = exact(question), differences(question, range(len(question.keys)), 1)
     for k, key in enumerate(question.task.keys):
-        for name, other in zip(question.task.outputs, differences(question, k, 1)):
+        for name, other in zip(question.task.outputs, others[k]):
             slope = found[name, key]
             assert slope.method == EXACT
             apart, allowed = abs(slope.value - other.value), beyond * (slope.error + other.error)
@@ -160,7 +160,7 @@ def random_scene(seed: int) -> tuple[str, list[str]]:
     return text, [*chosen, "parameters.w", "gravity.1"]
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_random_chains_agree_with_differences(seed: int) -> None:
     text, keys = random_scene(seed)
     compare_with_differences(asked(text, keys, ["final.q.j0", "final.qd.j2"]))
@@ -180,7 +180,7 @@ def test_the_lock_of_the_four_bar() -> None:
     assert abs(slope.value - truth) <= slope.error
     assert slope.value == pytest.approx(truth, rel=1e-8)
     assert abs(found["lock.time", "initial.q.phi1"].value) <= found["lock.time", "initial.q.phi1"].error
-    mass = differences(question, 1, 1)
+    mass = differences(question, [1], 1)[1]
     for name, other in zip(question.task.outputs, mass):
         own = found[name, "robot.links.coupler.mass"]
         assert abs(own.value - other.value) <= 3.0 * (own.error + other.error)
@@ -196,7 +196,7 @@ def test_numbers_of_formulas_are_keys() -> None:
         asked(path, ["parameters.k"], of, "parameters={k: 0.1}", "torques.theta1='1.96 - k*theta1'")
     )["lock.time", "parameters.k"]
     assert inside.value == pytest.approx(outside.value, rel=1e-11)
-    (slope,) = differences(asked(path, ["torques.theta1#2"], of), 0, 1)
+    (slope,) = differences(asked(path, ["torques.theta1#2"], of), [0], 1)[0]
     assert np.isnan(slope.value) and "parameters" in slope.reason
 
 
@@ -234,7 +234,7 @@ def test_bodies_with_quaternions(scene: str) -> None:
 def compare_with_differences_of(question: Asked) -> None:
     """As ``compare_with_differences``, where derivatives may be zero."""
     found = exact(question)
-    for name, other in zip(question.task.outputs, differences(question, 0, 1)):
+    for name, other in zip(question.task.outputs, differences(question, [0], 1)[0]):
         slope = found[name, question.task.keys[0]]
         assert abs(slope.value - other.value) <= 3.0 * (slope.error + other.error) + 1e-9
 

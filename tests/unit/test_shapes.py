@@ -130,6 +130,44 @@ def test_formats_hold_the_same_mesh(tmp_path: Path) -> None:
     assert quads.faces.tolist() == [[0, 1, 2], [0, 2, 3]]
 
 
+DAE = """<?xml version="1.0"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit meter="0.001"/><up_axis>Y_UP</up_axis></asset>
+<library_geometries><geometry id="g"><mesh>
+<source id="p"><float_array id="a" count="{count}">{points}</float_array><technique_common>
+<accessor source="#a" count="{corners}" stride="3"><param name="X" type="float"/><param name="Y" type="float"/>
+<param name="Z" type="float"/></accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+<polylist count="{faces}"><input semantic="VERTEX" source="#v" offset="0"/><vcount>{sizes}</vcount><p>{numbers}</p></polylist>
+</mesh></geometry></library_geometries>
+<library_visual_scenes><visual_scene id="s"><node>
+<translate>10 0 0</translate><rotate>0 0 1 90</rotate><instance_geometry url="#g"/></node></visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
+
+
+def test_collada_is_read_in_its_unit_with_its_nodes_placed(tmp_path: Path) -> None:
+    """A box of 20 x 40 x 60 mm by faces of four corners, turned by its node about z and moved by 10 mm."""
+    corners = [(x, y, z) for x in (0, 20) for y in (0, 40) for z in (0, 60)]
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    text = DAE.format(
+        count=24, corners=8, faces=6, sizes=" ".join("4" * 6),
+        points=" ".join(str(x) for corner in corners for x in corner),
+        numbers=" ".join(str(k) for face in faces for k in face),
+    )  # fmt: skip
+    (tmp_path / "box.dae").write_text(text)
+    found = read_obj(small_mesh(str(tmp_path / "box.dae")))
+    assert abs(volume(found)) == pytest.approx(0.02 * 0.04 * 0.06, rel=1e-3)
+    assert found.points.min(axis=0) == pytest.approx([0.01 - 0.04, 0, 0], abs=1e-5)
+    assert found.points.max(axis=0) == pytest.approx([0.01, 0.02, 0.06], abs=1e-5)
+
+
+def test_a_missing_package_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robodyn_cli.scene.mesh.dae.PACKAGE", "no_such_package")
+    (tmp_path / "box.dae").write_text("<COLLADA/>")
+    with pytest.raises(MeshError, match="pip install 'robodyn.collada.'"):
+        small_mesh(str(tmp_path / "box.dae"))
+
+
 def test_a_small_mesh_is_closed_and_like_the_large_one() -> None:
     mesh = ball(3)
     found = simplified(
@@ -160,7 +198,9 @@ def test_a_small_mesh_is_closed_and_like_the_large_one() -> None:
         ("a.obj", b"v 1 2 3\nf 1 2 0\n", "line 2: '0' is no number of a corner"),
         ("a.obj", b"v 1 2 3\nf 1 1\n", "line 2: a face needs three corners"),
         ("a.obj", b"v 1 2 3\nf 1 2 3\n", "corner 3 of 1"),
-        ("a.dae", b"<COLLADA/>", "allowed: .stl or .obj"),
+        ("a.ply", b"ply", "allowed: .stl, .obj, .dae"),
+        ("a.dae", b"<COLLADA", "no COLLADA that pycollada reads"),
+        ("a.dae", b'<!DOCTYPE x [<!ENTITY y "z">]><COLLADA/>', "a document type"),
         ("none.stl", None, "No such file"),
     ],
 )
@@ -187,7 +227,7 @@ def test_a_file_that_cannot_be_drawn_is_told_and_left_out(
         ("box: [0.2,", "box: [-0.2,", "not positive (value -0.2)"),
         ("sphere: 0.05", 'obj: "v 1 2"', "this is no mesh: line 1"),
         ("x: [0, 1, 0]}", "x: [1, 0, 0]}", "visual.2.origin"),
-        ("mesh: ball.stl", "mesh: [1]", "STL or OBJ"),
+        ("mesh: ball.stl", "mesh: [1]", "STL, OBJ or DAE"),
     ],
 )
 def test_wrong_shapes_name_their_place(old: str, new: str, words: str) -> None:
@@ -266,7 +306,7 @@ def test_movie_and_page(result: Result, tmp_path: Path) -> None:
 # -- URDF ----------------------------------------------------------------------------------------------------
 URDF = """<robot name="arm">
 <link name="lower"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
- <visual><origin xyz="0 0 0.1" rpy="0 0 1"/><geometry><mesh filename="package://arm/ball.dae"/></geometry></visual>
+ <visual><origin xyz="0 0 0.1" rpy="0 0 1"/><geometry><mesh filename="package://arm/ball.ply"/></geometry></visual>
  <collision><geometry><mesh filename="package://arm/ball.stl" scale="0.001 0.001 0.001"/></geometry></collision></link>
 <link name="upper"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
  <visual><geometry><cylinder radius="0.1" length="0.5"/></geometry></visual>
@@ -282,7 +322,7 @@ def test_shapes_of_a_urdf(tmp_path: Path) -> None:
 
     package = tmp_path / "somewhere"
     package.mkdir()
-    for name, content in (("ball.dae", b"<COLLADA/>"), ("ball.stl", stl_bytes(ball(1)))):
+    for name, content in (("ball.ply", b"ply"), ("ball.stl", stl_bytes(ball(1)))):
         (package / name).write_bytes(content)
     (tmp_path / "arm.urdf").write_text(URDF)
     robot = load_urdf(tmp_path / "arm.urdf", {"arm": str(package)})[1].robot

@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,8 @@ from robodyn_cli.results.columns import UNKNOWN
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.run.many.mechanism import Mechanism
 from robodyn_cli.run.study.design import make_design
+from robodyn_cli.run.study.row import Task
+from robodyn_cli.run.study.rows import ROWS_NAME, RowFile
 from robodyn_cli.run.study.runs import run_all
 from robodyn_cli.run.study.statistics import influences, share, sobol
 from robodyn_cli.run.study.study import Asked, prepare
@@ -120,12 +123,12 @@ def options(n: int | None = None, sampler: str = "random", **vary: str) -> Study
 
 def test_a_grid_is_every_combination_and_samples_stand_at_each_of_its_points() -> None:
     design = make_design(options(n=3, a="[1, 2]", u="uniform(0, 1)", b="[5, 6, 7]"))
-    assert design.keys == ("a", "u", "b") and design.values.shape == (18, 3)
-    pairs = [(a, b) for a, _, b in design.values]
+    assert design.keys == ("a", "u", "b") and design.rows().shape == (18, 3)
+    pairs = [(a, b) for a, _, b in design.rows()]
     combinations = [(a, b) for a in (1, 2) for b in (5, 6, 7)]
     assert sorted(set(pairs)) == combinations and all(pairs.count(p) == 3 for p in combinations)
-    draws = design.values[:3, 1]
-    assert len(set(draws)) == 3 and np.all(design.values[3:6, 1] == draws)
+    draws = design.rows()[:3, 1]
+    assert len(set(draws)) == 3 and np.all(design.rows(3, 6)[:, 1] == draws)
 
 
 @pytest.mark.parametrize("sampler", ["random", "sobol", "latin"])
@@ -133,7 +136,7 @@ def test_samples_have_the_quantiles_of_their_distributions(sampler: str) -> None
     design = make_design(
         options(n=4096, sampler=sampler, u="uniform(-1, 3)", t="triangular(0, 1, 4)", z="normal(10, 5 %)")
     )
-    u, t, z = design.values.T
+    u, t, z = design.rows().T
     levels = np.array([0.1, 0.5, 0.9])
     # closed forms: cumulative distributions (x+1)/4; x^2/4 below the mode, 1 - (4-x)^2/12 above; erf
     assert np.quantile(u, levels) == pytest.approx(-1 + 4 * levels, abs=0.1)
@@ -147,7 +150,7 @@ def test_more_samples_begin_with_those_that_were_there(sampler: str) -> None:
     few, many = (
         make_design(options(n=n, sampler=sampler, a="normal(0, 1)", b="uniform(0, 1)")) for n in (7, 50)
     )
-    assert np.array_equal(many.values[:7], few.values)
+    assert np.array_equal(many.rows(0, 7), few.rows())
 
 
 def test_samples_are_correlated_as_asked() -> None:
@@ -156,7 +159,7 @@ def test_samples_are_correlated_as_asked() -> None:
         n=20_000,
         correlation=(Correlation(("a", "b"), 0.8), Correlation(("b", "c"), -0.5)),
     )
-    found = np.corrcoef(make_design(given).values.T)
+    found = np.corrcoef(make_design(given).rows().T)
     assert found == pytest.approx(np.array([[1, 0.8, 0], [0.8, 1, -0.5], [0, -0.5, 1]]), abs=0.03)
 
 
@@ -185,7 +188,7 @@ def test_the_share_and_its_interval_are_those_of_the_binomial() -> None:
 
 def test_influence_is_that_of_a_linear_function() -> None:
     design = make_design(options(n=500, a="uniform(0, 1)", b="uniform(0, 10)", c="normal(5, 1)"))
-    found = influences(design, design.values @ [3.0, -2.0, 0.0] + 7.0)
+    found = influences(design.keys, design.rows(), design.rows() @ [3.0, -2.0, 0.0] + 7.0)
     assert list(found) == ["b", "a", "c"]
     assert found["b"].swing == pytest.approx(-18.0, abs=0.6) and found["c"].swing == pytest.approx(
         0.0, abs=1e-9
@@ -197,10 +200,10 @@ def test_sobol_indices_are_those_of_the_ishigami_function() -> None:
     """Closed forms: Ishigami and Homma (1990)."""
     given = options(n=4096, sampler="sobol", **dict.fromkeys(("x", "y", "z"), "uniform(-pi, pi)"))
     design = make_design(given, indices=True)
-    assert len(design.values) == 4096 * 5
-    x, y, z = design.values.T
+    assert len(design) == 4096 * 5
+    x, y, z = design.rows().T
     a, b = 7.0, 0.1
-    found = sobol(design, np.sin(x) + a * np.sin(y) ** 2 + b * z**4 * np.sin(x))
+    found = sobol(design.keys, np.sin(x) + a * np.sin(y) ** 2 + b * z**4 * np.sin(x))
     V = a**2 / 8 + b * math.pi**4 / 5 + b**2 * math.pi**8 / 18 + 0.5
     first = [0.5 * (1 + b * math.pi**4 / 5) ** 2 / V, a**2 / 8 / V, 0.0]
     beyond = 8 * b**2 * math.pi**8 / 225 / V
@@ -220,7 +223,7 @@ def test_sobol_indices_of_few_samples_and_of_one_key_have_finite_intervals(n: in
     """The last of several keys has no influence, so its indices are zero in every resample."""
     names = [f"k{i}" for i in range(keys)]
     design = make_design(options(n=n, **dict.fromkeys(names, "uniform(0, 1)")), indices=True)
-    found = sobol(design, design.values[:, : max(1, keys - 1)].sum(axis=1) ** 2)
+    found = sobol(design.keys, design.rows()[:, : max(1, keys - 1)].sum(axis=1) ** 2)
     assert found is not None and list(found) == names
     for one in found.values():
         assert all(math.isfinite(x) for x in dataclasses.astuple(one))
@@ -230,18 +233,18 @@ def test_sobol_indices_of_few_samples_and_of_one_key_have_finite_intervals(n: in
 
 def test_one_key_explains_all_of_the_variance() -> None:
     design = make_design(options(n=2048, sampler="sobol", a="normal(1, 2)"), indices=True)
-    found = sobol(design, 3.0 * design.values[:, 0])
+    found = sobol(design.keys, 3.0 * design.rows()[:, 0])
     assert found is not None and (found["a"].first, found["a"].total) == pytest.approx((1.0, 1.0), abs=0.02)
 
 
 def test_runs_that_samples_share_are_not_runs_of_an_earlier_study(fall: Path, tmp_path: Path) -> None:
-    """With one key B is the block with that column of B, so the runs of both are the same."""
+    """With one key B is the block with that column of B, so values of both are the same."""
     words = ["--vary", "initial.qd.z=normal(1, 0.1)", "-n", 4, "--indices", "--of", "final.q.z"]
     first = sweep(fall, *words, "--out", tmp_path / "out")
     assert first.exit_code == 0 and "earlier study" not in first.output, first.output
     assert "Saltelli" in first.output and stored(tmp_path / "out")[1]["runs"] == 12
     again = sweep(fall, *words, "--out", tmp_path / "out")
-    assert "8 of 8 runs are there from an earlier study" in again.output
+    assert "12 of 12 runs are there from an earlier study" in again.output
 
 
 def test_one_place_may_not_vary_under_two_names(fall: Path) -> None:
@@ -334,17 +337,18 @@ def test_compiled_runs_give_the_rows_of_whole_commands(fall: Path, tmp_path: Pat
     assert first["yield"] == second["yield"]
 
 
-def test_a_scene_is_read_once_and_other_processes_get_what_was_read(fall: Path) -> None:
+def test_a_scene_is_read_once_and_other_processes_get_what_was_read(fall: Path, tmp_path: Path) -> None:
     family = Family(fall, ["gravity.2=-1"])
     fall.unlink()
     of = ("final.q.z", "energy_drift")  # a whole command gives the second
     options = StudyOptions(vary={"initial.qd.z": parse_variation("linspace(1, 2, 20)")}, of=of)
     study = prepare(Asked(family, options))
-    points = [(v,) for v in study.design.values[:, 0].tolist()]
-    rows = {row.values: row.outputs for some in run_all(study.task, points, 2) for row in some}
-    assert len(rows) == 20
-    for (v,), (z, _) in rows.items():
-        assert z == pytest.approx(v - 0.5, abs=1e-9)
+    with RowFile(tmp_path, study.task, study.design, study.rows_head) as file:
+        for made in run_all(study.task, file, 2):
+            file.add(made)
+        rows = file.read(0, 20)
+    assert rows["done"].all() and len(study.design) == 20
+    assert rows["outputs"][:, 0] == pytest.approx(np.linspace(1, 2, 20) - 0.5, abs=1e-9)
 
 
 def test_a_study_grows_and_keeps_the_runs_that_are_there(
@@ -353,8 +357,8 @@ def test_a_study_grows_and_keeps_the_runs_that_are_there(
     from robodyn_cli.run.study import runs
 
     count = []
-    one = runs.Runner.one
-    monkeypatch.setattr(runs.Runner, "one", lambda self, values: (count.append(values), one(self, values))[1])
+    one = runs.make_one
+    monkeypatch.setattr(runs, "make_one", lambda *of: (count.append(of), one(*of))[1])
     of = ["--of", "final.q.z", "--of", "energy_drift"]  # a whole command gives the second
     words = [fall, "--vary", "initial.qd.z=normal(1, 0.1)", *of, "--out", tmp_path / "out"]
     assert sweep(*words, "-n", 4).exit_code == 0 and len(count) == 4
@@ -370,21 +374,34 @@ def test_a_study_that_was_killed_goes_on_where_it_was(fall: Path, tmp_path: Path
     command = [sys.executable, "-m", "robodyn_cli", "sweep", str(fall), "--vary", "initial.qd.z=normal(1, 0.1)",
                "-n", "3000", "--of", "final.q.z", "--out", str(out), "--jobs", "1", "--no-plots"]  # fmt: skip
     process = subprocess.Popen(command, stderr=subprocess.PIPE)
-    log = out / "unfinished.jsonl"
-    limit = time.monotonic() + 60
-    while time.monotonic() < limit and not (log.exists() and log.stat().st_size > 3000):
-        time.sleep(0.02)
+    file = out / ROWS_NAME
+    size = Task(Family(fall), "simulate", ("initial.qd.z",), ("final.q.z",)).layout.itemsize
+
+    def done() -> int:
+        return file.read_bytes()[size - 1 :: size].count(1) if file.exists() else 0
+
+    wait_for(lambda: done() > 5)
     process.kill()
     process.communicate()
-    lines = log.read_text().splitlines()
-    assert len(lines) > 5 and not (out / "result.h5").exists()
-    log.write_text(log.read_text() + "[[0.5], 0, [1.0")  # a line that was being written
-    command[command.index("3000")] = str(len(lines) + 5)
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert f"{len(lines) - 1} of {len(lines) + 5} runs are there" in done.stderr
+    kept = done()
+    assert kept > 5 and not (out / "result.h5").exists()
+    torn = bytearray(file.read_bytes())
+    torn[size * (kept - 1) + 8 : size * kept] = bytes(size - 8)  # a row that was being written
+    file.write_bytes(torn)
+    with open(out / "unfinished.jsonl", "a") as reasons:
+        reasons.write('[3, 7, "the')
+    command[command.index("3000")] = str(kept + 5)
+    ended = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert f"{kept - 1} of {kept + 5} runs are there" in ended.stderr
     result, _ = stored(out)
     assert result["outputs/final.q.z"] == pytest.approx(result["inputs/initial.qd.z"] - 9.81 / 2, abs=1e-9)
-    assert not log.exists()
+    assert not [*out.glob("*unfinished*")]
+
+
+def wait_for(what: Callable[[], bool]) -> None:
+    limit = time.monotonic() + 60
+    while time.monotonic() < limit and not what():
+        time.sleep(0.02)
 
 
 def test_an_interrupt_says_what_is_kept_and_nothing_else(fall: Path, tmp_path: Path) -> None:
@@ -392,14 +409,17 @@ def test_an_interrupt_says_what_is_kept_and_nothing_else(fall: Path, tmp_path: P
     command = [sys.executable, "-m", "robodyn_cli", "sweep", str(fall), "--vary", "initial.qd.z=normal(1, 0.1)",
                "-n", "100000", "--of", "energy_drift", "--out", str(out), "--jobs", "2", "--no-plots"]  # fmt: skip
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    log = out / "unfinished.jsonl"
-    limit = time.monotonic() + 60
-    while time.monotonic() < limit and not (log.exists() and log.stat().st_size > 3000):
-        time.sleep(0.02)
+    file = out / ROWS_NAME
+    size = Task(Family(fall), "simulate", ("initial.qd.z",), ("energy_drift",)).layout.itemsize
+
+    def done() -> int:
+        return file.read_bytes()[size - 1 :: size].count(1) if file.exists() else 0
+
+    wait_for(lambda: done() > 20)
     process.send_signal(signal.SIGINT)
     _, said = process.communicate()
     assert process.returncode == 130
-    runs = len(log.read_text().splitlines()) - 1
+    runs = done()
     first, last = said.splitlines()
     assert first.endswith(" of 100000 runs are done and kept; the same command goes on from there")
     # the last rows may be written and not yet counted

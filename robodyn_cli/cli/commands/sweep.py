@@ -36,6 +36,10 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from robodyn_cli.expr.variation import Variation
+    from robodyn_cli.report.registry import Drawings
+    from robodyn_cli.results.output_dir import OutputDirectory
+    from robodyn_cli.results.result import Result
+    from robodyn_cli.run.study.study import Study
 
 MOST_CASES = 8  # shown on the terminal
 
@@ -81,8 +85,7 @@ def command(
     quiet: Quiet = False,
 ) -> int:  # fmt: skip
     """Run the study; return 0 even where runs failed, 1 below the yield."""
-    from robodyn_cli.run.study.report import earlier_rows, report
-    from robodyn_cli.run.study.study import Asked, forget_log, options_of, prepare, run_study
+    from robodyn_cli.run.study.study import Asked, options_of, prepare
     from robodyn_cli.scene.load import Family
 
     console = Console(as_json, quiet)
@@ -94,17 +97,38 @@ def command(
     with output(target, scene, console) as directory:
         study = prepare(Asked(family, options, indices))
         with begun(directory, console):
-            progress = Progress(console)
-            done = earlier_rows(study, directory.path)
-            with progress:
-                rows = run_study(study, directory.path, jobs or cores(), done, progress)
-            result = report(study, rows, progress.seconds)
-            store(result, directory)
-            publish(result, directory, drawings(no_plots, plots, format_))
-            forget_log(directory.path)
+            result = _run(study, directory, jobs or cores(), console, drawings(no_plots, plots, format_))
     judged = options.least_yield is not None
     show(result, directory, console, lambda summary: describe(summary, judged))
     return _judge(result.summary, options.least_yield, console)
+
+
+def _run(
+    study: Study, directory: OutputDirectory, jobs: int, console: Console, drawn: Drawings | None
+) -> Result:
+    """Make the runs and write what they give; return the result."""
+    from robodyn_cli.results.hdf5 import ResultWriter, read
+    from robodyn_cli.run.study.report import earlier_rows, report
+    from robodyn_cli.run.study.rows import RowFile
+    from robodyn_cli.run.study.study import run_study
+
+    with RowFile(directory.path, study.task, study.design, study.rows_head) as file:
+        if (earlier := earlier_rows(study, directory.path)) is not None:
+            file.take_over(earlier)
+            del earlier
+        with Progress(console) as progress:
+            run_study(study, file, jobs, progress)
+        title = study.scene.title or study.task.command
+        with ResultWriter(
+            directory.result_path, command="sweep", title=title, scene_text=study.scene.text
+        ) as writer:
+            result = report(study, file, writer, progress.seconds)
+            store(result, directory, writer)
+        if drawn is not None:
+            result.variables = read(directory.result_path).variables
+        publish(result, directory, drawn)
+        file.forget()
+    return result
 
 
 class Progress:

@@ -8,60 +8,32 @@ from typing import Any
 
 from robodyn_cli.report import figures
 from robodyn_cli.report.page.markup import Html, element
-from robodyn_cli.report.ticks import number
+from robodyn_cli.report.ticks import number, unit
 from robodyn_cli.results.result import Result
+from robodyn_cli.results.stated_errors import concerning
 
 DIGITS = 6
 MOST_ROWS = 200  # of a table of runs
 MOST_ITEMS = 60  # of a list in a cell
 
-# what an error or a residual of the summary belongs to: parts of its key, by plot
-ERRORS: dict[str, tuple[str, ...]] = {
-    "joint_angles": ("q_max", "q_end", "state_max", "ik_residual", "position"),
-    "joint_rates": ("qd_max", "qd_end", "state_max", "velocity"),
-    "joint_accelerations": ("acceleration", "round_trip"),
-    "torques": ("torque", "round_trip", "force_residual"),
-    "torque_terms": ("torque", "round_trip"),
-    "tip_path": ("q_max", "state_max", "ik_residual", "position"),
-    "point_motion": ("qd_max", "state_max", "velocity", "acceleration"),
-    "transmission_angle": ("q_max", "position"),
-    "energy": ("energy",),
-    "energy_drift": ("energy",),
-    "multipliers": ("state_max", "multiplier", "acceleration", "position", "velocity"),
-    "reactions": ("state_max", "round_trip", "force_residual"),
-    "constraint_residual": ("position", "velocity", "redundant"),
-    "singular_values": ("q_max", "position"),
-    "branches": ("position",),
-    "motion": ("q_max", "q_end", "ik_residual", "position"),
-}
-SOURCES = (
-    "error_estimate",
-    "energy_drift",
-    "energy_drift_relative",
-    "constraint_residual",
-    "ik_residual",
-    "round_trip",
-)
-# what these figures are, with their units
-WORDS = {
-    "q_max": "largest error of q [rad, m]",
-    "q_end": "error of q at the end [rad, m]",
-    "qd_max": "largest error of qd [rad/s, m/s]",
-    "qd_end": "error of qd at the end [rad/s, m/s]",
-    "state_max": "largest error of the state [rad, m; per s]",
-    "position": "positions of the loops [m, rad]",
-    "velocity": "velocities of the loops [m/s, rad/s]",
-    "acceleration": "accelerations of the loops [m/s², rad/s²]",
-    "redundant": "loop rows that were left out [m, rad]",
-    "ik_residual": "distance from the target [m]",
-    "round_trip": "accelerations of forward after inverse dynamics [1]",
-    "torque_rounding": "rounding of any torque [N·m, N]",
-    "energy_drift": "energy drift [J]",
-    "energy_drift_relative": "energy drift, over the energy exchanged [1]",
-    "energy_balance": "work less the change of energy [J]",
-    "energy_balance_relative": "work less the change of energy, over the work [1]",
-    "energy_quadrature": "energies with every second sample [J]",
-    "force_residual": "forces out of balance [N·m, N]",
+# what a figure shows: a dataset or a group of them
+SHOWN = {
+    "joint_angles": "q",
+    "joint_rates": "qd",
+    "joint_accelerations": "qdd",
+    "torques": "tau",
+    "torque_terms": "torque_terms",
+    "tip_path": "points",
+    "point_motion": "point_velocities",
+    "transmission_angle": "transmission_angle",
+    "energy": "energy",
+    "energy_drift": "energy",
+    "multipliers": "constraints/multipliers",
+    "reactions": "reactions",
+    "constraint_residual": "constraints",
+    "singular_values": "singularity",
+    "branches": "branches",
+    "motion": "q",
 }
 # told elsewhere on the page
 APART = ("status", "command", "title", "definitions", "outputs", "scene_file", "run_id")
@@ -109,7 +81,7 @@ def _cell(value: Any, aligned: bool) -> Html:
 
 def main_figures(result: Result) -> Html | None:
     """Return the main figures of a result with their errors, None of a command that has none."""
-    found = [table(one.head, one.rows[:MOST_ROWS]) for one in figures.tables(result)]
+    found = [table(one.head, one.rows[:MOST_ROWS], _cut(len(one.rows))) for one in figures.tables(result)]
     return element("div", element("h3", "Main figures"), found) if found else None
 
 
@@ -157,13 +129,14 @@ def _rows(items: Sequence[Mapping[str, Any]]) -> Html:
     """Return a table with an item a row."""
     columns = list(dict.fromkeys(key for item in items[:MOST_ROWS] for key in item))
     rows = [[item.get(key, "") for key in columns] for item in items[:MOST_ROWS]]
-    left = len(items) - MOST_ROWS
-    rest = (
-        f"The first {MOST_ROWS} of {len(items)} rows; all of them are in the result's files."
-        if left > 0
-        else None
-    )
-    return table([named(key) for key in columns], rows, rest)
+    return table([named(key) for key in columns], rows, _cut(len(items)))
+
+
+def _cut(count: int) -> str | None:
+    """Return the words for rows that a table leaves out; None where it has them all."""
+    if count <= MOST_ROWS:
+        return None
+    return f"The first {MOST_ROWS} of {count} rows; all of them are in the result's files."
 
 
 def _folded(title: str, content: list[Html], is_open: bool) -> Html:
@@ -174,18 +147,13 @@ def _folded(title: str, content: list[Html], is_open: bool) -> Html:
     )
 
 
-def error_table(summary: Mapping[str, Any], plot: str) -> Html | None:
+def errors_of(summary: Mapping[str, Any], plot: str) -> Html | None:
     """Return the errors and residuals that a figure is to be read with, None where the summary has none for it."""
-    parts = ERRORS.get(plot, ())
-    found: dict[str, float] = {}
-    for source in SOURCES:
-        for key, value in _flat(source, summary.get(source)):
-            if any(part in key for part in parts):
-                found.setdefault(key.rpartition(" ")[2], value)
-    if not found:
-        return None
-    rows = [(WORDS.get(name, named(name)), value) for name, value in found.items()]
-    return element("div", table(("errors and residuals", ""), rows), class_="errors")
+    found = concerning(summary, SHOWN[plot]) if plot in SHOWN else ()
+    said = [
+        " ".join(filter(None, (one.words, number(one.value, 2), unit(one.statement.unit)))) for one in found
+    ]
+    return element("p", f"Errors: {'; '.join(said)}.", class_="errors") if said else None
 
 
 def error_note(summary: Mapping[str, Any]) -> Html | None:
@@ -193,13 +161,6 @@ def error_note(summary: Mapping[str, Any]) -> Html | None:
     estimate = summary.get("error_estimate")
     method = estimate.get("method") if isinstance(estimate, Mapping) else None
     return element("p", f"Error estimate: {method}.", class_="note") if method else None
-
-
-def _flat(key: str, value: Any) -> list[tuple[str, float]]:
-    """Return the numbers of an entry with their keys, those above included."""
-    if isinstance(value, Mapping):
-        return [item for name, inner in value.items() for item in _flat(f"{key} {name}", inner)]
-    return [(key, value)] if isinstance(value, float) else []
 
 
 def plan_tables(plan: Mapping[str, Any]) -> list[Html]:

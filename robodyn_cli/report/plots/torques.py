@@ -11,6 +11,8 @@ from robodyn_cli.report import style
 from robodyn_cli.report.canvas import TimeSheet
 from robodyn_cli.report.decimate import finite, where_largest
 from robodyn_cli.report.heatmap import draw_map
+from robodyn_cli.report.joint_limits import NOTE as LIMIT_NOTE
+from robodyn_cli.report.joint_limits import draw_limits, limits_near
 from robodyn_cli.report.lines import draw_groups, panel_height, quiet_axis
 from robodyn_cli.report.marks import torque_note
 from robodyn_cli.report.ticks import load_label, number, unit
@@ -38,7 +40,12 @@ def draw(result: Result) -> Any:
     peak = [where_largest(np.abs(data[:, column])) for column in range(data.shape[1])]
     few = len(names) <= style.FEW
     zero = result["tau"].shape[1] - len(names)
-    note = (f"; {zero} without any left out" if zero else "") + torque_note(result)
+    near = limits_near(result, "tau")
+    note = (
+        (f"; {zero} without any left out" if zero else "")
+        + (LIMIT_NOTE if near else "")
+        + torque_note(result)
+    )
     labels, subtitle = names, _worst(names, data, rms, units) + note
     if len(names) > style.MANY:
         return draw_map(result, variable, "torque or force", subtitle)
@@ -65,6 +72,7 @@ def draw(result: Result) -> Any:
             level = float(np.copysign(rms[column], largest))
             ax.axhline(level, color=colour, linewidth=0.8, linestyle=dash, alpha=0.7)
         quiet_axis(ax, data[:, columns])
+        draw_limits(ax, near, [names[k] for k in columns], [handles[k] for k in columns])
         ax.set_ylabel(load_label("torque or force", units_here))
     sheet.label_time()
     sheet.legend(handles, labels)

@@ -37,6 +37,8 @@ class OutputFile:
         access.set_fclose_degree(h5f.CLOSE_STRONG)
         # Attributes beyond 64 KiB (the names of some 4000 joints) need the 1.8 layout; all readers know it.
         access.set_libver_bounds(h5f.LIBVER_V18, h5f.LIBVER_LATEST)
+        # datasets grow by whole chunks, so the 8 MB of cache that HDF5 gives each of them would be for nothing
+        access.set_cache(0, 521, 0, 0.75)
         self._sink = Sink(path)
         access.set_fileobj_driver(h5fd.fileobj_driver, self._sink)
         creation = h5p.create(h5p.FILE_CREATE)

@@ -19,7 +19,8 @@ from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.commands import execute
-from robodyn_cli.run.driver.prepare import passive_coordinates, prepare
+from robodyn_cli.run.driver.build import payload_watchers
+from robodyn_cli.run.driver.prepare import passive_coordinates, prepare, refuse_changes
 from robodyn_cli.run.inverse.build import build_inverse
 from robodyn_cli.run.plan.data import unknown_data
 from robodyn_cli.run.plan.words import listed_data
@@ -158,7 +159,8 @@ def _inverse(scene: Scene) -> tuple[Model, list[Scalar]]:
     model, outputs = program.problem.model, [x for term in program.terms.values() for x in term]
     if not unknown_data(model, outputs)[0]:
         first = JointMotion(*(x[:1] for x in (planned.motion.q, planned.motion.qd, planned.motion.qdd)))
-        program.compile(1).along(planned.times[:1], first)
+        times = planned.times[:1]
+        program.compile(1).along(times, first, program.parameters(times))
     return model, outputs
 
 
@@ -167,7 +169,9 @@ def _forward(scene: Scene, command: str) -> tuple[Model, list[Scalar]]:
         from robodyn_cli.run.deploy.deploy import refuse_open_chain
 
         refuse_open_chain(scene)
+        refuse_changes(scene, command)
     problem = prepare(scene).problem
+    payload_watchers(problem)
     if command == "deploy" and scene.deploy.criterion != "multipliers":
         passive_determinant(problem, passive_coordinates(problem))
     dynamics = build_system(problem, "none", work=False).dynamics

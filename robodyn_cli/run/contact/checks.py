@@ -34,6 +34,24 @@ def check_freedom(joints: Sequence[ContactJoint], psi: Array) -> None:
         )
 
 
+def refuse_blocked(joint: ContactJoint, t: float, psi: Array, before: Array, after: Array) -> None:
+    """Refuse an impact of a joint that no impulse of its stop can bring about; psi : (m, nv).
+
+    before, after : velocities (nv,), which Psi has to leave alike.
+
+    Raises
+    ------
+    NumericalError : prescribed motion or loops drive the joint through its stop.
+    """
+    torn = np.abs(psi @ (after - before)).max(initial=0.0)
+    if torn > MISSED * np.abs(psi).max(initial=0.0) * abs(before[joint.v]):
+        raise NumericalError(
+            f"joint {joint.name!r} runs into its rigid stop at t = {t:.6g} s, and prescribed motion or loops force "
+            "it on",
+            time=t, status="blocked",
+        )  # fmt: skip
+
+
 def refuse_missed(
     joints: Sequence[ContactJoint], states: Sequence[int], t: Array, q: Array, v: Array, fastest: float
 ) -> None:

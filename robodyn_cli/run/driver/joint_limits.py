@@ -8,10 +8,10 @@ from robodyn_cli.expr.graph import Expr
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.events import GO_ON, Event, EventFunction, EventKind, Outcome
 from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.model.model import TORQUE
 from robodyn_cli.record import record
 from robodyn_cli.run.driver.motion import Motion, Watcher
 from robodyn_cli.run.observation.joint_limits import ROUNDING, LimitedJoint, limited_joints
-from robodyn_cli.run.observation.units import TORQUE
 from robodyn_cli.spatial.algebra import Array
 
 

@@ -81,7 +81,8 @@ class FinalState:
 class MotionSummary:
     """Keys of the summary of every integrated motion, in their order.
 
-    transitions : of contact states, how many of each kind. passed : times of poses [s]. switches : of the method.
+    transitions : of contact states, how many of each kind. payloads : when each was gripped and released [s], and the
+    energy that gripping it took [J]. passed : times of poses [s]. switches : of the method.
     """
 
     termination: Termination | dict[str, Any]
@@ -103,6 +104,7 @@ class MotionSummary:
     baumgarte: Gains | Absent
     switches: list[MethodKeys] | Absent
     transitions: dict[str, int] | Absent = ABSENT
+    payloads: dict[str, dict[str, float]] | Absent = ABSENT
     passed: list[float] | Absent = ABSENT
     final: FinalState | Absent = ABSENT
 

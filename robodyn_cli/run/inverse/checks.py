@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Sequence
 from functools import cached_property
 
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.forces.element import half_turn_warning
-from robodyn_cli.model.model import Model
+from robodyn_cli.model.model import TORQUE, Model
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.inverse.program import InverseProgram, Sampled
 from robodyn_cli.run.inverse.summary import ErrorEstimate, JointFigures
 from robodyn_cli.run.mechanism.motion import Planned
 from robodyn_cli.run.observation.rounding import largest_difference
-from robodyn_cli.run.observation.units import TORQUE
 from robodyn_cli.solve.quadrature import integrate, integrate_positive, root_mean_square
 from robodyn_cli.spatial.algebra import Array
 
@@ -98,7 +98,8 @@ def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) 
 
     ik_residual : see ``path_error``. round_trip, torque_rounding : see there.
     energy_balance : work of actuators and losses, less the change of kinetic and potential energy [J]; it is as
-        large as the errors of rates, torques and quadrature together. energy_balance_relative : over the largest
+        large as the errors of rates, torques and quadrature together. Between samples from one to the other of which
+        a payload is gripped or released it is not taken. energy_balance_relative : over the largest
         energy turned over.
     energy_quadrature : difference of the energies (net) to those from every second sample [J].
     closure, virtual_work_residual : of the loops; the load that neither actuators nor loops bear [N m or N].
@@ -106,7 +107,7 @@ def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) 
     power = np.column_stack([sampled.power, sampled.arrays["dissipation"]])
     work = integrate(power, sampled.step)
     total = sampled.arrays["energy/kinetic"][:, 0] + sampled.arrays["energy/potential"][:, 0]
-    balance = float(work.sum() - (total[-1] - total[0]))
+    balance = energy_balance(power, total, sampled.step, cuts(sampled.p))
     turned = max(float(np.ptp(total)), float(integrate(np.abs(power), sampled.step).max()), 1e-300)
     loops = sampled.loops
     return ErrorEstimate(
@@ -119,6 +120,18 @@ def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) 
         closure=ABSENT if loops is None else planned.residuals,
         virtual_work_residual=ABSENT if loops is None else loops.shared.residual,
     )
+
+
+def energy_balance(power: Array, total: Array, h: float, at: Sequence[int]) -> float:
+    """Return the work of power (T, n) less the change of the energy (T,) [J], over the pieces between cuts."""
+    ends = [0, *at, len(total)]
+    pieces = [slice(a, b) for a, b in itertools.pairwise(ends) if b - a > 1]
+    return sum(float(integrate(power[x], h).sum() - (total[x][-1] - total[x][0])) for x in pieces)
+
+
+def cuts(p: Array) -> list[int]:
+    """Return the samples whose parameters p (T, n) are not those of the sample before."""
+    return [int(k) + 1 for k in np.flatnonzero(np.any(np.diff(p, axis=0), axis=1))]
 
 
 def torque_rounding(program: InverseProgram, sampled: Sampled) -> float | None:

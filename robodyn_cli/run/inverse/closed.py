@@ -17,7 +17,7 @@ from robodyn_cli.run.inverse.sharing import refuse_gears, share_load
 from robodyn_cli.run.inverse.terms import Outputs
 from robodyn_cli.run.mechanism.guided_motion import guided_motion
 from robodyn_cli.run.mechanism.loop_conditions import Lead, lead_of, velocity_places
-from robodyn_cli.run.mechanism.motion import Planned, with_led_point
+from robodyn_cli.run.mechanism.motion import Planned
 from robodyn_cli.run.mechanism.report import add_rows
 from robodyn_cli.run.observation.evaluation import SampleFunction
 from robodyn_cli.run.observation.singular_values import singular_values
@@ -28,7 +28,7 @@ from robodyn_cli.trajectories.led import led_joints
 from robodyn_cli.trajectories.registry import trajectory_types
 
 
-def build_closed(scene: Scene) -> ClosedLoops:
+def build_closed(problem: Problem) -> ClosedLoops:
     """Return the program of a mechanism: its torques share the load with the multipliers of its loops.
 
         B tau + Psi^T lambda = M qdd + h - tau_passive - tau_friction
@@ -40,7 +40,7 @@ def build_closed(scene: Scene) -> ClosedLoops:
     ------
     SceneError : no motion, or no actuator. CapabilityError : gears with losses.
     """
-    problem = Problem(with_led_point(scene))
+    scene = problem.scene
     refuse_gears(problem)
     lead = lead_of(problem)
     duration, actuated = motion_duration(scene), actuated_joints(problem, lead)
@@ -83,7 +83,8 @@ class ClosedLoops(InverseProgram):
 
     def evaluate(self, planned: Planned, function: SampleFunction) -> Sampled:
         motion, times = planned.motion, planned.times
-        arrays = function.along(times, motion)
+        p = self.parameters(times)
+        arrays = function.along(times, motion, p)
         psi = arrays["psi"].reshape(len(times), len(self.rows), self.problem.model.nv)
         driven = velocity_places(self.problem.model, self.actuated)
         shared = share_load(self.problem, psi, driven, self.loads(arrays), times, motion.q)
@@ -91,7 +92,7 @@ class ClosedLoops(InverseProgram):
         work = (shared.multipliers * arrays["eta_t"]).sum(axis=1)[:, None]
         arrays["dissipation"] = arrays["dissipation"] - work
         loops = Loops(psi, shared, planned.residuals, self.actuated, driven)
-        return Sampled(times, motion, shared.terms, arrays, planned.counters, loops)
+        return Sampled(times, motion, p, shared.terms, arrays, planned.counters, loops)
 
     def _shared_by(self) -> list[Scalar]:
         return self.others["psi"]

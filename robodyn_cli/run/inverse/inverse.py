@@ -27,7 +27,7 @@ from robodyn_cli.run.inverse.summary import (
 from robodyn_cli.run.mechanism.motion import Planned
 from robodyn_cli.run.observation.finite import refuse_result
 from robodyn_cli.run.observation.places import FORCES, add_places
-from robodyn_cli.run.observation.units import add_motion, joint_columns
+from robodyn_cli.run.observation.units import add_joint_limits, add_motion, joint_columns
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
@@ -132,12 +132,20 @@ def _rest_warnings(problem: Problem, planned: Planned) -> list[str]:
     return rest_warnings(problem, planned)
 
 
+def _payload_warnings(problem: Problem, sampled: Sampled) -> list[str]:
+    if not problem.model.payloads:
+        return []
+    from robodyn_cli.run.inverse.payloads import impact_warnings
+
+    return impact_warnings(problem, sampled)
+
+
 def loads_of(program: InverseProgram, sampled: Sampled) -> Loads:
     """Return forces and moments in joints and closures."""
     from robodyn_cli.run.observation.reactions import loads_along
 
     lam = program.row_multipliers(sampled)
-    return loads_along(program.problem, sampled.times, sampled.motion, lam)
+    return loads_along(program.problem, sampled.times, sampled.motion, lam, sampled.p)
 
 
 def report(program: InverseProgram, planned: Planned, sampled: Sampled, loads: Loads | None) -> Result:
@@ -145,7 +153,12 @@ def report(program: InverseProgram, planned: Planned, sampled: Sampled, loads: L
     problem, arrays = program.problem, sampled.arrays
     scene, columns = problem.scene, joint_columns(problem.model)
     result = Result.of("inverse", scene)
+    if problem.model.payloads:
+        from robodyn_cli.run.inverse.payloads import events_of
+
+        result.events = events_of(scene, sampled.times)
     add_motion(result, problem.model, sampled.times, sampled.motion)
+    add_joint_limits(result, scene, problem.model)
     result.add("tau", sampled.tau, **columns["tau"].described())
     for name, term in sampled.terms.items():
         result.add(f"torque_terms/{name}", term, **columns["tau"].described())
@@ -193,6 +206,7 @@ def summarise(
             *_beyond_limits(problem, sampled),
             *half_turns(problem, sampled),
             *_rest_warnings(problem, planned),
+            *_payload_warnings(problem, sampled),
         ]
         or ABSENT,
         mechanism=ABSENT if loops is None else _mechanism(loops),

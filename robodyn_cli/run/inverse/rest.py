@@ -14,9 +14,8 @@ import numpy as np
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.forces.friction import Friction
 from robodyn_cli.forces.gear import Gear
-from robodyn_cli.model.model import JointForce, Model
+from robodyn_cli.model.model import TORQUE, JointForce, Model
 from robodyn_cli.run.mechanism.motion import Planned
-from robodyn_cli.run.observation.units import TORQUE
 from robodyn_cli.spatial.algebra import Array
 
 MOST_PERIODS = 3  # that a warning lists for one joint

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from robodyn_cli.spatial.algebra import Array
 
 FARTHER = 2.0
 TRIES = 5  # rows, the farthest first, until something can be built with one
+MOST_PATTERNS = 64  # whose structures are kept
 ALIKE = 1e-9  # relative difference of numbers that were computed in two ways
 
 
@@ -103,26 +104,34 @@ class Structures:
     build : makes the structure of a scene with one row of values of the keys; raises RobodynError.
     """
 
-    def __init__(
-        self, family: Family, keys: Sequence[Key], build: Callable[[Family, Sequence[Key], Array], Built]
-    ) -> None:
+    def __init__(self, family: Family, keys: Sequence[Key], build: Build) -> None:
         self.family, self.keys, self._make = family, list(keys), build
         self._found: dict[tuple[float, ...], list[Built]] = {}
 
-    def groups(self, values: Array) -> list[tuple[Built | None, NDArray[np.int64]]]:
-        """Return rows of values (N, keys) in groups of one structure: it, and the numbers of its rows.
+    def groups(self, values: Array) -> Iterator[tuple[Built | None, NDArray[np.int64]]]:
+        """Yield rows of values (N, keys) in groups of one structure: it, and the numbers of its rows.
 
         Rows without a structure, since nothing can be built with their values, or since what is built does not confirm
         the numbers of a structure that seems to fit, are to be run as scenes of their own.
         """
-        groups: list[tuple[Built | None, NDArray[np.int64]]] = []
+        if not len(values):
+            return
         patterns = self._patterns(values)
-        _, first, which = np.unique(patterns, axis=0, return_index=True, return_inverse=True)
-        for k, start in enumerate(first):
-            rows = np.flatnonzero(which.ravel() == k)
-            known = self._found.setdefault(tuple(patterns[start].tolist()), [])
-            groups += self._split(values, rows, known)
-        return groups
+        if (patterns == patterns[0]).all():
+            yield from self._split(values, np.arange(len(values)), self._known(patterns[0]))
+            return
+        different, which = np.unique(patterns, axis=0, return_inverse=True)
+        for k, pattern in enumerate(different):
+            yield from self._split(values, np.flatnonzero(which.ravel() == k), self._known(pattern))
+
+    def _known(self, pattern: Array) -> list[Built]:
+        """Return the structures that rows of a pattern have had; of patterns those that came last are kept."""
+        key = tuple(pattern.tolist())
+        known = self._found.pop(key, [])
+        self._found[key] = known
+        if len(self._found) > MOST_PATTERNS:
+            del self._found[next(iter(self._found))]
+        return known
 
     def _patterns(self, values: Array) -> Array:
         """Return what of each row is structure: values of keys that are, and which keys are at a special one."""

@@ -7,14 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.errors import RobodynError
-from robodyn_cli.exit_codes import INTERNAL
-from robodyn_cli.results.result import Result
 from robodyn_cli.run.many.command import Asked, Command, Rows
 from robodyn_cli.run.many.groups import Structures
 from robodyn_cli.run.many.keys import settings
 from robodyn_cli.run.many.record import ManyRuns
-from robodyn_cli.run.many.single import error_of, number_of, reason_of, summary_of
+from robodyn_cli.run.many.single import ended, error_of, number_of
 from robodyn_cli.scene.types import Scene
 
 
@@ -55,26 +52,18 @@ class Making:
         """Make one run as the command does."""
         result = self.result
         result.one_by_one[row] = True
-        try:
-            summary, code, found = self._summary(row)
-        except RobodynError as refusal:
-            result.code[row], result.reason[row] = refusal.exit_code, refusal.message
+        found = ended(lambda: self.command.single(self._scene(row)))
+        result.code[row], result.reason[row] = found.code, found.reason
+        if found.result is None:
             return
-        except Exception as fault:  # of the program, in one run: the others stay as they are
-            result.code[row], result.reason[row] = INTERNAL, f"{type(fault).__name__}: {fault}"
-            return
-        result.code[row], result.reason[row] = code, reason_of(summary, code)
+        summary, own = found.summary, found.result
         for key, column in result.outputs.items():
             column[row], result.errors[key][row] = number_of(summary, key), error_of(summary, key)
-        if self.asked.samples and len(found.time) == self.asked.samples:
-            result.samples["time"][row] = found.time
+        if self.asked.samples and len(own.time) == self.asked.samples:
+            result.samples["time"][row] = own.time
             for name in self.command.sampled:
-                result.samples[name][row] = found[name]
+                result.samples[name][row] = own[name]
         self.command.read(summary, result, row)
-
-    def _summary(self, row: int) -> tuple[dict[str, Any], int, Result]:
-        scene = self._scene(row)
-        return summary_of(lambda: self.command.single(scene))
 
     def _scene(self, row: int) -> Scene:
         """Return the scene of one run."""

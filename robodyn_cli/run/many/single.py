@@ -7,29 +7,40 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from robodyn_cli.errors import RobodynError
+from robodyn_cli.exit_codes import INTERNAL
+from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.batch.criteria import exit_code, lookup_number
 
 
-def summary_of(run: Callable[[], Result]) -> tuple[dict[str, Any], int, Result]:
-    """Return the summary of a run, which may have failed on the way, its exit code and its result.
+@record
+class Ended:
+    """What a run came to: its summary, its exit code, why it failed, its result; nothing where it did not begin."""
 
-    Raises
-    ------
-    RobodynError : the run came to nothing at all.
-    """
+    summary: Mapping[str, Any]
+    code: int
+    reason: str
+    result: Result | None
+
+
+def ended(run: Callable[[], Result]) -> Ended:
+    """Make a run; whatever ends it is part of what it came to."""
     try:
         result = run()
     except RobodynError as error:
         if not isinstance(error.result, Result):
-            raise
-        summary = {**error.result.summary, **error.result.head, "error": error.facts}
-        return summary, error.exit_code, error.result
-    summary = {**result.summary, **result.head}
-    return summary, exit_code(summary), result
+            return Ended({}, error.exit_code, error.message, None)
+        result, code = error.result, error.exit_code
+        summary = {**result.summary, **result.head, "error": error.facts}
+    except Exception as fault:  # of the program, in one run: the others stay as they are
+        return Ended({}, INTERNAL, f"{type(fault).__name__}: {fault}", None)
+    else:
+        summary = {**result.summary, **result.head}
+        code = exit_code(summary)
+    return Ended(summary, code, _reason(summary, code), result)
 
 
-def reason_of(summary: Mapping[str, Any], code: int) -> str:
+def _reason(summary: Mapping[str, Any], code: int) -> str:
     """Return why a run failed; nothing where it did not."""
     error = summary.get("error")
     return "" if code == 0 else str(error["message"] if error else summary["termination"]["reason"])

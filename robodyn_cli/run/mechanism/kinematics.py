@@ -35,7 +35,7 @@ from robodyn_cli.run.observation.evaluation import SampleFunction
 from robodyn_cli.run.observation.finite import refuse_result
 from robodyn_cli.run.observation.places import add_places, place_outputs, point_motion
 from robodyn_cli.run.observation.singular_values import singular_values
-from robodyn_cli.run.observation.units import add_motion
+from robodyn_cli.run.observation.units import add_joint_limits, add_motion
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.points import with_points
@@ -150,6 +150,7 @@ def report(problem: Problem, planned: Planned, led: tuple[str, ...], arrays: Map
     scene = problem.scene
     result = Result.of("kinematics", scene, "ok" if planned.stopped is None else "failed")
     add_motion(result, problem.model, planned.times, planned.motion)
+    add_joint_limits(result, scene, problem.model)
     add_places(result, {path: array for path, array in arrays.items() if path not in ("psi", "eta")})
     rows = problem.constraints.loop_rows
     if rows:

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robodyn_cli.model.model import Model
+from robodyn_cli.model.model import TORQUE, Model
 from robodyn_cli.record import record
-from robodyn_cli.run.observation.units import TORQUE
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 

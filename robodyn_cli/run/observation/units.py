@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.model.model import Model
+from robodyn_cli.model.model import TORQUE, Model
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 
 if TYPE_CHECKING:
+    from robodyn_cli.scene.types import Scene
     from robodyn_cli.trajectories.motion import JointMotion
-
-TORQUE = {"rad": "N m", "m": "N"}
 
 
 def unit_text(units: Sequence[str]) -> str:
@@ -54,6 +53,29 @@ def joint_columns(model: Model) -> dict[str, JointColumns]:
         "qdd": JointColumns(model.v_names, tuple(f"{u}/s^2" for u in model.v_units), rates),
         "tau": JointColumns(model.v_names, tuple(TORQUE[u] for u in model.v_units), rates),
     }
+
+
+# limits of joints by what they limit
+LIMITS = {"q": ("lower", "upper"), "qd": ("speed",), "qdd": ("acceleration",), "tau": ("effort",)}
+
+
+def add_joint_limits(result: Result, scene: Scene, model: Model) -> None:
+    """Add the limits of the joints that have some: a column for each joint with such a limit."""
+    if not scene.robot.limited:
+        return
+    from robodyn_cli.run.observation.joint_limits import limited_joints
+
+    joints, columns = limited_joints(scene, model), joint_columns(model)
+    for path, names in LIMITS.items():
+        units = dict(zip(columns[path].names, columns[path].column_units))
+        for name in names:
+            limits = {joint.name: getattr(joint.limits, name) for joint in joints if joint.name in units}
+            limits = {joint: value for joint, value in limits.items() if value is not None}
+            if limits:
+                shown = JointColumns(
+                    tuple(limits), tuple(units[joint] for joint in limits), (f"{name}_limit",)
+                )
+                result.add(f"joint_limits/{name}", list(limits.values()), **shown.described())
 
 
 def add_motion(result: Result, model: Model, times: NDArray[np.float64], motion: JointMotion) -> None:

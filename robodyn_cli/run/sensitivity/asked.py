@@ -11,7 +11,7 @@ from robodyn_cli.model.model import Model
 from robodyn_cli.model.places import numbers_at_places
 from robodyn_cli.record import record
 from robodyn_cli.run.many.keys import NUMBER, START, Key, setting, understand, value_of
-from robodyn_cli.run.study.row import Row, Task
+from robodyn_cli.run.study.row import Rows, Task
 from robodyn_cli.run.study.study import COMMANDS, run_nominal
 from robodyn_cli.run.study.units import unit_of_output
 from robodyn_cli.scene.load import Family
@@ -32,13 +32,25 @@ class Asked:
     task: Task
     keys: tuple[Key, ...]
     values: tuple[float, ...]
-    nominal: Row
+    nominal: Rows
     units: tuple[str, ...]
     output_units: tuple[str, ...]
 
     @property
     def scene(self) -> Scene:
         return self.task.family.own
+
+    @property
+    def outputs(self) -> list[float]:
+        """The outputs of the scene as it stands."""
+        found: list[float] = self.nominal.rows["outputs"][0].tolist()
+        return found
+
+    @property
+    def errors(self) -> list[float]:
+        """Their estimated errors, nan where the run tells none."""
+        found: list[float] = self.nominal.rows["errors"][0].tolist()
+        return found
 
     @cached_property
     def placed(self) -> dict[str, float]:
@@ -70,9 +82,9 @@ def prepare(family: Family, to: Sequence[str], of: Sequence[str]) -> Asked:
     found = [_of_formula(name, placed) if "#" in name else _of_key(family, name) for name in to]
     task = Task(family, scene.command, tuple(to), tuple(dict.fromkeys(of)))
     nominal = run_nominal(task, "--of")
-    if nominal.code:
+    for reason in nominal.reasons.values():
         raise SceneError(
-            f"{family.path}: the scene as it stands fails, so nothing has a derivative: {nominal.reason}"
+            f"{family.path}: the scene as it stands fails, so nothing has a derivative: {reason}"
         )
     model = build_model(scene)
     return Asked(

@@ -11,57 +11,86 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from robodyn_cli.record import record
 from robodyn_cli.run.sensitivity.asked import Asked
 from robodyn_cli.run.sensitivity.slope import DIFFERENCES, Slope
-from robodyn_cli.run.study.row import Row, Task
-from robodyn_cli.run.study.runs import run_all
+from robodyn_cli.run.study.row import Points, Task
+from robodyn_cli.run.study.runs import run_points
 from robodyn_cli.spatial.algebra import Array
 
 WIDEST = 1e-2  # part of a key's value by which it is changed at most
 NARROWER = 4.0  # from one change to the next
 LEVELS = 5
 ROUNDING = 2e-16  # of an output, which no run tells
+SIDES = (1.0, -1.0)
+IN_FORMULA = "a number of a formula varies in exact derivatives only; make it one of `parameters`"
 
 
-def differences(asked: Asked, key: int, jobs: int) -> list[Slope]:
-    """Return the derivatives of all outputs by one key."""
-    task, name, value = asked.task, asked.task.keys[key], asked.values[key]
-    if "#" in name:  # no option sets a number of a formula
-        reason = "a number of a formula varies in exact derivatives only; make it one of `parameters`"
-        return [Slope(math.nan, math.nan, DIFFERENCES, reason)] * len(task.outputs)
-    own = Task(task.family, task.command, (name,), task.outputs)
-    steps = [WIDEST * (abs(value) or 1.0) / NARROWER**level for level in range(LEVELS)]
-    points = [(value + sign * step,) for step in steps for sign in (1.0, -1.0)]
-    rows = {row.values: row for some in run_all(own, points, jobs) for row in some}
-    pairs = [(rows[high], rows[low]) for high, low in zip(points[::2], points[1::2])]
-    return [_extrapolated(pairs, k) for k in range(len(task.outputs))]
-
-
-def _extrapolated(pairs: Sequence[tuple[Row, Row]], output: int) -> Slope:
-    """Return the derivative of one output from runs on both sides."""
-    good = [
-        (high, low) for high, low in pairs
-        if not high.code and not low.code and all(math.isfinite(row.outputs[output]) for row in (high, low))
-    ]  # fmt: skip
-    # runs at wide steps may fail, but what is extrapolated follows without a gap
-    good = [pair for pair in pairs[len(pairs) - len(good) :] if pair in good]
-    if len(good) < 2:
-        reason = next(
-            (row.reason for pair in pairs for row in pair if row.code), "the output is no number there"
+def differences(asked: Asked, keys: Sequence[int], jobs: int) -> dict[int, list[Slope]]:
+    """Return the derivatives of all outputs by some keys, which are named by their numbers."""
+    task = asked.task
+    settable = [
+        k for k, name in enumerate(task.keys) if "#" not in name
+    ]  # no option sets a number of a formula
+    wanted = [k for k in keys if k in settable]
+    found = {k: [Slope(math.nan, math.nan, DIFFERENCES, IN_FORMULA)] * len(task.outputs) for k in keys}
+    if not wanted:
+        return found
+    own = Task(task.family, task.command, tuple(task.keys[k] for k in settable), task.outputs)
+    values = np.array([asked.values[k] for k in settable])
+    points = np.tile(values, (len(wanted), LEVELS, 2, 1))
+    for point, k in zip(points, wanted):
+        widest = WIDEST * (abs(asked.values[k]) or 1.0)
+        steps = widest / NARROWER ** np.arange(LEVELS)
+        point[:, :, settable.index(k)] += np.outer(steps, SIDES)
+    count = points.size // len(settable)
+    made = run_points(own, Points(np.arange(count), points.reshape(count, -1)), jobs)
+    rows = np.empty_like(made.rows)
+    rows[made.runs] = made.rows
+    for place, k in enumerate(wanted):
+        first = 2 * LEVELS * place
+        sides = Sides(
+            points[place, :, :, settable.index(k)],
+            rows[first : first + 2 * LEVELS].reshape(LEVELS, 2),
+            next((made.reasons[run] for run in range(first, first + 2 * LEVELS) if run in made.reasons), ""),
         )
-        return Slope(math.nan, math.nan, DIFFERENCES, reason)
-    value, error = _ridders(good, output)
-    return Slope(value, error, DIFFERENCES)
+        found[k] = [sides.slope(output) for output in range(len(task.outputs))]
+    return found
 
 
-def _ridders(pairs: Sequence[tuple[Row, Row]], output: int) -> tuple[float, float]:
-    """Return the best entry of the table and its estimated error."""
-    raw, noise = np.array([_difference(high, low, output) for high, low in pairs]).T
-    best, least = float(raw[-1]), math.inf
-    column: Array = raw
+@record
+class Sides:
+    """Runs on both sides of a key, from the widest step on: values and what they gave (LEVELS, 2); why one failed."""
+
+    values: Array
+    rows: NDArray[Any]
+    reason: str
+
+    def slope(self, output: int) -> Slope:
+        """Return the derivative of one output."""
+        y, told = self.rows["outputs"][:, :, output], self.rows["errors"][:, :, output]
+        good = ((self.rows["code"] == 0) & np.isfinite(y)).all(axis=1)
+        # runs at wide steps may fail, but what is extrapolated follows without a gap
+        first = LEVELS - int(np.argmin([*good[::-1], False]))
+        if LEVELS - first < 2:
+            return Slope(math.nan, math.nan, DIFFERENCES, self.reason or "the output is no number nearby")
+        steps = self.values[first:, 0] - self.values[first:, 1]
+        noise = np.maximum(np.nan_to_num(told[first:]), ROUNDING * np.abs(y[first:])).sum(axis=1)
+        value, error = _ridders((y[first:, 0] - y[first:, 1]) / steps, noise / steps)
+        return Slope(value, error, DIFFERENCES)
+
+
+def _ridders(raw: Array, noise: Array) -> tuple[float, float]:
+    """Return the best entry of the table that begins with central differences, and its estimated error.
+
+    noise : what the errors of the runs leave in each difference.
+    """
+    best, least, column = float(raw[-1]), math.inf, raw
     for power in range(1, len(raw)):
         factor = NARROWER ** (2 * power)
         finer = (factor * column[1:] - column[:-1]) / (factor - 1.0)
@@ -72,12 +101,3 @@ def _ridders(pairs: Sequence[tuple[Row, Row]], output: int) -> tuple[float, floa
                 best, least = float(value), float(error)
         column = finer
     return best, least
-
-
-def _difference(high: Row, low: Row, output: int) -> tuple[float, float]:
-    """Return a central difference, and what the errors of both runs leave in it."""
-    step = high.values[0] - low.values[0]
-    ends = [row.outputs[output] for row in (high, low)]
-    told = [0.0 if math.isnan(row.errors[output]) else row.errors[output] for row in (high, low)]
-    left = sum(max(error, ROUNDING * abs(y)) for error, y in zip(told, ends))
-    return (ends[0] - ends[1]) / step, left / abs(step)

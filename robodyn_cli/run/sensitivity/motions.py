@@ -177,7 +177,7 @@ class MotionSlopes:
         if function is not None:
             at = self.variational.slopes([function], end.t, end.x)
             end = end.moved(-float(at.values[0]) / self._pace(at, end.rate))
-        S, terms = self._on_constraints(end), np.abs(shift)
+        (S, sizes), terms = self._on_constraints(end), np.abs(shift)
         if function is not None:
             at = self.variational.slopes([function], end.t, end.x)
             pace = self._pace(at, end.rate)
@@ -185,23 +185,26 @@ class MotionSlopes:
             terms = (np.abs(at.keys[0]) + np.abs(at.state[0]) @ np.abs(S)) / abs(pace)
         of_time = np.outer(end.rate, shift)
         places = [*plain.q_places, *plain.v_places]
-        values, sizes = S + of_time, np.abs(S) + np.abs(of_time)
+        values, sizes = S + of_time, sizes + np.abs(of_time)
         return Found(np.vstack([shift, values[places]]), np.vstack([terms, sizes[places]]))
 
-    def _on_constraints(self, end: Point) -> Array:
-        """Return S moved onto the derivatives of the constraints, from which integration drifts away as x would.
+    def _on_constraints(self, end: Point) -> tuple[Array, Array]:
+        """Return S moved onto the derivatives of the constraints, from which integration drifts, and the sizes of the
+        terms that it is a sum of.
 
         Psi S_q + eta_k = 0,  d(Psi v + eta_t)/dx S + d(Psi v + eta_t)/dk = 0
         """
         problem, n = self.motion.problem, self.variational.system.nq
-        rows, S = problem.constraints, end.S.copy()
+        rows, S, sizes = problem.constraints, end.S.copy(), np.abs(end.S)
         for level, outputs in enumerate((rows.eta, rows.velocity_residual(problem.v))):
             if not outputs:
                 break
             at = self.variational.slopes(outputs, end.t, end.x)
             places = slice(level * n, level * n + n)
-            S[places] -= np.linalg.pinv(at.state[:, places], rcond=RANK_TOLERANCE) @ (at.state @ S + at.keys)
-        return S
+            back = np.linalg.pinv(at.state[:, places], rcond=RANK_TOLERANCE)
+            sizes[places] += np.abs(back) @ (np.abs(at.state) @ np.abs(S) + np.abs(at.keys))
+            S[places] -= back @ (at.state @ S + at.keys)
+        return S, sizes
 
     @staticmethod
     def _pace(at: Slopes, rate: Array) -> float:

@@ -54,7 +54,7 @@ class SensitivitySummary:
 def report(found: Sensitivities, seconds: float) -> Result:
     """Return the result: for each output its derivatives by the keys, their errors, and which are exact."""
     asked = found.asked
-    task, nominal = asked.task, asked.nominal
+    task = asked.task
     result = Result("sensitivity", asked.scene.title or task.command, "ok", asked.scene.text)
     labelled = {"dims": ("key",), "names": task.keys}
     result.add(
@@ -63,7 +63,7 @@ def report(found: Sensitivities, seconds: float) -> Result:
     )  # fmt: skip
     for k, (name, slopes) in enumerate(zip(task.outputs, found.slopes)):
         units = tuple(quotient(asked.output_units[k], unit) for unit in asked.units)
-        value = nominal.outputs[k]
+        value = asked.outputs[k]
         columns = {
             "derivatives": [s.value for s in slopes],
             "derivative_errors": [s.error for s in slopes],
@@ -80,9 +80,7 @@ def report(found: Sensitivities, seconds: float) -> Result:
             of=task.command,
             outputs={
                 name: Number(y, unit, None if math.isnan(error) else error)
-                for name, y, unit, error in zip(
-                    task.outputs, nominal.outputs, asked.output_units, nominal.errors
-                )
+                for name, y, unit, error in zip(task.outputs, asked.outputs, asked.output_units, asked.errors)
             },
             keys={name: Number(x, unit) for name, x, unit in zip(task.keys, asked.values, asked.units)},
             sensitivities={
@@ -107,7 +105,7 @@ MEANINGS = {
 def _ranked(found: Sensitivities, output: int, slopes: Sequence[Slope]) -> dict[str, SlopeKeys]:
     """Return the derivatives of one output by key, those first that move it most."""
     asked = found.asked
-    value = asked.nominal.outputs[output]
+    value = asked.outputs[output]
     keys = {}
     for k, (name, slope) in enumerate(zip(asked.task.keys, slopes)):
         reason = slope.reason or ("" if slope.method == EXACT else found.obstacles.get(k, NOT_OF_OUTPUT))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-
 from robodyn_cli.record import record
 from robodyn_cli.run.sensitivity.asked import Asked
 from robodyn_cli.run.sensitivity.differences import differences
@@ -20,25 +18,19 @@ class Sensitivities:
     obstacles: dict[int, str]
 
 
-def sensitivities(
-    asked: Asked, jobs: int = 1, tell: Callable[[int, int], None] | None = None
-) -> Sensitivities:
+def sensitivities(asked: Asked, jobs: int = 1) -> Sensitivities:
     """Return the derivatives of all outputs by all keys.
 
     Parameters
     ----------
-    jobs : processes or threads for runs of central differences. tell : is told how many of how many keys are done.
+    jobs : processes or threads for runs of central differences.
     """
     exact, obstacles = exact_slopes(asked)
-    outputs = asked.task.outputs
-    rest = [k for k in range(len(asked.keys)) if any((name, k) not in exact for name in outputs)]
-    others: dict[int, Sequence[Slope]] = {}
-    for done, k in enumerate(rest):
-        if tell is not None:
-            tell(done, len(rest))
-        others[k] = differences(asked, k, jobs)
+    outputs, count = asked.task.outputs, len(asked.keys)
+    rest = [k for k in range(count) if any((name, k) not in exact for name in outputs)]
+    others = differences(asked, rest, jobs)
     slopes = tuple(
-        tuple(exact.get((name, k)) or others[k][place] for k in range(len(asked.keys)))
+        tuple(exact.get((name, k)) or others[k][place] for k in range(count))
         for place, name in enumerate(outputs)
     )
     return Sensitivities(asked, slopes, obstacles)

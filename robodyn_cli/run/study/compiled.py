@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from robodyn_cli.expr.expectation import Expectation
-from robodyn_cli.record import record
 from robodyn_cli.run.batch.criteria import EXIT_CODE
 from robodyn_cli.run.many.command import Command
 from robodyn_cli.run.many.deploy import Deploy
@@ -17,7 +16,8 @@ from robodyn_cli.run.many.inverse import Inverse
 from robodyn_cli.run.many.mechanism import Mechanism
 from robodyn_cli.run.many.record import ManyRuns
 from robodyn_cli.run.many.simulate import Simulate
-from robodyn_cli.run.study.row import Row, Task, Values
+from robodyn_cli.run.study.row import Points, Rows, Task
+from robodyn_cli.run.study.rows import Missing
 from robodyn_cli.spatial.algebra import Array
 
 FIRST_BLOCK, LARGEST_BLOCK = 64, 8192  # runs
@@ -27,14 +27,6 @@ COMMANDS: dict[str, Command[Any]] = {"simulate": Simulate(), "deploy": Deploy(),
 GOOD = {"simulate": "ok", "deploy": "locked", "inverse": "ok"}  # status of a run that ended as it should
 
 
-@record
-class Block:
-    """Rows of runs that were made, and the values of those that are left to be made one by one."""
-
-    rows: list[Row]
-    left: list[Values]
-
-
 def suits(task: Task) -> bool:
     """Tell whether compiled code gives all that a study wants of its runs."""
     wanted = [*task.outputs, *(key for key in task.family.own.expect if key not in (EXIT_CODE, STATUS))]
@@ -42,43 +34,36 @@ def suits(task: Task) -> bool:
     return command is not None and all(command.is_plain(key) for key in wanted)
 
 
-def blocks(task: Task, points: Sequence[Values], threads: int) -> Iterator[Block]:
-    """Yield the rows of all points, a block at a time."""
-    mechanism, command = Mechanism(task.family, task.keys), COMMANDS[task.command]
-    expect = task.family.own.expect
-    of = tuple(dict.fromkeys([*task.outputs, *(key for key in expect if command.is_plain(key))]))
-    first, size = 0, FIRST_BLOCK
-    while first < len(points):
-        block = points[first : first + size]
-        first += len(block)
-        start = time.perf_counter()
-        runs, left = mechanism.compiled(command, np.array(block), of, threads)
-        spent = time.perf_counter() - start
-        rows = _rows(task, expect, runs, block, np.isin(np.arange(len(block)), left, invert=True), spent)
-        yield Block(rows, [block[k] for k in left])
-        size = int(min(LARGEST_BLOCK, max(FIRST_BLOCK, size * SECONDS_OF_BLOCK / max(spent, 1e-3))))
+class Compiled:
+    """Makes runs of a study in compiled code, as far as that can be trusted."""
 
+    def __init__(self, task: Task, threads: int) -> None:
+        self.task, self.threads = task, threads
+        self._mechanism, self._command = Mechanism(task.family, task.keys), COMMANDS[task.command]
+        expected = (key for key in task.family.own.expect if self._command.is_plain(key))
+        self._of = tuple(dict.fromkeys([*task.outputs, *expected]))
 
-def _rows(
-    task: Task,
-    expect: Mapping[str, Expectation],
-    runs: ManyRuns,
-    block: Sequence[Values],
-    made: Array,
-    spent: float,
-) -> list[Row]:
-    """Return the rows of the runs that were made; ``spent`` : time of all [s]."""
-    none = np.empty((len(block), 0))
-    outputs = np.stack([runs.outputs[key] for key in task.outputs], axis=1) if task.outputs else none
-    errors = np.stack([runs.errors[key] for key in task.outputs], axis=1) if task.outputs else none
-    holds = _holds(expect, runs, GOOD[task.command])
-    each = spent / len(block)
-    columns = zip(runs.code.tolist(), outputs.tolist(), errors.tolist(), holds.tolist(), runs.reason)
-    return [
-        Row(values, code, tuple(out), tuple(error), held, reason, each)
-        for values, mine, (code, out, error, held, reason) in zip(block, made.tolist(), columns)
-        if mine
-    ]
+    def make(self, points: Points) -> Rows:
+        """Return the rows of those runs that could be made; the others are left to be made one by one."""
+        task = self.task
+        runs, left = self._mechanism.compiled(self._command, points.values, self._of, self.threads)
+        rows = np.zeros(len(points), task.layout)
+        rows["values"], rows["code"], rows["done"] = points.values, runs.code, True
+        for k, key in enumerate(task.outputs):
+            rows["outputs"][:, k], rows["errors"][:, k] = runs.outputs[key], runs.errors[key]
+        rows["holds"] = _holds(task.family.own.expect, runs, GOOD[task.command])
+        made = np.isin(np.arange(len(points)), left, invert=True)
+        failed = np.flatnonzero(made & (runs.code != 0)).tolist()
+        return Rows(points.runs[made], rows[made], {int(points.runs[k]): runs.reason[k] for k in failed})
+
+    def blocks(self, missing: Missing) -> Iterator[Rows]:
+        """Yield the rows of all missing runs that could be made, a block at a time."""
+        size = FIRST_BLOCK
+        while len(points := missing.take(size)):
+            start = time.perf_counter()
+            yield self.make(points)
+            spent = max(time.perf_counter() - start, 1e-3)
+            size = int(min(LARGEST_BLOCK, max(FIRST_BLOCK, len(points) * SECONDS_OF_BLOCK / spent)))
 
 
 def _holds(expect: Mapping[str, Expectation], runs: ManyRuns, status: str) -> Array:

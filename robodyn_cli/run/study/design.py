@@ -3,36 +3,55 @@
 from __future__ import annotations
 
 import math
-import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.variation import Variation
 from robodyn_cli.record import record
-from robodyn_cli.scene.types import Correlation, StudyOptions
+from robodyn_cli.run.study.samples import Correlated, Repeated, Saltelli, Samples, inside, make_samples
+from robodyn_cli.scene.types import StudyOptions
 from robodyn_cli.spatial.algebra import Array
 
 MOST_RUNS = 10_000_000
-# uniform numbers stay this far from 0 and 1, where a normal distribution has no finite value
-MARGIN = 2.0**-54
 
 
 @record
 class Design:
-    """What is run: keys and their values (N, keys), one row a run.
+    """What is run: keys, and a row of values for each run, made block by block.
 
-    indices : the samples are Saltelli's, blocks A, B and one AB for each key.
+    grid : the values of keys that form one, in their order. drawn : distributions. columns : where the key k stands
+    among those of the grid and the drawn ones. samples : n of the unit cube for each point of the grid. indices : they
+    are Saltelli's, blocks A, B and one AB for each key.
     """
 
     keys: tuple[str, ...]
-    values: Array
+    grid: tuple[Array, ...]
+    drawn: tuple[Variation, ...]
+    columns: tuple[int, ...]
+    samples: Samples
     indices: bool = False
+
+    def __len__(self) -> int:
+        """Number of runs."""
+        return math.prod(len(x) for x in self.grid) * self.samples.n
+
+    def rows(self, first: int = 0, last: int | None = None) -> Array:
+        """Return the values (runs, keys) of the runs from ``first`` up to, and without, ``last``."""
+        last = len(self) if last is None else last
+        point = np.arange(first, last) // self.samples.n
+        places = np.unravel_index(point, [len(x) for x in self.grid]) if self.grid else ()
+        unit = Repeated(self.samples).rows(first, last)
+        parts = [
+            *(values[place] for values, place in zip(self.grid, places)),
+            *(quantile(v, u) for v, u in zip(self.drawn, unit.T)),
+        ]
+        return np.column_stack([parts[k] for k in self.columns])
 
 
 def make_design(options: StudyOptions, indices: bool = False) -> Design:
-    """Return the points of a study.
+    """Return the points of a study: all combinations of the grid, the last key fastest, with samples at each.
 
     Parameters
     ----------
@@ -52,15 +71,16 @@ def make_design(options: StudyOptions, indices: bool = False) -> Design:
     grid = {name: v for name, v in vary.items() if v.is_grid}
     drawn = {name: v for name, v in vary.items() if not v.is_grid}
     _check(options, grid, drawn, indices)
-    points = _grid(list(grid.values()))
-    n = 1 if options.n is None else options.n
-    unit = _indices_samples(n, len(drawn), options) if indices else _samples(n, len(drawn), options)
-    unit = _correlated(unit, list(drawn), options.correlation)
-    draws = np.column_stack([quantile(v, u) for v, u in zip(drawn.values(), unit.T)]) if drawn else unit
-    rows = np.hstack([np.repeat(points, len(unit), axis=0), np.tile(draws, (len(points), 1))])
+    n, size = options.n or 1, len(drawn)
+    samples = make_samples(options.sampler, n, 2 * size if indices else size, options.seed)
+    if indices:
+        samples = Saltelli(samples, size)
+    if options.correlation:
+        samples = Correlated(samples, list(drawn), options.correlation)
     given = [*grid, *drawn]
-    order = [given.index(name) for name in vary]
-    return Design(tuple(vary), rows[:, order], indices)
+    values = tuple(np.array(v.values) for v in grid.values())
+    columns = tuple(given.index(name) for name in vary)
+    return Design(tuple(vary), values, tuple(drawn.values()), columns, samples, indices)
 
 
 def _check(
@@ -91,77 +111,9 @@ def _check(
         raise SceneError(f"the study has {points * per_point:g} runs; allowed: at most {MOST_RUNS}")
 
 
-def _grid(variations: Sequence[Variation]) -> Array:
-    """Return all combinations (points, keys), the last key fastest."""
-    axes = np.meshgrid(*[np.array(v.values) for v in variations], indexing="ij")
-    count = math.prod(len(v.values) for v in variations)
-    return np.array([axis.ravel() for axis in axes]).reshape(len(variations), count).T
-
-
-def _samples(n: int, dimensions: int, options: StudyOptions) -> Array:
-    """Return samples of the unit cube (n, dimensions)."""
-    if dimensions == 0:
-        return np.zeros((n, 0))
-    if options.sampler == "random":
-        return np.random.default_rng(options.seed).random((n, dimensions))
-    from scipy.stats import qmc
-
-    sampler = qmc.LatinHypercube if options.sampler == "latin" else qmc.Sobol
-    rng = np.random.default_rng(options.seed)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # n need not be a power of two
-        return np.asarray(sampler(dimensions, seed=rng).random(n))
-
-
-def _indices_samples(n: int, dimensions: int, options: StudyOptions) -> Array:
-    """Return Saltelli's design: samples A and B, and A with one column of B for each dimension.
-
-    Source: Saltelli et al., Variance based sensitivity analysis of model output, Comput. Phys. Commun. 181 (2010).
-    """
-    both = _samples(n, 2 * dimensions, options)
-    A, B = both[:, :dimensions], both[:, dimensions:]
-    mixed = [np.where(np.arange(dimensions) == k, B, A) for k in range(dimensions)]
-    return np.vstack([A, B, *mixed])
-
-
-def _correlated(unit: Array, names: Sequence[str], pairs: Sequence[Correlation]) -> Array:
-    """Return uniform samples whose normal scores have the given correlations (a Gaussian copula).
-
-    Raises
-    ------
-    SceneError : a key is not drawn from a distribution, or no variables can be correlated like that.
-    """
-    if not pairs:
-        return unit
-    from scipy.special import ndtr, ndtri
-
-    matrix = np.eye(len(names))
-    for pair in pairs:
-        for name in pair.between:
-            if name not in names:
-                raise SceneError(
-                    f"study.correlation: {name!r} is not drawn from a distribution; allowed: {', '.join(names)}"
-                )
-        a, b = (names.index(name) for name in pair.between)
-        if a == b:
-            raise SceneError(f"study.correlation: {pair.between[0]!r} stands there twice")
-        matrix[a, b] = matrix[b, a] = pair.value
-    try:
-        factor = np.linalg.cholesky(matrix)
-    except np.linalg.LinAlgError:
-        raise SceneError(
-            "study.correlation: the matrix of correlations is not positive definite: no variables are correlated so"
-        ) from None
-    return np.asarray(ndtr(ndtri(_inside(unit)) @ factor.T))
-
-
-def _inside(unit: Array) -> Array:
-    return np.clip(unit, MARGIN, 1.0 - MARGIN)
-
-
 def quantile(variation: Variation, u: Array) -> Array:
     """Return the values below which the shares ``u`` of a distribution lie."""
-    u = _inside(u)
+    u = inside(u)
     if variation.distribution == "uniform":
         low, high = variation.arguments
         return low + (high - low) * u

@@ -1,92 +1,82 @@
-"""One run of a study: values in, outputs out; and many of them, in processes side by side."""
+"""Runs of a study as whole commands: values in, outputs out; many of them in processes side by side."""
 
 from __future__ import annotations
 
 import concurrent.futures as futures
 import contextlib
-import math
+import dataclasses
 import multiprocessing
 import signal
 import time
 from collections import deque
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from typing import Any
+from typing import Any, Protocol
 
-from robodyn_cli.errors import RobodynError
+import numpy as np
+
+from robodyn_cli.errors import SceneError
 from robodyn_cli.exit_codes import INTERNAL
 from robodyn_cli.run.batch.criteria import judge
 from robodyn_cli.run.commands import execute
 from robodyn_cli.run.many.keys import settings
-from robodyn_cli.run.many.single import error_of, number_of, reason_of, summary_of
+from robodyn_cli.run.many.single import ended, error_of, number_of
 from robodyn_cli.run.progress import no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
-from robodyn_cli.run.study.compiled import blocks, suits
-from robodyn_cli.run.study.row import Row, Task, Values
-from robodyn_cli.scene.types import Scene
+from robodyn_cli.run.study.compiled import Compiled, suits
+from robodyn_cli.run.study.row import Points, Rows, Task, joined
+from robodyn_cli.run.study.rows import RowFile
+from robodyn_cli.spatial.algebra import Array
 
 FEWEST_IN_PROCESSES = 16  # a process takes as long to start as some ten runs take
 LONGEST_CHUNK = 64  # runs that a process is given at a time
 SECONDS_OF_CHUNK = 0.5  # about
 
 
-class Runner:
-    """Runs the scenes of a study one after another."""
+def make_alone(task: Task, points: Points) -> Rows:
+    """Return what whole commands give, one after another."""
+    return joined([make_one(task, int(run), values)[0] for run, values in zip(points.runs, points.values)])
 
-    def __init__(self, task: Task) -> None:
-        self.task = task
 
-    def scene(self, values: Sequence[float]) -> Scene:
-        """Return the scene with these values.
-
-        Raises
-        ------
-        SceneError : a value is not allowed there.
-        """
-        return self.task.family.scene(settings(self.task.keys, values))
-
-    def one(self, values: Values) -> Row:
-        """Return what the run with these values gives; whatever ends it is part of the row."""
-        return self.with_summary(values)[0]
-
-    def with_summary(self, values: Values) -> tuple[Row, Mapping[str, Any]]:
-        """Return what a run gives, and its summary."""
-        start = time.perf_counter()
-        summary: Mapping[str, Any] = {}
-        reason, code, holds = "", INTERNAL, False
+def make_one(task: Task, run: int, values: Array) -> tuple[Rows, Mapping[str, Any]]:
+    """Return what a run with these values gives, and its summary; whatever ends it is part of its row."""
+    words, holds = settings(task.keys, values), False
+    found = ended(lambda: execute(task.command, task.family.scene(words), no_progress, Stopwatch()))
+    if found.summary:
         try:
-            scene = self.scene(values)
-            command = self.task.command
-            summary, code, _ = summary_of(lambda: execute(command, scene, no_progress, Stopwatch()))
-            holds = all(o.holds for o in judge(scene.expect, summary))
-            reason = reason_of(summary, code)
-        except RobodynError as error:
-            code, reason = error.exit_code, error.message
-        except Exception as error:  # a fault of the program in one run leaves the others as they are
-            reason = f"{type(error).__name__}: {error}"
-        outputs = tuple(number_of(summary, key) for key in self.task.outputs)
-        errors = tuple(error_of(summary, key) for key in self.task.outputs)
-        return Row(values, code, outputs, errors, holds, reason, time.perf_counter() - start), summary
+            holds = all(outcome.holds for outcome in judge(task.family.own.expect, found.summary))
+        except SceneError as error:  # the scene expects something that this run does not have
+            found = dataclasses.replace(found, code=error.exit_code, reason=error.message)
+    row = np.zeros(1, task.layout)
+    row["values"], row["code"], row["holds"], row["done"] = values, found.code, holds, True
+    row["outputs"] = [number_of(found.summary, key) for key in task.outputs]
+    row["errors"] = [error_of(found.summary, key) for key in task.outputs]
+    return Rows(np.array([run]), row, {run: found.reason} if found.code else {}), found.summary
 
 
 # -- side by side ---------------------------------------------------------------------------------------
-_runner: Runner | None = None  # of this process
+_task: Task | None = None  # of this process
 
 
 def _begin(task: Task) -> None:
     """Prepare a process for the runs of a study; interrupts are left to the process that began it."""
-    global _runner
+    global _task
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _runner = Runner(task)
+    _task = task
 
 
-def _run_chunk(points: Sequence[Values]) -> list[Row]:
-    assert _runner is not None
-    return [_runner.one(values) for values in points]
+def _run_chunk(points: Points) -> tuple[Rows, float]:
+    """Return what runs give, and the time that one took [s]."""
+    assert _task is not None
+    start = time.perf_counter()
+    made = make_alone(_task, points)
+    return made, (time.perf_counter() - start) / len(points)
 
 
-def run_all(task: Task, points: Sequence[Values], jobs: int) -> Iterator[list[Row]]:
-    """Yield the rows of all points, some at a time, in the order in which they are done.
+def run_all(task: Task, file: RowFile, jobs: int) -> Iterator[Rows]:
+    """Yield the rows of all missing runs, some at a time, in the order in which they are done.
+
+    The caller puts them into the file.
 
     Parameters
     ----------
@@ -94,51 +84,79 @@ def run_all(task: Task, points: Sequence[Values], jobs: int) -> Iterator[list[Ro
         them itself.
     """
     if suits(task):
-        left: list[Values] = []
-        for block in blocks(task, points, jobs):
-            left += block.left
-            yield block.rows
-        points = left
-    for row in _one_by_one(task, points, jobs):
-        yield [row]
+        yield from Compiled(task, jobs).blocks(file.missing())
+    yield from _one_by_one(task, file.missing(), jobs)
 
 
-def _one_by_one(task: Task, points: Sequence[Values], jobs: int) -> Iterator[Row]:
-    """Yield the rows of points whose runs are whole commands."""
-    if jobs == 1 or len(points) < FEWEST_IN_PROCESSES:
-        runner = Runner(task)
-        yield from (runner.one(values) for values in points)
+def run_points(task: Task, points: Points, jobs: int) -> Rows:
+    """Return the rows of runs that are few enough for memory; ``jobs`` as for ``run_all``."""
+    parts = []
+    if suits(task):
+        parts.append(Compiled(task, jobs).make(points))
+        points = points.part(np.isin(points.runs, parts[0].runs, invert=True))
+    parts += _one_by_one(task, Waiting([points]), jobs)
+    return joined(parts)
+
+
+def _one_by_one(task: Task, missing: Source, jobs: int) -> Iterator[Rows]:
+    """Yield the rows of runs that are whole commands."""
+    if jobs == 1 or missing.left < FEWEST_IN_PROCESSES:
+        while missing.left:
+            yield make_alone(task, missing.take(1))
         return
-    waiting, suspects = deque(points), deque[Values]()
-    while waiting or suspects:
+    suspects = Waiting()
+    while missing.left or suspects.left:
         # what was being run as a process died is run again one by one, to find the run that does it
-        if suspects:
+        if suspects.left:
             lost = yield from _in_processes(task, suspects, 1)
-            yield from (_killed(values, task) for values in lost)
+            yield from (_killed(points, task) for points in lost)
         else:
-            suspects.extend((yield from _in_processes(task, waiting, jobs)))
+            suspects = Waiting((yield from _in_processes(task, missing, jobs)))
 
 
-def _in_processes(task: Task, waiting: deque[Values], jobs: int) -> Generator[Row, None, list[Values]]:
-    """Run points in processes, taking them from the queue; return those that were lost with a process."""
+class Source(Protocol):
+    """Where runs are taken from; ``left`` are there."""
+
+    @property
+    def left(self) -> int: ...
+    def take(self, most: int) -> Points: ...
+
+
+class Waiting:
+    """Runs that wait to be made one by one."""
+
+    def __init__(self, points: Sequence[Points] = ()) -> None:
+        self._queue = deque(part.part([k]) for part in points for k in range(len(part)))
+
+    @property
+    def left(self) -> int:
+        return len(self._queue)
+
+    def take(self, most: int) -> Points:
+        """Return the next of them."""
+        return self._queue.popleft()
+
+
+def _in_processes(task: Task, source: Source, jobs: int) -> Generator[Rows, None, list[Points]]:
+    """Run what a source has in processes; return the runs that were lost with a process."""
     alone = jobs == 1
     size = 1
-    flying: dict[futures.Future[list[Row]], list[Values]] = {}
+    flying: dict[futures.Future[tuple[Rows, float]], Points] = {}
     with _pool(task, jobs) as pool:
         try:
-            while waiting or flying:
-                while waiting and len(flying) < (1 if alone else 2 * jobs):
-                    chunk = [waiting.popleft() for _ in range(min(size, len(waiting)))]
-                    flying[pool.submit(_run_chunk, chunk)] = chunk
+            while source.left or flying:
+                while source.left and len(flying) < (1 if alone else 2 * jobs):
+                    points = source.take(size)
+                    flying[pool.submit(_run_chunk, points)] = points
                 # without a time limit an interrupt would not be seen on every system
                 done, _ = futures.wait(flying, timeout=0.2, return_when=futures.FIRST_COMPLETED)
                 for future in done:
-                    rows = future.result()
+                    rows, seconds = future.result()
                     del flying[future]
-                    yield from rows
-                    size = 1 if alone else _next_size(rows[-1].seconds, len(waiting), jobs)
+                    yield rows
+                    size = 1 if alone else _next_size(seconds, source.left, jobs)
         except BrokenProcessPool:
-            return [values for chunk in flying.values() for values in chunk]
+            return list(flying.values())
     return []
 
 
@@ -164,6 +182,9 @@ def _next_size(seconds: float, left: int, jobs: int) -> int:
     return max(1, min(fitting, LONGEST_CHUNK, left // (4 * jobs) + 1))
 
 
-def _killed(values: Values, task: Task) -> Row:
-    none = (math.nan,) * len(task.outputs)
-    return Row(values, INTERNAL, none, none, False, "the process of this run was ended from outside", 0.0)
+def _killed(points: Points, task: Task) -> Rows:
+    """Return the row of a run with which its process died."""
+    row = np.zeros(1, task.layout)
+    row["values"], row["code"], row["done"] = points.values, INTERNAL, True
+    row["outputs"] = row["errors"] = np.nan
+    return Rows(points.runs, row, {int(points.runs[0]): "the process of this run was ended from outside"})

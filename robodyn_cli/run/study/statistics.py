@@ -1,4 +1,4 @@
-"""What the runs of a study say together: spread, failures, yield, influence of each key."""
+"""What the runs of a study say together: shares of runs, influence of each key."""
 
 from __future__ import annotations
 
@@ -11,32 +11,9 @@ import numpy as np
 
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import ABSENT, Absent
-from robodyn_cli.run.study.design import Design
 from robodyn_cli.spatial.algebra import Array
 
-LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)  # quantiles
 CONFIDENCE = 0.95  # of all intervals
-
-
-@record
-class Spread:
-    """How an output spreads over the runs that have it.
-
-    runs : their number. nominal : value of the scene as it stands. unit : of all. mean, sd, quantiles, mean_error
-    (standard error of the mean) : for samples alone; of a grid they would tell how its values were chosen.
-    largest_error : of the errors that runs estimate, where they do.
-    """
-
-    runs: int
-    minimum: float
-    maximum: float
-    nominal: float | None
-    unit: str
-    mean: float | Absent = ABSENT
-    sd: float | Absent = ABSENT
-    quantiles: dict[str, float] | Absent = ABSENT
-    mean_error: float | Absent = ABSENT
-    largest_error: float | Absent = ABSENT
 
 
 @record
@@ -72,28 +49,6 @@ class Index:
     total_high: float
 
 
-def spread(values: Array, errors: Array, nominal: float, unit: str, sampled: bool) -> Spread | None:
-    """Return how an output spreads; None where no run has it. sampled : whether the runs are random samples."""
-    there = values[np.isfinite(values)]
-    if not there.size:
-        return None
-    known = errors[np.isfinite(errors)]
-    ends = float(there.min()), float(there.max()), nominal if math.isfinite(nominal) else None, unit
-    largest_error = float(known.max()) if known.size else ABSENT
-    if not sampled:
-        return Spread(int(there.size), *ends, largest_error=largest_error)
-    sd = float(there.std(ddof=1)) if there.size > 1 else 0.0
-    return Spread(
-        int(there.size),
-        *ends,
-        mean=float(there.mean()),
-        sd=sd,
-        quantiles={f"{100 * level:g} %": float(q) for level, q in zip(LEVELS, np.quantile(there, LEVELS))},
-        mean_error=sd / math.sqrt(there.size),
-        largest_error=largest_error,
-    )
-
-
 def share(count: int, runs: int, sampled: bool = True) -> Share:
     """Return the share of runs; of random samples with the interval that holds its true value with 95 % confidence."""
     if not sampled:
@@ -106,18 +61,21 @@ def share(count: int, runs: int, sampled: bool = True) -> Share:
     return Share(count / runs, low, high, CONFIDENCE)
 
 
-def influences(design: Design, output: Array) -> dict[str, Influence]:
-    """Return the influence of each key that takes several values, the largest first; none for too few runs."""
+def influences(keys: Sequence[str], values: Array, output: Array) -> dict[str, Influence]:
+    """Return the influence of each key that takes several values, the largest first; none for too few runs.
+
+    values : (N, keys). output : (N,), nan where a run has none.
+    """
     fit = np.isfinite(output)
-    moving = [k for k in range(len(design.keys)) if np.ptp(design.values[:, k]) > 0.0]
+    moving = [k for k in range(len(keys)) if np.ptp(values[:, k]) > 0.0]
     if np.count_nonzero(fit) < len(moving) + 2:
         return {}
-    x, y = design.values[fit][:, moving], output[fit]
+    x, y = values[fit][:, moving], output[fit]
     slopes = np.linalg.lstsq(np.column_stack([x - x.mean(axis=0), np.ones(len(x))]), y, rcond=None)[0][:-1]
     low, high = np.quantile(x, (0.05, 0.95), axis=0)
     ranks = _ranks(y)
     found = {
-        design.keys[key]: Influence(float(slope * (b - a)), _correlation(_ranks(x[:, k]), ranks))
+        keys[key]: Influence(float(slope * (b - a)), _correlation(_ranks(x[:, k]), ranks))
         for k, (key, slope, a, b) in enumerate(zip(moving, slopes, low, high))
     }
     return dict(sorted(found.items(), key=lambda item: -abs(item[1].swing)))
@@ -136,14 +94,14 @@ def _correlation(a: Array, b: Array) -> float:
     return float(a @ b) / size if size else 0.0
 
 
-def sobol(design: Design, output: Array) -> dict[str, Index] | None:
-    """Return Sobol's indices of an output; None where a run has no value or the output does not vary.
+def sobol(keys: Sequence[str], output: Array) -> dict[str, Index] | None:
+    """Return Sobol's indices of an output of Saltelli's design; None where it has gaps or does not vary.
 
     Source: Saltelli et al. 2010, as ``scipy.stats.sobol_indices`` has it, with its bootstrap.
     """
     from scipy.stats import sobol_indices
 
-    k = len(design.keys)
+    k = len(keys)
     n = len(output) // (k + 2)
     if not np.all(np.isfinite(output)) or np.ptp(output) == 0.0:
         return None
@@ -157,7 +115,7 @@ def sobol(design: Design, output: Array) -> dict[str, Index] | None:
     orders = ((found.first_order, spreads.first_order), (found.total_order, spreads.total_order))
     columns = [column for value, order in orders for column in (value, *_sides(order))]
     by_key = np.array([column.reshape(2, k)[0] for column in columns]).T
-    return {key: Index(*(float(x) for x in row)) for key, row in zip(design.keys, by_key)}
+    return {key: Index(*(float(x) for x in row)) for key, row in zip(keys, by_key)}
 
 
 def _sides(order: Any) -> tuple[Array, Array]:
@@ -171,10 +129,3 @@ def _sides(order: Any) -> tuple[Array, Array]:
     low, high = order.confidence_interval
     there = np.isfinite(low) & np.isfinite(high)
     return np.where(there, low, plain[0]), np.where(there, high, plain[1])
-
-
-def extremes(output: Array) -> Sequence[int]:
-    """Return the runs with the smallest and the largest value."""
-    if not np.any(np.isfinite(output)):
-        return []
-    return list(dict.fromkeys((int(np.nanargmin(output)), int(np.nanargmax(output)))))

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.errors import SceneError
@@ -19,9 +19,9 @@ from robodyn_cli.run.batch.criteria import lookup, refuse_unknown
 from robodyn_cli.run.many.keys import setting
 from robodyn_cli.run.many.single import number_of
 from robodyn_cli.run.study.design import Design, make_design
-from robodyn_cli.run.study.log import LOG_NAME, Log
-from robodyn_cli.run.study.row import Row, Task, Values
-from robodyn_cli.run.study.runs import Runner, run_all
+from robodyn_cli.run.study.row import Rows, Task
+from robodyn_cli.run.study.rows import RowFile
+from robodyn_cli.run.study.runs import make_one, run_all
 from robodyn_cli.run.study.units import unit_of_output
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene, StudyOptions
@@ -49,8 +49,8 @@ class Asked:
 class Study:
     """A study that makes sense, before it runs.
 
-    scene : as it stands. units : by key that varies. output_units : by output. nominal : the run of the scene as it
-    stands.
+    scene : as it stands. units : by key that varies. output_units : by output. nominal : the row of the run
+    of the scene as it stands.
     """
 
     asked: Asked
@@ -58,7 +58,7 @@ class Study:
     design: Design
     units: dict[str, str]
     output_units: dict[str, str]
-    nominal: Row
+    nominal: Any
 
     @property
     def scene(self) -> Scene:
@@ -69,6 +69,11 @@ class Study:
         """What rows of an earlier study must share with this one to stand for its own."""
         task = self.task
         return sha256("\n".join([__version__, self.scene.text, task.command, *task.keys, "", *task.outputs]))
+
+    @property
+    def rows_head(self) -> dict[str, str]:
+        """What rows of an unfinished study must share with this one; see ``RowFile``."""
+        return {"study": self.digest, "design": sha256(repr((self.asked.options, self.asked.indices)))}
 
     def repeat(self, values: Sequence[float]) -> str:
         """Return the command that repeats a run."""
@@ -110,7 +115,7 @@ def prepare(asked: Asked) -> Study:
     wanted = options.of or tuple(key for key, e in scene.expect.items() if e.numeric and key != "exit_code")
     task = Task(family, scene.command, design.keys, wanted)
     source = "expect:" if not options.of else "study.of:" if options.of == scene.study.of else "--of"
-    nominal = run_nominal(task, source)
+    nominal = run_nominal(task, source).rows[0]
     units = {key: unit_of(family.root, key) for key in design.keys}
     model = build_model(scene)
     output_units = {key: unit_of_output(key, model) for key in wanted}
@@ -128,18 +133,16 @@ def _check_key(family: Family, key: str, variation: Variation) -> None:
         raise SceneError(message, key=key) from error
 
 
-def run_nominal(task: Task, source: str) -> Row:
-    """Return the run of the scene as it stands; source : what named the outputs.
+def run_nominal(task: Task, source: str) -> Rows:
+    """Return what the run of the scene as it stands gave; source : what named the outputs.
 
     Raises
     ------
     SceneError : no output is named, or the summary of this run does not have one, or it is no number.
     """
-    plain = dataclasses.replace(task, keys=())
-    runner = Runner(plain)
-    row, summary = runner.with_summary(())
+    made, summary = make_one(dataclasses.replace(task, keys=()), 0, np.empty(0))
     if not summary:
-        raise SceneError(f"the scene as it stands does not run: {row.reason}")
+        raise SceneError(f"the scene as it stands does not run: {made.reasons[0]}")
     if not task.outputs:
         known = ", ".join(_numbers(summary))
         raise SceneError(
@@ -149,9 +152,9 @@ def run_nominal(task: Task, source: str) -> Row:
         asked = f"{source} {key}"
         refuse_unknown(summary, key, asked)
         value = lookup(summary, key)
-        if row.code == 0 and value is not None and math.isnan(number_of(summary, key)):
+        if not made.reasons and value is not None and math.isnan(number_of(summary, key)):
             raise SceneError(f"{asked}: is {value!r}, which is not a number")
-    return row
+    return made
 
 
 def _numbers(facts: Mapping[str, Any], path: str = "") -> list[str]:
@@ -164,32 +167,14 @@ def _numbers(facts: Mapping[str, Any], path: str = "") -> list[str]:
     return found
 
 
-def run_study(
-    study: Study, directory: Path, jobs: int, done: Mapping[Values, Row], tell: Callable[[int, int], None]
-) -> list[Row]:
-    """Run all points of a study and return their rows in its order.
+def run_study(study: Study, file: RowFile, jobs: int, tell: Callable[[int, int], None]) -> None:
+    """Make all runs of a study that are not there.
 
     Parameters
     ----------
-    directory : where the file of unfinished rows lies. done : rows of an earlier study of the same scene, by values.
-    tell : is told how many of how many runs are done.
+    file : that takes the rows. tell : is told how many of how many runs are done.
     """
-    points: list[Values] = [tuple(row) for row in study.design.values.tolist()]
-    with Log(directory / LOG_NAME, study.digest) as log:
-        rows = {**done, **log.rows}
-        runs = list(dict.fromkeys(points))  # samples may share points
-        missing = [values for values in runs if values not in rows]
-        done_now = len(runs) - len(missing)
-        tell(done_now, len(runs))
-        for more in run_all(study.task, missing, jobs):
-            rows.update((row.values, row) for row in more)
-            log.add(more)
-            done_now += len(more)
-            tell(done_now, len(runs))
-    return [rows[values] for values in points]
-
-
-def forget_log(directory: Path) -> None:
-    """Remove the rows of a study that is finished and stored."""
-    with contextlib.suppress(OSError):
-        (directory / LOG_NAME).unlink()
+    tell(file.done, len(file))
+    for rows in run_all(study.task, file, jobs):
+        file.add(rows)
+        tell(file.done, len(file))

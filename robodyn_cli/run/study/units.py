@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from robodyn_cli.model.model import Model
+from robodyn_cli.model.model import TORQUE, Model
 from robodyn_cli.results.columns import UNKNOWN
-from robodyn_cli.run.observation.units import TORQUE
 
 # maps from joints or their coordinates to numbers, by their key; what follows the joint's own unit
 STATES = {

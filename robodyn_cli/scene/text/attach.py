@@ -82,7 +82,7 @@ def _with_link(robot: Mapping, item: Mapping, path: Path) -> Mapping:
         )
     entries = [(scalar(item, "name"), name)]
     link = mapping(item, entries + [(k, v) for k, v in item.entries if k.text in OF_LINK])
-    own = [(scalar(item, "parent"), _parent(item)), (scalar(item, "link"), name)]
+    own = [(scalar(item, "parent"), _parent(robot, item, path)), (scalar(item, "link"), name)]
     own += [(k, v) for k, v in item.entries if k.text == "origin"]
     if joint is None:
         named = scalar(name, f"{name.text}_joint" if isinstance(name, Scalar) else "joint")
@@ -109,7 +109,7 @@ def _with_robot(robot: Mapping, item: Mapping, path: Path, include: Include) -> 
     if not isinstance(part, Mapping):
         raise located(part, dotted(path), "an included file must contain a robot")
     prefix = prefix_of(item, path)
-    joints, links, ground = [], [], _parent(item)
+    joints, links, ground = [], [], _parent(robot, item, path)
     base = part.get("base")
     for role, origin in (("mount", item.get("origin")), ("base_frame", base)):
         if role == "mount" or origin is not None:
@@ -143,8 +143,14 @@ def prefix_of(node: Mapping, path: Path) -> str:
     return found.text
 
 
-def _parent(item: Mapping) -> Node:
-    return item.get("to") or scalar(item, GROUND)
+def _parent(robot: Mapping, item: Mapping, path: Path) -> Node:
+    """Return the name of the link that an item is attached to."""
+    parent = item.get("to") or scalar(item, GROUND)
+    links = [GROUND, *(name for name in map(name_of, _items(robot, "links")) if name)]
+    if isinstance(parent, Scalar) and parent.text not in links:
+        message = f"unknown link {shown(parent.text)}{did_you_mean(parent.text, links)}"
+        raise located(parent, dotted((*path, "to")), f"{message}; allowed: {', '.join(links)}")
+    return parent
 
 
 def _one_convention(robot: Mapping, part: Mapping, item: Mapping, path: Path) -> Mapping:

@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from robodyn_cli.scene.urdf.read import Urdf
 
 MAX_CHAIN = 20
+BESIDE_ROBOT = ("loops", "couplers", "forces")  # parts of a mechanism that no robot holds
 
 
 def fits(kind: Kind, node: Node) -> bool:
@@ -91,6 +92,27 @@ def child_kind(kind: Kind | None, step: str) -> Kind | None:
     if isinstance(kind, (MapOf, ListOf)):
         return kind.item
     return None
+
+
+def robot_of(tree: Node, path: Path) -> Node:
+    """Return the robot of a whole scene, and any other tree as it is.
+
+    Raises
+    ------
+    SceneError : the scene has parts of its mechanism beside its robot, which would be lost.
+    """
+    robot = tree.get("robot") if isinstance(tree, Mapping) else None
+    if not isinstance(tree, Mapping) or robot is None:
+        return tree
+    for name in BESIDE_ROBOT:
+        if tree.get(name) is not None:
+            raise located(
+                tree.key(name) or tree,
+                dotted(path),
+                f"this scene has {name!r} beside its robot; allowed: the file of a robot, or a scene without "
+                f"{', '.join(BESIDE_ROBOT)}",
+            )
+    return robot
 
 
 class Includer:
@@ -206,7 +228,8 @@ class Includer:
             if not kind.robot:
                 raise located(node, dotted(path), f"{name!r} is XML; allowed: the path of a YAML file")
             return self.urdf(text, source)
-        return compose(text, source, self.faults, path)
+        tree = compose(text, source, self.faults, path)
+        return robot_of(tree, path) if kind.robot else tree
 
     def urdf(self, text: str, source: Source) -> Node:
         """Return the tree of a robot in a URDF text."""

@@ -1,0 +1,72 @@
+"""Peak memory and time of whole sweeps of short double pendulums: 10^4, 10^5 and 10^6 runs.
+
+    python benchmarks/study_memory.py [--quick] [--json FILE]
+
+Each is a process of its own, ``robodyn sweep --no-plots`` with random masses and starts; compiled code is in the cache.
+Memory is the largest resident set that the system counted, pages of files included.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import ensembles
+import measure
+
+DURATION = 0.05  # s, so that a million runs end soon
+VARY = {
+    "robot.links.link1.mass": "uniform(10, 15)",
+    "robot.links.link2.mass": "uniform(10, 15)",
+    "initial.q.theta1": "uniform(-2, -1)",
+}
+
+
+def sweep(scene: Path, runs: int, environment: dict[str, str]) -> dict[str, float]:
+    """Return the seconds and the peak memory [MB] of a sweep, and the bytes that it left."""
+    with tempfile.TemporaryDirectory() as out:
+        vary = [word for key, spec in VARY.items() for word in ("--vary", f"{key}={spec}")]
+        line = [sys.executable, "-m", "robodyn_cli", "sweep", str(scene), *vary, "-n", str(runs), "--of",
+                "final.q.theta1", "--no-plots", "-q", "--out", f"{out}/out"]  # fmt: skip
+        start = time.perf_counter()
+        child = os.posix_spawn(sys.executable, line, environment)
+        _, status, usage = os.wait4(child, 0)
+        seconds = time.perf_counter() - start
+        assert status == 0
+        size = Path(out, "out", "result.h5").stat().st_size
+    return {"runs": runs, "seconds": seconds, "peak_MB": usage.ru_maxrss / 1024, "result_MB": size / 1e6}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--json")
+    chosen = parser.parse_args()
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        scene = Path(folder) / "pendulum.yaml"
+        text = ensembles.scene("dopri5", 1e-6).replace(
+            f"duration: {ensembles.DURATION}", f"duration: {DURATION}"
+        )
+        scene.write_text(text.replace("error_estimate: false", "error_estimate: true"))
+        environment = {**os.environ, "ROBODYN_CACHE": f"{folder}/cache", "PYTHONPATH": measure.search_path()}
+        sweep(scene, 100, environment)
+        for runs in (100, 1000) if chosen.quick else (10**4, 10**5, 10**6):
+            rows.append(sweep(scene, runs, environment))
+    measure.print_machine()
+    head = ["runs", "peak memory [MB]", "time [s]", "runs/s", "result.h5 [MB]"]
+    body = [
+        [str(r["runs"]), f"{r['peak_MB']:.0f}", f"{r['seconds']:.1f}", f"{r['runs'] / r['seconds']:.0f}",
+         f"{r['result_MB']:.1f}"]
+        for r in rows
+    ]  # fmt: skip
+    print(measure.table([head, *body]))
+    measure.write_json(chosen.json, rows)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,48 @@
+"""Limits of joints as lines in drawings over time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from robodyn_cli.results.columns import column_names
+from robodyn_cli.results.result import Result
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# stored limits of a quantity, with the sides on which they bound it
+SIDES: dict[str, dict[str, tuple[float, ...]]] = {
+    "q": {"lower": (1.0,), "upper": (1.0,)},
+    "qd": {"speed": (1.0, -1.0)},
+    "qdd": {"acceleration": (1.0, -1.0)},
+    "tau": {"effort": (1.0, -1.0)},
+}
+NEAR = 0.3  # of the largest value of a joint: a limit further away would only make the curve small
+NOTE = "; dotted: limits of the joints"
+
+
+def limits_near(result: Result, path: str) -> dict[str, list[float]]:
+    """Return the limits that the columns of a dataset come near or pass, by the names of the columns."""
+    variable = result.variables[path]
+    names = column_names(variable)
+    low, high = np.nanmin(variable.data, axis=0), np.nanmax(variable.data, axis=0)
+    found: dict[str, list[float]] = {}
+    for limit, sides in SIDES.get(path, {}).items():
+        stored = result.variables.get(f"joint_limits/{limit}")
+        for name, size in zip(column_names(stored), stored.data) if stored is not None else ():
+            bottom, top = low[names.index(name)], high[names.index(name)]
+            room = NEAR * max(abs(bottom), abs(top))
+            levels = [side * size for side in sides if bottom - room <= side * size <= top + room]
+            if levels:
+                found.setdefault(name, []).extend(levels)
+    return found
+
+
+def draw_limits(ax: Axes, near: dict[str, list[float]], names: Sequence[str], handles: Sequence[Any]) -> None:
+    """Draw the limits of joints in the colours of their curves."""
+    for name, handle in zip(names, handles):
+        for level in near.get(name, ()):
+            ax.axhline(level, color=handle.get_color(), linewidth=1.3, linestyle=(0, (1, 1.5)), zorder=1.5)
