@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.record import record
+from robodyn_cli.run.many.structure import times_vary
 from robodyn_cli.run.sensitivity.asked import Asked
 from robodyn_cli.run.sensitivity.slope import DIFFERENCES, Slope
 from robodyn_cli.run.study.row import Points, Task
@@ -33,32 +34,35 @@ IN_FORMULA = "a number of a formula varies in exact derivatives only; make it on
 
 def differences(asked: Asked, keys: Sequence[int], jobs: int) -> dict[int, list[Slope]]:
     """Return the derivatives of all outputs by some keys, which are named by their numbers."""
-    task = asked.task
-    settable = [
-        k for k, name in enumerate(task.keys) if "#" not in name
-    ]  # no option sets a number of a formula
-    wanted = [k for k in keys if k in settable]
-    found = {k: [Slope(math.nan, math.nan, DIFFERENCES, IN_FORMULA)] * len(task.outputs) for k in keys}
-    if not wanted:
-        return found
-    own = Task(task.family, task.command, tuple(task.keys[k] for k in settable), task.outputs)
-    values = np.array([asked.values[k] for k in settable])
-    points = np.tile(values, (len(wanted), LEVELS, 2, 1))
-    for point, k in zip(points, wanted):
+    in_formulas = [k for k in keys if "#" in asked.task.keys[k]]  # no option sets them
+    found = {
+        k: [Slope(math.nan, math.nan, DIFFERENCES, IN_FORMULA)] * len(asked.outputs) for k in in_formulas
+    }
+    others = [k for k in keys if k not in in_formulas]
+    # keys that may move times keep runs out of compiled code
+    for moves in (False, True):
+        if some := [k for k in others if times_vary([asked.keys[k]]) == moves]:
+            found.update(_together(asked, some, jobs))
+    return found
+
+
+def _together(asked: Asked, keys: Sequence[int], jobs: int) -> dict[int, list[Slope]]:
+    """Return the derivatives by some keys, from runs of one study."""
+    task = Task(
+        asked.task.family, asked.task.command, tuple(asked.task.keys[k] for k in keys), asked.task.outputs
+    )
+    points = np.tile([asked.values[k] for k in keys], (len(keys), LEVELS, 2, 1))
+    for place, k in enumerate(keys):
         widest = WIDEST * (abs(asked.values[k]) or 1.0)
-        steps = widest / NARROWER ** np.arange(LEVELS)
-        point[:, :, settable.index(k)] += np.outer(steps, SIDES)
-    count = points.size // len(settable)
-    made = run_points(own, Points(np.arange(count), points.reshape(count, -1)), jobs)
+        points[place, :, :, place] += np.outer(widest / NARROWER ** np.arange(LEVELS), SIDES)
+    numbers = np.arange(points.size // len(keys))
+    made = run_points(task, Points(numbers, points.reshape(-1, len(keys))), jobs)
     rows = np.empty_like(made.rows)
     rows[made.runs] = made.rows
-    for place, k in enumerate(wanted):
-        first = 2 * LEVELS * place
-        sides = Sides(
-            points[place, :, :, settable.index(k)],
-            rows[first : first + 2 * LEVELS].reshape(LEVELS, 2),
-            next((made.reasons[run] for run in range(first, first + 2 * LEVELS) if run in made.reasons), ""),
-        )
+    found = {}
+    for place, (k, own) in enumerate(zip(keys, numbers.reshape(len(keys), LEVELS, 2))):
+        why = [made.reasons[run] for run in own.flat if run in made.reasons]
+        sides = Sides(points[place, :, :, place], rows[own], why[0] if why else "")
         found[k] = [sides.slope(output) for output in range(len(task.outputs))]
     return found
 
