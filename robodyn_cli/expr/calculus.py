@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.errors import CapabilityError
@@ -126,7 +126,12 @@ def jacobian(
     ----------
     slopes : derivatives of the numbers of the scene that the expressions hold, in columns behind those of the inputs.
     """
-    gradient: dict[int, SparseRow] = {x.index: {k: 1.0} for k, x in enumerate(inputs)}
+    return gradients(outputs, {x.index: {k: 1.0} for k, x in enumerate(inputs)})
+
+
+def gradients(outputs: Sequence[Scalar], seeds: Mapping[int, SparseRow]) -> list[SparseRow]:
+    """Return the sparse gradients of outputs by the chain rule, from those of some nodes (by index)."""
+    gradient: dict[int, SparseRow] = dict(seeds)
     for node in reachable(outputs):
         if node.op == "const" and slopes is not None:
             gradient[node.index] = slopes(node.value)
