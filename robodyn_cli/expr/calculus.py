@@ -124,13 +124,20 @@ def jacobian(
 
     Parameters
     ----------
-    slopes : derivatives of the numbers of the scene that the expressions hold, in columns behind those of the inputs.
+    slopes : as for ``gradients``, in columns behind those of the inputs.
     """
-    return gradients(outputs, {x.index: {k: 1.0} for k, x in enumerate(inputs)})
+    return gradients(outputs, {x.index: {k: 1.0} for k, x in enumerate(inputs)}, slopes)
 
 
-def gradients(outputs: Sequence[Scalar], seeds: Mapping[int, SparseRow]) -> list[SparseRow]:
-    """Return the sparse gradients of outputs by the chain rule, from those of some nodes (by index)."""
+def gradients(
+    outputs: Sequence[Scalar], seeds: Mapping[int, SparseRow], slopes: NumberSlopes | None = None
+) -> list[SparseRow]:
+    """Return the sparse gradients of outputs by the chain rule, from those of some nodes (by index).
+
+    Parameters
+    ----------
+    slopes : gives those of the numbers of the scene that the expressions hold; constants where it is not given.
+    """
     gradient: dict[int, SparseRow] = dict(seeds)
     for node in reachable(outputs):
         if node.op == "const" and slopes is not None:
