@@ -36,6 +36,36 @@ def with_places(scene: Scene) -> Scene:
     return dataclasses.replace(scene, **found)
 
 
+def numbers_at_places(scene: Scene) -> dict[str, float]:
+    """Return the numbers of a scene that enter the equations, by their places."""
+    found: dict[str, float] = {}
+
+    def visit(value: Any) -> None:
+        if isinstance(value, Fixed):
+            found[value.args[0]] = float(value)
+        elif isinstance(value, Formula):
+            value.root.rebuilt(leaf)
+        elif isinstance(value, dict):
+            for x in value.values():
+                visit(x)
+        elif isinstance(value, tuple):
+            for x in value:
+                visit(x)
+        elif dataclasses.is_dataclass(value):
+            for field in dataclasses.fields(value):
+                visit(getattr(value, field.name))
+
+    def leaf(node: Node) -> Node:
+        if isinstance(node, Num):
+            visit(node.number)
+        return node
+
+    placed = with_places(scene)
+    for name in SECTIONS:
+        visit(getattr(placed, name))
+    return found
+
+
 def _placed(value: Any, place: str) -> Any:
     if isinstance(value, float):
         return value if isinstance(value, Fixed) else literal(value, place)
