@@ -29,7 +29,7 @@ from robodyn_cli.run.many.mechanism import Mechanism
 from robodyn_cli.run.study.design import make_design
 from robodyn_cli.run.study.row import Task
 from robodyn_cli.run.study.rows import ROWS_NAME, RowFile
-from robodyn_cli.run.study.runs import run_all
+from robodyn_cli.run.study.runs import run_here
 from robodyn_cli.run.study.statistics import influences, share, sobol
 from robodyn_cli.run.study.study import Asked, prepare
 from robodyn_cli.run.study.units import unit_of_output
@@ -344,7 +344,7 @@ def test_a_scene_is_read_once_and_other_processes_get_what_was_read(fall: Path, 
     options = StudyOptions(vary={"initial.qd.z": parse_variation("linspace(1, 2, 20)")}, of=of)
     study = prepare(Asked(family, options))
     with RowFile(tmp_path, study.task, study.design, study.rows_head) as file:
-        for made in run_all(study.task, file, 2):
+        for made in run_here(study.task, file, 2):
             file.add(made)
         rows = file.read(0, 20)
     assert rows["done"].all() and len(study.design) == 20
