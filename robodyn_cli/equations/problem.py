@@ -65,7 +65,7 @@ class Problem:
         braces: Mapping[int, float] | None = None,
     ) -> None:
         self.scene = scene = with_places(scene)
-        self.model = model if model is not None else build_model(scene, symbolic)
+        self.model = model or build_model(scene, symbolic)
         graph = self.graph = self.model.graph
         self.t: Expr = graph.symbol("t", "t")
         self.q: list[Expr] = graph.symbols(self.model.q_names, "q")
@@ -80,7 +80,7 @@ class Problem:
         """Return the values of expressions at q (nq,) and v (nv,), by default 0, in the shape of ``entries``."""
         still = [0.0] * self.model.nv
         groups = {"t": [t], "q": q.tolist(), "v": still if v is None else v.tolist(), "a": still,
-                  "p": [] if p is None else p.tolist()}  # fmt: skip
+                  "p": self.model.switched if p is None else p.tolist()}  # fmt: skip
         return numbers(entries, groups)
 
     # -- rigid bodies ---------------------------------------------------------------------------------
@@ -152,7 +152,9 @@ class Problem:
         return terms
 
     # -- torques --------------------------------------------------------------------------------------
-    def _environment(self) -> dict[str, Any]:
+    @cached_property
+    def environment(self) -> dict[str, Any]:
+        """What formulas of the scene may name."""
         env: dict[str, Any] = {"t": self.t, **self.spans}
         env |= {f"q.{name}": q for name, q in zip(self.model.q_names, self.q)}
         env |= {f"qd.{name}": v for name, v in zip(self.model.v_names, self.v)}
@@ -167,13 +169,10 @@ class Problem:
     def actuator_torques(self) -> Vector:
         """tau_a (nv,) from the scene's ``torques``: constants, formulas, tables."""
         tau = zeros(self.model.nv)
-        env = self._environment()
         for name, torque in self.scene.torques.items():
-            place = self.model.v_names.index(name)
-            if isinstance(torque, sc.Torque):
-                tau[place] = interpolate(self.t, *zip(*torque.table))
-            else:
-                tau[place] = torque.evaluate(env)
+            table = isinstance(torque, sc.Torque)
+            value = interpolate(self.t, *zip(*torque.table)) if table else torque.evaluate(self.environment)
+            tau[self.model.v_names.index(name)] = value
         return tau
 
     @cached_property
@@ -191,7 +190,7 @@ class Problem:
     @cached_property
     def elements(self) -> Elements:
         """Forces on points and between bodies."""
-        return Elements(self.model, self.X, self.q, self.v, self._environment(), self.t)
+        return Elements(self.model, self.X, self.q, self.v, self.environment, self.t)
 
     def passive_forces(self, smooth: bool) -> dict[str, Vector]:
         """Return the torques of everything but the actuators on the joints (nv,), by term.
@@ -208,8 +207,9 @@ class Problem:
         return terms
 
     def gear_losses(self, smooth: bool) -> dict[int, Scalar]:
-        """Return the torques of losses in gears by velocity index: of the drives (``smooth``) or of the load."""
-        if not geared(self.model):
+        """Return the torques of losses in gears by velocity index: of the drives (``smooth``) or of the load; that
+        depends on how actuators share it where there are loops (``losses_along``)."""
+        if not geared(self.model) or (self.model.closures and not smooth):
             return {}
         terms = self.joint_forces(smooth)
         if smooth:
@@ -265,7 +265,7 @@ class Problem:
                     dropped.append(row.name)
                 else:
                     rows.append(row)
-        env = self._environment()
+        env = self.environment
         for coupler in self.scene.couplers:
             value = 0.0 if coupler.value is None else coupler.value.evaluate(env)
             units = {self.model.q_units[self.model.q_names.index(name)] for name in coupler.terms}

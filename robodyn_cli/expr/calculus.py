@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.errors import CapabilityError
@@ -103,7 +103,12 @@ def jacobian(outputs: Sequence[Scalar], inputs: Sequence[Expr]) -> list[SparseRo
 
     Forward mode over the shared graph: each node carries its sparse gradient once.
     """
-    gradient: dict[int, SparseRow] = {x.index: {k: 1.0} for k, x in enumerate(inputs)}
+    return gradients(outputs, {x.index: {k: 1.0} for k, x in enumerate(inputs)})
+
+
+def gradients(outputs: Sequence[Scalar], seeds: Mapping[int, SparseRow]) -> list[SparseRow]:
+    """Return the sparse gradients of outputs by the chain rule, from those of some nodes (by index)."""
+    gradient: dict[int, SparseRow] = dict(seeds)
     for node in reachable(outputs):
         if not node.args or node.index in gradient:
             continue

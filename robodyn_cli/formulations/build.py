@@ -61,7 +61,7 @@ def build_system(
         events=tuple(sorted((*events, *own), key=lambda e: ORDER[e.kind])),
         breakpoints=problem.switching.breakpoints,
         partition=partition,
-        parameters=moving_freely(problem.contact_joints),
+        parameters=problem.model.switched or moving_freely(problem.contact_joints),
         work_done_by=doers,
         forms=found.forms,
     )
@@ -85,6 +85,8 @@ def _work(problem: Problem) -> tuple[tuple[str, ...], tuple[Scalar, ...]]:
     found = {name: power for name, power in powers(problem).items() if is_nonzero(power)}
     if any(joint.stops for joint in problem.contact_joints):
         found["impacts on rigid stops"] = 0.0  # they take energy at once
+    if problem.model.switched:
+        found["payloads, gripped and released"] = 0.0  # they bring and take energy at once
     return tuple(found), (total(found.values()),) if found else ()
 
 
@@ -92,6 +94,7 @@ def is_rolled(problem: Problem) -> bool:
     """Tell whether a simulation goes by loops over the bodies instead of one graph of expressions."""
     quasi = any(body.joint.quasi for body in problem.model.bodies)
     plain = not quasi and not problem.scene.prescribed and not problem.contact_joints
+    plain = plain and not problem.model.switched
     return plain and prefer_rolled(problem.model)
 
 

@@ -31,6 +31,7 @@ class EventKind(enum.Enum):
     DISCONTINUITY = "the right-hand side or its slope jumps"
     REPARTITION = "parameters that fit a part of the motion are chosen anew"
     CONTACT = "a joint sticks, slips, meets its stop or leaves it"
+    PAYLOAD = "a mass is gripped or released"
 
 
 # -- outcomes: how the run goes on ------------------------------------------------------------------------------
@@ -57,8 +58,9 @@ class Repartition(Outcome):
 class Jump(Outcome):
     """The run goes on from another state at the same time.
 
-    state : x (nx,). parameters : new values of p, where they change too. sides : the side from which the owner's event
-    functions start, by their number among these, where it is known. step : the next step is at most so long [s].
+    state : x (nx,). parameters : new values of p, or of the first of them, where they change too. sides : the side from
+    which the owner's event functions start, by their number among these, where it is known. step : the next step is at
+    most so long [s].
     """
 
     state: Array

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -129,7 +130,11 @@ def _com(link: sc.Link, values: _Values) -> Vector:
 
 
 def build_model(
-    scene: sc.Scene, symbolic: Sequence[str] = (), graph: Graph | None = None, merge: bool = True
+    scene: sc.Scene,
+    symbolic: Sequence[str] = (),
+    graph: Graph | None = None,
+    merge: bool = True,
+    switched: bool = False,
 ) -> Model:
     """Build the model of a scene.
 
@@ -140,18 +145,21 @@ def build_model(
         order in which kernels take them.
     graph : where symbols live; a new one by default.
     merge : links on fixed joints become parts of what carries them, instead of bodies of their own.
+    switched : whether parameters say which payloads are carried; else it is those that are at t = 0.
     """
     graph = graph or Graph()
     scene = with_places(scene)
     values = _Values(graph, symbolic)
     robot = scene.robot
-    placed, moving = _place_links(robot, values, merge)
+    placed, moving = _place_links(scene, values, merge)
     gravity = vector([values.get(f"gravity.{k}", g) for k, g in enumerate(scene.gravity)])
     base = Transform.from_pose(orientation(robot.base), vector(robot.base.xyz))
+    places = _Places(scene, placed, values)
+    payloads = _take_up(places, moving, values, switched) if scene.payloads else ()
+    changing = [payload for payload in payloads if payload.place is not None]
     bodies = _number(robot, moving, values)
     # in the order of their places, which is that of the YAML
     joints = [(b.joint_name, b.joint) for b in sorted(bodies, key=lambda b: b.v)]
-    places = _Places(scene, placed, values)
     model = Model(
         name=scene.title or "scene",
         bodies=bodies,
@@ -172,15 +180,18 @@ def build_model(
         v_names=tuple(x for name, joint in joints for x in joint.coordinates(name, joint.v_names)),
         q_units=tuple(unit for _, joint in joints for unit in joint.units),
         v_units=tuple(unit for _, joint in joints for unit in joint.v_units),
-        parameters=tuple(symbolic),
+        parameters=(*symbolic, *(f"payloads.{payload.name}" for payload in changing)),
         spans={name: places.span(name) for name in _spans(scene)},
+        payloads=payloads,
+        switched=tuple(float(payload.spec.start is None) for payload in changing),
     )
     values.check()
     return model
 
 
-def _place_links(robot: sc.Robot, values: _Values, merge: bool) -> tuple[dict[str, _Placed], list[_Moving]]:
+def _place_links(scene: sc.Scene, values: _Values, merge: bool) -> tuple[dict[str, _Placed], list[_Moving]]:
     """Return where each link is, and the bodies that move; a link on a fixed joint is part of its parent's body."""
+    robot = scene.robot
     links = {link.name: link for link in robot.links}
     placed: dict[str, _Placed] = {"base": _Placed(BASE, Transform.identity(), Transform.identity())}
     moving: list[_Moving] = []
@@ -199,6 +210,10 @@ def _place_links(robot: sc.Robot, values: _Values, merge: bool) -> tuple[dict[st
         part = _rigid_part(links[name], values, here.frame_of_com(links[name]))
         if here.body != BASE and part is not None:  # what is fixed to the ground has no effect
             moving[here.body].parts += (part,)
+    if scene.drives:
+        from robodyn_cli.model.drives import add_drives
+
+        add_drives(scene, placed, moving)
     return placed, moving
 
 
@@ -316,15 +331,36 @@ class _Places:
         first, second = points_of(name)
         return self.at(first), self.at(second)
 
+    def of(self, text: str) -> FixedFrame:
+        """Return a named frame with its own axes, or a point as ``at`` does."""
+        return self.frames[text] if text in self.frames else self.at(text)
+
     def force(self, element: Any) -> Force:
-        """Return a force element with its places; a named frame keeps its own axes."""
-        ends = (self.frames[text] if text in self.frames else self.at(text) for text in element.references)
-        return Force(element.name, element, tuple(ends))
+        """Return a force element with its places."""
+        return Force(element.name, element, tuple(self.of(text) for text in element.references))
+
+
+def _take_up(places: _Places, moving: Sequence[_Moving], values: _Values, switched: bool) -> tuple[Any, ...]:
+    """Return the scene's payloads, which become parts of the bodies that carry them."""
+    from robodyn_cli.model.payloads import as_link, carried_part, placed
+
+    found = []
+    count = itertools.count(len(values.symbolic))
+    for spec in places.scene.payloads:
+        part = _rigid_part(as_link(spec), values, Transform.identity())
+        place = next(count) if switched and spec.changes else None
+        payload = placed(spec, places.of(spec.at), part, place)
+        found.append(payload)
+        added = carried_part(payload, values.graph)
+        if added is not None:
+            moving[payload.body].parts += (added,)
+    return tuple(found)
 
 
 def _spans(scene: sc.Scene) -> list[str]:
     """Return the distances of points that formulas ask for, in the order of the scene."""
-    names = (name for x in formulas_in([scene.torques, scene.forces]) for name in sorted(x.names))
+    formulas = formulas_in([scene.torques, scene.forces, scene.payloads])
+    names = (name for x in formulas for name in sorted(x.names))
     return list(dict.fromkeys(name for name in names if name.endswith(")")))
 
 

@@ -157,7 +157,8 @@ class Model:
         v_names : of the columns of q and v (``hinge``, ``ball.qw``, ``ball.wx``). q_units : ``rad``, ``m`` or ``1``;
         v_units : ``rad`` or ``m``, per second those of v.
     outlines : for each link, the points that a drawing connects. spans : points whose distance, or its rate, formulas
-        ask for, by the name that they give it.
+        ask for, by the name that they give it. payloads : masses that bodies carry or pick up.
+    switched : of payloads that parameters p switch, the last of ``parameters``, their values at t = 0.
     """
 
     name: str
@@ -181,6 +182,8 @@ class Model:
     v_units: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
     spans: Mapping[str, tuple[FixedFrame, FixedFrame]] = dataclasses.field(default_factory=dict)
+    payloads: tuple[Any, ...] = ()
+    switched: tuple[float, ...] = ()
 
     @property
     def closures(self) -> tuple[str, ...]:

@@ -16,6 +16,8 @@ WORDS = {
     "release": "{name} leaves its stop",
     "stick": "{name} sticks",
     "slip": "{name} slips",
+    "grip": "{name} is gripped",
+    "let_go": "{name} is released",
     "overload": "{name} is overloaded",
     "bifurcation": "bifurcation",
     "limit": "{name}",

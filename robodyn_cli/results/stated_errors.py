@@ -17,7 +17,7 @@ class Statement:
     """An error or a residual that a summary may state.
 
     key : its path in the summary.
-    words, unit : what it is.
+    words, unit : what it is; the unit is empty for a plain number.
     about : datasets, or groups of them, that are to be read with it.
     bounds : the dataset whose largest error it is, in the unit of the dataset; empty if there is none.
     is_main : whether it is told where there is room for a few only.
@@ -55,22 +55,22 @@ STATEMENTS = (
     Statement(("error_estimate", "qd_max"), "largest error of qd", "rad/s or m/s", RATES, "qd", True),
     Statement(("error_estimate", "qd_end"), "error of qd at the end", "rad/s or m/s", ("qd",)),
     Statement(
-        ("error_estimate", "state_max"), "largest error of the state", "rad or m, per s",
-        (*POSES, *RATES, *LOADS),
+        ("error_estimate", "state_max"), "largest error of the state", "rad or m, rad/s or m/s", LOADS
     ),
     Statement(("ik_residual",), "path off by", "m", POSES, is_main=True),
+    Statement(("attitude_residual",), "attitude on the path off by", "rad", POSES, is_main=True),
     Statement(
         ("error_estimate", "torque_rounding"), "rounding of any torque", "N m or N", ("tau", "torque_terms"), "tau"
     ),
     Statement(
-        ("round_trip",), "forward after inverse dynamics: relative error", "1",
+        ("round_trip",), "forward after inverse dynamics: relative error", "",
         ("qdd", "tau", "torque_terms", "reactions"), is_main=True,
     ),
     Statement(("energy_drift",), "energy drift", "J", ("energy",), "energy/total", True),
-    Statement(("energy_drift_relative",), "energy drift, over the energy exchanged", "1", ("energy",)),
+    Statement(("energy_drift_relative",), "energy drift, over the energy exchanged", "", ("energy",)),
     Statement(("error_estimate", "energy_balance"), "work less the change of energy", "J", ("energy",)),
     Statement(
-        ("error_estimate", "energy_balance_relative"), "work less the change of energy, over the work", "1",
+        ("error_estimate", "energy_balance_relative"), "work less the change of energy, over the work", "",
         ("energy",),
     ),
     Statement(

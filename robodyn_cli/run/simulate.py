@@ -115,8 +115,8 @@ def _take_up(run: Run, journal: Journal) -> None:
     """
     if any(watcher.changes_motion for watcher in run.driver.watchers):
         raise CapabilityError(
-            f"{run.motion.scene.path}: a run with joints that stick or meet rigid stops, or that passes singular "
-            "poses, does not go on after it was killed; run it without --resume"
+            f"{run.motion.scene.path}: a run with joints that stick or meet rigid stops, that picks up masses, or "
+            "that passes singular poses, does not go on after it was killed; run it without --resume"
         )
     for block in journal.blocks():
         for watcher in run.driver.watchers:
@@ -144,5 +144,11 @@ def _report(run: Run, judgement: Judgement, estimate: ErrorEstimate | None, watc
     result.events = run.driver.log
     run.recorder.fill(result)
     add_joint_limits(result, run.motion.scene, run.motion.problem.model)
-    result.summarise(motion_summary(run, judgement, estimate), seconds=watch.report())
+    summary = motion_summary(run, judgement, estimate)
+    if run.motion.scene.drives and failure is None:
+        from robodyn_cli.run.sizing.report import with_drives
+
+        with watch.stage("drives"):
+            summary = with_drives(summary, result, run.motion.scene, run.motion.problem)
+    result.summarise(summary, seconds=watch.report())
     return result.unless(failure)

@@ -29,6 +29,7 @@ from robodyn_cli.scene.robot_types import Inertia as Inertia
 from robodyn_cli.scene.robot_types import Joint as Joint
 from robodyn_cli.scene.robot_types import Link as Link
 from robodyn_cli.scene.robot_types import Orientation as Orientation
+from robodyn_cli.scene.robot_types import Payload as Payload
 from robodyn_cli.scene.robot_types import Place as Place
 from robodyn_cli.scene.robot_types import Placement as Placement
 from robodyn_cli.scene.robot_types import Point as Point
@@ -42,6 +43,7 @@ from robodyn_cli.schema.fields import (
     Formula,
     Integer,
     JointMap,
+    LaterSection,
     ListOf,
     MapOf,
     Name,
@@ -285,6 +287,9 @@ class Scene:
     forces: tuple[Any, ...] = key(
         ListOf(Tagged(lambda: force_types)), default=(), doc="Forces on points and between bodies."
     )
+    payloads: tuple[Payload, ...] = key(
+        ListOf(Section(Payload)), default=(), doc="Masses that links pick up and release."
+    )
     couplers: tuple[Coupler, ...] = key(
         ListOf(Section(Coupler)), default=(), doc="Gears, racks, belts: relations between joint coordinates."
     )
@@ -298,6 +303,16 @@ class Scene:
         default=None,
         unit="N m or N",
         doc="Actuator torques: a number, a formula in t, q and qd, or a table.",
+    )
+    drives: dict[str, Any] = key(
+        MapOf(LaterSection("motors.drive:Drive"), of="joint"),
+        default=None,
+        doc="Motors, gears and brakes of joints, whose torques, heat and limits `inverse` and `simulate` report.",
+    )
+    catalogue: Any = key(
+        OrFile(LaterSection("motors.drive:Catalogue"), catalogue=True),
+        default=None,
+        doc="Motors, gears and brakes that `drives` and `size` choose from; default: the example catalogue.",
     )
     prescribed: dict[str, Any] = key(
         Either((Choice(("trajectory",)), JointMap(Formula(("t",))))),

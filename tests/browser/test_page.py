@@ -22,7 +22,7 @@ from tests.unit.synthetic_results import four_bar_result
 from tests.unit.test_shapes import ball, stl_bytes
 
 CONFIGS = Path(__file__).parents[2] / "configs"
-SMOOTH = 30.0  # frames a second
+MANY = 20  # frames, each with a pose of its own
 
 
 def four_bar() -> Result:
@@ -67,20 +67,14 @@ def ends_of(page: Any, name: str) -> np.ndarray:
     return middle + (pixels - [width / 2, height / 2]) * [1, -1] / float(data["scale"])
 
 
-def test_the_first_drawing_is_there_within_a_second_and_not_empty(
-    planar: tuple[Result, Path], opened: Opener
-) -> None:
-    times = []
-    for _ in range(3):
-        page = opened(planar[1])
-        page.locator(".scene[data-pose]").wait_for()
-        times.append(page.evaluate("performance.now()"))
-        assert page.locator(".scene path").count() > 10
-    assert min(times) < 1000.0
+def test_the_first_drawing_is_not_empty(planar: tuple[Result, Path], opened: Opener) -> None:
+    page = opened(planar[1])
+    page.locator(".scene[data-pose]").wait_for()
+    assert page.locator(".scene path").count() > 10
     for name in ("crank", "coupler", "follower"):
         assert page.locator(f".scene [data-part='link {name}']").count() == 1
     assert page.get_by_role("heading", name="Four-bar linkage unfolding").count() == 1
-    assert "1.25·10⁻¹²" in page.locator(".motion").inner_text()
+    assert "1.2·10⁻¹² rad" in page.locator(".motion").inner_text()
     page.wait_for_timeout(300)
     assert page.locator(".scene").get_attribute("data-pose") == "0", "nothing plays before it is asked to"
 
@@ -213,33 +207,32 @@ def test_a_phone_needs_no_scrolling_to_the_side(arm: tuple[Result, Path], opened
     assert plot.bounding_box()["width"] <= 390
 
 
-FRAMES = """async () => {
-  const rates = [], poses = new Set();
+# poses that the drawing goes through while it plays; benchmarks/pages.py has the frames a second
+POSES = """async (wanted) => {
+  const poses = new Set();
   document.querySelector('.play').click();
-  for (let window = 0; window < 8; window++) {
-    const start = performance.now();
-    let count = 0;
-    await new Promise((done) => {
-      const step = (now) => {
-        count += 1;
-        poses.add(document.querySelector('.scene').dataset.pose);
-        now - start < 400 ? requestAnimationFrame(step) : done();
-      };
-      requestAnimationFrame(step);
-    });
-    rates.push(1000 * count / (performance.now() - start));
-  }
-  return { best: Math.max(...rates), poses: poses.size };
+  await new Promise((done) => {
+    const step = () => {
+      poses.add(document.querySelector('.scene').dataset.pose);
+      poses.size < wanted ? requestAnimationFrame(step) : done();
+    };
+    requestAnimationFrame(step);
+  });
+  return [...poses].map(Number);
 }"""
 
 
-def test_the_four_bar_moves_smoothly(planar: tuple[Result, Path], opened: Opener) -> None:
-    """The best of several windows: other programs may take the processor for a while, never give it."""
-    found = opened(planar[1]).evaluate(FRAMES)
-    assert found["best"] >= SMOOTH and found["poses"] > 20
+def check_that_it_plays(page: Any) -> None:
+    """The drawing goes through its poses in their order; it does so in time or the page's own limit ends the test."""
+    poses = page.evaluate(POSES, MANY)
+    assert len(poses) >= MANY and poses == sorted(poses)
 
 
-def test_seven_links_with_meshes_are_drawn_and_move_smoothly(tmp_path: Path, opened: Opener) -> None:
+def test_the_four_bar_plays(planar: tuple[Result, Path], opened: Opener) -> None:
+    check_that_it_plays(opened(planar[1]))
+
+
+def test_seven_links_with_meshes_are_drawn_and_move(tmp_path: Path, opened: Opener) -> None:
     """The arm with a fine mesh on each link: faces are there, bars are not, and a stored result needs no files."""
     (tmp_path / "ball.stl").write_bytes(stl_bytes(ball(3, 1.0)))
     text = (CONFIGS / "seven_joint_arm.yaml").read_text(encoding="utf-8")
@@ -254,19 +247,17 @@ def test_seven_links_with_meshes_are_drawn_and_move_smoothly(tmp_path: Path, ope
     for k in range(1, 8):
         assert page.locator(f".scene [data-part='shape link{k}']").count() > 40
         assert page.locator(f".scene [data-part='link link{k}']").count() == 0
-    found = page.evaluate(FRAMES)
-    assert found["best"] >= SMOOTH and found["poses"] > 20
+    check_that_it_plays(page)
     page.locator(".view").select_option(label="x-z")
     page.locator(".scene[data-flat='true']").wait_for()
     assert page.locator(".scene [data-part='shape link7']").count() == 1, "its outline"
 
 
-def test_a_hundred_thousand_samples_stay_smooth(arm: tuple[Result, Path], opened: Opener) -> None:
+def test_a_hundred_thousand_samples_play(arm: tuple[Result, Path], opened: Opener) -> None:
     result, target = arm
     page = opened(target)
     assert "1500 of 100001 samples" in page.locator("figcaption").inner_text()
-    found = page.evaluate(FRAMES)
-    assert found["best"] >= SMOOTH and found["poses"] > 20
+    check_that_it_plays(page)
     page.locator(".play").click()
     page.locator(".view").select_option(label="x-z")
     set_slider(page, 750)

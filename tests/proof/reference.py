@@ -29,6 +29,14 @@ class UndecidedError(Exception):
     """The reference cannot tell how the motion goes on."""
 
 
+class LockedError(Exception):
+    """The mechanism locks at a ``time`` [s], where its motion ends."""
+
+    def __init__(self, time: float) -> None:
+        super().__init__(f"locked at {time:.9g} s")
+        self.time = time
+
+
 @dataclasses.dataclass
 class Motion:
     """Samples of q (T, nq) and v (T, nv)."""
@@ -164,7 +172,19 @@ class Reference:
                     found["leave", k, 0] = self.modes.rest[k] * force
                 else:
                     found["break", k, 0] = self._breakaway(k) - abs(force)
+        if self.m.lock is not None:
+            found["lock", 0, 0] = self.unlocked * self._lock(q)
         return found
+
+    def _lock(self, q: Array) -> float:
+        """Return what vanishes at the lock: the passive determinant of the loops, or the way to the latch."""
+        lock = self.m.lock
+        assert lock is not None
+        if lock.passive is None:
+            return float(q[self.m.first_q[lock.joint]] - lock.at)
+        self.eq.gap(q)
+        J, _ = self.eq.loop_rows(q)
+        return float(np.linalg.det(J[:, [self.m.first_v[k] for k in lock.passive]]))
 
     def _breakaway(self, k: int) -> float:
         extra = self.m.bodies[k].extra
@@ -175,6 +195,8 @@ class Reference:
     def begin(self, t: float, y: Array) -> None:
         """Set the modes of a state from which the motion starts."""
         q, v = self.q_v(y)
+        if self.m.lock is not None:
+            self.unlocked = float(np.sign(self._lock(q)))
         for k, side, at, stop in self._stops:
             if "stiffness" in stop:
                 x, xd = q[self.m.first_q[k]], v[self.m.first_v[k]]
@@ -207,6 +229,8 @@ class Reference:
         self.events += 1
         if self.events > EVENTS:
             raise UndecidedError("events without end")
+        if kind == "lock":
+            raise LockedError(t)
         if kind == "side":
             self.modes.sides[k, side] *= -1.0
         elif kind == "hit":
@@ -307,13 +331,15 @@ class Reference:
         while t < end:
             h = min(self.first, end - t)
             last = h >= end - t
-            new, _, error = self.step(t, y, h, k0)
+            new, k1, error = self.step(t, y, h, k0)
             if error > 1.0:
                 self.first = h * max(0.2, 0.9 * error**-0.125)
                 if self.first < 1e-14:
                     raise UndecidedError("steps vanish")
                 continue
             key, part = self._first_event(t, y, h, k0, new)
+            if key is None and (inside := self._inside(t, h, (y, k0), (new, k1))) is not None:
+                key, part = self._first_event(t, y, inside, k0, self.step(t, y, inside, k0)[0])
             grown = h * min(5.0, 0.9 * max(error, 1e-10) ** -0.125)
             if key is None:
                 t, y = (end if last else t + h), self.tidy(t + h, new)
@@ -326,6 +352,34 @@ class Reference:
             y = self.handle(t, self.tidy(t, y), key)
             k0 = self.rate(t, y)
         return y
+
+    def _inside(
+        self, t: float, h: float, before: tuple[Array, Array], after: tuple[Array, Array]
+    ) -> float | None:
+        """Return how far into a step an event function is negative that is positive again at its end.
+
+        before, after : states and rates at the ends of the step, between which Hermite's cubic is looked at.
+        """
+        (y, k0), (new, k1) = before, after
+
+        def watched(u: float) -> dict[tuple[str, int, int], float]:
+            bent = u * (1.0 - u) * ((1.0 - u) * (h * k0 - (new - y)) - u * (h * k1 - (new - y)))
+            return self.watched(t + u * h, y + u * (new - y) + bent)
+
+        places = [0.0, 0.25, 0.5, 0.75, 1.0]
+        values = [watched(u) for u in places]
+        for key in values[0]:
+            row = [found[key] for found in values]
+            k = int(np.argmin(row[1:-1])) + 1
+            low, middle, high = row[k - 1 : k + 2]
+            if middle < -1e-13:
+                return places[k] * h
+            curve = low - 2.0 * middle + high
+            if curve > 0.0 and middle < (low - high) ** 2 / (8.0 * curve):
+                lowest = places[k] + 0.125 * (low - high) / curve
+                if 0.0 < lowest < 1.0 and watched(lowest)[key] < -1e-13:
+                    return lowest * h
+        return None
 
     def _first_event(self, t: float, y: Array, h: float, k0: Array, new: Array) -> tuple[Any, float]:
         """Return the event function that is the first to change its sign within the step, and where."""

@@ -8,12 +8,13 @@ from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 
 from robodyn_cli import deploy, load_scene, load_scene_text, simulate
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.integrator import Options
-from robodyn_cli.run.driver.second_run import remainder, tighter
+from robodyn_cli.run.driver.second_run import end_error, remainder, tighter
 from tests.mechanisms import CONFIGS
 from tests.methods import ADAPTIVE, taking
 
@@ -86,6 +87,20 @@ def test_the_second_run_takes_less_than_twice_the_steps() -> None:
         more = (1e-7 / options.rtol) ** (methods[name].proportion / methods[name].order)
         assert more < 1.95, name
         assert 1.0 <= remainder(name, 1000, round(1000 * more)) < 2.0
+
+
+def test_errors_that_agree_at_the_end_are_not_taken_for_none() -> None:
+    """Errors of a swinging motion, that of the second run a part of the first's and late by a little."""
+    time = np.linspace(0.0, 7.0, 41)
+    ratios = []
+    for part, late, phase in (
+        (p, d, f) for p in (0.05, 0.3) for d in (0.0, 0.2) for f in np.linspace(0, np.pi, 400)
+    ):
+        first = time * np.sin(3.0 * time + phase)
+        second = part * time * np.sin(3.0 * time + phase - late)
+        scale = 1.0 / (1.0 - part)
+        ratios.append(abs(first[-1]) / end_error(scale * np.abs(first - second)[:, None], scale))
+    assert max(ratios) < 10.0 and np.median(ratios) == pytest.approx(1.0, abs=0.2)
 
 
 def test_estimate_says_where_it_means_nothing() -> None:

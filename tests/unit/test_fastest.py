@@ -112,6 +112,42 @@ def test_no_limit_is_passed_between_grid_points() -> None:
     assert np.mean(use.max(axis=1) > 0.999) > 0.9
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_random_paths_under_random_limits(seed: int) -> None:
+    """No limit is passed between grid points, one binds nearly always, and the time converges from above."""
+    rng = np.random.default_rng(seed)
+    path = ROOT / "configs" / "trajectories" / "fastest_2r.yaml"
+    q = np.cumsum(rng.uniform(-1.0, 1.0, (4, 2)), axis=0)
+    points = ", ".join(f"{{q: {{theta1: {a:.6f}, theta2: {b:.6f}}}}}" for a, b in q)
+    bounds = {
+        name: rng.uniform(low, high)
+        for name, low, high in (
+            ("effort", [320, 140], [600, 250]),
+            ("speed", [1, 1], [4, 4]),
+            ("acceleration", [10, 10], [60, 60]),
+        )
+    }
+    limits = ", ".join(f"{name}: {{theta1: {a}, theta2: {b}}}" for name, (a, b) in bounds.items())
+    head = path.read_text().split("trajectory:")[0]
+
+    def timed(intervals: int) -> Scene:
+        text = f"{head}trajectory: {{type: fastest, points: [{points}], {limits}, intervals: {intervals}}}\n"
+        return with_time_law(load_scene_text(text, str(path)))
+
+    scene = timed(200)
+    law = scene.trajectory.scaling.law
+    times = (law.knots[:-1, None] + np.diff(law.knots)[:, None] * np.linspace(1e-6, 1.0 - 1e-6, 41)).ravel()
+    motion = scene.trajectory.motion(times, ["theta1", "theta2"], {})
+    tau = InverseDynamics(dataclasses.replace(scene, trajectory=None))(motion.q, motion.qd, motion.qdd)
+    parts = (tau, "effort"), (motion.qd, "speed"), (motion.qdd, "acceleration")
+    use = np.max([np.abs(x) / bounds[name] for x, name in parts], axis=(0, 2))
+    assert use.max() <= 1.0 + 1e-6
+    assert np.mean(use > 0.99) > 0.9
+    fine = timed(1600).trajectory.scaling
+    assert fine.error < 1e-4 * fine.law.duration
+    assert -fine.error < law.duration - fine.law.duration < scene.trajectory.scaling.error + fine.error
+
+
 def test_the_time_converges_and_its_error_is_stated() -> None:
     coarse, fine = (with_time_law(seven(n)).trajectory.scaling for n in (100, 400))
     assert fine.law.duration <= coarse.law.duration

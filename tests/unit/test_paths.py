@@ -214,6 +214,10 @@ def test_series_of_known_functions() -> None:
         ("start: {position: [0, 0, 0]}, segments: [{type: line, to: [0, 0, 1]}], relative_to: tip", "speed: 1", "cubic", "which moves"),
         ("start: {position: [0, 0, 0]}, segments: [{type: line, to: [0, 0, 1]}], relative_to: bnch", "speed: 1", "cubic", "unknown point"),
         ("start: {position: [0, 0, 0]}, segments: [{type: spline, through: [[1, 0, 0], [1, 0, 0]]}]", "speed: 1", "cubic", "point before it"),
+        ("start: {position: [0, 1e300, 0]}, segments: [{type: line, to: [1, 0, 0], blend: 0.1}, {type: line, to: [1, 1, 0]}]", "speed: 1", "cubic", "too far away"),
+        ("start: {position: [0, 0, 0]}, segments: [{type: circle, center: [1e200, 0, 0]}]", "speed: 1", "cubic", "too far away"),
+        ("start: {position: [0, 0, 0]}, segments: [{type: spline, through: [[1e200, 0, 0], [1, 1, 1]]}]", "speed: 1", "cubic", "too far away"),
+        ("start: {position: [0, 0, 0]}, segments: [{type: line, to: [1, 0, 0], blend: 1e-300}, {type: line, to: [1, 1, 0]}]", "speed: 1", "cubic", "round no corner"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused_by_name(rest: str, limits: str, law: str, words: str) -> None:

@@ -319,3 +319,45 @@ def test_joints_that_throw_each_other_on_their_stops_come_to_rest(seed: int) -> 
     assert result.summary["energy_drift"] < 1e-8
     lost = [event["energy_lost"] for event in result.events if event["kind"] == "impact"]
     assert min(lost) > -1e-12
+
+
+def chain_between_stops(seed: int) -> str:
+    """Return a plane chain of three joints that is thrown to and fro between rigid stops, some of them dead."""
+    rng = np.random.default_rng(seed)
+    draw = rng.uniform
+    joints, links = [], []
+    for k in range(3):
+        e = float(rng.choice((0.0, 0.5, draw(0.0, 0.7))))
+        place = (0.0, 0.0) if k == 0 else (draw(-0.6, 0.6), draw(-0.6, 0.6))
+        limits = f"limits: {{lower: {draw(-0.3, 0):.3f}, upper: {draw(0.3, 0.7):.3f}, stop: {{restitution: {e:.2f}}}}}"
+        joints.append(
+            f"    - {{name: j{k}, type: revolute, axis: [0, 0, 1], origin: {{xyz: [{place[0]:.3f}, {place[1]:.3f}, 0]}}, "
+            f"damper: {{damping: {draw(0, 0.4):.3f}}}, {limits}}}"
+        )
+        com = f"[{draw(-0.3, 0.3):.3f}, {draw(-0.3, 0.3):.3f}, 0]"
+        links.append(
+            f"    - {{name: l{k}, mass: {draw(0.3, 2):.3f}, com: {com}, inertia: {{zz: {draw(0.01, 1.2):.3f}}}}}"
+        )
+    return "\n".join(
+        [
+            "schema: 1",
+            f"gravity: [{draw(-4, 4):.3f}, {draw(-4, 4):.3f}, 0]",
+            "robot:",
+            "  joints:",
+            *joints,
+            "  links:",
+            *links,
+            f"initial: {{q: {{j0: 0.1, j1: 0.1, j2: 0.1}}, qd: {{j0: {draw(-2, 2):.3f}, j1: {draw(-2, 2):.3f}}}}}",
+            "simulate: {duration: 1.5, samples: 16, error_estimate: false}",
+        ]
+    )
+
+
+@pytest.mark.parametrize("seed", [300, 369, *range(6)])
+def test_flights_below_rounding_end(seed: int) -> None:
+    """At the tightest tolerances joints leave their stops by less than rounding, and steps are below that of time."""
+    found = run(
+        chain_between_stops(seed), "simulate.rtol=5e-13", "simulate.atol=5e-15", "simulate.max_step=0.005"
+    )
+    assert found.status == "ok"
+    assert found.summary["energy_drift"] < 1e-9

@@ -125,15 +125,13 @@ class Integrator:
         w, n = self.w, self.n
         limit = min(self.options.max_steps, pause or self.options.max_steps) - self.before
         w[DoubleSlot.T_END] = end
-        if self._step is not None:
-            w[DoubleSlot.H] = self._step
-        elif not w[DoubleSlot.H] > 0.0:
+        if self._step is None and not w[DoubleSlot.H] > 0.0:
             w[DoubleSlot.H] = min(first_step(end - w[DoubleSlot.T], self.options), self.options.max_step)
             if not self.method.adaptive:
                 # no control lets a fixed step grow again, so an event must not shorten it for good
                 self._step = w[DoubleSlot.H]
         if self._step is not None:
-            w[DoubleSlot.H_MAX] = self._step
+            w[DoubleSlot.H] = w[DoubleSlot.H_MAX] = self.options.part_of_way(self._step, end - self.time)
         if not w[DoubleSlot.H_OLD] > 0.0:
             w[DoubleSlot.H_OLD] = w[DoubleSlot.H]
         while True:
@@ -185,6 +183,7 @@ class Integrator:
         """Yield when a step has to end; formulas of time are kept to the stretch before each."""
         for stop, after, before in stretches(self.system.breakpoints, self.time, end):
             self.w[DoubleSlot.T_AFTER], self.w[DoubleSlot.T_BEFORE] = after, before
+            self.w[DoubleSlot.H] = self.options.part_of_way(self.w[DoubleSlot.H], stop - self.time)
             yield stop
 
     def run(
@@ -282,7 +281,7 @@ class Integrator:
             self._watch(self.event_values(), {})
         elif isinstance(outcome, Jump):
             if outcome.parameters is not None:
-                self.p[:] = outcome.parameters
+                self.p[: len(outcome.parameters)] = outcome.parameters
             places = [k for k, e in enumerate(self.system.events) if e.owner is owner]
             sides = {places[k]: side for k, side in outcome.sides.items()}
             self.set_state(outcome.state, sides, outcome.step)
@@ -325,7 +324,7 @@ class Integrator:
 
     def _sort_out(self, seen: int, stop: float, flush: Callable[[], None]) -> tuple[float, tuple[Root, ...]]:
         """Return where to go, and the functions that change sign there, when more than one may do so."""
-        from robodyn_cli.integrators.event_location.events import Found, first_roots
+        from robodyn_cli.integrators.event_location.events import Found, Root, first_roots
 
         engine, events = self.engine, self.system.events
         armed, lost = self.memory.armed.tolist(), [math.nan] * len(events)
@@ -361,6 +360,9 @@ class Integrator:
                 if further <= stop and events[seen].crosses(armed[seen], values(further)[seen]):
                     found = first_roots(events, values, armed, seen, (start, low, further))
                     break
+        if not found.roots and high <= start:
+            # the step is shorter than the clock resolves, so that no trial step can end beyond the root: it is here
+            return start, (Root(seen, start, start, -math.copysign(1.0, armed[seen])),)
         if not found.roots and found.time <= start:
             # no motion leads there: take the step, so that its failure is reported
             self._go(high, -1, flush)

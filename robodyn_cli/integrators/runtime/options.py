@@ -43,3 +43,11 @@ class Options:
     max_step: float = math.inf
     max_steps: int = 10_000_000
     first: float = 1.0
+
+    def part_of_way(self, step: float, left: float) -> float:
+        """Return a step that has so much time left; where first steps are shorter, it takes only a part of the way.
+
+        A stretch that is shorter than the steps of two integrations would be one and the same step of both, so that
+        they share its error.
+        """
+        return step if self.first >= 1.0 else min(step, self.first * left)

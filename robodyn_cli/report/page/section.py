@@ -104,7 +104,7 @@ def _motion(result: Result, store: Store) -> Html:
         words.append(f" {poses} of {samples} samples are shown{kept}.")
     content = [drawing, _controls(data), _moments(result) if poses > 1 else None]
     content += [element("figcaption", words, element("span", f" {HELP}", class_="help"))]
-    content += [tables.error_table(result.summary, "motion")]
+    content += [tables.errors_of(result.summary, "motion")]
     return element("figure", content, class_="motion", data_figure=store.add(data))
 
 
@@ -167,15 +167,8 @@ def _plots(result: Result, store: Store, moving: bool) -> Html | None:
     with styled():
         plots = [_plot(result, name, store) for name in names]
     thinned = any(is_thinned(chart) for chart in store.figures[first:])
-    return Html(
-        "".join(
-            [
-                tables.error_note(result.summary) or "",
-                element("p", THINNED, class_="note") if thinned else "",
-                element("div", plots, class_="plots"),
-            ]
-        )
-    )
+    note = element("p", THINNED, class_="note") if thinned else None
+    return markup([tables.error_note(result.summary), note, element("div", plots, class_="plots")])
 
 
 def _plot(result: Result, name: str, store: Store) -> Html:
@@ -187,7 +180,7 @@ def _plot(result: Result, name: str, store: Store) -> Html:
         element("h3", title),
         _caption(captions(figure), title) if data is not None else None,
         _picture(figure, title) if data is None else element("div", class_="chart"),
-        tables.error_table(result.summary, name),
+        tables.errors_of(result.summary, name),
     ]
     number_of = None if data is None else store.add({**data, "name": title})
     return element("figure", content, class_="plot", data_figure=number_of)

@@ -30,8 +30,27 @@ def check_freedom(joints: Sequence[ContactJoint], psi: Array) -> None:
         raise CapabilityError(
             f"friction with 'law: set_valued' in {names}: with {free} degrees of freedom left by loops and "
             "prescribed motion, their forces at rest would not be unique; allowed: fewer such joints, none of them "
-            "prescribed, or 'transition_speed' in the others"
+            "prescribed, or 'transition_speed' in the others",
+            joint=sticking[-1].name,
         )
+
+
+def refuse_blocked(joint: ContactJoint, t: float, psi: Array, before: Array, after: Array) -> None:
+    """Refuse an impact of a joint that no impulse of its stop can bring about; psi : (m, nv).
+
+    before, after : velocities (nv,), which Psi has to leave alike.
+
+    Raises
+    ------
+    NumericalError : prescribed motion or loops drive the joint through its stop.
+    """
+    torn = np.abs(psi @ (after - before)).max(initial=0.0)
+    if torn > MISSED * np.abs(psi).max(initial=0.0) * abs(before[joint.v]):
+        raise NumericalError(
+            f"joint {joint.name!r} runs into its rigid stop at t = {t:.6g} s, and prescribed motion or loops force "
+            "it on",
+            time=t, status="blocked",
+        )  # fmt: skip
 
 
 def refuse_missed(

@@ -71,6 +71,31 @@ def impact(
     return out
 
 
+def joined(before: Array, after: Array, psi: Array, v: Array, momentum: Array) -> Array:
+    """Return the velocities (nv,) after a mechanism has gripped bodies, which move with it from then on.
+
+        M+ v+ = M- v- + P + Psi^T mu,   Psi (v+ - v-) = 0
+
+    The generalised momentum is that of the mechanism and the bodies together; loops and prescribed motion add impulses.
+
+    Parameters
+    ----------
+    before, after : M- and M+ (nv, nv), without and with the bodies. psi : (m, nv). v : v- (nv,).
+    momentum : P (nv,), of the bodies' own motion, J^T I V summed over them.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError : M+ is singular.
+    """
+    spread = np.linalg.inv(after)
+    gained = (before - after) @ v + momentum
+    if len(psi):
+        impulse, *_ = np.linalg.lstsq(psi @ spread @ psi.T, -(psi @ spread @ gained), rcond=1e-13)
+        gained = gained + psi.T @ impulse
+    out: Array = v + spread @ gained
+    return out
+
+
 def is_lost(speed: float, toward: float, at: float, height: float, slow: float) -> bool:
     """Tell whether a bounce from a stop ``at`` [rad, m] need not be followed.
 

@@ -98,6 +98,9 @@ def _refused(problem: Problem, simulated: bool) -> Iterator[str]:
     for loop in model.loops:
         if loop.element.type not in CLOSURES:
             yield f"closure {loop.name!r} of type {loop.element.type} (allowed: {', '.join(CLOSURES)})"
+    changing = [payload.name for payload in scene.payloads if payload.changes]
+    if changing:
+        yield f"masses that are gripped or released ({', '.join(changing)})"
     if simulated and problem.contact_joints:
         yield f"sticking friction and rigid stops ({', '.join(joint.name for joint in problem.contact_joints)})"
 

@@ -28,6 +28,7 @@ from robodyn_cli.run.deploy.scan import End, Scan, decide, follow_deployment, la
 from robodyn_cli.run.deploy.summary import AfterLock, DeploySummary, LockKeys, Overload
 from robodyn_cli.run.driver.build import build_motion
 from robodyn_cli.run.driver.motion import Motion
+from robodyn_cli.run.driver.prepare import refuse_changes
 from robodyn_cli.run.driver.second_run import ErrorEstimate, FirstRun, estimate_error
 from robodyn_cli.run.driver.self_check import Judgement, Run, motion_warnings, redundant_rows
 from robodyn_cli.run.driver.summary import motion_summary
@@ -104,6 +105,7 @@ def build_deployment(scene: Scene, watch: Stopwatch, plan: bool = False) -> Moti
     CapabilityError : it has no loops. SingularConfigurationError : it starts where it is to end.
     """
     refuse_open_chain(scene)
+    refuse_changes(scene, "deploy")
     reactions = bool(scene.deploy.loads) or scene.deploy.after == "continue"
     motion = build_motion(scene, watch, follow_deployment, reactions=reactions, plan=plan)
     refuse_singular_start(motion.problem, motion.assembled.q, motion.passive)

@@ -33,7 +33,10 @@ def follow_motion(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
         stops = problem.scene.simulate.singular == "stop"
         found.append(RankLoss(problem) if stops else Passage(problem))
     found += contact_watchers(problem)
-    return [*(watcher for watcher in found if watcher.functions), *limit_watchers(problem)]
+    if problem.model.switched:
+        found += payload_watchers(problem)
+    own = [watcher for watcher in found if watcher.functions or watcher.changes_motion]
+    return [*own, *limit_watchers(problem)]
 
 
 def follow_changes(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
@@ -48,6 +51,15 @@ def contact_watchers(problem: Problem) -> list[Watcher]:
     from robodyn_cli.run.contact.states import ContactStates
 
     return [ContactStates(problem)]
+
+
+def payload_watchers(problem: Problem) -> list[Watcher]:
+    """Return the watcher of masses that are gripped and released, where there are such."""
+    if not problem.model.switched:
+        return []
+    from robodyn_cli.run.contact.payloads import Payloads
+
+    return [Payloads(problem)]
 
 
 def limit_watchers(problem: Problem) -> list[Watcher]:

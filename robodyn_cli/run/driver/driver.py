@@ -219,15 +219,25 @@ class Driver:
             emit(t, x)
 
         while True:
+            stop = min([end, *(time for watcher in self.watchers for time in watcher.stops())])
             try:
-                outcome = self.integrator.run(end, grid, seen, block, watch)
+                outcome = self.integrator.run(stop, grid, seen, block, watch)
             except NumericalError as error:
                 if not self._goes_on(error):
                     raise
                 continue
-            if not isinstance(outcome, Leap):
+            if isinstance(outcome, Leap):
+                self._leap(outcome, stop, grid, seen)
+            elif outcome.ends or self.time >= end:
                 return
-            self._leap(outcome, end, grid, seen)
+            else:
+                self._answer_stop(stop)
+
+    def _answer_stop(self, stop: float) -> None:
+        """Ask the watchers that have one there how the run goes on."""
+        for watcher in self.watchers:
+            if stop in watcher.stops():
+                self.integrator.apply(watcher.at_stop(stop, self.state), watcher)
 
     def samples(self, end: float, grid: Grid, watch: bool = True) -> Array:
         """Return the states (T, nx) at the sample times up to where the run came."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
@@ -101,6 +102,14 @@ class Watcher:
 
     def handle(self, event: Event) -> Outcome:
         """Answer one of its own events."""
+        return GO_ON
+
+    def stops(self) -> Sequence[float]:
+        """Return times ahead [s] at which it wants to be asked how the run goes on."""
+        return ()
+
+    def at_stop(self, t: float, x: Array) -> Outcome:
+        """Say how the run goes on from x (nx,) at such a time t."""
         return GO_ON
 
     def again(self) -> Watcher | None:

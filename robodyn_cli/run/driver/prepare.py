@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import SceneError
+from robodyn_cli.errors import CapabilityError, SceneError
+from robodyn_cli.model.build import build_model
 from robodyn_cli.record import record
-from robodyn_cli.run.driver.mass_matrix import braces
+from robodyn_cli.run.driver.mass_matrix import braces, refuse_indefinite
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import RANK_TOLERANCE, Assembled, assemble
@@ -41,7 +42,7 @@ def prepare(scene: Scene, watch: Stopwatch | None = None, neutral: bool = False)
     """
     watch = watch or Stopwatch()
     with watch.stage("equations"):
-        problem = Problem(scene)
+        problem = _problem_of(scene) if scene.payloads else Problem(scene)
         if neutral and not problem.model.closures and not _positions_given(scene, problem):
             return Setup(problem, _neutral(problem))
         given = initial_positions(scene, problem)
@@ -59,13 +60,38 @@ def prepare(scene: Scene, watch: Stopwatch | None = None, neutral: bool = False)
             check_formulas(problem, assembled.q, assembled.v)
             if not assembled.redundant:
                 check_formulas_ahead(problem, assembled.q, assembled.v)
-        needed = braces(problem.model, assembled.q, scene.prescribed)
+        model = build_model(scene) if problem.model.switched else problem.model
+        refuse_indefinite(problem, [assembled.q])
+        needed = braces(model, assembled.q, scene.prescribed)
     if assembled.redundant or needed:
         with watch.stage("equations"):
             groups = dependent_rows(problem, assembled) if assembled.redundant else ()
             keep = assembled.independent if assembled.redundant and not groups else None
             problem = Problem(scene, keep_rows=keep, model=problem.model, dependent=groups, braces=needed)
     return Setup(problem, assembled)
+
+
+def refuse_changes(scene: Scene, command: str) -> None:
+    """Refuse payloads that are gripped or released, for commands that do not follow them.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    for k, payload in enumerate(scene.payloads):
+        if payload.changes:
+            raise CapabilityError(
+                f"{scene.path}: payloads.{k}: {command} does not follow masses that are gripped or released (here "
+                f"{payload.name!r}); allowed: payloads without 'from' and 'until', and with them the commands "
+                "simulate, inverse and work-precision",
+                key=f"payloads.{k}",
+            )
+
+
+def _problem_of(scene: Scene) -> Problem:
+    from robodyn_cli.equations.payloads import switched_problem
+
+    return switched_problem(scene)
 
 
 def _positions_given(scene: Scene, problem: Problem) -> bool:

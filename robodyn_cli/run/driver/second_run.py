@@ -210,9 +210,9 @@ def estimate_error(motion: Motion, first: FirstRun, recorder: Recorder, tick: Ti
     """Estimate the global error by a second integration that is more accurate than the first.
 
     The difference of the two, D = e_1 - e_2, is the error of the first up to that of the second, which is smaller by
-    (n_1 / n_2)^p for n steps each and order p: e_1 = D / (1 - (n_1 / n_2)^p). Reported are the largest over all
-    samples, for q and qd apart, and no less than what rounding is expected to leave. Nothing else about the two runs is
-    shared but the method.
+    (n_1 / n_2)^p for n steps each and order p: e_1 = D / (1 - (n_1 / n_2)^p). Reported are the largest over all samples
+    and those at the end (``end_error``), for q and qd apart, and no less than what rounding is expected to leave.
+    Nothing else about the two runs is shared but the method.
     """
     grid = first.grid.every(recorder.every)
     try:
@@ -236,8 +236,8 @@ def estimate_error(motion: Motion, first: FirstRun, recorder: Recorder, tick: Ti
         q_max=q_max,
         qd_max=qd_max,
         state_max=max(q_max, qd_max),
-        q_end=float(dq[-1].max(initial=floor.q)),
-        qd_end=float(dv[-1].max(initial=floor.qd)),
+        q_end=float(max(end_error(dq, scale), floor.q)),
+        qd_end=float(max(end_error(dv, scale), floor.qd)),
         rounding_floor=max(floor.q, floor.qd),
         steps=second.steps,
         at_rounding=at_rounding,
@@ -262,6 +262,17 @@ def remainder(method: str, steps: Any, more: Any) -> Any:
     power = min(kind.order, kind.dense_order + 1)
     left = np.minimum(1.0, steps / np.maximum(more, 1)) ** power
     return 1.0 / (1.0 - np.minimum(left, 0.5))
+
+
+def end_error(errors: Array, scale: float) -> float:
+    """Return the error at the last sample from estimates (T, n), differences of two runs times ``scale``.
+
+    At a single sample the errors of both may agree by chance. So it is no less than what the second run's own error,
+    a part 1 - 1/scale of the first one's (see ``remainder``), typically is over the second half of the samples.
+    """
+    largest = errors.max(axis=1, initial=0.0)
+    typical = float(np.median(largest[len(largest) // 2 :]))
+    return max(float(largest[-1]), (1.0 - 1.0 / scale) * typical)
 
 
 def rounding_walk(steps: Any) -> Any:

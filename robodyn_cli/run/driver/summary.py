@@ -17,6 +17,7 @@ from robodyn_cli.run.observation.recorder import Recorder
 
 if TYPE_CHECKING:
     from robodyn_cli.run.driver.redundancy import Redundant
+    from robodyn_cli.run.sizing.figures import DriveFigures
 
 
 @record
@@ -81,7 +82,8 @@ class FinalState:
 class MotionSummary:
     """Keys of the summary of every integrated motion, in their order.
 
-    transitions : of contact states, how many of each kind. passed : times of poses [s]. switches : of the method.
+    transitions : of contact states, how many of each kind. payloads : when each was gripped and released [s], and the
+    energy that gripping it took [J]. passed : times of poses [s]. switches : of the method.
     """
 
     termination: Termination | dict[str, Any]
@@ -103,8 +105,11 @@ class MotionSummary:
     baumgarte: Gains | Absent
     switches: list[MethodKeys] | Absent
     transitions: dict[str, int] | Absent = ABSENT
+    payloads: dict[str, dict[str, float]] | Absent = ABSENT
     passed: list[float] | Absent = ABSENT
     final: FinalState | Absent = ABSENT
+    drives: dict[str, DriveFigures] | Absent = ABSENT
+    catalogue: str | Absent = ABSENT
 
 
 def motion_summary(run: Run, judgement: Judgement, estimate: ErrorEstimate | None) -> MotionSummary:

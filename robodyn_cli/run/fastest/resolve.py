@@ -11,13 +11,13 @@ import numpy as np
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.errors import CapabilityError, GeometryError
 from robodyn_cli.model.model import Model
-from robodyn_cli.run.fastest.rows import LimitedPath, PathLimits, Torques
+from robodyn_cli.run.fastest.limits import LimitedPath, PathLimits, Torques
+from robodyn_cli.run.fastest.profile import NoProfile
+from robodyn_cli.run.fastest.search import Fastest, fastest, merged
 from robodyn_cli.run.inverse.build import build_inverse
 from robodyn_cli.run.inverse.program import InverseProgram
 from robodyn_cli.run.mechanism.motion import Planned, plan_motion
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.fastest.profile import NoProfile
-from robodyn_cli.solve.fastest.search import Fastest, fastest, merged
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.fastest import BOUNDS, FastestTrajectory, Scaling, timed
 from robodyn_cli.trajectories.motion import JointMotion
@@ -37,6 +37,12 @@ def with_time_law(scene: Scene) -> Scene:
     """
     if not isinstance(scene.trajectory, FastestTrajectory):
         return scene
+    changing = [payload.name for payload in scene.payloads if payload.changes]
+    if changing:
+        raise CapabilityError(
+            f"payload {changing[0]!r} is gripped or released at a time, and 'fastest' chooses the times; allowed "
+            "there: payloads without 'from' and 'until'"
+        )
     trajectory: FastestTrajectory = scene.trajectory
     along = dataclasses.replace(scene, trajectory=trajectory.way)
     program = build_inverse(along)

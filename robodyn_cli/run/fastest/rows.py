@@ -1,99 +1,72 @@
-"""Limits of a scene's joints along a path, as rows of the path's acceleration."""
+"""Limits along a path as rows that are linear in the path's acceleration.
+
+A path q(s) is run through as s(t). With x = s-dot^2 and u = s-double-dot
+
+    q-dot = q' sqrt(x),    q-ddot = q' u + q'' x,    tau = M q' u + f(s, x)
+
+so that each limit, divided by its bound, reads |A u + B x + C| <= 1; f is linear in x but for forces like viscous
+friction, and is replaced by its tangent at a profile x(s) then.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 
 from robodyn_cli.record import record
-from robodyn_cli.solve.fastest.rows import PLACES, Rows
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.motion import JointMotion
 
-INSET = 1e-9  # of a segment: its ends are looked at from inside, as friction and splines may jump there
-LINEAR = 1e-9  # of the limits, up to which forces count as linear in x
-TINY = 1e-12
-
-Torques = Callable[[Array, Array, Array], Array]
+# places in a segment, in parts of it, at which limits are looked at; the ends count as inside of the segment
+PLACES = (0.0, 0.25, 0.5, 0.75, 1.0)
+FINE = tuple(k / 8 for k in range(9))  # and at which they are checked in the end
+SAMPLES = 17  # of the polynomials through the values there
 
 
 @record
-class LimitedPath:
-    """A path q(s), the torques of its robot, and the limits.
+class Rows:
+    """Limits on K segments at the five ``PLACES`` of each.
 
-    motion : q, dq/ds and d2q/ds2 at many s. torques : tau (T, nv) of q, qd, qdd.
-    speed, acceleration, effort : places in v, and bounds, of the joints that have one.
+    A, B, C : (K, 5, n), of |A u + B x + C| <= 1. most : (K, 5), the largest x that the limits of speed allow.
+    rest : (2, n), C at rest at both ends of the path, where friction does not act: it may help to brake until then.
     """
 
-    motion: Callable[[Array], JointMotion]
-    torques: Torques
-    speed: tuple[list[int], Array]
-    acceleration: tuple[list[int], Array]
-    effort: tuple[list[int], Array]
+    A: Array
+    B: Array
+    C: Array
+    most: Array
+    rest: Array
 
-    def at(self, s: Array) -> JointMotion:
-        """Return the path at the ``PLACES`` of each segment, K 5 rows."""
-        D = np.diff(s)[:, None]
-        places = np.clip(np.array(PLACES), INSET, 1.0 - INSET)
-        return self.motion((s[:-1, None] + D * places).ravel())
+    def values(self, u: Array, x: Array) -> Array:
+        """Return A u + B x + C (K, 5, n) for u and x (K, 5)."""
+        found: Array = self.A * u[..., None] + self.B * x[..., None] + self.C
+        return found
 
-    def torques_at(self, way: JointMotion, u: Array, x: Array) -> Array:
-        """Return the limited torques (T, n) at speeds and accelerations (T,), in parts of their limits."""
-        places, bounds = self.effort
-        if not places:
-            return np.zeros((len(u), 0))
-        qd = np.asfortranarray(way.qd * np.sqrt(x)[:, None])
-        qdd = np.asfortranarray(way.qd * u[:, None] + way.qdd * x[:, None])
-        return np.asarray(self.torques(way.q, qd, qdd)[:, places] / bounds)
-
-    def typical(self, way: JointMotion, length: float) -> float:
-        """Return an x of the size that the limits allow."""
-        zero = np.zeros(len(way.q))
-        u = [np.abs(self.torques_at(way, zero + 1.0, zero) - self.torques_at(way, zero, zero))]
-        places, bounds = self.acceleration
-        u.append(np.abs(way.qd[:, places]) / bounds)
-        steepest = np.concatenate(u, axis=1).max(axis=1)
-        return length / float(np.median(steepest)) / 2.0 if np.median(steepest) > 0.0 else 1.0
+    def passed(self, u: Array, x: Array) -> tuple[Array, Array, Array]:
+        """Return by how much each limit is passed in each segment: both ways (K, n), and that of speed (K,)."""
+        values = self.values(u, x)
+        over, under = peak(values), peak(-values)
+        for k in (0, -1):
+            still = self.A[k, k] * u[k, k] + self.rest[k]
+            over[k], under[k] = np.maximum(over[k], still), np.maximum(under[k], -still)
+        return over - 1.0, under - 1.0, peak((x / self.most)[..., None])[:, 0] - 1.0
 
 
-class PathLimits:
-    """The rows of a path on any grid; those of the last grid are kept while only the profile changes."""
+@lru_cache(maxsize=2)
+def _interpolation(places: int) -> Array:
+    """Return the matrix from values at so many evenly spaced places to those at the ``SAMPLES``."""
+    vander = np.polynomial.chebyshev.chebvander
+    at, to = (vander(np.linspace(-1.0, 1.0, n), places - 1) for n in (places, SAMPLES))
+    return np.asarray(to @ np.linalg.inv(at))
 
-    def __init__(self, path: LimitedPath) -> None:
-        self.path = path
-        self.grid: Array | None = None
-        self.linear = True
 
-    def __call__(self, s: Array, x: Array | None) -> Rows:
-        """Return the rows on a grid (K + 1,); forces that are not linear in x as tangents at x (K, 5)."""
-        if self.grid is None or s is not self.grid:
-            self.grid, self.way = s, self.path.at(s)
-            self.x = np.full(len(self.way.q), self.path.typical(self.way, float(s[-1] - s[0])))
-            zero = np.zeros(len(self.way.q))
-            self.still = self.path.torques_at(self.way, zero, zero)
-            self.inertia = self.path.torques_at(self.way, zero + 1.0, zero) - self.still
-        at = self.x if x is None else np.maximum(x.ravel(), TINY * self.x)
-        low, here, high = (self._forces(f * at) for f in (0.5, 1.0, 1.5))
-        if x is None:
-            off = np.abs(0.5 * (low + high) - here) / np.maximum(1.0, np.abs(here))
-            self.linear = not off.size or bool(off.max() < LINEAR)
-        slope = (high - low) / at[:, None]
-        return self._rows(slope, here - slope * at[:, None])
-
-    def _forces(self, x: Array) -> Array:
-        return self.path.torques_at(self.way, np.zeros(len(x)), x)
-
-    def _rows(self, slope: Array, offset: Array) -> Rows:
-        (places, bounds), way = self.path.acceleration, self.way
-        rest = np.zeros((len(way.q), len(places)))
-        A = np.concatenate([self.inertia, way.qd[:, places] / bounds], axis=1)
-        B = np.concatenate([slope, way.qdd[:, places] / bounds], axis=1)
-        C = np.concatenate([offset, rest], axis=1)
-        at_rest = np.concatenate([self.still, rest], axis=1)[[0, -1]]
-        places, bounds = self.path.speed
-        with np.errstate(divide="ignore"):
-            most = ((bounds / np.abs(way.qd[:, places])) ** 2).min(axis=1, initial=np.inf)
-        five = len(PLACES)
-        shape = (len(way.q) // five, five, A.shape[1])
-        return Rows(A.reshape(shape), B.reshape(shape), C.reshape(shape), most.reshape(shape[:2]), at_rest)
+def peak(values: Array) -> Array:
+    """Return the largest value (K, n) of (K, places, n), of the polynomials through evenly spaced places."""
+    fine = np.matmul(_interpolation(values.shape[1]), values)
+    k = np.clip(fine.argmax(axis=1), 1, SAMPLES - 2)[:, None]
+    left, here, right = (np.take_along_axis(fine, k + i, axis=1)[:, 0] for i in (-1, 0, 1))
+    bend = np.maximum(
+        2.0 * here - left - right, 1e-300
+    )  # of the parabola through the largest and its neighbours
+    place = np.clip(0.5 * (right - left) / bend, -1.0, 1.0)
+    return np.asarray(here + 0.5 * place * (right - left - place * bend))

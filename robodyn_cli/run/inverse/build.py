@@ -33,14 +33,26 @@ def build_inverse(scene: sc.Scene) -> InverseProgram:
     the scene.
     """
     scene = without_following(scene)
+    problem = _problem_along(with_led_point(scene))
     if scene.loops or scene.couplers:
         from robodyn_cli.run.inverse.closed import build_closed
 
-        return build_closed(scene)
-    problem = open_problem(with_led_point(scene), "inverse dynamics")
+        return build_closed(problem)
+    problem = open_problem(problem, "inverse dynamics")
     _refuse_passive_joints(problem)
     duration = scene.trajectory.duration if scene.trajectory is not None else 0.0
     return OpenChain(problem, duration, **expressions_of(problem))
+
+
+def _problem_along(scene: sc.Scene) -> Problem:
+    """Return the equations along a motion, on which payloads may come and go."""
+    if not scene.payloads:
+        return Problem(scene)
+    from robodyn_cli.equations.payloads import switched_problem
+    from robodyn_cli.run.inverse.payloads import refuse_events
+
+    refuse_events(scene)
+    return switched_problem(scene)
 
 
 @record
@@ -51,9 +63,10 @@ class OpenChain(InverseProgram):
         return plan_motion(self.problem, self.times(samples))
 
     def evaluate(self, planned: Planned, function: SampleFunction) -> Sampled:
-        arrays = function.along(planned.times, planned.motion)
+        p = self.parameters(planned.times)
+        arrays = function.along(planned.times, planned.motion, p)
         counters = {"operations": function.operations, "compiled": function.compiled, **planned.counters}
-        return Sampled(planned.times, planned.motion, self.loads(arrays), arrays, counters)
+        return Sampled(planned.times, planned.motion, p, self.loads(arrays), arrays, counters)
 
     def forward(self, sampled: Sampled) -> tuple[Array, Array] | None:
         problem = self.problem
@@ -65,8 +78,9 @@ class OpenChain(InverseProgram):
             return None
         # unknown data that cancels in M may stand in articulated inertias
         a = without_idle_unknowns(a, _entries_of_mass_matrix(problem))
-        function = SampleFunction({"a": a}, ("q", "f"), len(q))
-        found, free = np.split(function(q=q, f=np.concatenate([sampled.applied - bias, -bias]))["a"], 2)
+        function = SampleFunction({"a": a}, ("q", "f", "p"), len(q))
+        p, f = np.tile(sampled.p, (2, 1)), np.concatenate([sampled.applied - bias, -bias])
+        found, free = np.split(function(q=q, f=f, p=p)["a"], 2)
         return found, free
 
     def row_multipliers(self, sampled: Sampled) -> None:
@@ -119,5 +133,6 @@ def _refuse_passive_joints(problem: Problem) -> None:
     if passive:
         raise CapabilityError(
             f"inverse dynamics needs every joint of an open chain to be actuated, and 'actuated' lacks "
-            f"{passive[0]!r}; allowed: all of {', '.join(problem.model.joint_names)}"
+            f"{passive[0]!r}; allowed: all of {', '.join(problem.model.joint_names)}",
+            key="actuated",
         )

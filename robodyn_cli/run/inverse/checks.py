@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -92,12 +93,28 @@ def path_error(planned: Planned, sampled: Sampled) -> float | Absent:
     return float(np.sqrt(np.einsum("ti,ti->t", gap, gap).max()))
 
 
+def attitude_error(problem: Problem, planned: Planned) -> float | Absent:
+    """Return the largest angle [rad] by which the led frame is turned against its target."""
+    if planned.axes is None or planned.point is None:
+        return ABSENT
+    from robodyn_cli.algorithms.kinematics import world_pose
+    from robodyn_cli.run.observation.evaluation import SampleFunction
+    from robodyn_cli.spatial.quaternion import logarithm
+
+    frame, q = problem.model.place(planned.point), planned.motion.q
+    axes = {"R": list(world_pose(problem.model, problem.pose, frame).R.flat)}
+    found = SampleFunction(axes, ("q",), len(q))(q=q)["R"].reshape(-1, 3, 3)
+    turn = logarithm(planned.axes @ np.swapaxes(found, 1, 2))
+    return float(np.linalg.norm(turn, axis=1).max())
+
+
 def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) -> ErrorEstimate:
     """Return the errors of an inverse run.
 
-    ik_residual : see ``path_error``. round_trip, torque_rounding : see there.
+    ik_residual, attitude_residual : see ``path_error`` and ``attitude_error``. round_trip, torque_rounding : see there.
     energy_balance : work of actuators and losses, less the change of kinetic and potential energy [J]; it is as
-        large as the errors of rates, torques and quadrature together. energy_balance_relative : over the largest
+        large as the errors of rates, torques and quadrature together. Between samples from one to the other of which
+        a payload is gripped or released it is not taken. energy_balance_relative : over the largest
         energy turned over.
     energy_quadrature : difference of the energies (net) to those from every second sample [J].
     closure, virtual_work_residual : of the loops; the load that neither actuators nor loops bear [N m or N].
@@ -105,11 +122,12 @@ def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) 
     power = np.column_stack([sampled.power, sampled.arrays["dissipation"]])
     work = integrate(power, sampled.step)
     total = sampled.arrays["energy/kinetic"][:, 0] + sampled.arrays["energy/potential"][:, 0]
-    balance = float(work.sum() - (total[-1] - total[0]))
+    balance = energy_balance(power, total, sampled.step, cuts(sampled.p))
     turned = max(float(np.ptp(total)), float(integrate(np.abs(power), sampled.step).max()), 1e-300)
     loops = sampled.loops
     return ErrorEstimate(
         ik_residual=path_error(planned, sampled) if loops is None else ABSENT,
+        attitude_residual=attitude_error(program.problem, planned),
         torque_rounding=torque_rounding(program, sampled),
         round_trip=round_trip(program, sampled),
         energy_balance=balance,
@@ -118,6 +136,18 @@ def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) 
         closure=ABSENT if loops is None else planned.residuals,
         virtual_work_residual=ABSENT if loops is None else loops.shared.residual,
     )
+
+
+def energy_balance(power: Array, total: Array, h: float, at: Sequence[int]) -> float:
+    """Return the work of power (T, n) less the change of the energy (T,) [J], over the pieces between cuts."""
+    ends = [0, *at, len(total)]
+    pieces = [slice(a, b) for a, b in itertools.pairwise(ends) if b - a > 1]
+    return sum(float(integrate(power[x], h).sum() - (total[x][-1] - total[x][0])) for x in pieces)
+
+
+def cuts(p: Array) -> list[int]:
+    """Return the samples whose parameters p (T, n) are not those of the sample before."""
+    return [int(k) + 1 for k in np.flatnonzero(np.any(np.diff(p, axis=0), axis=1))]
 
 
 def torque_rounding(program: InverseProgram, sampled: Sampled) -> float | None:

@@ -45,12 +45,14 @@ class Loops:
 
 @record
 class Sampled:
-    """A motion at uniform times with its torque terms (T, nv) and all other arrays evaluated along it. counters : of
-    iterations and steps.
+    """A motion at uniform times with its torque terms (T, nv) and all other arrays evaluated along it.
+
+    p : parameters (T, n), which say what is carried. counters : of iterations and steps.
     """
 
     times: Array
     motion: JointMotion
+    p: Array
     terms: Mapping[str, Array]
     arrays: Mapping[str, Array]
     counters: Mapping[str, int]
@@ -87,6 +89,7 @@ class Sampled:
             "q": motion.q[places],
             "v": motion.qd[places],
             "a": motion.qdd[places],
+            "p": self.p[places],
         }
 
     @property
@@ -138,6 +141,14 @@ class InverseProgram(ABC):
     def times(self, samples: int) -> Array:
         """Return the uniform times (T,) of the samples [s]."""
         return np.linspace(0.0, self.duration, samples)
+
+    def parameters(self, times: Array) -> Array:
+        """Return p (T, n) at times (T,): which payloads are carried."""
+        if not self.problem.model.switched:
+            return np.zeros((len(times), 0))
+        from robodyn_cli.model.payloads import carried_at, changing
+
+        return carried_at(changing(self.problem.model), times)
 
     @abstractmethod
     def plan(self, samples: int) -> Planned:
@@ -216,4 +227,9 @@ def energies(problem: Problem, terms: Outputs) -> Outputs:
 def expressions_of(problem: Problem) -> dict[str, Outputs]:
     """Return the expressions of every program, as fields of ``InverseProgram``."""
     terms = torque_terms(problem)
-    return {"terms": terms, "others": energies(problem, terms), "places": place_outputs(problem)}
+    others = energies(problem, terms)
+    if problem.model.payloads:
+        from robodyn_cli.equations.payloads import relative_energies
+
+        others["payloads"] = relative_energies(problem)
+    return {"terms": terms, "others": others, "places": place_outputs(problem)}

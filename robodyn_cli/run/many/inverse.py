@@ -70,6 +70,7 @@ def obstacle(program: InverseProgram, scene: Scene, keys: Sequence[Key]) -> str:
         "parameters may change the motion": any(
             key.sort == NUMBER and key.place.startswith("parameters.") for key in keys
         ),
+        "payloads are gripped or released": bool(program.problem.model.switched),
         "forces in the joints' bearings are wanted": bool(scene.outputs.reactions),
     }
     return next((reason for reason, holds in reasons.items() if holds), "")

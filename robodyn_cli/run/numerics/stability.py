@@ -20,7 +20,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT
 from robodyn_cli.run.driver.baumgarte import GainStudy
 from robodyn_cli.run.driver.build import projected_motion
-from robodyn_cli.run.driver.prepare import Setup, prepare
+from robodyn_cli.run.driver.prepare import Setup, prepare, refuse_changes
 from robodyn_cli.run.numerics import stability_store as store
 from robodyn_cli.run.numerics.energy_growth import PERIODS, growths, period
 from robodyn_cli.run.numerics.instants import instants
@@ -86,6 +86,7 @@ def stability(
     ------
     RobodynError : the scene cannot be started (as ``simulate`` would say); what methods do later is the report.
     """
+    refuse_changes(scene, "stability")
     effort = QUICK if quick else FULL
     watch = watch or Stopwatch()
     setup = prepare(scene, watch)

@@ -104,8 +104,8 @@ class SampleFunction:
                     out[name][part, k] = next(values)
         return out
 
-    def along(self, times: Array, motion: JointMotion) -> dict[str, Array]:
-        """Return {output: (T, n)} along a motion.
+    def along(self, times: Array, motion: JointMotion, p: Array | None = None) -> dict[str, Array]:
+        """Return {output: (T, n)} along a motion, with parameters p (T, n) where there are any.
 
         Raises
         ------
@@ -114,7 +114,7 @@ class SampleFunction:
         from robodyn_cli.run.observation.finite import refuse_sampled
 
         inputs = {"t": times[:, None], "q": motion.q, "v": motion.qd, "a": motion.qdd}
-        arrays = self(**inputs)
+        arrays = self(**inputs) if p is None else self(**inputs, p=p)
         refuse_sampled(inputs, self.outputs, arrays)
         return arrays
 

@@ -273,9 +273,8 @@ class Observer:
         if self.point_motion is not None:
             data.update(self.point_motion(t=t[:, None], q=data["q"], v=data["qd"], a=data["qdd"]))
         if self.reactions is not None:
-            data.update(
-                self.reactions(t, data["q"], data["qd"], data["qdd"], data.get("constraints/multipliers"))
-            )
+            lam = data.get("constraints/multipliers")
+            data.update(self.reactions(t, data["q"], data["qd"], data["qdd"], lam, self.parameters))
         return data
 
     def _singular(self, flat: Array) -> dict[str, Array]:

@@ -23,8 +23,9 @@ from robodyn_cli.spatial.algebra import Array, Matrix, Wrench, identity
 from robodyn_cli.trajectories.motion import JointMotion
 
 NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
-REACTION_GROUPS = ("t", "q", "v", "a", "lam")
+REACTION_GROUPS = ("t", "q", "v", "a", "lam", "p")
 BASE_PATH = "base_wrench"
+NONE: Array = np.zeros(0)
 
 
 class ReactionSamples:
@@ -85,11 +86,14 @@ class ReactionSamples:
         entries[BASE_PATH] = (_turned(to_world, found.base), meaning)
         return entries
 
-    def __call__(self, t: Array, q: Array, qd: Array, qdd: Array, lam: Array | None) -> dict[str, Array]:
-        """Return {path: (T, 6)}; the multipliers (T, m) are those of the problem's rows."""
+    def __call__(
+        self, t: Array, q: Array, qd: Array, qdd: Array, lam: Array | None, p: Array = NONE
+    ) -> dict[str, Array]:
+        """Return {path: (T, 6)}; lam (T, m) are multipliers of the problem's rows, p (n,) or (T, n) parameters."""
         if lam is None:
             lam = np.zeros((len(t), len(self.rows)))
-        return self.function(t=np.reshape(t, (-1, 1)), q=q, v=qd, a=qdd, lam=lam)
+        p = np.broadcast_to(p, (len(t), p.shape[-1]))
+        return self.function(t=np.reshape(t, (-1, 1)), q=q, v=qd, a=qdd, lam=lam, p=p)
 
     def add(self, result: Result, data: Mapping[str, Array]) -> None:
         """Add the loads to a result."""
@@ -123,10 +127,12 @@ class Loads:
         return {**self.samples.note(), "largest": figures(self.data, self.samples.names)}
 
 
-def loads_along(problem: Problem, times: Array, motion: JointMotion, lam: Array | None) -> Loads:
-    """Return the loads at times (T,) with the multipliers lam (T, m) of all rows of the problem."""
+def loads_along(
+    problem: Problem, times: Array, motion: JointMotion, lam: Array | None, p: Array = NONE
+) -> Loads:
+    """Return the loads at times (T,) with the multipliers lam (T, m) of all rows, and parameters p (T, n)."""
     samples = ReactionSamples(problem, len(times))
-    return Loads(samples, samples(times, motion.q, motion.qd, motion.qdd, lam))
+    return Loads(samples, samples(times, motion.q, motion.qd, motion.qdd, lam, p))
 
 
 def figures(data: Mapping[str, Array], names: Mapping[str, tuple[str, ...]]) -> dict[str, dict[str, float]]:

@@ -129,7 +129,9 @@ class Recorder:
         self.blocks["qdd"][-1][-1] = np.linalg.solve(M, f) + spread @ lam
         if self.observer.reactions is not None:
             last = [self.blocks[path][-1][-1:] for path in ("q", "qd", "qdd", "constraints/multipliers")]
-            for path, load in self.observer.reactions(np.array([time]), *last).items():
+            q, qd, qdd, lam = last
+            loads = self.observer.reactions(np.array([time]), q, qd, qdd, lam, self.observer.parameters)
+            for path, load in loads.items():
                 self.blocks[path][-1][-1] = load[0]
 
     @functools.cached_property

@@ -90,7 +90,7 @@ class PosesAhead(Watcher):
             return self._moment(scout.time, scout.state)
 
         turning = np.array([unit == "rad" for unit in self.problem.model.v_units])
-        self.equations.in_contact(self._contact(event))
+        self.equations.in_contact(self._given(event))
         approach = Approach(self.equations, advance, turning, self.nodes, self.reach, self.check)
         try:
             found = approach.pose_ahead(self._moment(event.time, event.state), self.end)
@@ -103,18 +103,16 @@ class PosesAhead(Watcher):
     def check(self, leap: FoundLeap, pose: float) -> None:
         """Refuse a leap over a pose at a time [s] that the run is not to make (NotSmooth)."""
 
-    def _contact(self, event: Event) -> Array:
-        """Return the values of p that say in which contact states joints are; none where there are none."""
-        return event.parameters if self.problem.contact_joints else np.zeros(0)
+    def _given(self, event: Event) -> Array:
+        """Return the values of p that events have set: contact states of joints, what is carried."""
+        return event.parameters[: len(self.motion.system.parameters)]
 
     def _scout(self, event: Event) -> Driver:
         """Return a driver of its own that stands at an event."""
         options = self.options
         if options.step is None:
             options = dataclasses.replace(options, max_steps=min(options.max_steps, SCOUTED))
-        scout = Driver(
-            self.motion.system, self.motion.choice.method, options, parameters=self._contact(event)
-        )
+        scout = Driver(self.motion.system, self.motion.choice.method, options, parameters=self._given(event))
         scout.start(event.time, event.state)
         return scout
 

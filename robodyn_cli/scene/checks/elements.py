@@ -88,6 +88,7 @@ def check_spans(scene: Scene, check: Check) -> None:
         (("torques", *name.split(".")), x) for name, x in scene.torques.items()
     ]
     places += [(("forces", k), force) for k, force in enumerate(scene.forces)]
+    places += [(("payloads", k), payload) for k, payload in enumerate(scene.payloads)]
     for path, value in places:
         for formula in formulas_in(value):
             for name in formula.names:

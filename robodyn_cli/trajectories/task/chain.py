@@ -11,7 +11,7 @@ from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.spatial.orientation import rotation_of
 from robodyn_cli.trajectories.task.curves import STILL, Curve, Line, blend
-from robodyn_cli.trajectories.task.segments import PathProblem
+from robodyn_cli.trajectories.task.segments import BEYOND, FARTHEST, PathProblem
 from robodyn_cli.trajectories.task.stretch import Stretch, step_course
 from robodyn_cli.trajectories.task.turning import Facing, Turning, Turns, turn_between
 
@@ -72,9 +72,12 @@ def _curves(start: Array, segments: Sequence[Any]) -> list[Curve]:
     found: list[Curve] = []
     for k, segment in enumerate(segments):
         try:
-            found.append(segment.curve(start))
+            with np.errstate(all="ignore"):
+                found.append(segment.curve(start))
         except PathProblem as problem:
             raise PathProblem(("segments", k, *problem.path), str(problem)) from None
+        if not found[-1].length < FARTHEST:
+            raise PathProblem(("segments", k), f"from {start.tolist()} its end {BEYOND}")
         start = found[-1].at(np.array([found[-1].length]))[0, 0]
         if segment.blend is not None:
             if k == len(segments) - 1:
@@ -121,7 +124,10 @@ def _joined(curves: Sequence[Curve], segments: Sequence[Any], here: range) -> tu
                 where, f"{distance:g} m is longer than the lines leave; allowed: up to {max(room, 0.0):.6g}"
             )
         _check_corner(before, curve, where)
-        corner = blend(before, curve, distance)
+        try:
+            corner = blend(before, curve, distance)
+        except ValueError as problem:
+            raise PathProblem(where, f"{distance:g} m round no corner: {problem}") from None
         found[-1] = before.part(0.0, before.length - distance)
         found += [corner, curve.part(distance, curve.length)]
         done += found[-3].length + corner.length

@@ -24,6 +24,9 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.task.curves import STILL, Arc, Curve, Line, spline
 
 ON_CIRCLE = 1e-9  # of the radius
+NEAR = 1e-12  # of the longest chord of a spline: nearer points are the same
+FARTHEST = 1e12  # m: so far away positions have four digits behind the point left
+BEYOND = f"is too far away for positions to keep their digits; allowed: up to {FARTHEST:g} m"
 
 
 class PathProblem(ValueError):
@@ -170,9 +173,14 @@ class SplineSegment:
         PathProblem : two points one after another are the same.
         """
         points = np.array([start, *self.through])
-        same = np.flatnonzero(np.linalg.norm(np.diff(points, axis=0), axis=1) <= STILL)
+        chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        far = np.flatnonzero(~(chords < FARTHEST))
+        if far.size:
+            raise PathProblem(("through", int(far[0])), BEYOND)
+        same = np.flatnonzero(chords <= max(STILL, NEAR * float(chords.max())))
         if same.size:
-            raise PathProblem(("through", int(same[0])), "is the point before it; allowed: another one")
+            what = "is the point before it, but for rounding" if chords[same[0]] else "is the point before it"
+            raise PathProblem(("through", int(same[0])), f"{what}; allowed: another one")
         try:
             return spline(points)
         except ValueError as problem:

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from robodyn_cli.solve.fastest.profile import Profile
+from robodyn_cli.run.fastest.profile import Profile
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.course import Course
 

@@ -1,0 +1,123 @@
+"""Pages of results in a headless Chromium: size, time to make them, first drawing, frames a second.
+
+    python benchmarks/pages.py [--repeats N] [--json FILE]
+
+Results: the deploying four-bar, and the seven-joint arm at 100 000 samples. Making a page is a process from start to
+end. The first drawing is counted from the start of the page's navigation, frames over seconds in which the motion
+plays; the clock and the processor are shared with the browser. Needs playwright and a Chromium on the PATH.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import statistics
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import measure
+from startup import robodyn, run
+
+CONFIGS = measure.ROOT / "configs"
+RESULTS = {
+    "four-bar": ["deploy", str(CONFIGS / "four_bar_deploy.yaml")],
+    "seven joints, 100 001 samples": [
+        "inverse", str(CONFIGS / "seven_joint_arm.yaml"), "--set", "inverse.samples=100001",
+    ],
+}  # fmt: skip
+CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "chrome")
+WANTED = "wanted: four-bar in less than 1 MB and 2 s, drawn within 1 s, 30 frames/s; seven joints in less than 2 MB"
+FRAMES = """async (seconds) => {
+  document.querySelector('.play').click();
+  const start = performance.now();
+  let count = 0;
+  await new Promise((done) => {
+    const step = (now) => { count += 1; now - start < 1000 * seconds ? requestAnimationFrame(step) : done(); };
+    requestAnimationFrame(step);
+  });
+  return 1000 * count / (performance.now() - start);
+}"""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--json", metavar="FILE", help="write the rows to FILE")
+    options = parser.parse_args()
+    environment = {**os.environ, "PYTHONPATH": measure.search_path(), "MPLBACKEND": "Agg"}
+    with tempfile.TemporaryDirectory() as folder, browser() as chromium:
+        rows = [
+            bench(name, command, Path(folder), environment, chromium, options.repeats)
+            for name, command in RESULTS.items()
+        ]
+    measure.print_machine()
+    print(f"medians of {options.repeats}; {WANTED}\n")
+    head = ["result", "KiB", "made in s", "CPU s", "first drawing s", "frames/s"]
+    cells = [
+        [
+            row["result"], f"{row['bytes'] / 1024:.0f}", f"{row['s']:.2f}", f"{row['cpu_s']:.2f}",
+            f"{row['first_drawing_s']:.2f}", f"{row['frames_per_s']:.0f}",
+        ]
+        for row in rows
+    ]  # fmt: skip
+    print(measure.table([head, *cells]))
+    measure.write_json(options.json, rows, repeats=options.repeats)
+
+
+def bench(
+    name: str, command: list[str], folder: Path, environment: dict[str, str], chromium: Any, repeats: int
+) -> dict[str, Any]:
+    """Make the page of a result and open it, ``repeats`` times each."""
+    out, page = folder / command[0], folder / f"{command[0]}.html"
+    run([*robodyn(), *command, "--no-plots", "--out", str(out)], environment)
+    made = []
+    for _ in range(repeats):
+        start, before = time.perf_counter(), os.times()
+        run([*robodyn(), "report", str(out), "--file", str(page)], environment)
+        after = os.times()
+        cpu = after.children_user + after.children_system - before.children_user - before.children_system
+        made.append((time.perf_counter() - start, cpu))
+    seen = [look(chromium, page) for _ in range(repeats)]
+    return {
+        "result": name,
+        "bytes": page.stat().st_size,
+        "s": statistics.median(s for s, _ in made),
+        "cpu_s": statistics.median(cpu for _, cpu in made),
+        "first_drawing_s": statistics.median(first for first, _ in seen),
+        "frames_per_s": statistics.median(frames for _, frames in seen),
+    }
+
+
+def look(chromium: Any, page: Path) -> tuple[float, float]:
+    """Return when the mechanism is first drawn [s] and how many frames a second its motion has."""
+    context = chromium.new_context(offline=True, viewport={"width": 1100, "height": 900})
+    shown = context.new_page()
+    shown.goto(page.as_uri())
+    shown.locator(".scene[data-pose]").wait_for()
+    first = shown.evaluate("performance.now()") / 1000.0
+    frames = shown.evaluate(FRAMES, 3.0)
+    context.close()
+    return float(first), float(frames)
+
+
+@contextmanager
+def browser() -> Iterator[Any]:
+    """Start the Chromium that is on the PATH."""
+    from playwright.sync_api import sync_playwright
+
+    path = next((found for name in CHROMIUM if (found := shutil.which(name))), None)
+    if path is None:
+        raise SystemExit(f"needs a Chromium on the PATH, by one of the names {', '.join(CHROMIUM)}")
+    with sync_playwright() as driver:
+        started = driver.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield started
+        started.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,51 @@
+"""The equations of a scene whose payloads come and go, and the momentum and energy that payloads bring."""
+
+from __future__ import annotations
+
+from robodyn_cli.algorithms.energy import body_kinetic_energy
+from robodyn_cli.algorithms.external import PathKinematics, path_torques
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.model.build import build_model
+from robodyn_cli.model.model import BASE, FixedFrame, RigidPart
+from robodyn_cli.model.payloads import Payload
+from robodyn_cli.scene import types as sc
+from robodyn_cli.spatial.algebra import Twist, Vector, cross, vector, zeros
+
+
+def switched_problem(scene: sc.Scene) -> Problem:
+    """Return the equations with parameters p that say which payloads are carried, 1 or 0 each."""
+    return Problem(scene, model=build_model(scene, switched=True))
+
+
+def own_motion(problem: Problem, payload: Payload) -> tuple[Vector, Scalar]:
+    """Return J^T I V (nv,) and V^T I V / 2 of a payload that moves with its given velocities V, at its place."""
+    part = payload.part
+    if part is None:
+        return zeros(problem.model.nv), 0.0
+    velocity = _own_velocity(problem, payload, part)
+    wrenches = {payload.body: part.inertia @ velocity}
+    momentum = path_torques(problem.model, problem.q, problem.X, wrenches)
+    return momentum, body_kinetic_energy(part.inertia, velocity)
+
+
+def relative_energies(problem: Problem) -> list[Scalar]:
+    """Return the kinetic energy of each payload's motion against what holds it, before it is gripped [J]."""
+    kinematics = PathKinematics(problem.model, problem.X, problem.q, problem.v, BASE)
+    found: list[Scalar] = []
+    for payload in problem.model.payloads:
+        if payload.part is None or payload.spec.start is None:
+            found.append(0.0)
+            continue
+        origin = FixedFrame(payload.body, zeros(3), problem.model.base.E)
+        held = kinematics.end(origin).velocity.rotated(problem.pose[payload.body].R.T)
+        own = _own_velocity(problem, payload, payload.part)
+        found.append(body_kinetic_energy(payload.part.inertia, Twist(held.w - own.w, held.v - own.v)))
+    return found
+
+
+def _own_velocity(problem: Problem, payload: Payload, part: RigidPart) -> Twist:
+    """Return the given velocity of a payload as that of the body that is to hold it, in body coordinates."""
+    to_body = problem.pose[payload.body].R.T @ problem.model.base.E
+    w, v = (to_body @ vector(x) for x in (payload.spec.angular_velocity, payload.spec.velocity))
+    return Twist(w, v - cross(w, part.frame.point(part.c)))

@@ -1,0 +1,74 @@
+"""Masses that links pick up and release, as parts of the bodies that carry them.
+
+    I_body = sum of its links + s I_payload
+
+s is 1 while the payload is carried, else 0: a parameter p, or a number for a model of what is carried at t = 0.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.expr.graph import Graph
+from robodyn_cli.model.model import PARAMETER_GROUP, FixedFrame, Model, RigidPart
+from robodyn_cli.record import record
+from robodyn_cli.scene import types as sc
+from robodyn_cli.spatial.algebra import Array, Transform
+
+SAME_TIME = 1e-13  # part by which a sample may be off the time of a change, by rounding, to be that of before
+
+
+@record
+class Payload:
+    """A mass that a body picks up and releases.
+
+    spec : its keys in the scene. body : what carries it. part : mass, centre of mass and inertia, None for nothing.
+    place : of the parameter p that says whether it is carried, None for one that does not change.
+    """
+
+    name: str
+    spec: Any
+    body: int
+    part: RigidPart | None
+    place: int | None = None
+
+
+def changing(model: Model) -> tuple[Payload, ...]:
+    """Return the payloads that parameters p switch, in their order."""
+    return tuple(payload for payload in model.payloads if payload.place is not None)
+
+
+def as_link(payload: sc.Payload) -> sc.Link:
+    """Return the link that a payload is for the body that carries it; data that are not given are unknown there too."""
+    return sc.Link(name=payload.name, mass=payload.mass, com=payload.com, inertia=payload.inertia)
+
+
+def placed(payload: sc.Payload, frame: FixedFrame, part: RigidPart | None, place: int | None) -> Payload:
+    """Return a payload held at ``frame``, in whose axes the ``part`` is given; ``place`` of its parameter, if any."""
+    if part is not None:
+        part = dataclasses.replace(part, frame=Transform.from_pose(frame.R, frame.p))
+    return Payload(payload.name, payload, frame.body, part, place)
+
+
+def carried_part(payload: Payload, graph: Graph) -> RigidPart | None:
+    """Return what a payload adds to its body; None for nothing."""
+    part = payload.part
+    if part is None or payload.place is None:
+        return None if payload.spec.start is not None else part
+    s = graph.symbol(f"payloads.{payload.name}", PARAMETER_GROUP, payload.place)
+    return RigidPart(s * part.m, part.c, s * part.I_com, part.frame)
+
+
+def carried_at(payloads: Sequence[Payload], times: Array) -> Array:
+    """Return the parameters (T, n) of payloads with known times, at times (T,): at a change those of before."""
+    columns = [np.ones(len(times)) for _ in payloads]
+    for column, payload in zip(columns, payloads):
+        if payload.spec.start is not None:
+            column[times <= (1.0 + SAME_TIME) * payload.spec.start.time] = 0.0
+        if payload.spec.until is not None:
+            column[times > (1.0 + SAME_TIME) * payload.spec.until.time] = 0.0
+    return np.array(columns).T.reshape(len(times), -1)
