@@ -24,7 +24,7 @@ from robodyn_cli.record import record
 from robodyn_cli.run.study.compiled import LARGEST_BLOCK, Compiled, suits
 from robodyn_cli.run.study.row import Points, Rows, Task, joined, killed
 from robodyn_cli.run.study.rows import RowFile
-from robodyn_cli.run.study.runs import Waiting, make_alone
+from robodyn_cli.run.study.runs import Source, Waiting, make_alone
 from robodyn_cli.version import __version__
 
 EXTRA = "--scheduler needs the package distributed: pip install 'robodyn[cluster]'"
@@ -162,9 +162,8 @@ class Cluster:
         while flying or missing.left or suspects.left:
             with self._answering():
                 # a run that may have killed its worker goes alone: what waits there beside it would be suspected too
-                room, source = 1, suspects
-                if not suspects.left:
-                    room, source = PER_WORKER * max(1, self._workers()), missing
+                source: Source = suspects if suspects.left else missing
+                room = 1 if suspects.left else PER_WORKER * max(1, self._workers())
                 while source.left and len(flying) < room:
                     points = source.take(size)
                     flying[self._client.submit(make_chunk, packed, points, pure=False)] = points
