@@ -209,9 +209,9 @@ class ManyNumbers:
         largest = np.maximum(np.abs(args[0]), np.abs(args[1]))
         return np.where(np.abs(found) <= CANCELLED * largest, 0.0, found)
 
-    def _looked_up(self, x: Any, node: Expr) -> Array:
+    def _looked_up(self, x: Any, table: Any) -> Array:
         """Return the values of a piecewise polynomial whose knots and coefficients may be others in each run."""
-        knots, rows, held = node.value
+        knots, rows, held = table
         own = self.table(knots), [self.table(row) for row in rows], None if held is None else self.table(held)
         xs = np.broadcast_to(x, self.runs)
         return np.array([

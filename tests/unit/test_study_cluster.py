@@ -151,14 +151,16 @@ def test_a_study_goes_on_when_the_scheduler_is_gone(scene: Path, tmp_path: Path,
 
 KILLER = """
 import os
-from robodyn_cli.run.study import cluster, runs
+from robodyn_cli.run.study import runs
+from robodyn_cli.run.study.row import joined
 
 def deadly(task, points):
     if (points.values == 2.0).any():
         os._exit(1)
-    return runs.make_alone(task, points)
+    made = [runs.make_one(task, int(run), values)[0] for run, values in zip(points.runs, points.values)]
+    return joined(made)
 
-cluster.make_alone = deadly
+runs.make_alone = deadly
 """
 
 

@@ -22,9 +22,9 @@ from robodyn_cli.errors import CapabilityError, OutputError
 from robodyn_cli.kernels.compiler import machine
 from robodyn_cli.record import record
 from robodyn_cli.run.study.compiled import LARGEST_BLOCK, Compiled, suits
-from robodyn_cli.run.study.row import Points, Rows, Task, joined, killed
+from robodyn_cli.run.study.row import Points, Rows, Task, killed
 from robodyn_cli.run.study.rows import RowFile
-from robodyn_cli.run.study.runs import Source, Waiting, make_alone
+from robodyn_cli.run.study.runs import Source, Waiting, run_points
 from robodyn_cli.version import __version__
 
 EXTRA = "--scheduler needs the package distributed: pip install 'robodyn[cluster]'"
@@ -74,13 +74,8 @@ def make_chunk(packed: bytes, points: Points) -> Chunk:
     with _alone:
         start = time.perf_counter()
         task, compiled = _unpacked(packed, threads)
-        parts = []
-        if compiled is not None:
-            parts.append(compiled.make(points))
-            points = points.part(np.isin(points.runs, parts[0].runs, invert=True))
-        if len(points):
-            parts.append(make_alone(task, points))
-        return Chunk(joined(parts), time.perf_counter() - start, Host.own())
+        rows = run_points(task, points, 1, compiled)
+        return Chunk(rows, time.perf_counter() - start, Host.own())
 
 
 @functools.lru_cache(maxsize=2)
