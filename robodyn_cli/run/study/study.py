@@ -16,7 +16,7 @@ from robodyn_cli.model.build import build_model
 from robodyn_cli.record import record
 from robodyn_cli.results.provenance import sha256
 from robodyn_cli.run.batch.criteria import lookup, refuse_unknown
-from robodyn_cli.run.many.keys import setting
+from robodyn_cli.run.many.keys import Allowed, setting, understand
 from robodyn_cli.run.many.single import number_of
 from robodyn_cli.run.study.design import Design, make_design
 from robodyn_cli.run.study.row import Rows, Task
@@ -123,13 +123,18 @@ def prepare(asked: Asked) -> Study:
 
 
 def _check_key(family: Family, key: str, variation: Variation) -> None:
-    """Refuse a key that the scene does not have, or that takes no such numbers."""
+    """Refuse a key that the scene does not have, or a value of a grid that it does not take."""
     x = variation.example
-    text = f"{key}={math.degrees(x)!r} deg" if variation.degrees else setting(key, x)
+    words = f"{key}={math.degrees(x)!r} deg" if variation.degrees else setting(key, x)
     try:
-        family.scene([text])
+        family.scene([words])
+        values = np.array(variation.values)[:, None]
+        refused = Allowed(family, [understand(family, key)]).refusals(values) if variation.is_grid else {}
+        for row, error in refused.items():
+            words = setting(key, variation.values[row])
+            raise error
     except SceneError as error:
-        message = error.message.replace(f"--set {text}", f"--vary {key}={variation.text}", 1)
+        message = error.message.replace(f"--set {words}", f"--vary {key}={variation.text}", 1)
         raise SceneError(message, key=key) from error
 
 
