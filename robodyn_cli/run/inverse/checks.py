@@ -97,8 +97,8 @@ def attitude_error(problem: Problem, planned: Planned) -> float | Absent:
     """Return the largest angle [rad] by which the led frame is turned against its target."""
     if planned.axes is None or planned.point is None:
         return ABSENT
+    from robodyn_cli.algorithms.kinematics import world_pose
     from robodyn_cli.run.observation.evaluation import SampleFunction
-    from robodyn_cli.run.observation.places import world_pose
     from robodyn_cli.spatial.quaternion import logarithm
 
     frame, q = problem.model.place(planned.point), planned.motion.q

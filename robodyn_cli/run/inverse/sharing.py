@@ -24,7 +24,8 @@ def refuse_idle_gears(problem: Problem, driven: Sequence[int]) -> None:
         if gear.v not in driven:
             raise CapabilityError(
                 f"joint {gear.name!r} has a gear with losses but no actuator (`actuated`), so no load goes through the "
-                "gear; allowed there: friction"
+                "gear; allowed there: friction",
+                joint=gear.name,
             )
 
 
@@ -48,7 +49,8 @@ def share_load(
         names = ", ".join(problem.model.joint_of(k) for k in driven)
         raise CapabilityError(
             f"the mechanism has {few.freedom} degrees of freedom, and its actuated joints ({names}) command "
-            f"{few.commanded} of them anywhere; allowed: as many independent ones, in 'actuated'"
+            f"{few.commanded} of them anywhere; allowed: as many independent ones, in 'actuated'",
+            key="actuated",
         ) from None
     except LostRank as lost:
         raise lost_rank(problem, lost, times, q) from None

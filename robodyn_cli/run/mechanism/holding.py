@@ -60,11 +60,12 @@ def _shared(
             raise SingularConfigurationError(
                 f"dead point of the actuators: {', '.join(names)} cannot hold the mechanism in this configuration, "
                 f"which leaves {few.freedom - few.commanded} of its {few.freedom} degrees of freedom to itself",
-                kind="dead_point", q=q.tolist(),
+                key="actuated", kind="dead_point", q=q.tolist(),
             ) from None  # fmt: skip
         raise CapabilityError(
             f"the mechanism has {few.freedom} degrees of freedom, and its actuated joints ({', '.join(names)}) hold "
-            f"{few.commanded} of them; name more in 'actuated', or find the balance (statics.find: balance)"
+            f"{few.commanded} of them; name more in 'actuated', or find the balance (statics.find: balance)",
+            key="actuated",
         ) from None
     except LostRank as lost:
         raise lost_rank(problem, lost, np.zeros(1), q[None]) from None

@@ -53,6 +53,6 @@ def _by_last_step(key: str) -> str:
         return "deg"
     if last.endswith("_relative") or key.startswith("counters."):
         return "1"
-    if last.endswith(("time", "time_error")):
+    if last.endswith(("time", "time_error", "duration", "duration_error")):
         return "s"
     return LAST.get(last, UNKNOWN)
