@@ -207,8 +207,9 @@ class Problem:
         return terms
 
     def gear_losses(self, smooth: bool) -> dict[int, Scalar]:
-        """Return the torques of losses in gears by velocity index: of the drives (``smooth``) or of the load."""
-        if not geared(self.model):
+        """Return the torques of losses in gears by velocity index: of the drives (``smooth``) or of the load; that
+        depends on how actuators share it where there are loops (``losses_along``)."""
+        if not geared(self.model) or (self.model.closures and not smooth):
             return {}
         terms = self.joint_forces(smooth)
         if smooth:

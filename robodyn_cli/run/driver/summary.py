@@ -17,6 +17,7 @@ from robodyn_cli.run.observation.recorder import Recorder
 
 if TYPE_CHECKING:
     from robodyn_cli.run.driver.redundancy import Redundant
+    from robodyn_cli.run.sizing.figures import DriveFigures
 
 
 @record
@@ -107,6 +108,8 @@ class MotionSummary:
     payloads: dict[str, dict[str, float]] | Absent = ABSENT
     passed: list[float] | Absent = ABSENT
     final: FinalState | Absent = ABSENT
+    drives: dict[str, DriveFigures] | Absent = ABSENT
+    catalogue: str | Absent = ABSENT
 
 
 def motion_summary(run: Run, judgement: Judgement, estimate: ErrorEstimate | None) -> MotionSummary:

@@ -171,7 +171,7 @@ class ModelFunctions:
 
         frame : a named point or frame, a link, or a place such as ``LINK.end``.
         """
-        from robodyn_cli.run.observation.places import world_pose
+        from robodyn_cli.algorithms.kinematics import world_pose
 
         problem, place = self._place(frame)
 

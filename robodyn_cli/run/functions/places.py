@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from robodyn_cli.algorithms.kinematics import point_jacobian
+from robodyn_cli.algorithms.kinematics import world_jacobian
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.model.model import FixedFrame
 from robodyn_cli.spatial.algebra import Matrix, Vector, zeros
@@ -15,11 +15,8 @@ def frame_jacobian(problem: Problem, frame: FixedFrame) -> Matrix:
 
     J v is the frame's twist (w, v) as ``frames/NAME/twist`` of a result has it.
     """
-    model = problem.model
-    to_world = model.base.E.T
-    at = problem.pose[frame.body].point(frame.p)
-    linear, angular = point_jacobian(model, problem.q, problem.pose, frame.body, at)
-    return np.concatenate([to_world @ angular, to_world @ linear])
+    linear, angular = world_jacobian(problem.model, problem.q, problem.pose, frame)
+    return np.concatenate([angular, linear])
 
 
 def centre_of_mass(problem: Problem) -> Vector:
