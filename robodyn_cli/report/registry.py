@@ -49,6 +49,7 @@ ANALYSES: dict[str, tuple[str, ...]] = {
     "info": ("state",),
     "linearise": ("poles", "mode_shapes", "frequency_response"),
     "stability": ("stability_spectrum", "stability_methods", "energy_growth", "baumgarte", "stability_suite"),
+    "sensitivity": ("sensitivity_tornado",),
     "sweep": ("study_response", "study_map", "study_histograms", "study_influence"),
     "work-precision": ("work_precision",),
 }
