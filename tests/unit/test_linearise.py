@@ -236,6 +236,20 @@ def test_along_an_inverse_motion() -> None:
     assert result.summary["growth"]["largest"] == pytest.approx(result["linear/poles_real"].max())
 
 
+def test_a_controller_is_left_out() -> None:
+    """About a state, and along the motion that it makes, where its torques are constants."""
+    control = (
+        "control={type: pd, reference: {type: joint, duration: 0.5, q: {theta1: -1, theta2: 0.2}}, gains: {kp: 200, kd: 30}}"
+    )
+    scene = load_scene(PENDULUM, [control, "simulate.duration=0.5", "simulate.samples=11"])
+    plain = load_scene(PENDULUM)
+    assert_close(linearise(scene)["linear/A"], linearise(plain)["linear/A"], 1e-14)
+    result = linearise(scene, about="motion")
+    m, run = Mechanism(plain), simulate(scene)
+    of_a = m.forward_dynamics_derivatives(run["q"], run["qd"], run["tau"])
+    assert_close(result["linear/A"][:, 2:], np.concatenate([of_a.dq, of_a.dqd], axis=2), 1e-9)
+
+
 def test_redundant_rows_change_nothing() -> None:
     """The parallelogram's rows depend on each other; it swings as one bar does."""
     scene = load_scene(CONFIGS / "parallelogram.yaml")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -55,17 +56,20 @@ def nominal(scene: Scene, asked: Question, watch: Stopwatch) -> Nominal:
     from the balance, and from the motion.
     """
     refuse_changes(scene, "linearise")
+    wished = asked.inputs
+    if scene.control is not None and not wished:
+        wished = scene.control.joints or ()
     if asked.about == "motion":
         problem, states, force = _along(scene, watch)
     else:
-        setup = prepare(scene, watch, neutral=True)
+        setup = prepare(plant_of(scene), watch, neutral=True)
         problem, states, force = setup.problem, _one(setup.assembled.q, setup.assembled.v), _applied
     if geared(problem.model):
         raise CapabilityError(
             "losses of gears depend on the direction of power, which changes about a state; linearise takes gears "
             "without 'gear'"
         )
-    inputs = inputs_of(problem, asked.inputs)
+    inputs = inputs_of(problem, wished)
     if asked.about == "balance":
         states = _balance(problem, states)
     elif asked.about == "hold":
@@ -76,6 +80,15 @@ def nominal(scene: Scene, asked: Question, watch: Stopwatch) -> Nominal:
     if asked.about == "hold":
         states = _held(equations, states, inputs, places)
     return Nominal(asked.about, equations, states, inputs, places)
+
+
+def plant_of(scene: Scene) -> Scene:
+    """Return a scene without its controller, which is no part of the linear model of what it drives."""
+    if scene.control is None:
+        return scene
+    return dataclasses.replace(
+        scene, control=None, outputs=dataclasses.replace(scene.outputs, signals={}), expect={}
+    )
 
 
 def _one(q: Array, v: Array) -> States:
@@ -149,6 +162,8 @@ def _held(equations: Equations, states: States, inputs: Sequence[int], places: t
 def _along(scene: Scene, watch: Stopwatch) -> tuple[Problem, States, Callable[[Problem], Vector]]:
     """Return states along the motion of the scene's command: ``inverse``, or ``simulate``.
 
+    Torques of ``inverse`` and of a controller are constants there, other torques belong to the model.
+
     Raises
     ------
     CapabilityError : another command's.
@@ -166,12 +181,14 @@ def _along(scene: Scene, watch: Stopwatch) -> tuple[Problem, States, Callable[[P
         else:
             from robodyn_cli.run.simulate import simulate
 
-            result, force = simulate(scene), _applied
-            tau = np.zeros_like(result["qd"])
+            result = simulate(scene)
+            force, tau = _applied, np.zeros_like(result["qd"])
+            if scene.control is not None:
+                force, tau = _passive, result["tau"]
     if scene.command == "inverse":
         from robodyn_cli.run.mechanism.motion import with_led_point
 
         problem = Problem(with_led_point(scene))
     else:
-        problem = prepare(scene, watch).problem
+        problem = prepare(plant_of(scene), watch).problem
     return problem, States(result.time, result["q"], result["qd"], result["qdd"], tau), force
