@@ -47,6 +47,7 @@ AT_REST = ("assemble", "reach", "statics")
 # drawings of commands whose result is no motion
 ANALYSES: dict[str, tuple[str, ...]] = {
     "info": ("state",),
+    "linearise": ("poles", "mode_shapes", "frequency_response"),
     "stability": ("stability_spectrum", "stability_methods", "energy_growth", "baumgarte", "stability_suite"),
     "sensitivity": ("sensitivity_tornado",),
     "sweep": ("study_response", "study_map", "study_histograms", "study_influence"),
