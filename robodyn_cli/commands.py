@@ -41,6 +41,7 @@ COMMANDS: dict[str, Command] = {
     "statics": Command(
         "Balance and its stability, or torques that hold a pose.", "mechanism.statics:statics", brief=True
     ),
+    "size": Command("Find the cheapest or lightest motors and gears for a motion.", "sizing.size:size"),
     "plan": Command("What a scene needs, what is left out, and operations."),
     "animate": Command("Make a movie of a result, or a strip of stills."),
     "cache": Command("Show how much compiled code is kept, or clear it."),

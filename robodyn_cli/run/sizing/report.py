@@ -134,7 +134,7 @@ class AtRest:
             t=moved.times[:, None], q=moved.q, v=still, a=still, p=np.zeros((len(moved.times), 0))
         )
         nv = problem.model.nv
-        R = _following(problem, arrays["psi"].reshape(len(moved.times), len(rows), nv))
+        R = following(problem, arrays["psi"].reshape(len(moved.times), len(rows), nv))
         if R is None:
             return AtRest(None, None)
         M_t = arrays["M"].reshape(-1, nv, nv) if "M" in arrays else None
@@ -142,7 +142,7 @@ class AtRest:
         return AtRest(inertia, np.einsum("tik,ti->tk", R, arrays["hold"]) if "hold" in arrays else None)
 
 
-def _following(problem: Problem, psi: Array) -> Array | None:
+def following(problem: Problem, psi: Array) -> Array | None:
     """Return R (T, nv, nv), whose column k is the motion of all joints while joint k moves and the other driven ones
     rest; None where these motions are not unique."""
     samples, rows, nv = psi.shape
