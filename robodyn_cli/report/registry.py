@@ -49,6 +49,7 @@ ANALYSES: dict[str, tuple[str, ...]] = {
     "info": ("state",),
     "size": ("size_front", "drives"),
     "stability": ("stability_spectrum", "stability_methods", "energy_growth", "baumgarte", "stability_suite"),
+    "sensitivity": ("sensitivity_tornado",),
     "sweep": ("study_response", "study_map", "study_histograms", "study_influence"),
     "work-precision": ("work_precision",),
 }

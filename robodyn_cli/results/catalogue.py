@@ -69,6 +69,11 @@ ENTRIES: tuple[Entry, ...] = (
     Entry(
         "energy/work", ("time",), "J", "work done on the system by non-conservative forces since the start"
     ),
+    Entry("control/reference", ("time", "tracked"), "rad or m", "what the controller follows"),
+    Entry("control/error", ("time", "tracked"), "rad or m", "reference less motion"),
+    Entry("control/torque", ("time", "driven"), "N m or N", "torque or force of the controller"),
+    Entry("control/states", ("time", "control_state"), "1", "states of the controller"),
+    Entry("signals/NAME", ("time",), "1", "signal of `outputs.signals`, in the unit that the scene states"),
     Entry("forces/potential", ("time", "force"), "J", "potential energy of each entry of `forces`"),
     Entry(
         "forces/power", ("time", "force"), "W", "power of each entry of `forces` beside its potential energy"

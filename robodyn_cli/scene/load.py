@@ -271,7 +271,17 @@ def formula_names(root: Node) -> Names:
             types[name.text] = type_.text if isinstance(type_, Scalar) else ""
     parameters = root.get("parameters") if isinstance(root, Mapping) else None
     keys = [key.text for key, _ in parameters.entries] if isinstance(parameters, Mapping) else []
-    return Names(tuple(moving), tuple(keys), tuple(fixed), tuple(rates), types)
+    control = root.get("control") if isinstance(root, Mapping) else None
+    states = _controller_states(control, moving) if isinstance(control, Mapping) else ()
+    return Names(tuple(moving), tuple(keys), tuple(fixed), tuple(rates), types, states)
+
+
+def _controller_states(control: Mapping, joints: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the states that a controller has: those of its own, or its integrals."""
+    kind, own = control.get("type"), control.get("state")
+    if isinstance(kind, Scalar) and kind.text == "pid":
+        return tuple(f"integral.{name}" for name in joints)
+    return tuple(key.text for key, _ in own.entries) if isinstance(own, Mapping) else ()
 
 
 def is_part(path: str | os.PathLike[str]) -> bool:

@@ -53,6 +53,8 @@ def _plain(kind: kinds.Kind) -> str:
         return "a map from keys of the summary to what is expected there"
     if isinstance(kind, kinds.Variations):
         return "a map from keys of the scene to what they vary over"
+    if isinstance(kind, kinds.Settings):
+        return "a map from keys of the scene to values"
     if isinstance(kind, kinds.CsvFile):
         return "the path of a CSV or HDF5 file"
     if isinstance(kind, kinds.MeshFile):

@@ -124,6 +124,11 @@ class Variations(Kind):
 
 
 @record
+class Settings(Kind):
+    """A map from key paths of the scene to values, each of which is read as the text of ``--set`` (``0.8``)."""
+
+
+@record
 class Section(Kind):
     """A nested section described by another dataclass."""
 
@@ -235,7 +240,7 @@ def key(kind: Kind, *, default: Any = REQUIRED, unit: str = "", doc: str = "", n
     metadata = {"kind": kind, "unit": unit, "doc": doc, "name": name}
     if default is REQUIRED:
         return dataclasses.field(metadata=metadata)
-    maps = (MapOf, Criteria, Variations)
+    maps = (MapOf, Criteria, Variations, Settings)
     if default is None and any(isinstance(k, maps) for k in getattr(kind, "kinds", (kind,))):
         return dataclasses.field(default_factory=dict, metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)

@@ -134,6 +134,8 @@ class _Maker:
             return {"type": ["object", "null"], "additionalProperties": value}
         if isinstance(kind, kinds.Variations):
             return {"type": "object", "additionalProperties": {"type": ["string", "array"]}}
+        if isinstance(kind, kinds.Settings):
+            return {"type": ["object", "null"]}
         return self.composite(kind)
 
     def composite(self, kind: kinds.Kind) -> Schema:

@@ -114,20 +114,6 @@ def _horner(c: Array, s: Array) -> Array:
     return np.asarray(found)
 
 
-def side_by_side(courses: Sequence[Course]) -> Course:
-    """Return the functions of several courses together; each is held at rest outside of its own time."""
-    held = [course.at_rest_outside() for course in courses]
-    first, last = min(c.knots[0] for c in courses), max(c.knots[-1] for c in courses)
-    knots = np.unique(np.concatenate([c.knots for c in courses]))
-    knots = knots[(knots >= first) & (knots <= last)]
-    degree = max(len(c.c) for c in courses)
-    parts = []
-    for course in held:
-        c = course.refined(knots).c
-        parts.append(np.concatenate([c, np.zeros((degree - len(c), *c.shape[1:]))]))
-    return Course(knots, np.concatenate(parts, axis=2))
-
-
 def one_after_another(courses: Sequence[Course]) -> Course:
     """Return courses of the same functions chained: each begins when the one before it ends."""
     degree = max(len(course.c) for course in courses)

@@ -13,7 +13,7 @@ from robodyn_cli.run.inverse.inverse import inverse
 from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene import load_scene_text
 from robodyn_cli.spatial import quaternion
-from robodyn_cli.trajectories.course import Course, side_by_side
+from robodyn_cli.trajectories.course import Course
 from robodyn_cli.trajectories.laws import fastest
 from tests.numeric import assert_close
 
@@ -128,18 +128,6 @@ def test_laws_keep_to_their_limits_and_reach_one(seed: int) -> None:
     assert max(shares) < 1.0 + 1e-9 and max(shares) > 1.0 - 1e-9, "no limit is reached"
     middle = np.linspace(0.0, course.duration, 101)
     assert_close(course(middle)[:, 0] + course(middle)[::-1, 0], np.ones(101), 1e-12)
-
-
-def test_courses_side_by_side_and_on_more_knots() -> None:
-    rng = np.random.default_rng(2)
-    first = Course([0.0, 0.4, 1.0], rng.standard_normal((4, 2, 2)))
-    second = Course([0.3, 0.9], rng.standard_normal((6, 1, 1)))
-    both, times = side_by_side([first, second]), np.linspace(0.0, 1.0, 57)
-    assert_close(both(times)[:, :2], first(times), 1e-12, scale=1.0)
-    inside = (times >= 0.3) & (times < 0.9)
-    for order in range(4):
-        assert_close(both(times[inside], order)[:, 2:], second(times[inside], order), 1e-11, scale=10.0)
-    assert not both(times[times < 0.3], 1)[:, 2].any()
 
 
 def test_the_largest_value_of_a_course() -> None:

@@ -41,6 +41,7 @@ def describe(summary: Mapping[str, Any]) -> str:
         lines.append(table(list(zip(["joint", *joints], *_columns(list(joints.values()))))))
     for label, key, unit in (
         ("path error", "ik_residual", "m"),
+        ("attitude error", "attitude_residual", "rad"),
         ("round trip error", "round_trip", "relative, forward dynamics after inverse"),
     ):
         value = summary.get(key)

@@ -50,6 +50,7 @@ class ErrorEstimate:
     """Errors of the figures; see ``checks.error_estimate``."""
 
     ik_residual: float | Absent
+    attitude_residual: float | Absent
     round_trip: float | None
     energy_balance: float
     energy_balance_relative: float
@@ -81,6 +82,7 @@ class InverseSummary:
     fastest: FastestFigures | Absent
     inverse_kinematics: str | Absent
     ik_residual: float | Absent
+    attitude_residual: float | Absent
     error_estimate: ErrorEstimate
     round_trip: float | None
     constraint_residual: Residual | Absent
