@@ -185,6 +185,15 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert "--by: unknown choice 'price'; allowed: cost, mass" in capsys.readouterr().err
 
 
+def test_kinds_of_motor(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    result = size(load_scene_text(ARM), types=("stepper",))
+    assert {drive["motor"] for drive in result.summary["drives"].values()} == {"steps"}
+    path = tmp_path / "arm.yaml"
+    path.write_text(ARM, encoding="utf-8")
+    assert run(["size", str(path), "--types", "dc, servo", "--no-plots", "--out", str(tmp_path / "out")]) == 2
+    assert "unknown kind of motor 'servo'; allowed: dc, brushless" in capsys.readouterr().err
+
+
 def test_what_cannot_be_sized() -> None:
     with pytest.raises(SceneError, match="joint 'a' says by 'gear_ratio' what drives it"):
         size(load_scene_text(ARM.replace("name: a, ", "name: a, gear_ratio: 3, ")))

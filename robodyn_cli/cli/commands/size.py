@@ -23,6 +23,7 @@ from robodyn_cli.cli.options import (
 from robodyn_cli.cli.runner import SceneRun, run_scene
 from robodyn_cli.cli.words import cost_line, drive_lines, number, table
 from robodyn_cli.errors import SceneError
+from robodyn_cli.motors.registry import motor_types
 
 BY = ("cost", "mass")
 
@@ -71,6 +72,15 @@ def command(
             show_default=False,
         ),
     ] = None,
+    types: Annotated[
+        str | None,
+        typer.Option(
+            "--types",
+            metavar="TYPE,...",
+            help="Kinds of motor to choose from. [default: all]",
+            show_default=False,
+        ),
+    ] = None,
     out: OutDir = None,
     overrides: Overrides = None,
     no_plots: NoPlots = False,
@@ -83,6 +93,10 @@ def command(
     """Size the drives of a scene; return the exit code, 1 where nothing bears the motion of a joint."""
     if by not in BY:
         raise SceneError(f"--by: unknown choice {by!r}; allowed: {', '.join(BY)}")
+    kinds = tuple(kind.strip() for kind in types.split(",")) if types is not None else ()
+    for kind in kinds:
+        if kind not in motor_types:
+            raise SceneError(f"--types: unknown kind of motor {kind!r}; allowed: {', '.join(motor_types)}")
     job = SceneRun(
         "size",
         scene,
@@ -90,6 +104,6 @@ def command(
         overrides or (),
         drawings(no_plots, plots, format_),
         strict,
-        options={"by": by, "margin": margin},
+        options={"by": by, "margin": margin, "types": kinds},
     )
     return run_scene(job, Console(as_json, quiet), describe)

@@ -188,7 +188,9 @@ def motor_limits(
         found["continuous"] = Use(curves.continuous.use(rms(cycle.speed, step), rms(cycle.torque, step)))
     if thermal is not None and cycle.temperature is not None:
         bears = thermal.max_temperature - supply.ambient
-        found["winding"] = Use.most((cycle.temperature - supply.ambient) / bears)
+        part = (cycle.temperature - supply.ambient) / bears
+        # the losses of a stepper are always the same
+        found["winding"] = Use(part.max(axis=-1)) if cycle.current is None else Use.most(part)
     return found
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -74,6 +74,7 @@ def size(
     scene: Scene,
     by: str = "cost",
     margin: float | None = None,
+    types: Sequence[str] = (),
     progress: Progress = no_progress,
     watch: Stopwatch | None = None,
 ) -> Result:
@@ -87,6 +88,7 @@ def size(
     ----------
     by : what is to be small, ``cost`` or ``mass``; the other decides between equals.
     margin : part of each limit that is to be left; default: that of each drive.
+    types : kinds of motor to choose from; default: all.
 
     Returns
     -------
@@ -105,7 +107,7 @@ def size(
     with watch.stage("responses"):
         responses = Responses.of(scene, drives)
     with watch.stage("size"):
-        search = Search.of(responses, drives, scene.catalogue, by)
+        search = Search.of(responses, drives, _of_types(scene.catalogue, types), by)
         sweeps = search.run()
     with watch.stage("load"):
         chosen = family.scene([*settings, *_chosen(scene, search)])
@@ -115,6 +117,12 @@ def size(
     sizing = _sizing(search, sweeps, result.summary["drives"])
     result.summary = {**result.summary, **result.head, "size": as_keys(sizing), "wall_time_s": watch.report()}
     return result
+
+
+def _of_types(catalogue: Catalogue, types: Sequence[str]) -> Catalogue:
+    """Return the catalogue with motors of some kinds alone, of all where none is named."""
+    kept = {name: motor for name, motor in catalogue.motors.items() if not types or motor.type in types}
+    return dataclasses.replace(catalogue, motors=kept)
 
 
 def _asked(scene: Scene, margin: float | None) -> dict[str, Drive]:
