@@ -32,16 +32,24 @@ def with_drives(summary: Summary, result: Result, scene: Scene, problem: Problem
     """
     times = result.time
     if len(times) < 2 or float(np.ptp(np.diff(times))) > 1e-9 * float(times[-1]):
-        what = "the samples are not uniform in time, so there are no figures of drives"
-        own = getattr(summary, "warnings", ABSENT)
-        return dataclasses.replace(summary, warnings=[*([] if own is ABSENT else own), what])  # type: ignore[type-var]
+        return _warned(summary, "the samples are not uniform in time, so there are no figures of drives")
     drives = Drives.of(scene, problem, Moved(times, *(result[name] for name in ("q", "qd", "qdd", "tau"))))
     drives.add_to(result)
     figures = drives.figures()
     if not all(one.passes for one in figures.values()):
         result.status = UNDERSIZED
+    for name, one in drives.evaluated.items():
+        if one.train.brake is not None and "brake" not in one.uses:
+            what = "data, payloads or loops leave open what holds it at rest"
+            summary = _warned(summary, f"the brake of joint {name!r} is not checked: {what}")
     title = scene.catalogue.title or ABSENT
     return dataclasses.replace(summary, drives=figures, catalogue=title)  # type: ignore[type-var]
+
+
+def _warned(summary: Summary, what: str) -> Summary:
+    """Return a summary with one more warning."""
+    own = getattr(summary, "warnings", ABSENT)
+    return dataclasses.replace(summary, warnings=[*([] if own is ABSENT else own), what])  # type: ignore[type-var]
 
 
 @record
