@@ -106,6 +106,12 @@ def did_you_mean(word: str, options: Iterable[str]) -> str:
     return f" (did you mean {near!r}?)" if near is not None else ""
 
 
+def unknown_name(what: str, name: str, options: Iterable[str]) -> str:
+    """Return the message about a name that there is not."""
+    options = list(options)
+    return f"unknown {what} {name!r}{did_you_mean(name, options)}; allowed: {', '.join(options)}"
+
+
 def nearest_word(word: str, options: Iterable[str]) -> str | None:
     """Return the option that ``word`` may be a slip of the pen for, or None."""
     import difflib  # only when something is already wrong

@@ -113,6 +113,22 @@ def point_jacobian(
     return linear, angular
 
 
+def world_pose(model: Model, pose: dict[int, Pose], frame: FixedFrame) -> Pose:
+    """Return the pose of a frame in world coordinates."""
+    here = pose[frame.body]
+    R, p = here.R @ frame.R, here.point(frame.p)
+    return Pose(model.base.E.T @ R, model.base.point(p))
+
+
+def world_jacobian(
+    model: Model, q: Values, pose: dict[int, Pose], frame: FixedFrame
+) -> tuple[Matrix, Matrix]:
+    """Return the Jacobians (3, nv) of the velocity of a frame's origin and of its angular velocity, in the world."""
+    linear, angular = point_jacobian(model, q, pose, frame.body, pose[frame.body].point(frame.p))
+    to_world = model.base.E.T
+    return to_world @ linear, to_world @ angular
+
+
 def step_velocity(body: Body, X: Transform, q: Vector, qd: Vector, parent: Twist) -> Twist:
     """Return a body's velocity from its parent's, both in body coordinates: v = X v_p + S qd (table 5.1)."""
     return parent.to_child(X) + Twist.along(body.joint.S(q), qd)

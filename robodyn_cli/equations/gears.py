@@ -6,10 +6,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar, is_nonzero
 from robodyn_cli.model.model import Body, JointForce, Model
-from robodyn_cli.spatial.algebra import Values, Vector
+from robodyn_cli.spatial.algebra import Array, Values, Vector
 
 
 def depends_on_load(force: JointForce) -> bool:
@@ -57,6 +59,25 @@ def losses_of_load(
     return found
 
 
+def losses_along(model: Model, tau: Array, friction: Array, a: Array, v: Array) -> Array:
+    """Return the torques of the losses (T, nv) of gears in a mechanism with loops, along a motion.
+
+    The joint gets L = tau - N^2 J v-dot + tau_friction where friction is on the motor's side, else tau - N^2 J v-dot.
+
+    Parameters
+    ----------
+    tau : (T, nv) of the actuators if gears had no losses. friction : torque in the joints. a, v : (T, nv).
+    """
+    lost = np.zeros_like(tau)
+    for body, gear in geared(model):
+        k = gear.v
+        load = tau[:, k] - float(body.rotors[k - body.v]) * a[:, k]
+        if _on_motor(body, k):
+            load = load + friction[:, k]
+        lost[:, k] = gear.element.torque_of_load(load, v[:, k])
+    return lost
+
+
 def losses_of_drive(
     model: Model, drive: Values, v: Values, terms: Mapping[str, Vector], prescribed: Mapping[str, Any]
 ) -> dict[int, Scalar]:
@@ -74,7 +95,8 @@ def losses_of_drive(
             what = "rotor_inertia" if gear.name not in prescribed else "prescribed motion"
             raise CapabilityError(
                 f"joint {gear.name}: gear losses together with {what} are done by `inverse` only; allowed in "
-                "simulations: gear losses without rotor inertia, of joints driven by torques"
+                "simulations: gear losses without rotor inertia, of joints driven by torques",
+                joint=gear.name,
             )
         torque: Any = drive[k]
         if "friction" in terms and _on_motor(body, k):
@@ -82,5 +104,5 @@ def losses_of_drive(
         try:
             found[k] = gear.element.torque_of_drive(torque, v[k])
         except CapabilityError as error:
-            raise CapabilityError(f"joint {gear.name}: {error.message}") from error
+            raise CapabilityError(f"joint {gear.name}: {error.message}", joint=gear.name) from error
     return found

@@ -211,13 +211,13 @@ class Problem:
         return terms
 
     def gear_losses(self, smooth: bool) -> dict[int, Scalar]:
-        """Return the torques of losses in gears by velocity index: of the drives (``smooth``) or of the load."""
-        if not geared(self.model):
+        """Return the torques of losses in gears by velocity index: of the drives (``smooth``) or of the load; that
+        depends on how actuators share it where there are loops (``losses_along``)."""
+        if not geared(self.model) or (self.model.closures and not smooth):
             return {}
         terms, elements = self.joint_forces(smooth), self.elements.torques
         if smooth:
-            given = self.scene.prescribed
-            return losses_of_drive(self.model, self.actuator_torques, self.v, terms, given)
+            return losses_of_drive(self.model, self.actuator_torques, self.v, terms, self.scene.prescribed)
         return losses_of_load(self.model, self.inverse_dynamics, self.a, self.v, terms, elements)
 
     @cached_property

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from robodyn_cli.errors import CapabilityError, did_you_mean
+from robodyn_cli.errors import CapabilityError, unknown_name
 from robodyn_cli.record import record
 
 FOLDER = Path(__file__).parent
@@ -39,9 +39,7 @@ def find_robot(name: str) -> Robot:
     CapabilityError : there is no robot of that name.
     """
     if name not in ROBOTS:
-        raise CapabilityError(
-            f"unknown robot {name!r}{did_you_mean(name, ROBOTS)}; allowed: {', '.join(ROBOTS)}"
-        )
+        raise CapabilityError(unknown_name("robot", name, ROBOTS))
     text = (FOLDER / f"{name}.yaml").read_text(encoding="utf-8")
     title, command = (re.findall(rf"^{key}: (.+)$", text, re.MULTILINE)[0] for key in ("title", "command"))
     return Robot(name, title, command, text)

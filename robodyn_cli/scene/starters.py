@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from robodyn_cli.errors import CapabilityError, did_you_mean
+from robodyn_cli.errors import CapabilityError, unknown_name
 from robodyn_cli.record import record
 
 _ARM = """\
@@ -302,7 +302,5 @@ def find_starter(kind: str) -> Starter:
     CapabilityError : there is no such kind.
     """
     if kind not in STARTERS:
-        raise CapabilityError(
-            f"unknown kind {kind!r}{did_you_mean(kind, STARTERS)}; allowed: {', '.join(STARTERS)}"
-        )
+        raise CapabilityError(unknown_name("kind", kind, STARTERS))
     return STARTERS[kind]

@@ -44,6 +44,7 @@ from robodyn_cli.schema.fields import (
     Formula,
     Integer,
     JointMap,
+    LaterSection,
     ListOf,
     MapOf,
     Name,
@@ -325,6 +326,16 @@ class Scene:
         default=None,
         unit="N m or N",
         doc="Actuator torques: a number, a formula in t, q and qd, or a table.",
+    )
+    drives: dict[str, Any] = key(
+        MapOf(LaterSection("motors.drive:Drive"), of="joint"),
+        default=None,
+        doc="Motors, gears and brakes of joints, whose torques, heat and limits `inverse` and `simulate` report.",
+    )
+    catalogue: Any = key(
+        OrFile(LaterSection("motors.drive:Catalogue"), catalogue=True),
+        default=None,
+        doc="Motors, gears and brakes that `drives` and `size` choose from; default: the example catalogue.",
     )
     control: Any = key(
         OrFile(Tagged(_controllers)),

@@ -7,6 +7,7 @@ The same description serves the reader (``scene/read.py``), the error messages a
 from __future__ import annotations
 
 import dataclasses
+import importlib
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -134,6 +135,22 @@ class Section(Kind):
     cls: type
 
 
+class LaterSection(Section):
+    """A section whose dataclass, at ``place`` as ``module:member``, is imported for scenes that have it alone."""
+
+    place: str
+
+    def __init__(self, place: str) -> None:
+        object.__setattr__(self, "place", place)
+
+    @property
+    def cls(self) -> type:
+        """The dataclass."""
+        module, _, member = self.place.partition(":")
+        found: type = getattr(importlib.import_module(f"robodyn_cli.{module}"), member)
+        return found
+
+
 @record
 class Tagged(Kind):
     """A section whose dataclass is chosen by the value of its ``type`` key, from a registry."""
@@ -163,10 +180,12 @@ class OrFile(Kind):
 
     A map with the key ``include`` takes over the keys of that file, but for those that it gives itself. ``robot`` : the
     file may be a URDF too; beside ``include`` a ``prefix`` goes before all names, and ``attach`` adds parts.
+    catalogue : the file may be a CSV table too, with a line for each motor, gear and brake.
     """
 
     item: Kind
     robot: bool = False
+    catalogue: bool = False
 
 
 @record

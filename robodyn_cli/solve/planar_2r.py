@@ -118,19 +118,9 @@ class Planar2R:
         )
 
     def angles(self, plane: PlaneMotion, branch: float) -> tuple[Array, Array]:
-        """Return phi and beta (T,), principal values, of the branch with the sign ``branch`` of beta.
-
-        tan^2(beta / 2) = ((l1 + l2)^2 - r^2) / (r^2 - (l1 - l2)^2), which keeps its digits near the limits.
-        """
-        r = np.hypot(plane.x, plane.y)
-        outer, inner = self.l1 + self.l2, abs(self.l1 - self.l2)
-        near = np.sqrt(np.maximum(0.0, (outer - r) * (outer + r)))
-        far = np.sqrt(np.maximum(0.0, (r - inner) * (r + inner)))
-        beta = branch * 2.0 * np.arctan2(near, far)
-        phi = np.arctan2(plane.y, plane.x) - np.arctan2(
-            self.l2 * np.sin(beta), self.l1 + self.l2 * np.cos(beta)
-        )
-        return phi, beta
+        """Return phi and beta (T,) of the branch with the sign ``branch`` of beta, which is a principal value."""
+        beta, lean = two_bars(self.l1, self.l2, np.hypot(plane.x, plane.y))
+        return np.arctan2(plane.y, plane.x) - branch * lean, branch * beta
 
     def rates(self, plane: PlaneMotion, phi: Array, beta: Array) -> tuple[Array, Array, Array, Array]:
         """Return phi-dot, beta-dot, phi-ddot, beta-ddot (T,); infinite in singular poses (sin beta = 0)."""
@@ -163,6 +153,20 @@ class Planar2R:
     def bend(self, q: Array) -> float:
         """Return the principal value of beta at joint positions q (2,)."""
         return _principal(self.beta0 + self.turn * float(q[self.second]))
+
+
+def two_bars(first: float, second: float, r: Array) -> tuple[Array, Array]:
+    """Return the bend (T,) in [0, pi] of two bars whose free ends are ``r`` (T,) apart, and how far they lean (T,).
+
+    That is the angle from the first bar to the line between the free ends, towards the side of the bend. Ends that
+    the bars do not reach leave them stretched, or folded.
+    tan^2(bend / 2) = ((l1 + l2)^2 - r^2) / (r^2 - (l1 - l2)^2), which keeps its digits near the limits.
+    """
+    outer, inner = first + second, abs(first - second)
+    near = np.sqrt(np.maximum(0.0, (outer - r) * (outer + r)))
+    far = np.sqrt(np.maximum(0.0, (r - inner) * (r + inner)))
+    bend = 2.0 * np.arctan2(near, far)
+    return bend, np.arctan2(second * np.sin(bend), first + second * np.cos(bend))
 
 
 def _principal(angle: float) -> float:

@@ -7,7 +7,13 @@ from typing import Protocol
 
 import numpy as np
 
-from robodyn_cli.algorithms.kinematics import point_jacobian, poses, position_rates, transforms
+from robodyn_cli.algorithms.kinematics import (
+    poses,
+    position_rates,
+    transforms,
+    world_jacobian,
+    world_pose,
+)
 from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.expr.rebuild import evaluate
@@ -51,15 +57,13 @@ class PointKinematics:
         oriented: bool = False,
     ) -> PointKinematics:
         """Build the expressions over the symbols q (nq,) and v (nv,)."""
-        X = transforms(model, q)
-        pose = poses(model, X)
-        at = pose[frame.body].point(frame.p)
-        linear, angular = point_jacobian(model, q, pose, frame.body, at)
-        to_world = model.base.E.T
-        p, entries = list(model.base.point(at)[:components]), list((to_world @ linear)[:components].flat)
+        pose = poses(model, transforms(model, q))
+        here = world_pose(model, pose, frame)
+        linear, angular = world_jacobian(model, q, pose, frame)
+        p, entries = list(here.p[:components]), list(linear[:components].flat)
         if oriented:
-            p += list((to_world @ (pose[frame.body].R @ frame.R)).flat)
-            entries += list((to_world @ angular).flat)
+            p += list(here.R.flat)
+            entries += list(angular.flat)
         qd = position_rates(model, q, v)
         return PointKinematics(tuple(p), tuple(entries), tuple(directional(entries, q, qd)), model.nv)
 

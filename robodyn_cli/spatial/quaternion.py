@@ -54,6 +54,12 @@ def rotation(q: Values) -> Matrix:
     return R
 
 
+def rotations(q: Array) -> Array:
+    """Return the rotations (..., 3, 3) of quaternions (..., 4) of any length but zero."""
+    parts = rotation(list(np.moveaxis(q / np.linalg.norm(q, axis=-1, keepdims=True), -1, 0)))
+    return np.moveaxis(np.array(parts.tolist(), dtype=float), (0, 1), (-2, -1))
+
+
 def rate(q: Values, w: Values) -> Vector:
     """Return q-dot = q (0, w) / 2 for the angular velocity ``w`` (3,) in body coordinates."""
     return product(q, vector([0.0, *(0.5 * x for x in w)]))

@@ -69,6 +69,16 @@ class SceneNames(Protocol):
         ...
 
 
+def limit_key(what: str, unit: str, angle: bool = True) -> Any:
+    """Declare a key with a limit of each joint."""
+    return key(
+        JointMap(Number(minimum=0.0, exclusive=True, angle=angle), coordinates="v"),
+        default=None,
+        unit=unit,
+        doc=f"Largest {what} of each joint, either way; by default that in its `limits`.",
+    )
+
+
 @record
 class Ik:
     """Options of the inverse kinematics."""
@@ -113,13 +123,13 @@ def joint_problems(
     needed: Sequence[str] | None = None,
 ) -> Problems:
     """Report names that are no moving joints; else joints that ``names`` lacks (of ``needed``, by default all)."""
-    from robodyn_cli.errors import did_you_mean
+    from robodyn_cli.errors import unknown_name
 
     unknown = [name for name in names if name not in joints]
     for name in unknown:
         yield (
             (*path, name),
-            f"unknown joint {name!r}{did_you_mean(name, joints)}; allowed: {', '.join(joints)}",
+            unknown_name("joint", name, joints),
         )
     if unknown:
         return

@@ -21,6 +21,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.base import (
     Problems,
     SceneNames,
+    limit_key,
     limit_problems,
     position_problems,
     with_joint_limits,
@@ -68,15 +69,6 @@ class ThroughPoints(CourseTrajectory):
         return Course(s, CubicSpline(s, q, bc_type="natural").c[::-1])
 
 
-def _limit_key(what: str, unit: str, angle: bool = True) -> Any:
-    return key(
-        JointMap(Number(minimum=0.0, exclusive=True, angle=angle), coordinates="v"),
-        default=None,
-        unit=unit,
-        doc=f"Largest {what} of each joint, either way; by default that in its `limits`.",
-    )
-
-
 @record
 class FastestTrajectory:
     """A path in the least time, from rest to rest, under limits of speed, acceleration and effort of the joints.
@@ -95,9 +87,9 @@ class FastestTrajectory:
         default=None,
         doc="A trajectory whose path is taken, in joint or task space; it must not stand still on the way.",
     )
-    speed: dict[str, float] = _limit_key("speed", "rad/s or m/s")
-    acceleration: dict[str, float] = _limit_key("acceleration", "rad/s^2 or m/s^2")
-    effort: dict[str, float] = _limit_key("torque or force of the drive", "N m or N", angle=False)
+    speed: dict[str, float] = limit_key("speed", "rad/s or m/s")
+    acceleration: dict[str, float] = limit_key("acceleration", "rad/s^2 or m/s^2")
+    effort: dict[str, float] = limit_key("torque or force of the drive", "N m or N", angle=False)
     intervals: int = key(
         Integer(minimum=4, maximum=100_000),
         default=200,

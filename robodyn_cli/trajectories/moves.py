@@ -19,6 +19,7 @@ from robodyn_cli.spatial.algebra import Array, vector
 from robodyn_cli.trajectories.base import (
     Problems,
     SceneNames,
+    limit_key,
     limit_problems,
     position_problems,
     with_joint_limits,
@@ -47,15 +48,6 @@ class StopPoint:
     )
 
 
-def _limit_key(what: str, unit: str) -> Any:
-    return key(
-        JointMap(Number(minimum=0.0, exclusive=True, angle=True), coordinates="v"),
-        default=None,
-        unit=unit,
-        doc=f"Largest {what} of each joint; by default that in its `limits`.",
-    )
-
-
 @record
 class Moves(JointSpaceTrajectory):
     """What motions from stop to stop share: between two stops the joints move in proportion, on a straight line."""
@@ -64,8 +56,8 @@ class Moves(JointSpaceTrajectory):
     points: tuple[StopPoint, ...] = key(
         ListOf(Section(StopPoint), minimum=2), doc="Way points, in their order."
     )
-    speed: dict[str, float] = _limit_key("speed", "rad/s or m/s")
-    acceleration: dict[str, float] = _limit_key("acceleration", "rad/s^2 or m/s^2")
+    speed: dict[str, float] = limit_key("speed", "rad/s or m/s")
+    acceleration: dict[str, float] = limit_key("acceleration", "rad/s^2 or m/s^2")
     blend: float = key(
         Number(minimum=0.0, maximum=1.0),
         default=0.0,
@@ -249,4 +241,4 @@ class SCurveTrajectory(Moves):
     """From stop to stop in the least time under limits of speed, acceleration and jerk: accelerations do not jump."""
 
     type: str = key(Choice(("s_curve",)), doc="Kind of trajectory.")
-    jerk: dict[str, float] = _limit_key("rate of the acceleration", "rad/s^3 or m/s^3")
+    jerk: dict[str, float] = limit_key("rate of the acceleration", "rad/s^3 or m/s^3")

@@ -480,6 +480,7 @@ robot:
         ("lock.angles.slide", "m"),
         ("lock.angles_deg.hinge", "deg"),
         ("lock.time", "s"),
+        ("fastest.duration", "s"),
         ("lock.time_error", "s"),
         ("accelerations.slide", "m/s^2"),
         ("torques_of_joints.hinge", "N m"),

@@ -60,7 +60,7 @@ def _plain(ax: Axes) -> bool:
 
 
 def _panel(ax: Axes, legend: list[dict[str, Any]], arrays: Arrays) -> dict[str, Any]:
-    lines = [item for line in ax.lines for item in [_line(ax, line, arrays)] if item is not None]
+    lines = [_line(ax, line, arrays) for line in ax.lines if line.get_visible()]
     lines += [item for collection in ax.collections for item in _collected(ax, collection, arrays)]
     looks = {_look(entry): place for place, entry in reversed(list(enumerate(legend)))}
     for line in lines:
@@ -127,10 +127,8 @@ def _dashes(line: Line2D) -> list[float]:
     return recorder.found
 
 
-def _line(ax: Axes, line: Line2D, arrays: Arrays) -> dict[str, Any] | None:
+def _line(ax: Axes, line: Line2D, arrays: Arrays) -> dict[str, Any]:
     """Return a line with its points; coordinates from 0 to 1 along an axis whose data it does not have."""
-    if not line.get_visible():
-        return None
     x, y = (np.asarray(part, dtype=float) for part in line.get_data())
     return {**_style(line), **_points(ax, line, x, y, arrays)}
 
@@ -156,11 +154,8 @@ def _is_narrow(y: Array) -> bool:
 def _collected(ax: Axes, collection: Any, arrays: Arrays) -> list[dict[str, Any]]:
     """Return the lines of a collection."""
     segments, found = collection.get_segments(), []
-    colours, widths, dashes = (
-        collection.get_colors(),
-        collection.get_linewidths(),
-        collection.get_linestyles(),
-    )
+    colours, widths = collection.get_colors(), collection.get_linewidths()
+    dashes = collection.get_linestyles()
     for k, points in enumerate(segments):
         _, pattern = dashes[k % len(dashes)]
         look = {

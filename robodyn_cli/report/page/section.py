@@ -167,15 +167,8 @@ def _plots(result: Result, store: Store, moving: bool) -> Html | None:
     with styled():
         plots = [_plot(result, name, store) for name in names]
     thinned = any(is_thinned(chart) for chart in store.figures[first:])
-    return Html(
-        "".join(
-            [
-                tables.error_note(result.summary) or "",
-                element("p", THINNED, class_="note") if thinned else "",
-                element("div", plots, class_="plots"),
-            ]
-        )
-    )
+    note = element("p", THINNED, class_="note") if thinned else None
+    return markup([tables.error_note(result.summary), note, element("div", plots, class_="plots")])
 
 
 def _plot(result: Result, name: str, store: Store) -> Html:

@@ -81,7 +81,7 @@ def _cell(value: Any, aligned: bool) -> Html:
 
 def main_figures(result: Result) -> Html | None:
     """Return the main figures of a result with their errors, None of a command that has none."""
-    found = [table(one.head, one.rows[:MOST_ROWS], _cut(len(one.rows))) for one in figures.tables(result)]
+    found = [_first_rows(one.head, one.rows) for one in figures.tables(result)]
     return element("div", element("h3", "Main figures"), found) if found else None
 
 
@@ -90,20 +90,20 @@ def summary_tables(summary: Mapping[str, Any]) -> list[Html]:
     definitions = summary.get("definitions")
     meaning = definitions if isinstance(definitions, Mapping) else {}
     facts = {key: value for key, value in summary.items() if key not in APART}
-    found = _entry_tables("", facts, meaning)
+    found = _entry_tables(facts, is_open=True)
     if meaning:
         rows = [(named(key), text) for key, text in meaning.items()]
-        found.append(_folded("what the words mean", [table(("", ""), rows)], False))
+        found.append(_folded("what the words mean", [table(("", ""), rows)], is_open=False))
     return found
 
 
-def _entry_tables(title: str, facts: Mapping[str, Any], meaning: Mapping[str, Any]) -> list[Html]:
-    """Return the table of the plain entries, and below it the folded ones of the others."""
+def _entry_tables(facts: Mapping[str, Any], is_open: bool) -> list[Html]:
+    """Return the table of the plain entries, and below it those of the others, which can be folded away."""
     nested = {key: value for key, value in facts.items() if _holds_several(value)}
     plain = [(named(key), value) for key, value in facts.items() if key not in nested]
     found = [table(("", ""), plain)] if plain else []
     for key, value in nested.items():
-        found.append(_folded(named(key), _nested(value, meaning), not title))
+        found.append(_folded(named(key), _nested(value), is_open))
     return found
 
 
@@ -117,26 +117,26 @@ def _holds_several(value: Any) -> bool:
     )
 
 
-def _nested(value: Any, meaning: Mapping[str, Any]) -> list[Html]:
+def _nested(value: Any) -> list[Html]:
     if not isinstance(value, Mapping):
         return [_rows([item for item in value if isinstance(item, Mapping)])]
     if all(isinstance(item, Mapping) and item for item in value.values()):
         return [_rows([{"": name, **item} for name, item in value.items()])]
-    return _entry_tables("inside", value, meaning)
+    return _entry_tables(value, is_open=False)
 
 
 def _rows(items: Sequence[Mapping[str, Any]]) -> Html:
     """Return a table with an item a row."""
     columns = list(dict.fromkeys(key for item in items[:MOST_ROWS] for key in item))
-    rows = [[item.get(key, "") for key in columns] for item in items[:MOST_ROWS]]
-    return table([named(key) for key in columns], rows, _cut(len(items)))
+    return _first_rows(
+        [named(key) for key in columns], [[item.get(key, "") for key in columns] for item in items]
+    )
 
 
-def _cut(count: int) -> str | None:
-    """Return the words for rows that a table leaves out; None where it has them all."""
-    if count <= MOST_ROWS:
-        return None
-    return f"The first {MOST_ROWS} of {count} rows; all of them are in the result's files."
+def _first_rows(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> Html:
+    """Return a table of as many rows as a page may have, which says so where that leaves some out."""
+    left_out = f"The first {MOST_ROWS} of {len(rows)} rows; all of them are in the result's files."
+    return table(head, rows[:MOST_ROWS], left_out if len(rows) > MOST_ROWS else None)
 
 
 def _folded(title: str, content: list[Html], is_open: bool) -> Html:

@@ -65,7 +65,8 @@ class ContactStates(Watcher):
             raise CapabilityError(
                 f"joint {problem.contact_joints[0].name!r} has friction with 'law: set_valued' or a rigid stop, which "
                 f"needs loops without redundant rows (here {', '.join(problem.dependent[0].rows)} depend on each "
-                "other); allowed: 'transition_speed', and stops with 'stiffness'"
+                "other); allowed: 'transition_speed', and stops with 'stiffness'",
+                joint=problem.contact_joints[0].name,
             )
         self.problem = problem
         self.joints = problem.contact_joints

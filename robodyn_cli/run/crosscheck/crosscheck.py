@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -197,26 +198,13 @@ def _compare(
 
 def as_data(found: Crosscheck) -> dict[str, Any]:
     """Return what ``--json`` prints."""
-    keys = (
-        "quantity",
-        "column",
-        "time",
-        "ours",
-        "theirs",
-        "difference",
-        "our_error",
-        "their_error",
-        "allowed",
-    )
     return {
         "status": "ok" if found.agrees else "differs",
         "title": found.title,
         "command": found.command,
         "engine": found.engine,
         "version": found.version,
-        "compared": [
-            {**{key: getattr(one, key) for key in keys}, "agrees": one.agrees} for one in found.compared
-        ],
+        "compared": [{**dataclasses.asdict(one), "agrees": one.agrees} for one in found.compared],
         "handed_over": list(found.given),
         "by_own_formulas": list(found.own),
     }

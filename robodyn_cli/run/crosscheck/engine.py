@@ -6,6 +6,7 @@ free bodies in the body's axes.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any
 
@@ -34,31 +35,40 @@ class Place:
     w: Array
 
 
-class Engine:
+class Engine(ABC):
     """A mechanism in another engine.
 
-    name, version : of the engine. size : nv.
+    name, version : of the engine. size : nv. q_places, v_places : of its coordinates among ours.
     """
 
-    name = ""
-    version = ""
-    size = 0
+    name: str
+    version: str
 
+    def __init__(self, model: Model) -> None:
+        self.size = model.nv
+        self.q_places, self.v_places = np.zeros(model.nq, dtype=int), np.zeros(model.nv, dtype=int)
+
+    @abstractmethod
     def torques(self, q: Array, v: Array, a: Array) -> Array:
         """Return M a + h (nv,), rotors included."""
-        raise NotImplementedError
 
+    @abstractmethod
     def free_accelerations(self, q: Array, v: Array, tau: Array) -> Array:
         """Return the accelerations (nv,) of the open tree under torques tau (nv,)."""
-        raise NotImplementedError
 
+    @abstractmethod
     def mass_matrix(self, q: Array) -> Array:
         """Return M (nv, nv), rotors included."""
-        raise NotImplementedError
 
+    @abstractmethod
     def place(self, q: Array, v: Array, frame: FixedFrame) -> Place:
         """Return a frame fixed to a body."""
-        raise NotImplementedError
+
+    def in_our_order(self, x: Array) -> Array:
+        """Return an array whose last axis is in the engine's order of velocities in ours."""
+        out = np.empty_like(x)
+        out[..., self.v_places] = x
+        return out
 
     def accelerations(self, q: Array, v: Array, tau: Array, loops: Sequence[Loop]) -> Array:
         """Return the accelerations (nv,) with closed loops: M a = tau - h + Psi^T lambda, Psi a + gamma = 0.
@@ -114,11 +124,17 @@ def real(x: Any) -> Array:
     return np.array(x, dtype=float)
 
 
-def depth_first(model: Model) -> list[int]:
-    """Return the bodies so that each subtree is contiguous."""
+def children(model: Model) -> dict[int, list[int]]:
+    """Return the bodies that hang on each body, and on the base."""
     below: dict[int, list[int]] = {k: [] for k in range(BASE, len(model.bodies))}
     for k, body in enumerate(model.bodies):
         below[body.parent].append(k)
+    return below
+
+
+def depth_first(model: Model) -> list[int]:
+    """Return the bodies so that each subtree is contiguous."""
+    below = children(model)
     order, stack = [], [BASE]
     while stack:
         k = stack.pop()

@@ -10,7 +10,15 @@ import numpy as np
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.model.model import BASE, FixedFrame, Model
-from robodyn_cli.run.crosscheck.engine import MISSING, Engine, Place, mass_properties, real, refuse_joint
+from robodyn_cli.run.crosscheck.engine import (
+    MISSING,
+    Engine,
+    Place,
+    children,
+    mass_properties,
+    real,
+    refuse_joint,
+)
 from robodyn_cli.spatial.algebra import Array
 
 # by our joint: MuJoCo's joints of one body, outermost first, each with its axis
@@ -40,14 +48,14 @@ class InMujoco(Engine):
             import mujoco
         except ImportError:
             raise CapabilityError(MISSING.format("MuJoCo", "mujoco")) from None
-        self.mj, self.version, self.size = mujoco, mujoco.__version__, model.nv
+        super().__init__(model)
+        self.mj, self.version = mujoco, mujoco.__version__
         try:
             self.model = mujoco.MjModel.from_xml_string(_mjcf(model, mujoco))
         except ValueError as error:
             raise CapabilityError(f"MuJoCo does not take the mechanism: {error}") from None
         self.data = mujoco.MjData(self.model)
         self.body = {BASE: 0}
-        self.q_places, self.v_places = np.zeros(model.nq, dtype=int), np.zeros(model.nv, dtype=int)
         for k, body in enumerate(model.bodies):
             self.body[k] = self.model.body(f"body{k}").id
             first = self.model.joint(f"{k}.0")
@@ -58,23 +66,17 @@ class InMujoco(Engine):
     def _set(self, q: Array, v: Array) -> None:
         self.data.qpos[:], self.data.qvel[:] = q[self.q_places], v[self.v_places]
 
-    def _back(self, x: Array) -> Array:
-        """Return the columns of an array of the engine in our order."""
-        out = np.empty_like(x)
-        out[..., self.v_places] = x
-        return out
-
     def torques(self, q: Array, v: Array, a: Array) -> Array:
         self._set(q, v)
         self.data.qacc[:] = a[self.v_places]
         self.mj.mj_inverse(self.model, self.data)
-        return self._back(np.array(self.data.qfrc_inverse))
+        return self.in_our_order(np.array(self.data.qfrc_inverse))
 
     def free_accelerations(self, q: Array, v: Array, tau: Array) -> Array:
         self._set(q, v)
         self.data.qfrc_applied[:] = tau[self.v_places]
         self.mj.mj_forward(self.model, self.data)
-        return self._back(np.array(self.data.qacc))
+        return self.in_our_order(np.array(self.data.qacc))
 
     def mass_matrix(self, q: Array) -> Array:
         self._set(q, np.zeros(self.size))
@@ -83,7 +85,7 @@ class InMujoco(Engine):
         M, unit = np.zeros((self.size, self.size)), np.eye(self.size)
         for k in range(self.size):
             self.mj.mj_mulM(self.model, self.data, M[k], unit[k])
-        return self._back(self._back(M).T)
+        return self.in_our_order(self.in_our_order(M).T)
 
     def place(self, q: Array, v: Array, frame: FixedFrame) -> Place:
         self._set(q, v)
@@ -94,7 +96,7 @@ class InMujoco(Engine):
         J, rate = np.zeros((6, self.size)), np.zeros((6, self.size))
         self.mj.mj_jac(self.model, data, J[3:], J[:3], p, body)
         self.mj.mj_jacDot(self.model, data, rate[3:], rate[:3], p, body)
-        return Place(p, R @ real(frame.R), self._back(J), rate @ data.qvel, J[:3] @ data.qvel)
+        return Place(p, R @ real(frame.R), self.in_our_order(J), rate @ data.qvel, J[:3] @ data.qvel)
 
 
 def _numbers(x: Any) -> str:
@@ -103,9 +105,7 @@ def _numbers(x: Any) -> str:
 
 def _mjcf(model: Model, mujoco: Any) -> str:
     """Return the MJCF of a tree."""
-    below: dict[int, list[int]] = {k: [] for k in range(BASE, len(model.bodies))}
-    for k, body in enumerate(model.bodies):
-        below[body.parent].append(k)
+    below = children(model)
 
     def write(k: int) -> list[str]:
         body = model.bodies[k]

@@ -61,11 +61,11 @@ class InPinocchio(Engine):
             import pinocchio as pin
         except ImportError:
             raise CapabilityError(MISSING.format("Pinocchio", "pinocchio")) from None
-        self.pin, self.version, self.size = pin, pin.__version__, model.nv
+        super().__init__(model)
+        self.pin, self.version = pin, pin.__version__
         out = pin.Model()
         out.gravity.linear = real(model.gravity)
         self.joint = {BASE: 0}
-        self.q_places, self.v_places = np.zeros(model.nq, dtype=int), np.zeros(model.nv, dtype=int)
         rotors = np.zeros(model.nv)
         for k in depth_first(model):
             body = model.bodies[k]
@@ -89,21 +89,15 @@ class InPinocchio(Engine):
         q, *others = arrays
         return [q[self.q_places], *(x[self.v_places] for x in others)]
 
-    def _back(self, x: Array) -> Array:
-        """Return the columns of an array of the engine in our order."""
-        out = np.empty_like(x)
-        out[..., self.v_places] = x
-        return out
-
     def torques(self, q: Array, v: Array, a: Array) -> Array:
-        return self._back(np.array(self.pin.rnea(self.model, self.data, *self._to(q, v, a))))
+        return self.in_our_order(np.array(self.pin.rnea(self.model, self.data, *self._to(q, v, a))))
 
     def free_accelerations(self, q: Array, v: Array, tau: Array) -> Array:
-        return self._back(np.array(self.pin.aba(self.model, self.data, *self._to(q, v, tau))))
+        return self.in_our_order(np.array(self.pin.aba(self.model, self.data, *self._to(q, v, tau))))
 
     def mass_matrix(self, q: Array) -> Array:
         M = np.array(self.pin.crba(self.model, self.data, *self._to(q)))
-        return self._back(self._back(np.triu(M) + np.triu(M, 1).T).T)
+        return self.in_our_order(self.in_our_order(np.triu(M) + np.triu(M, 1).T).T)
 
     def place(self, q: Array, v: Array, frame: FixedFrame) -> Place:
         pin, joint = self.pin, self.joint[frame.body]
@@ -120,7 +114,7 @@ class InPinocchio(Engine):
         return Place(
             pose.translation.copy(),
             pose.rotation.copy(),
-            self._back(np.concatenate([J[3:], J[:3]])),
+            self.in_our_order(np.concatenate([J[3:], J[:3]])),
             np.concatenate([drift.angular, drift.linear]),
             velocity.angular.copy(),
         )

@@ -18,6 +18,7 @@ from robodyn_cli.run.observation.recorder import Recorder
 if TYPE_CHECKING:
     from robodyn_cli.run.control.summary import ControlSummary
     from robodyn_cli.run.driver.redundancy import Redundant
+    from robodyn_cli.run.sizing.figures import DriveFigures
 
 
 @record
@@ -109,6 +110,8 @@ class MotionSummary:
     payloads: dict[str, dict[str, float]] | Absent = ABSENT
     passed: list[float] | Absent = ABSENT
     final: FinalState | Absent = ABSENT
+    drives: dict[str, DriveFigures] | Absent = ABSENT
+    catalogue: str | Absent = ABSENT
 
 
 def motion_summary(run: Run, judgement: Judgement, estimate: ErrorEstimate | None) -> MotionSummary:

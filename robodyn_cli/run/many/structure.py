@@ -45,7 +45,7 @@ class Structure(Built):
         with witnessed() as witnesses:
             self.motion = command.build(scene)
             tables = methods[self.motion.choice.method].tables(self.motion.system)
-        why = obstacle(self.motion, _times_vary(keys)) or command.obstacle(self.motion)
+        why = obstacle(self.motion, times_vary(keys)) or command.obstacle(self.motion)
         super().__init__(keys, row, tables, witnesses, why)
         self._fleets: dict[tuple[str, bool], Fleet] = {}
 
@@ -78,7 +78,7 @@ class Structure(Built):
         return Expressions(self.motion.system.jacobian.J.ravel().tolist())
 
 
-def _times_vary(keys: Sequence[Key]) -> bool:
+def times_vary(keys: Sequence[Key]) -> bool:
     """Tell whether functions of time may switch at other times, or over another duration, in other runs."""
     sections = ("parameters.", "torques.", "forces.")
     return any(key.sort == OPTION or (key.sort == NUMBER and key.place.startswith(sections)) for key in keys)

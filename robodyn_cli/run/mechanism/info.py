@@ -12,7 +12,7 @@ import numpy as np
 
 from robodyn_cli.algorithms.coriolis import coriolis
 from robodyn_cli.algorithms.crba import crba
-from robodyn_cli.algorithms.kinematics import point_jacobian
+from robodyn_cli.algorithms.kinematics import world_jacobian, world_pose
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.expr.rebuild import Values
@@ -23,7 +23,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.driver.prepare import Setup, prepare
 from robodyn_cli.run.mechanism.state_text import state_overrides
-from robodyn_cli.run.observation.places import quaternions, world_pose
+from robodyn_cli.run.observation.places import quaternions
 from robodyn_cli.run.observation.units import joint_columns
 from robodyn_cli.scene.load import load_scene
 from robodyn_cli.scene.types import Scene
@@ -192,12 +192,9 @@ class Numbers:
         """Return the named points."""
         problem = self.problem
         model = problem.model
-        to_world = model.base.E.T
         found = {}
         for name, frame in model.points.items():
-            p = problem.pose[frame.body].point(frame.p)
-            linear, angular = point_jacobian(model, problem.q, problem.pose, frame.body, p)
-            J, W = self.array(to_world @ linear), self.array(to_world @ angular)
+            J, W = (self.array(x) for x in world_jacobian(model, problem.q, problem.pose, frame))
             position = self.array(problem.world_point(frame))
             found[name] = PointAt(position, J @ self.v, J, W, singular_values(J))
         return found

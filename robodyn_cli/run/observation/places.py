@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from robodyn_cli.algorithms.kinematics import Pose, motions, velocities
+from robodyn_cli.algorithms.kinematics import motions, velocities, world_pose
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.model.model import BASE, FixedFrame, Model
+from robodyn_cli.model.model import BASE
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array, cross
 
@@ -54,13 +54,6 @@ def point_motion(problem: Problem) -> dict[str, list[Scalar]]:
         out[f"point_velocities/{name}"] = list(to_world @ (here.v + cross(here.w, frame.p)))
         out[f"point_accelerations/{name}"] = list(to_world @ motion[frame.body].acceleration_of(frame.p))
     return out
-
-
-def world_pose(model: Model, pose: dict[int, Pose], frame: FixedFrame) -> Pose:
-    """Return the pose of a frame in world coordinates."""
-    here = pose[frame.body]
-    R, p = here.R @ frame.R, here.point(frame.p)
-    return Pose(model.base.E.T @ R, model.base.point(p))
 
 
 def place_dataset(path: str, array: Array) -> tuple[str, Array]:

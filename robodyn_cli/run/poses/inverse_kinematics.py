@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.algorithms.kinematics import world_pose
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import BASE
-from robodyn_cli.run.observation.places import world_pose
 from robodyn_cli.run.poses.criteria import Criterion
 from robodyn_cli.run.poses.equations import PoseEquations
 from robodyn_cli.run.poses.limits import PositionLimits

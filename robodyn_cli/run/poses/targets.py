@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import SceneError, did_you_mean
+from robodyn_cli.errors import SceneError, did_you_mean, unknown_name
 from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.record import record
 from robodyn_cli.run.poses.criteria import Criterion
@@ -15,6 +15,7 @@ from robodyn_cli.run.poses.equations import packed
 from robodyn_cli.scene.points import point_problem, with_points
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.poses.task import ORIENTATIONS, PoseTask
+from robodyn_cli.spatial import quaternion
 from robodyn_cli.spatial.algebra import Array
 
 SAME = 1e-6  # rad or m, for positions that count as one
@@ -100,7 +101,7 @@ def packed_targets(task: PoseTask, position: Array, rotation: Array | None) -> A
         rotation = np.eye(3)
     R = np.asarray(rotation, dtype=float)
     if R.shape[-1] == 4:
-        R = rotations_of(R)
+        R = quaternion.rotations(R)
     if R.shape[-2:] != (3, 3) or R.ndim > 3 or np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)).max() > 1e-9:
         raise SceneError(f"targets need rotations (3, 3) or unit quaternions (4,), here of shape {R.shape}")
     T = max(len(p), len(R) if R.ndim == 3 else 1)
@@ -118,7 +119,7 @@ def find_frame(model: Model, name: str) -> FixedFrame:
         if name in known:
             return known[name]
     names = [*model.points, *model.frames, *model.links]
-    raise SceneError(f"unknown frame {name!r}{did_you_mean(name, names)}; allowed: {', '.join(names)}")
+    raise SceneError(unknown_name("frame", name, names))
 
 
 def with_frame(source: Scene | Problem, frame: str) -> Problem:
@@ -150,14 +151,3 @@ def different(q: Array, rows: Array) -> list[int]:
         if all(float(np.abs(q[k] - q[j]).max()) > SAME for j in kept):
             kept.append(k)
     return kept
-
-
-def rotations_of(quaternions: Array) -> Array:
-    """Return the rotations (..., 3, 3) of quaternions (..., 4), scalar first."""
-    w, x, y, z = np.moveaxis(quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True), -1, 0)
-    rows = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))

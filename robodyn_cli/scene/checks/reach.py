@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robodyn_cli.errors import did_you_mean
+from robodyn_cli.errors import unknown_name
 from robodyn_cli.scene.checks.check import Check
 from robodyn_cli.scene.checks.orientation import check_orientation
 from robodyn_cli.scene.mechanism_options import ReachOptions
@@ -34,10 +34,8 @@ def _check_frame(robot: Robot, name: str, check: Check) -> None:
     if link is None:
         problem = point_problem(robot, name)
         if problem is not None:
-            names = [*robot.points, *frames, *links]
-            dotted = "." in name
-            hint = problem if dotted else f"unknown frame {name!r}{did_you_mean(name, names)}; allowed: "
-            check.fail((*REACH, "frame"), hint if dotted else hint + ", ".join([*names, "LINK.end"]))
+            names = [*robot.points, *frames, *links, "LINK.end"]
+            check.fail((*REACH, "frame"), problem if "." in name else unknown_name("frame", name, names))
         link = point_link(robot, name)
     if link == BASE:
         check.fail((*REACH, "frame"), f"{name!r} is fixed to the base; allowed: what a joint moves")

@@ -107,6 +107,10 @@ def check_scene(scene: Scene, check: Check) -> Scene:
         check_payloads(scene, check)
     check_spans(scene, check)
     _check_drives(scene, check)
+    if scene.drives:
+        from robodyn_cli.scene.checks.drives import check_drives
+
+        check_drives(scene, check)
     _check_initial(scene, check)
     if scene.trajectory is not None:
         names = names_of(scene, follow)

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from robodyn_cli.record import record
+from robodyn_cli.solve.planar_2r import two_bars
 from robodyn_cli.solve.poses.screws import Axis
 from robodyn_cli.solve.poses.subproblems import (
     angle_between,
     component_angles,
     dots,
-    rotations,
 )
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.base import ELBOWS, SIDES
@@ -62,12 +62,10 @@ def two_links(h: Array, upper: Array, lower: Array, target: Array) -> Iterator[t
     """
     flat = target - np.outer(dots(target, h), h)
     u, w = upper - h * (h @ upper), lower - h * (h @ lower)
-    d = 0.5 * (dots(flat, flat) - float(u @ u) - float(w @ w))
-    # u . rot(h, q3) w = d, which falls with q3 where the bend is positive
-    pair = component_angles(u, h, np.broadcast_to(w, flat.shape), d)
-    for bend, q3 in ((1.0, pair.minus), (-1.0, pair.plus)):
-        both = u + np.einsum("tij,j->ti", rotations(h, q3), w)
-        yield bend, angle_between(h, both, flat), q3
+    bend, lean = two_bars(float(np.linalg.norm(u)), float(np.linalg.norm(w)), np.linalg.norm(flat, axis=1))
+    towards, at_zero = angle_between(h, np.broadcast_to(u, flat.shape), flat), angle_between(h, u, w)
+    for sign in (1.0, -1.0):
+        yield sign, towards - sign * lean, sign * bend - at_zero
 
 
 def elbow_name(bend: float, side: float) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.algorithms.kinematics import point_jacobian, poses, transforms
+from robodyn_cli.algorithms.kinematics import poses, transforms, world_jacobian, world_pose
 from robodyn_cli.expr.functions import maximum, sqrt, where
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.model.model import FixedFrame, Model
@@ -58,12 +58,10 @@ def pose_rows(model: Model, q: Sequence[Expr], task: PoseTask, target: Sequence[
     A turn by theta about the unit vector u is left as e = 2 sin(theta / 2) u, of which the derivative at the target
     is that of the turn: e = s sqrt(2 / (1 + c)) with s = sin(theta) u and c = cos(theta).
     """
-    X = transforms(model, q)
-    pose = poses(model, X)
-    frame, to_world = task.frame, model.base.E.T
-    at = pose[frame.body].point(frame.p)
-    linear, angular = (to_world @ A for A in point_jacobian(model, q, pose, frame.body, at))
-    p, R = model.base.point(at), to_world @ (pose[frame.body].R @ frame.R)
+    pose = poses(model, transforms(model, q))
+    here = world_pose(model, pose, task.frame)
+    linear, angular = world_jacobian(model, q, pose, task.frame)
+    p, R = here.p, here.R
     places = list(task.position)
     e = [target[k] - p[k] for k in places]
     rows, lengths = [linear[k] for k in places], [True] * len(places)
