@@ -24,6 +24,7 @@ PLOTS: tuple[str, ...] = (
     "joint_angles",
     "joint_rates",
     "joint_accelerations",
+    "tracking",
     "torques",
     "torque_terms",
     "drives",
