@@ -12,6 +12,7 @@ import pytest
 import scipy.linalg
 from typer.testing import CliRunner
 
+from robodyn_cli import sensitivity
 from robodyn_cli.cli.app import app
 from robodyn_cli.errors import SceneError
 from robodyn_cli.results.hdf5 import read
@@ -297,8 +298,8 @@ def test_impacts_are_left_to_differences() -> None:
             "final.q.z",
             "--to robot.links.bell.mass: robot.links: has no item named 'bell'",
         ),
-        ("robot.links.ball.name", "final.q.z", "--to robot.links.ball.name"),
-        ("initial.q", "final.q.z", "--to initial.q"),
+        ("robot.links.ball.name", "final.q.z", "<text>:7:18: robot.links.ball.name: the scene has no number"),
+        ("initial.q", "final.q.z", "initial.q: the scene has no number there"),
         ("simulate.samples", "final.q.z", "--to simulate.samples"),
         ("torques.z#1", "final.q.z", "no formula has such a number"),
         ("gravity.2", "final.q.x", "--of final.q.x"),
@@ -313,8 +314,16 @@ def test_bad_input(to: str, of: str, message: str) -> None:
 
 
 def test_a_formula_is_no_number() -> None:
-    with pytest.raises(SceneError, match=r"the scene has no number there; .* torques.theta1#1"):
+    with pytest.raises(
+        SceneError, match=r"yaml:11:19: torques.theta1: the scene has no number there; .* KEY#n"
+    ):
         asked(CONFIGS / "four_bar_deploy.yaml", ["torques.theta1"], ["lock.time"])
+
+
+def test_from_python() -> None:
+    result = sensitivity(load_scene_text(FALL), ["gravity.2", "initial.qd.z"], ["final.q.z"])
+    assert result["derivatives/final.q.z"] == pytest.approx([0.5, 1.0], abs=1e-11)
+    assert result.variables["derivatives/final.q.z"].column_units == ("m/(m/s^2)", "m/(m/s)")
 
 
 def test_units_of_derivatives() -> None:

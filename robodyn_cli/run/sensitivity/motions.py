@@ -83,10 +83,15 @@ class MotionSlopes:
         self.motion, self.keys, self.ending = motion, keys, ending
         self.variational = Variational(motion, [key.place if key.sort == NUMBER else "" for key in keys])
         self.start = start_slopes(motion, self.variational, keys)
-        self.switches = switches_of(motion, ending.time)
-        steps = step_times(motion, ending.time)
-        self.mean_step = ending.time / (len(steps) + 1)
-        self.parts = parts_of(ending.time, self.switches, steps)
+        self.follow()
+
+    def follow(self) -> None:
+        """Integrate the motion to see its switches and steps, between which it is smooth."""
+        motion, end = self.motion, self.ending.time
+        self.switches = switches_of(motion, end)
+        steps = step_times(motion, end)
+        self.mean_step = end / (len(steps) + 1)
+        self.parts = parts_of(end, self.switches, steps)
 
     def found(self) -> tuple[EndSlopes, EndSlopes]:
         """Return the derivatives and their estimated errors.
