@@ -30,7 +30,12 @@ def _on_motor(body: Body, v: int) -> bool:
 
 
 def losses_of_load(
-    model: Model, needed: Values, a: Values, v: Values, terms: Mapping[str, Vector]
+    model: Model,
+    needed: Values,
+    a: Values,
+    v: Values,
+    terms: Mapping[str, Vector],
+    elements: Mapping[str, Vector],
 ) -> dict[int, Scalar]:
     """Return the torques of the losses by velocity index, from the torques that the joints need.
 
@@ -39,13 +44,15 @@ def losses_of_load(
 
     Parameters
     ----------
-    needed : M a + C v + G (nv,), rotors included. terms : torques of everything else on the joints.
+    needed : M a + C v + G (nv,), rotors included. terms, elements : torques of everything else on the joints: of what
+    is in them, and of forces on bodies.
     """
     found = {}
+    others = [*terms.items(), *((f"forces {name}", x) for name, x in elements.items())]
     for body, gear in geared(model):
         k = gear.v
         load: Any = needed[k] - body.rotors[k - body.v] * a[k]
-        for name, term in terms.items():
+        for name, term in others:
             if not (name == "friction" and _on_motor(body, k)):
                 load = load - term[k]
         found[k] = gear.element.torque_of_load(load, v[k])

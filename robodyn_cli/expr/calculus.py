@@ -80,7 +80,7 @@ def rules(op: str, args: Sequence[Any], result: Any) -> list[tuple[int, Any]]:
         return [(0, x / r2), (1, -(y / r2))]
     if op == "pow":
         return _partials_of_power(result, *value)
-    if op == "sign":
+    if op in ("sign", "round"):
         return []
     raise CapabilityError(f"the operation {op} has no derivative")
 

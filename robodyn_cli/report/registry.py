@@ -26,6 +26,7 @@ PLOTS: tuple[str, ...] = (
     "joint_accelerations",
     "torques",
     "torque_terms",
+    "drives",
     "limits",
     "tip_path",
     "point_motion",

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from robodyn_cli.cli.scene_command import scene_command
-from robodyn_cli.cli.words import multiplier_lines, number, table
+from robodyn_cli.cli.words import drive_lines, multiplier_lines, number, table
 
 # of the table of an inverse run: heading, key in the summary, quantity that the unit belongs to, digits
 FIGURES = (
@@ -50,6 +50,7 @@ def describe(summary: Mapping[str, Any]) -> str:
     off = (summary.get("error_estimate") or {}).get("torque_rounding")
     if off is not None:
         lines.append(f"  rounding           torques off by some {off:.1e} N m or N")
+    lines += drive_lines(summary)
     lines += _fastest(summary)
     lines += multiplier_lines(summary)
     times = summary.get("wall_time_s", {})

@@ -93,6 +93,10 @@ def build_motion(
     RobodynError : the scene cannot be started; see ``prepare``.
     """
     watch = watch or Stopwatch()
+    if scene.control is not None:
+        from robodyn_cli.run.control.reference import with_joint_reference
+
+        scene = with_joint_reference(scene)
     scene, gains = with_gains(scene, watch)
     setup = prepare(scene, watch, neutral=plan)
     problem = setup.problem

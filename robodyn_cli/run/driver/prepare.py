@@ -147,7 +147,7 @@ def passive_coordinates(problem: Problem) -> tuple[int, ...]:
     if not model.closures:
         return ()
     prescribed = velocity_columns(scene.prescribed)
-    driven = {*scene.torques, *prescribed}
+    driven = {*scene.torques, *(() if scene.control is None else scene.control.joints), *prescribed}
     if scene.actuated is not None:
         driven = {*prescribed, *(x for name in scene.actuated for x in model.v_columns(name))}
     return tuple(k for k, name in enumerate(model.v_names) if name not in driven)

@@ -86,7 +86,13 @@ def inverse(
         loads = loads_of(program, sampled) if scene.outputs.reactions else None
     progress(program.duration, program.duration)
     result = report(program, planned, sampled, loads)
-    result.summarise(summarise(program, planned, sampled, errors, loads), seconds=watch.report())
+    summary = summarise(program, planned, sampled, errors, loads)
+    if scene.drives:
+        from robodyn_cli.run.sizing.report import with_drives
+
+        with watch.stage("drives"):
+            summary = with_drives(summary, result, scene, program.problem)
+    result.summarise(summary, seconds=watch.report())
     refuse_result(result)
     return result
 

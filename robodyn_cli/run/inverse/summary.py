@@ -9,6 +9,7 @@ from robodyn_cli.results.summary import ABSENT, Absent, Residual, Termination
 
 if TYPE_CHECKING:
     from robodyn_cli.run.fastest.report import FastestFigures
+    from robodyn_cli.run.sizing.figures import DriveFigures
 
 # meaning of the figures, for readers of summary.json
 DEFINITIONS = {
@@ -89,3 +90,5 @@ class InverseSummary:
     definitions: dict[str, str]
     counters: dict[str, int]
     reactions: dict[str, Any] | Absent
+    drives: dict[str, DriveFigures] | Absent = ABSENT
+    catalogue: str | Absent = ABSENT

@@ -96,6 +96,7 @@ def obstacle(motion: Motion, times_vary: bool) -> str:
         "a long chain is integrated by loops over its bodies": system.dynamics.any_size,
         "independent coordinates or rows are chosen along the motion": system.partition is not None,
         "contact states begin and change in Python": begins or bool(system.parameters),
+        "a controller acts": problem.control is not None,
         "steps have to end at times that formulas or tables give": bool(system.breakpoints)
         or any(times_vary or not found.resolved for _, found in problem.switching.time_structures),
         "a motion is prescribed": bool(constraints.rheonomic),
