@@ -289,6 +289,25 @@ def test_impacts_are_left_to_differences() -> None:
     assert not found and "stops" in why[0]
 
 
+@pytest.mark.parametrize("period", ["", "period: 0.01, "])
+def test_controllers_are_left_to_differences(period: str) -> None:
+    """m z'' = -8 z - 8 z' from the reference at 1 m/s, against the matrix exponential; sampled, nearly so."""
+    control = f"control: {{type: pd, {period}gains: {{kp: 8, kd: 8}}}}\n"
+    text = FALL.replace("-9.81]", "0]").replace("simulate:", control + "simulate:")
+    question = asked(text, ["robot.links.ball.mass"], ["final.q.z"])
+    found, why = exact_slopes(question)
+    assert not found and "controller" in why[0]
+    (slope,) = differences(question, [0], 1)[0]
+    step = 1e-4
+
+    def end(mass: float) -> float:
+        A = np.array([[0.0, 1.0], [-8.0 / mass, -8.0 / mass]])
+        return float((scipy.linalg.expm(A) @ [0.0, 1.0])[0])
+
+    truth = (end(2.0 + step) - end(2.0 - step)) / (2.0 * step)
+    assert slope.value == pytest.approx(truth, abs=2e-9 if not period else 5e-3)
+
+
 # -- bad input -------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("to", "of", "message"),
