@@ -18,7 +18,7 @@ _HOME = {
     "load_scene": "robodyn_cli.scene.load",
     "load_scene_text": "robodyn_cli.scene.load",
     "inverse": "robodyn_cli.run.inverse.inverse",
-    "simulate": "robodyn_cli.run.simulate",
+    "simulate": "robodyn_cli.run.control.in_python",
     "deploy": "robodyn_cli.run.deploy.deploy",
     "kinematics": "robodyn_cli.run.mechanism.kinematics",
     "statics": "robodyn_cli.run.mechanism.statics",
@@ -50,6 +50,7 @@ if TYPE_CHECKING:  # "as" makes a name part of the API for type checkers
     from robodyn_cli.report import draw_all as draw_all
     from robodyn_cli.results import hdf5
     from robodyn_cli.results.result import Result as Result
+    from robodyn_cli.run.control.in_python import simulate as simulate
     from robodyn_cli.run.deploy.deploy import deploy as deploy
     from robodyn_cli.run.inverse.dynamics import ForwardDynamics as ForwardDynamics
     from robodyn_cli.run.inverse.dynamics import InverseDynamics as InverseDynamics
@@ -61,7 +62,6 @@ if TYPE_CHECKING:  # "as" makes a name part of the API for type checkers
     from robodyn_cli.run.plan.plan import plan as plan
     from robodyn_cli.run.poses.inverse_kinematics import InverseKinematics as InverseKinematics
     from robodyn_cli.run.poses.reach import reach as reach
-    from robodyn_cli.run.simulate import simulate as simulate
     from robodyn_cli.scene.load import load_scene as load_scene
     from robodyn_cli.scene.load import load_scene_text as load_scene_text
 

@@ -55,6 +55,7 @@ COMMANDS: dict[str, Command] = {
     "report": Command("Write results as one page for a browser, moving drawings included."),
     "run": Command("Run many scenes, each by its own command; check them."),
     "schema": Command("Print the JSON Schema of scenes, for editors."),
+    "sensitivity": Command("Derivatives of figures of a run by numbers of its scene."),
     "stability": Command(
         "Stiffness, step limits, and what each method does.", "numerics.stability:stability"
     ),

@@ -68,6 +68,7 @@ def run_scene(job: SceneRun, console: Console, describe: Describe) -> int:
             try:
                 result, failure = _compute(job, scene, writer, watch, console, journal)
             except RobodynError as error:
+                _place(error, job)
                 if error.exit_code in REPLACING:
                     directory.replace_old(_failed(job.command, scene.title, error))
                 raise
@@ -216,6 +217,7 @@ def _compute(
     except RobodynError as error:
         if not isinstance(error.result, Result) or error.exit_code not in REPLACING:
             raise
+        _place(error, job)
         failure, result = error, error.result
     warnings = result.summary.get("warnings", ())
     for text in warnings:
@@ -225,6 +227,14 @@ def _compute(
         result.status = "failed"
     result.summary = {**result.summary, **result.head, **({"error": failure.facts} if failure else {})}
     return result, failure
+
+
+def _place(error: RobodynError, job: SceneRun) -> None:
+    """Say where in the scene's files the key stands that an error of its run is about."""
+    from robodyn_cli.run.placing import place
+    from robodyn_cli.scene.load import examine
+
+    place(error, lambda: examine(job.scene, list(job.overrides)).root, job.command)
 
 
 def store(result: Result, directory: OutputDirectory, writer: ResultWriter | None = None) -> None:
@@ -250,7 +260,8 @@ def warn(scene: Scene, strict: bool, console: Console) -> None:
     for text in warnings:
         console.note(f"robodyn: warning: {text}")
     if warnings and strict:
-        raise SceneError(f"{scene.path}: {warnings[0]} (an error because of --strict)", warnings=warnings)
+        what = "; ".join(warnings)
+        raise SceneError(f"{scene.path}: {what} (errors because of --strict)", warnings=warnings)
 
 
 def _failed(command: str, title: str, error: RobodynError) -> dict[str, Any]:

@@ -115,3 +115,52 @@ def closure_text(closure: Mapping[str, float]) -> str:
     """Return residuals of the loops in words."""
     units = {"position": "m", "velocity": "m/s", "acceleration": "m/s^2"}
     return ", ".join(f"{key} {closure[key]:.1e} {unit}" for key, unit in units.items() if key in closure)
+
+
+# of the table of drives: heading, path of the key below that of the joint, digits
+DRIVE_FIGURES: tuple[tuple[str, tuple[str, ...], int], ...] = (
+    ("peak torque [N m]", ("shaft", "peak_torque"), 4),
+    ("RMS torque [N m]", ("shaft", "rms_torque"), 4),
+    ("peak speed [rad/s]", ("shaft", "peak_speed"), 4),
+    ("RMS current [A]", ("electrical", "rms_current"), 4),
+    ("winding [degC]", ("winding", "peak"), 4),
+)
+
+
+def drive_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Return the lines about motors and gears: what each bears, the margin, and what decides it."""
+    drives: Mapping[str, Mapping[str, Any]] = summary.get("drives", {})
+    if not drives:
+        return []
+    every = list(drives.values())
+    columns = [
+        ["joint", *drives],
+        ["motor", *(_parts(one) for one in every)],
+        *(
+            [heading, *(number(_below(one, path), digits) for one in every)]
+            for heading, path, digits in DRIVE_FIGURES
+        ),
+        ["margin", *(f"{number(100.0 * one['margin'], 3)} %" for one in every)],
+        ["decides", *(_decides(one) for one in every)],
+        ["", *("" if one["passes"] else "TOO SMALL" for one in every)],
+    ]
+    found = [table(list(zip(*columns)))]
+    if "catalogue" in summary:
+        found.append(f"  catalogue          {summary['catalogue']}")
+    return found
+
+
+def _parts(drive: Mapping[str, Any]) -> str:
+    count = f"{drive['count']} x " if drive["count"] > 1 else ""
+    return count + " + ".join(drive[key] for key in ("motor", "gear", "brake") if drive[key] is not None)
+
+
+def _decides(drive: Mapping[str, Any]) -> str:
+    at = f" at {number(drive['time'], 4)} s" if "time" in drive else ""
+    return drive["decides"].replace("_", " ") + at
+
+
+def _below(value: Any, path: tuple[str, ...]) -> Any:
+    for key in path:
+        value = value.get(key) if isinstance(value, Mapping) else None
+    return value

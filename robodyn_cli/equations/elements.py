@@ -8,10 +8,12 @@ from functools import cached_property
 from typing import Any
 
 from robodyn_cli.algorithms.external import PathKinematics, common_axis, path_torques, turn_about
+from robodyn_cli.expr.functions import interpolate
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols, is_nonzero
 from robodyn_cli.forces.element import Action, Effect, HalfTurn, Line, Setting
 from robodyn_cli.model.model import BASE, FixedFrame, Force, Model
-from robodyn_cli.spatial.algebra import Transform, Values, Vector, Wrench, dot
+from robodyn_cli.scene.types import Scene, Torque
+from robodyn_cli.spatial.algebra import Transform, Values, Vector, Wrench, dot, zeros
 
 
 class Elements:
@@ -160,3 +162,13 @@ def spans(model: Model, X: Sequence[Transform], q: Values, v: Values) -> dict[st
         line = Line.of(tuple(kinematics.end(end) for end in ends))
         found[name] = line.length if name.startswith("length(") else line.rate
     return found
+
+
+def given_torques(scene: Scene, model: Model, t: Scalar, environment: Mapping[str, Any]) -> Vector:
+    """Return the scene's ``torques`` (nv,): constants, formulas, tables."""
+    tau = zeros(model.nv)
+    for name, torque in scene.torques.items():
+        table = isinstance(torque, Torque)
+        value = interpolate(t, *zip(*torque.table)) if table else torque.evaluate(environment)
+        tau[model.v_names.index(name)] = value
+    return tau

@@ -6,10 +6,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar, is_nonzero
 from robodyn_cli.model.model import Body, JointForce, Model
-from robodyn_cli.spatial.algebra import Values, Vector
+from robodyn_cli.spatial.algebra import Array, Values, Vector
 
 
 def depends_on_load(force: JointForce) -> bool:
@@ -28,7 +30,12 @@ def _on_motor(body: Body, v: int) -> bool:
 
 
 def losses_of_load(
-    model: Model, needed: Values, a: Values, v: Values, terms: Mapping[str, Vector]
+    model: Model,
+    needed: Values,
+    a: Values,
+    v: Values,
+    terms: Mapping[str, Vector],
+    elements: Mapping[str, Vector],
 ) -> dict[int, Scalar]:
     """Return the torques of the losses by velocity index, from the torques that the joints need.
 
@@ -37,17 +44,38 @@ def losses_of_load(
 
     Parameters
     ----------
-    needed : M a + C v + G (nv,), rotors included. terms : torques of everything else on the joints.
+    needed : M a + C v + G (nv,), rotors included. terms, elements : torques of everything else on the joints: of what
+    is in them, and of forces on bodies.
     """
     found = {}
+    others = [*terms.items(), *((f"forces {name}", x) for name, x in elements.items())]
     for body, gear in geared(model):
         k = gear.v
         load: Any = needed[k] - body.rotors[k - body.v] * a[k]
-        for name, term in terms.items():
+        for name, term in others:
             if not (name == "friction" and _on_motor(body, k)):
                 load = load - term[k]
         found[k] = gear.element.torque_of_load(load, v[k])
     return found
+
+
+def losses_along(model: Model, tau: Array, friction: Array, a: Array, v: Array) -> Array:
+    """Return the torques of the losses (T, nv) of gears in a mechanism with loops, along a motion.
+
+    The joint gets L = tau - N^2 J v-dot + tau_friction where friction is on the motor's side, else tau - N^2 J v-dot.
+
+    Parameters
+    ----------
+    tau : (T, nv) of the actuators if gears had no losses. friction : torque in the joints. a, v : (T, nv).
+    """
+    lost = np.zeros_like(tau)
+    for body, gear in geared(model):
+        k = gear.v
+        load = tau[:, k] - float(body.rotors[k - body.v]) * a[:, k]
+        if _on_motor(body, k):
+            load = load + friction[:, k]
+        lost[:, k] = gear.element.torque_of_load(load, v[:, k])
+    return lost
 
 
 def losses_of_drive(
@@ -67,7 +95,8 @@ def losses_of_drive(
             what = "rotor_inertia" if gear.name not in prescribed else "prescribed motion"
             raise CapabilityError(
                 f"joint {gear.name}: gear losses together with {what} are done by `inverse` only; allowed in "
-                "simulations: gear losses without rotor inertia, of joints driven by torques"
+                "simulations: gear losses without rotor inertia, of joints driven by torques",
+                joint=gear.name,
             )
         torque: Any = drive[k]
         if "friction" in terms and _on_motor(body, k):
@@ -75,5 +104,5 @@ def losses_of_drive(
         try:
             found[k] = gear.element.torque_of_drive(torque, v[k])
         except CapabilityError as error:
-            raise CapabilityError(f"joint {gear.name}: {error.message}") from error
+            raise CapabilityError(f"joint {gear.name}: {error.message}", joint=gear.name) from error
     return found

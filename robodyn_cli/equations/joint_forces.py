@@ -33,7 +33,7 @@ class JointForces:
         try:
             torque = force.element.torque(self.q[force.q], rate, gear, smooth)
         except CapabilityError as error:
-            raise CapabilityError(f"joint {force.name}: {error.message}") from error
+            raise CapabilityError(f"joint {force.name}: {error.message}", joint=force.name) from error
         return torque
 
     def _rate(self, force: JointForce) -> Any:

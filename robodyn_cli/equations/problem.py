@@ -20,21 +20,21 @@ from robodyn_cli.algorithms.kinematics import Pose, moved, poses, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.equations.contact_joints import ContactJoint, contact_joints
-from robodyn_cli.equations.elements import Elements, spans
+from robodyn_cli.equations.elements import Elements, given_torques, spans
 from robodyn_cli.equations.gears import geared, losses_of_drive, losses_of_load
 from robodyn_cli.equations.joint_forces import JointForces
-from robodyn_cli.expr.functions import interpolate
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations, is_nonzero
 from robodyn_cli.expr.rebuild import numbers
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.model.places import with_places
 from robodyn_cli.scene import types as sc
-from robodyn_cli.spatial.algebra import Array, Matrix, Transform, Values, Vector, zeros
+from robodyn_cli.spatial.algebra import Array, Matrix, Transform, Values, Vector, vector, zeros
 
 if TYPE_CHECKING:
     from robodyn_cli.algorithms.constraints import Multipliers
     from robodyn_cli.equations.constraints import Constraints
+    from robodyn_cli.equations.control.control import Control
     from robodyn_cli.equations.dependence import Combination, Dependence
     from robodyn_cli.equations.switching import Switching
     from robodyn_cli.loops.base import Row
@@ -73,15 +73,23 @@ class Problem:
         self.a: list[Expr] = graph.symbols([f"{n}''" for n in self.model.v_names], "a")
         self.keep_rows, self.dependent = keep_rows, tuple(dependent)
         self.braces = braces or {}
+        self.control: Control | None = None
+        if scene.control is not None:
+            from robodyn_cli.equations.control.control import Control
+
+            self.control = Control(self)
+
+    def of(self, scene: sc.Scene, model: Model | None = None) -> Problem:
+        """Return the equations of another scene, with a model that is at hand."""
+        return Problem(scene, model=model)
 
     def numbers(
         self, entries: Any, q: Array, t: float = 0.0, v: Array | None = None, p: Array | None = None
     ) -> Array:
         """Return the values of expressions at q (nq,) and v (nv,), by default 0, in the shape of ``entries``."""
-        still = [0.0] * self.model.nv
-        groups = {"t": [t], "q": q.tolist(), "v": still if v is None else v.tolist(), "a": still,
-                  "p": self.model.switched if p is None else p.tolist()}  # fmt: skip
-        return numbers(entries, groups)
+        still, z = [0.0] * self.model.nv, [0.0] * (0 if self.control is None else len(self.control.names))
+        groups = {"t": [t], "q": q.tolist(), "v": still if v is None else v.tolist(), "a": still, "z": z}
+        return numbers(entries, groups | {"p": self.model.switched if p is None else p.tolist()})
 
     # -- rigid bodies ---------------------------------------------------------------------------------
     @property
@@ -167,13 +175,9 @@ class Problem:
 
     @cached_property
     def actuator_torques(self) -> Vector:
-        """tau_a (nv,) from the scene's ``torques``: constants, formulas, tables."""
-        tau = zeros(self.model.nv)
-        for name, torque in self.scene.torques.items():
-            table = isinstance(torque, sc.Torque)
-            value = interpolate(self.t, *zip(*torque.table)) if table else torque.evaluate(self.environment)
-            tau[self.model.v_names.index(name)] = value
-        return tau
+        """tau_a (nv,): the scene's ``torques``, and those of its controller."""
+        tau = given_torques(self.scene, self.model, self.t, self.environment)
+        return tau if self.control is None else tau + self.control.on_joints()
 
     @cached_property
     def switching(self) -> Switching:
@@ -201,22 +205,20 @@ class Problem:
         for name, torques in self.elements.torques.items():
             terms[name] = terms[name] + torques if name in terms else torques
         if geared(self.model):
-            terms["gear"] = zeros(self.model.nv)
-            for place, torque in self.gear_losses(smooth).items():
-                terms["gear"][place] = torque
+            losses = self.gear_losses(smooth)
+            terms["gear"] = vector([losses.get(k, 0.0) for k in range(self.model.nv)])
         return terms
 
     def gear_losses(self, smooth: bool) -> dict[int, Scalar]:
-        """Return the torques of losses in gears by velocity index: of the drives (``smooth``) or of the load."""
-        if not geared(self.model):
+        """Return the torques of losses in gears by velocity index: of the drives (``smooth``) or of the load; that
+        depends on how actuators share it where there are loops (``losses_along``)."""
+        if not geared(self.model) or (self.model.closures and not smooth):
             return {}
-        terms = self.joint_forces(smooth)
+        terms, elements = self.joint_forces(smooth), self.elements.torques
         if smooth:
             given = self.scene.prescribed
             return losses_of_drive(self.model, self.actuator_torques, self.v, terms, given)
-        others = [*terms.items(), *self.elements.torques.items()]
-        load = {f"{k} {name}" if name != "friction" else name: term for k, (name, term) in enumerate(others)}
-        return losses_of_load(self.model, self.inverse_dynamics, self.a, self.v, load)
+        return losses_of_load(self.model, self.inverse_dynamics, self.a, self.v, terms, elements)
 
     @cached_property
     def forces_in_joints(self) -> JointForces:

@@ -12,11 +12,11 @@ from robodyn_cli.trajectories.led import followed_by
 
 if TYPE_CHECKING:
     from robodyn_cli.equations.constraints import Constraints
+    from robodyn_cli.equations.control.control import Control
     from robodyn_cli.equations.elements import Elements
     from robodyn_cli.equations.joint_forces import JointForces
     from robodyn_cli.equations.time_structure import Structure
     from robodyn_cli.model.model import Model
-    from robodyn_cli.spatial.algebra import Vector
 
 
 class Equations(Protocol):
@@ -26,8 +26,10 @@ class Equations(Protocol):
     model: Model
     t: Expr
 
+    control: Control | None
+
     @property
-    def actuator_torques(self) -> Vector: ...
+    def environment(self) -> dict[str, Any]: ...
     @property
     def constraints(self) -> Constraints: ...
     @property
@@ -50,7 +52,7 @@ class Switching:
         found: list[tuple[str, list[Scalar]]] = []
         for name, torque in e.scene.torques.items():
             if not isinstance(torque, sc.Torque):
-                found.append((f"torques.{name}", [e.actuator_torques[e.model.v_names.index(name)]]))
+                found.append((f"torques.{name}", [torque.evaluate(e.environment)]))
         known: set[str] = set()
         if e.scene.prescribed:
             from robodyn_cli.equations.prescribed import attitude_functions
@@ -78,7 +80,8 @@ class Switching:
         e = self.equations
         gears = [("gear", [torque]) for torque in e.gear_losses(smooth=True).values()]
         found = [(key, switch) for key, entries in [*self.formulas, *gears] for switch in switches(entries)]
-        return [*found, *e.forces_in_joints.switches()]
+        own = [] if e.control is None else e.control.switches
+        return [*found, *own, *e.forces_in_joints.switches()]
 
     @property
     def with_state(self) -> list[tuple[str, Expr]]:
@@ -109,6 +112,8 @@ class Switching:
             float(row[0]) for torque in tables for row in torque.table
         } | self.equations.elements.breakpoints
         times.update(self.followed or ())
+        if self.equations.control is not None:
+            times.update(x for x in self.equations.control.breakpoints if 0.0 < x < duration)
         for _, switch in self.switches:
             if is_of_time(switch, t):
                 times.update(switching_times(switch, t, duration))

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.errors import CapabilityError
+from robodyn_cli.expr.fixed import Fixed
 from robodyn_cli.expr.functions import cos, cosh, exp, log, power, sign, sin, sinh, sqrt, where
 from robodyn_cli.expr.graph import Expr, Scalar, is_nonzero, reachable
 from robodyn_cli.expr.rebuild import apply
 
 SparseRow = dict[int, Scalar]
+# derivatives of a number of the scene by keys of the scene, by column
+NumberSlopes = Callable[[float], SparseRow]
 
 
 # derivative of a function of one argument a, from a and the function's own node y
@@ -41,45 +44,59 @@ def partials(node: Expr) -> list[tuple[Expr, Scalar]]:
     ------
     CapabilityError : the operation has no derivative.
     """
-    op, args = node.op, node.args
-    a = args[0]
+    if node.op == "table":
+        knots, rows, held = node.value
+        slopes = _slopes_of_table(rows)
+        if not slopes:
+            return []
+        a = node.args[0]
+        return [(a, node.graph.piecewise(a, knots, slopes, None if held is None else (0.0, 0.0)))]
+    return [(node.args[k], partial) for k, partial in rules(node.op, node.args, node)]
+
+
+def rules(op: str, args: Sequence[Any], result: Any) -> list[tuple[int, Any]]:
+    """Return (number of the argument, partial derivative) of an operation, of expressions or of numbers.
+
+    Raises
+    ------
+    CapabilityError : the operation has no derivative.
+    """
     if op in _SLOPES:
-        return [(a, _SLOPES[op](a, node))]
+        return [(0, _SLOPES[op](args[0], result))]
     # constants as numbers, or they would not be folded
-    value: list[Any] = [e.value if e.op == "const" else e for e in args]
+    value: list[Any] = [e.value if isinstance(e, Expr) and e.op == "const" else e for e in args]
     if op == "add":
-        return [(a, 1.0), (args[1], 1.0)]
+        return [(0, 1.0), (1, 1.0)]
     if op == "sub":
-        return [(a, 1.0), (args[1], -1.0)]
+        return [(0, 1.0), (1, -1.0)]
     if op == "mul":
-        return [(a, value[1]), (args[1], value[0])]
+        return [(0, value[1]), (1, value[0])]
     if op == "div":
         inverse = 1.0 / args[1]
-        return [(a, inverse), (args[1], -(node * inverse))]
+        return [(0, inverse), (1, -(result * inverse))]
     if op == "atan2":
         y, x = value
         r2 = x * x + y * y
-        return [(a, x / r2), (args[1], -(y / r2))]
+        return [(0, x / r2), (1, -(y / r2))]
     if op == "pow":
-        return _partials_of_power(node, *value)
-    if op == "table":
-        knots, rows, held = node.value
-        slopes = tuple(
-            tuple(float(i) * x for x in rows[i]) if i > 1 else rows[i] for i in range(1, len(rows))
-        )
-        if not slopes:
-            return []
-        return [(a, node.graph.piecewise(a, knots, slopes, None if held is None else (0.0, 0.0)))]
-    if op == "sign":
+        return _partials_of_power(result, *value)
+    if op in ("sign", "round"):
         return []
     raise CapabilityError(f"the operation {op} has no derivative")
 
 
-def _partials_of_power(node: Expr, base: Any, exponent: Any) -> list[tuple[Expr, Scalar]]:
-    found = [(node.args[0], exponent * power(base, exponent - 1.0))] if isinstance(base, Expr) else []
+def _slopes_of_table(rows: Sequence[tuple[float, ...]]) -> tuple[tuple[float, ...], ...]:
+    """Return the coefficients of the slope of a piecewise polynomial."""
+    return tuple(tuple(float(i) * x for x in rows[i]) if i > 1 else rows[i] for i in range(1, len(rows)))
+
+
+def _partials_of_power(result: Any, base: Any, exponent: Any) -> list[tuple[int, Any]]:
+    found = []
+    if isinstance(base, (Expr, Fixed)):
+        found.append((0, exponent * power(base, exponent - 1.0)))
     if isinstance(exponent, Expr):
         # 0 ** x is 0 where it is differentiable
-        found.append((node.args[1], node * log(base) if is_nonzero(base) else 0.0))
+        found.append((1, result * log(base) if is_nonzero(base) else 0.0))
     return found
 
 
@@ -98,19 +115,38 @@ def branches(node: Expr) -> tuple[Scalar, Expr, Expr] | None:
     return None
 
 
-def jacobian(outputs: Sequence[Scalar], inputs: Sequence[Expr]) -> list[SparseRow]:
+def jacobian(
+    outputs: Sequence[Scalar], inputs: Sequence[Expr], slopes: NumberSlopes | None = None
+) -> list[SparseRow]:
     """Return d outputs / d inputs as sparse rows {column: entry}; zeros that are structural do not appear.
 
     Forward mode over the shared graph: each node carries its sparse gradient once.
+
+    Parameters
+    ----------
+    slopes : as for ``gradients``, in columns behind those of the inputs.
     """
-    gradient: dict[int, SparseRow] = {x.index: {k: 1.0} for k, x in enumerate(inputs)}
+    return gradients(outputs, {x.index: {k: 1.0} for k, x in enumerate(inputs)}, slopes)
+
+
+def gradients(
+    outputs: Sequence[Scalar], seeds: Mapping[int, SparseRow], slopes: NumberSlopes | None = None
+) -> list[SparseRow]:
+    """Return the sparse gradients of outputs by the chain rule, from those of some nodes (by index).
+
+    Parameters
+    ----------
+    slopes : gives those of the numbers of the scene that the expressions hold; constants where it is not given.
+    """
+    gradient: dict[int, SparseRow] = dict(seeds)
     for node in reachable(outputs):
+        if node.op == "const" and slopes is not None:
+            gradient[node.index] = slopes(node.value)
         if not node.args or node.index in gradient:
             continue
-        arguments = [a for a in node.args if gradient.get(a.index)]
-        if not arguments:
+        row = _of_table(node, slopes) if node.op == "table" and slopes is not None else {}
+        if not row and not any(gradient.get(a.index) for a in node.args):
             continue
-        row: SparseRow = {}
         split = branches(node)
         if split is not None:
             x, a, b = split
@@ -124,7 +160,32 @@ def jacobian(outputs: Sequence[Scalar], inputs: Sequence[Expr]) -> list[SparseRo
                 term = partial * entry
                 row[column] = row[column] + term if column in row else term
         gradient[node.index] = {k: e for k, e in row.items() if is_nonzero(e)}
-    return [dict(gradient.get(e.index, {})) if isinstance(e, Expr) else {} for e in outputs]
+    of_number: NumberSlopes = slopes or (lambda x: {})
+    return [dict(gradient.get(e.index, {})) if isinstance(e, Expr) else of_number(e) for e in outputs]
+
+
+def _of_table(node: Expr, slopes: NumberSlopes) -> SparseRow:
+    """Return the derivatives of a piecewise polynomial by the keys that its knots and coefficients follow from.
+
+    d/dc sum_i c_i (x - k)^i = sum_i dc_i (x - k)^i - p'(x) dk, segment by segment.
+    """
+    knots, rows, held = node.value
+    of_knots, of_rows = [slopes(x) for x in knots], [[slopes(x) for x in row] for row in rows]
+    of_held = None if held is None else [slopes(x) for x in held]
+    columns = {k for each in (of_knots, *of_rows, of_held or []) for row in each for k in row}
+    rates = _slopes_of_table(rows)
+    found: SparseRow = {}
+    for k in columns:
+        changed = [
+            tuple(
+                own.get(k, 0.0) - (rates[i][s] * of_knots[s].get(k, 0.0) if i < len(rates) else 0.0)
+                for s, own in enumerate(row)
+            )
+            for i, row in enumerate(of_rows)
+        ]
+        ends = None if of_held is None else (of_held[0].get(k, 0.0), of_held[1].get(k, 0.0))
+        found[k] = node.graph.piecewise(node.args[0], knots, tuple(changed), ends)  # type: ignore[arg-type]
+    return found
 
 
 def directional(

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 from robodyn_cli.errors import NumericalError, SceneError, did_you_mean
-from robodyn_cli.expr.formula_tree import CONSTANTS, SPANS, Name, Node, Num, fail, prefix, shown
+from robodyn_cli.expr.formula_tree import CONSTANTS, QUALIFIERS, SPANS, Name, Node, Num, fail, prefix, shown
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.record import record
 
@@ -75,17 +75,21 @@ class Formula:
         parameters: Collection[str] = (),
         variables: Collection[str] = ("t", "q", "qd"),
         rates: Collection[str] | None = None,
+        states: Collection[str] = (),
     ) -> Formula:
         """Return the formula with canonical names: ``t``, ``q.JOINT``, ``qd.JOINT``, ``p.PARAMETER``.
 
-        ``joints`` are the columns of q (``ball.qw`` is one), ``rates`` those of v where they differ.
+        ``joints`` are the columns of q (``ball.qw`` is one), ``rates`` those of v where they differ, ``states`` those
+        of a controller (``s.NAME``); its reference is ``ref.JOINT``, ``refd.JOINT``, ``refdd.JOINT``.
 
         Raises
         ------
         SceneError : a name that is unknown, or not among ``variables``.
         """
         canonical = {name: name for name in self.columns if _is_own(name, variables)}
-        known = {"p": parameters, "q": joints, "qd": joints if rates is None else rates}
+        rates = joints if rates is None else rates
+        known = {"p": parameters, "q": joints, "qd": rates, "s": states}
+        known |= {"ref": joints, "refd": rates, "refdd": rates, "tau": rates}
         for name, column in self.columns.items():
             if name in canonical:
                 continue
@@ -106,7 +110,7 @@ class Formula:
             if name in canonical and canonical[name].partition(".")[0] in (*variables, "p"):
                 continue
             options = [x for x in ("t",) if x in variables] + [*parameters]
-            options += [f"{x}.{joint}" for x in ("q", "qd") if x in variables for joint in known[x]]
+            options += [f"{x}.{name}" for x in QUALIFIERS if x in variables for name in known[x]]
             what = f"{name!r} is not allowed here" if name in canonical else f"unknown name {name!r}"
             hint = did_you_mean(name, [*options, *(joints if "q" in variables else ())])
             fail(self.text, column, f"{what}{hint}; allowed: {_listed(options)}", self.where)

@@ -19,6 +19,7 @@ from robodyn_cli.expr.formula_tree import (
     CONSTANTS,
     FUNCTIONS,
     MANY,
+    QUALIFIERS,
     SPANS,
     SWITCHING,
     Call,
@@ -37,7 +38,6 @@ MAX_DEPTH = 60
 # each adds an event function, and compile time grows faster than their number
 MAX_SWITCHES = 100
 
-QUALIFIERS = ("q", "qd", "p")
 _DEGREE = math.pi / 180.0
 _BINDING = {"+": 10, "-": 10, "*": 20, "/": 20, "^": 40, "**": 40}
 _UNARY_BINDING = 30
@@ -197,7 +197,7 @@ class Parser:
                 self.fail(
                     token,
                     f"unknown name {token.text!r}; a dot is allowed only in q.JOINT, qd.JOINT, q.JOINT.COORDINATE and "
-                    "p.PARAMETER",
+                    "p.PARAMETER, and beside a controller in ref.JOINT, refd.JOINT, refdd.JOINT, tau.JOINT and s.STATE",
                 )
             self.names.setdefault(token.text, token.column)
             return Name(token.text)

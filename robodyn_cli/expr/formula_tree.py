@@ -42,6 +42,8 @@ _BINARY: dict[str, Callable[[Any, Any], Any]] = {
 }
 
 
+# what stands before a dot: positions, rates, parameters; reference, states and torques of a controller
+QUALIFIERS = ("q", "qd", "p", "ref", "refd", "refdd", "s", "tau")
 # distances of two points [m] and their rates, as names of their own: length(tip, base.origin)
 SPANS = {"length": "q", "length_rate": "qd"}
 

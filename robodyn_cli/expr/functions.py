@@ -45,6 +45,7 @@ log = _lift("log", math.log, "log")
 sqrt = _lift("sqrt", math.sqrt, "sqrt")
 absolute = _lift("abs", abs, "abs")
 sign = _lift("sign", _sign, "sign")
+nearest = _lift("round", lambda x: float(round(x)), "rint")
 
 
 def _graph_of(*xs: Any) -> Any:

@@ -49,6 +49,7 @@ APPLY: dict[str, Callable[..., Any]] = {
     "sqrt": f.sqrt,
     "abs": f.absolute,
     "sign": f.sign,
+    "round": f.nearest,
     "atan2": f.atan2,
     "min": f.minimum,
     "max": f.maximum,

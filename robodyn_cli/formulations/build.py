@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 from robodyn_cli.equations.contact_joints import moving_freely
@@ -49,6 +50,8 @@ def build_system(
     """
     name = formulation_of(problem, stabilisation, expanded)
     doers, z_rate = _work(problem) if work else ((), ())
+    if problem.control is not None:
+        z_rate = (*problem.control.rates, *z_rate)
     found = FORMULATIONS[name](problem, z_rate, stabilisation)
     partition = found.partition or _row_combinations(problem)
     own = (*discontinuities(problem), *(partition.functions if partition is not None else ()))
@@ -66,11 +69,16 @@ def build_system(
         forms=found.forms,
     )
     layout = Layout.of(problem.model, len(z_rate))
-    if layout is None:
-        return system
-    from robodyn_cli.formulations.quasi import with_layout
+    if layout is not None:
+        from robodyn_cli.formulations.quasi import with_layout
 
-    return with_layout(problem, system, layout)
+        system = with_layout(problem, system, layout)
+    if problem.control is None or problem.control.period is None:
+        return system
+    from robodyn_cli.formulations.updates import Updates
+
+    updates = Updates.of(problem.control, layout, problem.scene.simulate.duration)
+    return dataclasses.replace(system, updates=updates)
 
 
 def formulation_of(problem: Problem, stabilisation: str | Baumgarte, expanded: bool = False) -> str:

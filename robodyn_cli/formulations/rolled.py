@@ -90,7 +90,8 @@ class Rolled:
         raise CapabilityError(
             f"a chain of {self.model.nv} joints is integrated by loops over its bodies, which have no exact "
             "Jacobian, so methods that solve with one, such as 'rodas5p', 'radau' and 'bdf', are not for it; "
-            "allowed: gauss (of any order), dop853, dopri5, rk4, implicit_midpoint"
+            "allowed: gauss (of any order), dop853, dopri5, rk4, implicit_midpoint",
+            key="simulate.integrator",
         )
 
     def memory(self) -> tuple[Numbers, Numbers]:

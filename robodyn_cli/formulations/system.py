@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from robodyn_cli.formulations.index3 import Index3
     from robodyn_cli.formulations.linearisation import Jacobian
     from robodyn_cli.formulations.residual import Residual
+    from robodyn_cli.formulations.updates import Updates
 
 
 class Partition(ABC):
@@ -111,7 +112,8 @@ class System:
     parameters : values of p that a run starts with, but for those that the ``partition`` chooses.
     work_done_by : what does the work whose rate is among the z-dot; none where that is not integrated.
     layout : None where q, v, z are the mechanism's.
-    forms : the same motion in forms that some methods use instead of the rates.
+    forms : the same motion in forms that some methods use instead of the rates. updates : of states that are constant
+    but for known instants, the first of z.
     """
 
     nq: int
@@ -126,6 +128,7 @@ class System:
     work_done_by: tuple[str, ...] = ()
     layout: Layout | None = None
     forms: Forms | None = None
+    updates: Updates | None = None
 
     @property
     def size(self) -> int:
@@ -296,6 +299,8 @@ class System:
                 str(self.layout),
                 str(self.corrections.normalised),
             ]
+        if self.updates is not None:
+            code.append(self.updates.digest)
         return " ".join(
             [size, str(self.nz), *code, *(f"{e.direction}{'j' * e.is_discontinuity}" for e in self.events)]
         )

@@ -167,6 +167,8 @@ def operation(f: Function, op: str, args: Sequence[Value], fused: bool) -> Value
         return f.abs(args[0])
     if op == "sign":
         return _sign(f, args[0])
+    if op == "round":
+        return f.intrinsic("rint", args)
     if op == "min":
         return f.min(args[0], args[1])
     if op == "max":

@@ -151,7 +151,7 @@ def build_model(
     scene = with_places(scene)
     values = _Values(graph, symbolic)
     robot = scene.robot
-    placed, moving = _place_links(robot, values, merge)
+    placed, moving = _place_links(scene, values, merge)
     gravity = vector([values.get(f"gravity.{k}", g) for k, g in enumerate(scene.gravity)])
     base = Transform.from_pose(orientation(robot.base), vector(robot.base.xyz))
     places = _Places(scene, placed, values)
@@ -189,8 +189,9 @@ def build_model(
     return model
 
 
-def _place_links(robot: sc.Robot, values: _Values, merge: bool) -> tuple[dict[str, _Placed], list[_Moving]]:
+def _place_links(scene: sc.Scene, values: _Values, merge: bool) -> tuple[dict[str, _Placed], list[_Moving]]:
     """Return where each link is, and the bodies that move; a link on a fixed joint is part of its parent's body."""
+    robot = scene.robot
     links = {link.name: link for link in robot.links}
     placed: dict[str, _Placed] = {"base": _Placed(BASE, Transform.identity(), Transform.identity())}
     moving: list[_Moving] = []
@@ -209,6 +210,10 @@ def _place_links(robot: sc.Robot, values: _Values, merge: bool) -> tuple[dict[st
         part = _rigid_part(links[name], values, here.frame_of_com(links[name]))
         if here.body != BASE and part is not None:  # what is fixed to the ground has no effect
             moving[here.body].parts += (part,)
+    if scene.drives:
+        from robodyn_cli.model.drives import add_drives
+
+        add_drives(scene, placed, moving)
     return placed, moving
 
 
@@ -354,7 +359,9 @@ def _take_up(places: _Places, moving: Sequence[_Moving], values: _Values, switch
 
 def _spans(scene: sc.Scene) -> list[str]:
     """Return the distances of points that formulas ask for, in the order of the scene."""
-    formulas = formulas_in([scene.torques, scene.forces, scene.payloads])
+    formulas = formulas_in(
+        [scene.torques, scene.forces, scene.payloads, scene.control, scene.outputs.signals]
+    )
     names = (name for x in formulas for name in sorted(x.names))
     return list(dict.fromkeys(name for name in names if name.endswith(")")))
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from robodyn_cli.scene.types import Inertia, Link, Scene
 
+Path = tuple[str | int, ...]  # of keys, as in ``scene.text.nodes``
+
 
 def physical_warnings(scene: Scene) -> list[str]:
     """List what is doubtful about the bodies: what the loader found, and inertias that cannot be.
@@ -11,8 +13,24 @@ def physical_warnings(scene: Scene) -> list[str]:
     Those are not positive semi-definite or violate the triangle inequality. Only given data are judged; a planar scene
     that gives ``zz`` alone is fine.
     """
-    bodies = [f"{link.name}: {text}" for link in scene.robot.links for text in body_problems(link)]
+    bodies = [f"{name}: {text}" for _, name, text in doubtful_bodies(scene)]
     return [*scene.warnings, *bodies]
+
+
+def doubtful_bodies(scene: Scene) -> list[tuple[Path, str, str]]:
+    """List what is wrong with links and payloads: the place in the scene, the name of the body, and what it is."""
+    bodies: list[tuple[Path, Link]] = [
+        (("robot", "links", k), link) for k, link in enumerate(scene.robot.links)
+    ]
+    if scene.payloads:
+        from robodyn_cli.model.payloads import as_link
+
+        bodies += [(("payloads", k), as_link(payload)) for k, payload in enumerate(scene.payloads)]
+    return [
+        ((*path, "inertia" if "inertia" in text or "moments" in text else "mass"), link.name, text)
+        for path, link in bodies
+        for text in body_problems(link)
+    ]
 
 
 def body_problems(link: Link) -> list[str]:

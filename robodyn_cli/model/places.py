@@ -13,7 +13,8 @@ from robodyn_cli.schema.fields import Direction, Vector, key_name
 
 # what enters the equations; durations, tolerances, starts and trajectories are read by programs that run once
 SECTIONS = (
-    "robot", "gravity", "parameters", "loops", "forces", "payloads", "couplers", "torques", "prescribed",
+    "robot", "gravity", "parameters", "loops", "forces", "payloads", "couplers", "torques", "drives",
+    "prescribed",
 )  # fmt: skip
 _ORIENTATION = frozenset(field.name for field in dataclasses.fields(Orientation))
 
@@ -24,7 +25,45 @@ def with_places(scene: Scene) -> Scene:
     Keys are those of ``--set``, such as ``robot.links.link1.mass``; the numbers of a formula are counted behind its
     key. Zeros, directions, attitudes, and values that are what a key has by default, are structure.
     """
-    return dataclasses.replace(scene, **{name: _placed(getattr(scene, name), name) for name in SECTIONS})
+    found = {name: _placed(getattr(scene, name), name) for name in SECTIONS}
+    if scene.drives:
+        found["catalogue"] = _placed(scene.catalogue.used_by(scene.drives.values()), "catalogue")
+    if scene.control is not None:
+        numbers = {
+            name: _placed(getattr(scene.control, name), f"control.{name}") for name in scene.control.numbers
+        }
+        found["control"] = dataclasses.replace(scene.control, **numbers)
+    return dataclasses.replace(scene, **found)
+
+
+def numbers_at_places(scene: Scene) -> dict[str, float]:
+    """Return the numbers of a scene that enter the equations, by their places."""
+    found: dict[str, float] = {}
+
+    def visit(value: Any) -> None:
+        if isinstance(value, Fixed):
+            found[value.args[0]] = float(value)
+        elif isinstance(value, Formula):
+            value.root.rebuilt(leaf)
+        elif isinstance(value, dict):
+            for x in value.values():
+                visit(x)
+        elif isinstance(value, tuple):
+            for x in value:
+                visit(x)
+        elif dataclasses.is_dataclass(value):
+            for field in dataclasses.fields(value):
+                visit(getattr(value, field.name))
+
+    def leaf(node: Node) -> Node:
+        if isinstance(node, Num):
+            visit(node.number)
+        return node
+
+    placed = with_places(scene)
+    for name in SECTIONS:
+        visit(getattr(placed, name))
+    return found
 
 
 def _placed(value: Any, place: str) -> Any:

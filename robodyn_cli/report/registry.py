@@ -26,6 +26,7 @@ PLOTS: tuple[str, ...] = (
     "joint_accelerations",
     "torques",
     "torque_terms",
+    "drives",
     "limits",
     "tip_path",
     "point_motion",
@@ -47,6 +48,7 @@ AT_REST = ("assemble", "reach", "statics")
 ANALYSES: dict[str, tuple[str, ...]] = {
     "info": ("state",),
     "stability": ("stability_spectrum", "stability_methods", "energy_growth", "baumgarte", "stability_suite"),
+    "sensitivity": ("sensitivity_tornado",),
     "sweep": ("study_response", "study_map", "study_histograms", "study_influence"),
     "work-precision": ("work_precision",),
 }

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.ticks import labelled
 from robodyn_cli.results.columns import UNKNOWN
@@ -43,3 +44,26 @@ def runs_text(result: Result) -> str:
     code = result["runs/exit_code"]
     failed = int(np.count_nonzero(code))
     return f"{len(code)} runs" + (f", {failed} failed" if failed else "")
+
+
+def tornado(ax: Any, label: str, swings: dict[str, float], figures: bool = False) -> None:
+    """Draw a bar for each key, the longest on top; its name stands inside the panel, above the bar.
+
+    figures : whether its number stands there too, on the right.
+    """
+    y = np.arange(len(swings))[::-1]
+    colours = [style.COLOURS[0] if swing >= 0.0 else style.COLOURS[1] for swing in swings.values()]
+    ax.barh(y, list(swings.values()), height=0.42, color=colours)
+    ax.axvline(0.0, color="#4d4d4d", linewidth=0.8)
+    ax.set_yticks([])
+    ax.set_ylim(-0.5, len(swings) - 0.3)
+    ax.margins(x=0.08)
+    for place, key in zip(y, swings):
+        ax.text(0.01, place + 0.24, key, transform=ax.get_yaxis_transform(), fontsize=7.5, va="bottom")
+        if figures:
+            ax.text(
+                0.99, place + 0.24, f"{swings[key]:+.3g}", transform=ax.get_yaxis_transform(), fontsize=7.5,
+                va="bottom", ha="right",
+            )  # fmt: skip
+    ax.set_xlabel(label)
+    ax.locator_params(axis="x", nbins=6)

@@ -69,6 +69,11 @@ ENTRIES: tuple[Entry, ...] = (
     Entry(
         "energy/work", ("time",), "J", "work done on the system by non-conservative forces since the start"
     ),
+    Entry("control/reference", ("time", "tracked"), "rad or m", "what the controller follows"),
+    Entry("control/error", ("time", "tracked"), "rad or m", "reference less motion"),
+    Entry("control/torque", ("time", "driven"), "N m or N", "torque or force of the controller"),
+    Entry("control/states", ("time", "control_state"), "1", "states of the controller"),
+    Entry("signals/NAME", ("time",), "1", "signal of `outputs.signals`, in the unit that the scene states"),
     Entry("forces/potential", ("time", "force"), "J", "potential energy of each entry of `forces`"),
     Entry(
         "forces/power", ("time", "force"), "W", "power of each entry of `forces` beside its potential energy"
@@ -76,6 +81,33 @@ ENTRIES: tuple[Entry, ...] = (
     Entry("points/NAME", ("time", "axis"), "m", "position of a point in the world frame", XYZ),
     Entry("limits/use", ("time", "limit"), "1", "part of each limit that a motion in the least time uses"),
     Entry("limits/binding", ("time",), "1", "column of limits/use that binds, -1 where none does"),
+    Entry("drives/load", ("time", "drive"), "N m or N", "torque or force of the gears on the mechanism"),
+    Entry("drives/speed", ("time", "drive"), "rad/s", "speed of each motor of the joint's drive"),
+    Entry(
+        "drives/torque", ("time", "drive"), "N m", "torque at the shaft of each motor, its rotor's included"
+    ),
+    Entry("drives/use", ("time", "drive"), "1", "part of the motor's envelope that is used"),
+    Entry("drives/current", ("time", "electric_drive"), "A", "current of each motor"),
+    Entry(
+        "drives/winding_temperature",
+        ("time", "warm_drive"),
+        "degC",
+        "temperature of the windings in the steady periodic state",
+    ),
+    *(
+        Entry(
+            f"envelopes/{kind}/JOINT",
+            ("vertex", "quantity"),
+            "rad/s, N m",
+            f"corners of the motor's envelope: {meaning}",
+            ("speed", "torque"),
+        )
+        for kind, meaning in (
+            ("driving", "while it drives"),
+            ("braking", "while it brakes"),
+            ("continuous", "what it bears for ever"),
+        )
+    ),
     Entry("targets/NAME", ("time", "axis"), "m", "position asked of a point in the world frame", XYZ),
     Entry(
         "point_velocities/NAME",
@@ -168,7 +200,7 @@ ATTRIBUTES: tuple[Attribute, ...] = (
     Attribute("robodyn_version", "text", "version of robodyn that wrote the file"),
     Attribute("command", "text", "command that was run: `inverse`, `simulate`, `deploy`, ..."),
     Attribute("title", "text", "title of the scene"),
-    Attribute("status", "text", "`ok`, `locked`, `no_lock`, `overload` or `failed`"),
+    Attribute("status", "text", "`ok`, `locked`, `no_lock`, `overload`, `undersized` or `failed`"),
     Attribute("scene", "text", "the scene as it was run: includes and `--set` resolved"),
     Attribute("scene_sha256", "text", "SHA-256 of `scene`, hexadecimal"),
     Attribute("versions", "JSON", "versions of Python, the libraries in use and the operating system"),

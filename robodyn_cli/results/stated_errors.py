@@ -58,6 +58,7 @@ STATEMENTS = (
         ("error_estimate", "state_max"), "largest error of the state", "rad or m, rad/s or m/s", LOADS
     ),
     Statement(("ik_residual",), "path off by", "m", POSES, is_main=True),
+    Statement(("attitude_residual",), "attitude on the path off by", "rad", POSES, is_main=True),
     Statement(
         ("error_estimate", "torque_rounding"), "rounding of any torque", "N m or N", ("tau", "torque_terms"), "tau"
     ),

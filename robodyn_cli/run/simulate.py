@@ -144,5 +144,11 @@ def _report(run: Run, judgement: Judgement, estimate: ErrorEstimate | None, watc
     result.events = run.driver.log
     run.recorder.fill(result)
     add_joint_limits(result, run.motion.scene, run.motion.problem.model)
-    result.summarise(motion_summary(run, judgement, estimate), seconds=watch.report())
+    summary = motion_summary(run, judgement, estimate)
+    if run.motion.scene.drives and failure is None:
+        from robodyn_cli.run.sizing.report import with_drives
+
+        with watch.stage("drives"):
+            summary = with_drives(summary, result, run.motion.scene, run.motion.problem)
+    result.summarise(summary, seconds=watch.report())
     return result.unless(failure)

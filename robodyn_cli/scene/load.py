@@ -207,6 +207,10 @@ def _completed(root: Node, overrides: Sequence[str], includer: Includer) -> Node
     kind = Section(Scene)
     if not isinstance(root, Mapping):
         raise located(root, "", f"a scene is a map of keys and values (value {describe_node(root)})")
+    if root.get("drives") is not None:
+        from robodyn_cli.scene.text.catalogue import with_catalogue
+
+        root = with_catalogue(root)
     if overrides:
         from robodyn_cli.scene.text.overrides import apply
 
@@ -215,6 +219,10 @@ def _completed(root: Node, overrides: Sequence[str], includer: Includer) -> Node
                 root = apply(root, kind, override, root.source.directory, includer)
             except SceneError as error:
                 includer.faults.add_unrelated([error])
+        if isinstance(root, Mapping) and root.get("drives") is not None:
+            from robodyn_cli.scene.text.catalogue import with_catalogue
+
+            root = with_catalogue(root)
     return includer.whole(kind, root)
 
 
@@ -234,6 +242,10 @@ def _checked(root: Node, faults: Faults) -> Scene | None:
     if any(key.startswith(("robot.points", "robot.frames")) for key in faults.keys):
         # the points could not be read; references to them are right
         errors = [e for e in errors if "unknown point" not in e.message]
+    if any(key.startswith("catalogue") for key in faults.keys):
+        errors = [
+            e for e in errors if " drives." not in e.message
+        ]  # what it lacks may be what is wrong in it
     faults.add_unrelated(errors)
     checked: Scene = scene
     return checked
@@ -259,7 +271,17 @@ def formula_names(root: Node) -> Names:
             types[name.text] = type_.text if isinstance(type_, Scalar) else ""
     parameters = root.get("parameters") if isinstance(root, Mapping) else None
     keys = [key.text for key, _ in parameters.entries] if isinstance(parameters, Mapping) else []
-    return Names(tuple(moving), tuple(keys), tuple(fixed), tuple(rates), types)
+    control = root.get("control") if isinstance(root, Mapping) else None
+    states = _controller_states(control, moving) if isinstance(control, Mapping) else ()
+    return Names(tuple(moving), tuple(keys), tuple(fixed), tuple(rates), types, states)
+
+
+def _controller_states(control: Mapping, joints: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the states that a controller has: those of its own, or its integrals."""
+    kind, own = control.get("type"), control.get("state")
+    if isinstance(kind, Scalar) and kind.text == "pid":
+        return tuple(f"integral.{name}" for name in joints)
+    return tuple(key.text for key, _ in own.entries) if isinstance(own, Mapping) else ()
 
 
 def is_part(path: str | os.PathLike[str]) -> bool:

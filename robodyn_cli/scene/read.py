@@ -37,11 +37,13 @@ from robodyn_cli.schema.fields import (
     Inline,
     JointMap,
     Kind,
+    LaterSection,
     ListOf,
     MapOf,
     Number,
     OrFile,
     Section,
+    Settings,
     Tagged,
     Variations,
     Vector,
@@ -121,12 +123,14 @@ class Reader(ScalarReader):
             MapOf: self.map_of,
             JointMap: partial(joint_map, self),
             Section: self.section,
+            LaterSection: self.section,
             Tagged: self.tagged,
             Either: self.either,
             ByPart: self.by_part,
             OrFile: self.or_file,
             Criteria: self.criteria,
             Variations: self.variations,
+            Settings: self.settings,
         }
 
     # -- collections ----------------------------------------------------------------------------------
@@ -208,6 +212,19 @@ class Reader(ScalarReader):
                 result[key.text] = parse_variation(given)
             except SceneError as error:
                 self.faults.report(located(item, dotted((*path, key.text)), error.message))
+        return result
+
+    def settings(self, kind: Settings, node: Node, path: Path, unit: str) -> dict[str, str]:
+        """Return by key path the value as ``--set`` writes it; maps below a key are the same as dots in it."""
+        from robodyn_cli.scene.text.emit import flow
+
+        result = {}
+        for key, item in self.entries_of(kind, node, path, unit):
+            if isinstance(item, Mapping):
+                inner = self.settings(kind, item, (*path, key.text), unit)
+                result.update({f"{key.text}.{name}": value for name, value in inner.items()})
+            else:
+                result[key.text] = flow(item)
         return result
 
     def tagged(self, kind: Tagged, node: Node, path: Path, unit: str) -> Any:

@@ -42,6 +42,7 @@ class Names:
     fixed: tuple[str, ...] = ()  # joints without a coordinate, for a better message
     rates: tuple[str, ...] = ()  # columns of v, where they differ from those of q
     types: dict[str, str] = dataclasses.field(default_factory=dict)  # of the joints
+    states: tuple[str, ...] = ()  # of the controller
 
 
 class ScalarReader:
@@ -189,7 +190,7 @@ class ScalarReader:
         tree = self.parse(node, path, describe(kind, unit))
         self.check_moving(tree, node, path)
         try:
-            tree = tree.resolve(self.joints, self.parameters, kind.variables, self.rates)
+            tree = tree.resolve(self.joints, self.parameters, kind.variables, self.rates, self.names.states)
         except SceneError as error:
             raise located(node, dotted(path), error.message) from None
         where = str(located(node, dotted(path), "").message).removesuffix(": ")

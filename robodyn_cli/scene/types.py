@@ -8,6 +8,7 @@ fills in the ``parent`` and ``link`` of every joint.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.commands import SAMPLERS, SCENE_COMMANDS
@@ -43,6 +44,7 @@ from robodyn_cli.schema.fields import (
     Formula,
     Integer,
     JointMap,
+    LaterSection,
     ListOf,
     MapOf,
     Name,
@@ -59,6 +61,12 @@ from robodyn_cli.trajectories.registry import trajectory_types
 
 if TYPE_CHECKING:
     from robodyn_cli.expr.variation import Variation
+
+
+def _controllers() -> Mapping[str, type]:
+    from robodyn_cli.control.registry import control_types  # few scenes have a controller
+
+    return control_types
 
 
 @record
@@ -205,6 +213,17 @@ class DeployOptions:
     )
 
 
+SEEN = Formula(("t", "q", "qd", "ref", "refd", "refdd", "s", "tau"))
+
+
+@record
+class Signal:
+    """A quantity to record, by a formula."""
+
+    value: Any = key(SEEN, doc="The formula.")
+    unit: str = key(Text(), default="1", doc="Its unit, as the file states it.")
+
+
 @record
 class Outputs:
     """What is recorded beyond the usual."""
@@ -218,6 +237,11 @@ class Outputs:
         Choice(("joint", "world")),
         default="joint",
         doc="Axes of the components: the joint's own frame, turning with the link, or the world's.",
+    )
+    signals: dict[str, Any] = key(
+        MapOf(Either((SEEN, Section(Signal))), of="signal"),
+        default=None,
+        doc="Quantities to record by formulas, in t, q, qd, tau and what a controller knows (ref, refd, refdd, s).",
     )
 
 
@@ -302,6 +326,21 @@ class Scene:
         default=None,
         unit="N m or N",
         doc="Actuator torques: a number, a formula in t, q and qd, or a table.",
+    )
+    drives: dict[str, Any] = key(
+        MapOf(LaterSection("motors.drive:Drive"), of="joint"),
+        default=None,
+        doc="Motors, gears and brakes of joints, whose torques, heat and limits `inverse` and `simulate` report.",
+    )
+    catalogue: Any = key(
+        OrFile(LaterSection("motors.drive:Catalogue"), catalogue=True),
+        default=None,
+        doc="Motors, gears and brakes that `drives` and `size` choose from; default: the example catalogue.",
+    )
+    control: Any = key(
+        OrFile(Tagged(_controllers)),
+        default=None,
+        doc="Controller whose torques `simulate` adds to `torques`.",
     )
     prescribed: dict[str, Any] = key(
         Either((Choice(("trajectory",)), JointMap(Formula(("t",))))),

@@ -43,7 +43,8 @@ def _plain(kind: kinds.Kind) -> str:
     if isinstance(kind, kinds.Either):
         return ", or ".join(_plain(k) for k in kind.kinds)
     if isinstance(kind, kinds.OrFile):
-        return f"{_plain(kind.item)}, or the path of a YAML{' or URDF' if kind.robot else ''} file"
+        other = " or URDF" if kind.robot else " or CSV" if kind.catalogue else ""
+        return f"{_plain(kind.item)}, or the path of a YAML{other} file"
     if isinstance(kind, (kinds.Section, kinds.ByPart)):
         return "a map"
     if isinstance(kind, kinds.Inline):
@@ -52,6 +53,8 @@ def _plain(kind: kinds.Kind) -> str:
         return "a map from keys of the summary to what is expected there"
     if isinstance(kind, kinds.Variations):
         return "a map from keys of the scene to what they vary over"
+    if isinstance(kind, kinds.Settings):
+        return "a map from keys of the scene to values"
     if isinstance(kind, kinds.CsvFile):
         return "the path of a CSV or HDF5 file"
     if isinstance(kind, kinds.MeshFile):

@@ -7,6 +7,7 @@ The same description serves the reader (``scene/read.py``), the error messages a
 from __future__ import annotations
 
 import dataclasses
+import importlib
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -123,10 +124,31 @@ class Variations(Kind):
 
 
 @record
+class Settings(Kind):
+    """A map from key paths of the scene to values, each of which is read as the text of ``--set`` (``0.8``)."""
+
+
+@record
 class Section(Kind):
     """A nested section described by another dataclass."""
 
     cls: type
+
+
+class LaterSection(Section):
+    """A section whose dataclass, at ``place`` as ``module:member``, is imported for scenes that have it alone."""
+
+    place: str
+
+    def __init__(self, place: str) -> None:
+        object.__setattr__(self, "place", place)
+
+    @property
+    def cls(self) -> type:
+        """The dataclass."""
+        module, _, member = self.place.partition(":")
+        found: type = getattr(importlib.import_module(f"robodyn_cli.{module}"), member)
+        return found
 
 
 @record
@@ -158,10 +180,12 @@ class OrFile(Kind):
 
     A map with the key ``include`` takes over the keys of that file, but for those that it gives itself. ``robot`` : the
     file may be a URDF too; beside ``include`` a ``prefix`` goes before all names, and ``attach`` adds parts.
+    catalogue : the file may be a CSV table too, with a line for each motor, gear and brake.
     """
 
     item: Kind
     robot: bool = False
+    catalogue: bool = False
 
 
 @record
@@ -216,7 +240,7 @@ def key(kind: Kind, *, default: Any = REQUIRED, unit: str = "", doc: str = "", n
     metadata = {"kind": kind, "unit": unit, "doc": doc, "name": name}
     if default is REQUIRED:
         return dataclasses.field(metadata=metadata)
-    maps = (MapOf, Criteria, Variations)
+    maps = (MapOf, Criteria, Variations, Settings)
     if default is None and any(isinstance(k, maps) for k in getattr(kind, "kinds", (kind,))):
         return dataclasses.field(default_factory=dict, metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)

@@ -257,7 +257,7 @@ def _close_rates(
             raise GeometryError(
                 f"the initial rates contradict the constraints: {row.name} moves at {remaining:.6g} {unit}; "
                 "give fewer of initial.qd",
-                row=row.name, residual=remaining,
+                key="initial.qd", row=row.name, residual=remaining,
             )  # fmt: skip
     return new, remaining
 

@@ -97,7 +97,8 @@ class PointTask:
         if missing:
             raise SceneError(
                 f"{self.where}the inverse kinematics of {self.trajectory.point!r} starts at initial.q, which "
-                f"lacks joint {missing[0]!r}; give all of {', '.join(names)}, there or in trajectory.ik.guess"
+                f"lacks joint {missing[0]!r}; give all of {', '.join(names)}, there or in trajectory.ik.guess",
+                key="initial.q",
             )
         return np.array([self.start[name] for name in names])
 
@@ -142,7 +143,10 @@ def follow_point(task: PointTask, times: Array, compile: Compile) -> Found:
     """
     point, ik = task.trajectory.point, task.ik
     if task.frame.body == BASE:
-        raise SceneError(f"{task.where}point {point!r} is fixed to the base and cannot follow a trajectory")
+        raise SceneError(
+            f"{task.where}point {point!r} is fixed to the base and cannot follow a trajectory",
+            key="trajectory.point",
+        )
     arm = task.arm
     _check_options(task)
     start = task.start_positions()
@@ -158,7 +162,8 @@ def follow_point(task: PointTask, times: Array, compile: Compile) -> Found:
         if start is None:
             raise SceneError(
                 f"{task.where}the inverse kinematics of {point!r} needs joint positions to start from: give "
-                "trajectory.ik.guess (or initial.q)"
+                "trajectory.ik.guess (or initial.q)",
+                key="trajectory.ik",
             )
         return _by_newton(task, times, start, compile)
     except Unreachable as failure:
@@ -190,7 +195,10 @@ def _by_newton(task: PointTask, times: Array, start: Array, compile: Compile) ->
     solver = PointSolver(function, task.model.nv, ik.tolerance, ik.max_iterations, task.drift)
     if solver.rank == 0:
         point = task.trajectory.point
-        raise SceneError(f"{task.where}no joint moves point {point!r}, so it cannot follow a trajectory")
+        raise SceneError(
+            f"{task.where}no joint moves point {point!r}, so it cannot follow a trajectory",
+            key="trajectory.point",
+        )
     follower = Follower(solver, task.target, times)
     motion = follower.run(start)
     return Found(motion, "newton", solver.iterations, follower.steps)
@@ -202,17 +210,20 @@ def _check_options(task: PointTask) -> None:
     if arm is None and ik.method == "analytic":
         raise CapabilityError(
             f"{where}trajectory.ik.method: analytic fits only planar 2R arms (two revolute joints with "
-            f"parallel axes that carry point {point!r}); allowed here: auto, newton"
+            f"parallel axes that carry point {point!r}); allowed here: auto, newton",
+            key="trajectory.ik.method",
         )
     if arm is None and ik.branch is not None and not task.chosen:
         raise SceneError(
             f"{where}trajectory.ik.branch ({ik.branch}) has a meaning only for arms whose branches have names (planar "
             "arms, SCARA robots, spherical wrists, three parallel axes) and for targets that determine all joints; "
-            "use trajectory.ik.guess instead"
+            "use trajectory.ik.guess instead",
+            key="trajectory.ik.branch",
         )
     if arm is not None and ik.branch is not None and ik.branch not in BRANCHES:
         raise SceneError(
-            f"{where}trajectory.ik.branch ({ik.branch}): a planar 2R arm has {', '.join(BRANCHES)}"
+            f"{where}trajectory.ik.branch ({ik.branch}): a planar 2R arm has {', '.join(BRANCHES)}",
+            key="trajectory.ik.branch",
         )
 
 
@@ -223,13 +234,15 @@ def _branch(arm: Planar2R, ik: Ik, start: Array | None, point: str, where: str) 
     if start is None:
         raise SceneError(
             f"{where}point {point!r} can be reached in two ways: choose trajectory.ik.branch (elbow_up, "
-            "which is theta2 < 0, or elbow_down), or give trajectory.ik.guess"
+            "which is theta2 < 0, or elbow_down), or give trajectory.ik.guess",
+            key="trajectory.ik",
         )
     bend = arm.bend(start)
     if abs(np.sin(bend)) < 1e-9:
         raise SceneError(
             f"{where}trajectory.ik.guess (or initial.q) has the arm stretched out or folded, so it chooses "
-            f"no branch for {point!r}; bend it, or choose trajectory.ik.branch (elbow_up, elbow_down)"
+            f"no branch for {point!r}; bend it, or choose trajectory.ik.branch (elbow_up, elbow_down)",
+            key="trajectory.ik",
         )
     return ELBOW_UP if bend < 0.0 else ELBOW_DOWN
 

@@ -26,6 +26,7 @@ DRAWINGS = {
     "parallelogram": DEPLOY,
     "spinning_top": SIMULATE,
     "bouncing_pendulum": SIMULATE,
+    "catching_arm": SIMULATE,
     "stick_slip": SIMULATE | {"torques", "multipliers", "constraint_residual"},
     "tumbling_body": SIMULATE,
 }

@@ -82,3 +82,39 @@ def test_a_place_that_others_may_write_to_is_told_once(
     assert not list(shared.iterdir())
     for summary in (tmp_path / "out").rglob("summary.json"):
         assert "compiled code" not in summary.read_text()
+
+
+FOUR_BAR = CONFIGS / "four_bar_deploy.yaml"
+CIRCLE = CONFIGS / "2r_circle.yaml"
+
+
+@pytest.mark.parametrize(
+    ("command", "scene", "setting", "code", "place", "words"),
+    [
+        ("simulate", FOUR_BAR, "robot.links.0.mass=null", 2, "robots/four_bar.yaml:10:5: robot.links.0", "mass of crank"),
+        ("simulate", FOUR_BAR, "robot.joints.1.a=20", 5, "four_bar_deploy.yaml:9:5: loops.0", "cannot close"),
+        ("simulate", FOUR_BAR, "initial.qd={theta1: 1, phi1: 1, phi2: 1}", 5, "--set initial.qd=", "contradict"),
+        ("deploy", CONFIGS / "double_pendulum.yaml", None, 2, "double_pendulum.yaml:3:1: loops", "closed loops"),
+        ("inverse", CIRCLE, "trajectory.ik={}", 2, "--set trajectory.ik={}: trajectory.ik", "in two ways"),
+        ("inverse", CIRCLE, "trajectory.center=[9, 9]", 5, "2r_circle.yaml:8:3: trajectory", "cannot reach"),
+        ("inverse", CIRCLE, "actuated=[theta1]", 2, "actuated", "lacks 'theta2'"),
+        ("simulate", CONFIGS / "stick_slip.yaml", "robot.joints.0.friction={coulomb: 1}", 2, "robot.joints.0", "transition_speed"),
+    ],
+)  # fmt: skip
+def test_what_a_run_finds_wrong_has_its_place(
+    command: str, scene: Path, setting: str | None, code: int, place: str, words: str, tmp_path: Path
+) -> None:
+    settings = () if setting is None else ("--set", setting)
+    done = invoke(command, scene, *settings, "--no-plots", "--out", tmp_path / "out", "--json")
+    message = done.data["error"]["message"]
+    assert done.code == code and place in message and words in message, message
+    assert message in done.err
+    assert done.data["error"].get("details", done.data["error"])["key"], done.data
+
+
+def test_strict_names_every_warning(tmp_path: Path) -> None:
+    (tmp_path / "odd.yaml").write_text(MIXED.replace("zz: 0.1", "xx: 1, yy: 0.1, zz: 0.1").replace(
+        "com: [0, 0, 0]}", "com: [0, 0, 0], inertia: {xx: 1, yy: 0.1, zz: 0.1}}"))  # fmt: skip
+    done = invoke("inverse", tmp_path / "odd.yaml", "--no-plots", "--out", tmp_path / "out", "--strict")
+    said = next(line for line in done.err.splitlines() if "robodyn: error" in line)
+    assert done.code == 2 and "carriage" in said and "rod" in said and "--strict" in said

@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from tests.proof import scenes
 from tests.proof.equations import Equations
+from tests.proof.locks import deployments
 from tests.proof.mechanism import Body, Branch, Bushing, Coupler, Loop, Mechanism, Point
 from tests.proof.scenes import Rng, flat, rounded, unit
 
@@ -269,11 +270,14 @@ FAMILIES = {
 # a second set with seeds of its own, so that those of the first stay what they are
 SECOND = 1_000_000
 SECOND_FAMILIES = {f.__name__: f for f in (gears, bushings)}
+DEPLOYMENTS = 2_000_000
 
 
 def make(seed: int) -> tuple[str, Mechanism, Rng]:
     """Return the family and the mechanism of a seed, and the generator for the runs."""
     rng = np.random.default_rng(seed)
+    if seed >= DEPLOYMENTS:
+        return deployments.__name__, deployments(rng), rng
     families = FAMILIES if seed < SECOND else SECOND_FAMILIES
     name = list(families)[seed % len(families)]
     return name, families[name](rng), rng

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli import load_scene_text, simulate
+from robodyn_cli import deploy, load_scene_text, simulate
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.run.progress import Progress
 from tests.proof.families import make, settings
+from tests.proof.locks import LockTruth, compare, lock_truth
 from tests.proof.mechanism import Array, Mechanism
 from tests.proof.reference import Reference, UndecidedError
 
@@ -55,11 +56,12 @@ class _Clock:
             raise TimeoutError(f"at t = {done:g} of {total:g} s")
 
 
-def solve(text: str, setting: dict[str, Any]) -> tuple[Any, str]:
-    """Return the result of a run, or None and how it failed."""
+def solve(text: str, setting: dict[str, Any], locks: bool) -> tuple[Any, str]:
+    """Return the result of a run, or None and how it failed; locks : whether it is a deployment."""
     clock: Progress = _Clock(SECONDS)
     try:
-        return simulate(load_scene_text(text, overrides=overrides(setting)), clock), ""
+        command = deploy if locks else simulate
+        return command(load_scene_text(text, overrides=overrides(setting)), clock), ""
     except CapabilityError as error:
         return None, f"refused: {error.message}"
     except RobodynError as error:
@@ -139,6 +141,16 @@ def judge(run: Run, result: Any, ref: Truth) -> Run:
     return run
 
 
+def judge_lock(run: Run, result: Any, ref: LockTruth) -> Run:
+    """Compare the error that a deployment prints for the time of its lock with the true one."""
+    lock = result.summary.get("lock")
+    run.verdict, run.true, run.estimate = compare(lock, ref)
+    run.key, run.ratio = "lock.time", run.estimate / run.true if run.true > 0.0 else None
+    if run.verdict == "silent":
+        run.note = f"locks at {lock and lock['time']}, truly at {ref.time}"
+    return run
+
+
 def try_seed(seed: int, runs: int) -> list[Run]:
     """Return the runs of a seed."""
     family, m, rng = make(seed)
@@ -150,7 +162,7 @@ def try_seed(seed: int, runs: int) -> list[Run]:
         run = Run(seed, family, index, setting, "failed")
         before = time.process_time()
         try:
-            result, run.note = solve(text, setting)
+            result, run.note = solve(text, setting, m.lock is not None)
         except Exception as error:
             run.verdict, result, run.note = "crash", None, repr(error)
         run.seconds = time.process_time() - before
@@ -163,29 +175,36 @@ def try_seed(seed: int, runs: int) -> list[Run]:
     if not good:
         return [run for run, _ in found]
     first = good[0]
-    references: list[tuple[Array, Truth | None, str]] = []
+    references: list[tuple[Array, Any, str]] = []
     for run, result in found:
         if result is not None:
             start = np.concatenate([result["q"][0], result["qd"][0]])
             ref, why = _reference(m, references, start, first.time)
             if ref is None:
                 run.verdict, run.note = "undecided", why
+            elif m.lock is not None:
+                judge_lock(run, result, ref)
             else:
                 judge(run, result, ref)
     return [run for run, _ in found]
 
 
 def _reference(
-    m: Mechanism, known: list[tuple[Array, Truth | None, str]], start: Array, times: Array
-) -> tuple[Truth | None, str]:
+    m: Mechanism, known: list[tuple[Array, Any, str]], start: Array, times: Array
+) -> tuple[Truth | LockTruth | None, str]:
     """Return the reference from a start; runs that start alike share one."""
     for state, ref, why in known:
         if np.abs(state - start).max() <= 1e-15 * (1.0 + np.abs(state).max()):
             return ref, why
     nq = int(m.first_q[-1])
-    ref, why = None, ""
+    ref: Truth | LockTruth | None = None
+    why = ""
     try:
-        ref = truth(m, start[:nq], start[nq:], times)
+        if m.lock is not None:
+            ends = np.array([0.0, m.duration])
+            ref = lock_truth(m, start[:nq], start[nq:], ends, (TIGHT, LOOSE))
+        else:
+            ref = truth(m, start[:nq], start[nq:], times)
     except UndecidedError as error:
         why = str(error)
     except np.linalg.LinAlgError as error:

@@ -133,6 +133,19 @@ class Branch:
 
 
 @dataclasses.dataclass
+class Lock:
+    """What ends a deployment: a dead point of the joints ``driven``, or a latch of ``joint`` at a position.
+
+    passive : the joints that the loops move, where it is a dead point.
+    """
+
+    driven: list[int]
+    passive: list[int] | None = None
+    joint: int = 0
+    at: float = 0.0
+
+
+@dataclasses.dataclass
 class Mechanism:
     """All of a scene."""
 
@@ -152,6 +165,7 @@ class Mechanism:
     hold: list[str] = dataclasses.field(default_factory=list)
     simulate: dict[str, Any] = dataclasses.field(default_factory=dict)
     branch: Branch | None = None
+    lock: Lock | None = None
 
     def __post_init__(self) -> None:
         sizes_q = [len(COORDINATES[b.kind]) for b in self.bodies]
@@ -211,6 +225,8 @@ class Mechanism:
             tree["loops"] = loops
         if self.torques:
             tree["torques"] = self._torques()
+        if self.lock is not None:
+            tree |= {"command": "deploy", **self._deploy(self.lock)}
         if self.prescribed:
             tree["prescribed"] = {self.bodies[k].name: f[0].text for k, f in self.prescribed.items()}
         return str(yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=10000))
@@ -229,6 +245,15 @@ class Mechanism:
         if body.kind == "helical":
             keys["pitch"] = body.pitch
         return keys | body.extra
+
+    def _deploy(self, lock: Lock) -> dict[str, Any]:
+        actuated = [self.bodies[k].name for k in lock.driven]
+        if lock.passive is not None:
+            return {"actuated": actuated, "deploy": {"criterion": "dead_point"}}
+        body = self.bodies[lock.joint]
+        parent = self.bodies[body.parent].link if body.parent >= 0 else "base"
+        latch = {"between": [parent, body.link], "at": {body.name: lock.at}}
+        return {"actuated": actuated, "deploy": {"criterion": "latch", "latch": latch}}
 
     def _by_joint(self, values: Array, first: Any, without: set[int]) -> dict[str, Any]:
         found: dict[str, Any] = {}

@@ -29,6 +29,14 @@ class UndecidedError(Exception):
     """The reference cannot tell how the motion goes on."""
 
 
+class LockedError(Exception):
+    """The mechanism locks at a ``time`` [s], where its motion ends."""
+
+    def __init__(self, time: float) -> None:
+        super().__init__(f"locked at {time:.9g} s")
+        self.time = time
+
+
 @dataclasses.dataclass
 class Motion:
     """Samples of q (T, nq) and v (T, nv)."""
@@ -164,7 +172,19 @@ class Reference:
                     found["leave", k, 0] = self.modes.rest[k] * force
                 else:
                     found["break", k, 0] = self._breakaway(k) - abs(force)
+        if self.m.lock is not None:
+            found["lock", 0, 0] = self.unlocked * self._lock(q)
         return found
+
+    def _lock(self, q: Array) -> float:
+        """Return what vanishes at the lock: the passive determinant of the loops, or the way to the latch."""
+        lock = self.m.lock
+        assert lock is not None
+        if lock.passive is None:
+            return float(q[self.m.first_q[lock.joint]] - lock.at)
+        self.eq.gap(q)
+        J, _ = self.eq.loop_rows(q)
+        return float(np.linalg.det(J[:, [self.m.first_v[k] for k in lock.passive]]))
 
     def _breakaway(self, k: int) -> float:
         extra = self.m.bodies[k].extra
@@ -175,6 +195,8 @@ class Reference:
     def begin(self, t: float, y: Array) -> None:
         """Set the modes of a state from which the motion starts."""
         q, v = self.q_v(y)
+        if self.m.lock is not None:
+            self.unlocked = float(np.sign(self._lock(q)))
         for k, side, at, stop in self._stops:
             if "stiffness" in stop:
                 x, xd = q[self.m.first_q[k]], v[self.m.first_v[k]]
@@ -207,6 +229,8 @@ class Reference:
         self.events += 1
         if self.events > EVENTS:
             raise UndecidedError("events without end")
+        if kind == "lock":
+            raise LockedError(t)
         if kind == "side":
             self.modes.sides[k, side] *= -1.0
         elif kind == "hit":

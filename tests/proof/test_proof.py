@@ -8,8 +8,9 @@ import pytest
 from robodyn_cli import load_scene_text, simulate
 from tests.proof.__main__ import BAD, words
 from tests.proof.equations import Equations, Modes
-from tests.proof.families import FAMILIES, SECOND, make
+from tests.proof.families import DEPLOYMENTS, FAMILIES, SECOND, make
 from tests.proof.judge import Run, dataclasses, try_seed
+from tests.proof.locks import LockTruth, compare
 from tests.proof.reference import Reference, UndecidedError
 
 
@@ -25,6 +26,24 @@ def test_no_printed_error_hides_the_true_one(family: int) -> None:
     bad = [line(run) for run in runs if run.verdict in BAD]
     assert not bad, "\n".join(bad)
     assert any(run.verdict in ("ok", "rounding") for run in runs), [line(run) for run in runs]
+
+
+@pytest.mark.parametrize("seed", [SECOND, SECOND + 1, *range(DEPLOYMENTS + 3, DEPLOYMENTS + 11)])
+def test_no_gear_bushing_or_lock_hides_its_error(seed: int) -> None:
+    runs = try_seed(seed, 4)
+    assert not [line(run) for run in runs if run.verdict in BAD]
+    assert any(run.verdict in ("ok", "rounding") for run in runs), [line(run) for run in runs]
+
+
+def test_a_lock_that_is_late_is_found() -> None:
+    """The judge sees a deployment that locks at another time than it says, or does not lock."""
+    true = LockTruth(2.0, 1e-13)
+    assert compare({"time": 2.0 + 1e-6, "time_error": 1e-8}, true)[0] == "low"
+    assert compare({"time": 2.0 + 1e-6, "time_error": 1e-6}, true)[0] == "ok"
+    assert compare({"time": 2.0 + 1e-6, "time_error": 1e-4}, true)[0] == "high"
+    assert (
+        compare(None, true)[0] == compare({"time": 2.0, "time_error": 1e-9}, LockTruth(None))[0] == "silent"
+    )
 
 
 @pytest.mark.parametrize("seed", [*range(40), *range(SECOND, SECOND + 12)])

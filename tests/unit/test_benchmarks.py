@@ -42,6 +42,16 @@ def test_throughput(tmp_path: Path) -> None:
     assert {row["work"] for row in rows if row["engine"] == "robodyn"} == wanted
 
 
+def test_model_functions(tmp_path: Path) -> None:
+    file = tmp_path / "functions.json"
+    printed = run("model_functions.py", "--quick", "--json", str(file))
+    rows = rows_of(file)
+    assert [row["function"] for row in rows] == ["M", "C", "G", "Jacobian", "d tau", "d qdd"]
+    for row in rows:
+        assert row["robodyn"] > 0.0 and row["function"] in printed
+        assert row.get("differ", 0.0) < 1e-11
+
+
 def test_movies(tmp_path: Path) -> None:
     file = tmp_path / "movies.json"
     assert "347 frames" in run("movies.py", "--alone", "--repeats", "1", "--json", str(file))

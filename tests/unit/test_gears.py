@@ -66,6 +66,37 @@ def test_a_hoist(torque: float, acceleration: float) -> None:
     assert found.summary["energy_drift_relative"] < 1e-8
 
 
+FIVE_BAR = CONFIGS / "mechanisms" / "five_bar_circle.yaml"
+
+
+def test_gears_of_a_mechanism_pass_on_what_its_actuators_share() -> None:
+    """L are the torques of the mechanism without rotors and motor friction; the motor gives L / eta or eta' L beside
+    what its rotor and friction take."""
+    eta, back, N, J, level = 0.8, 0.55, 40.0, 2e-4, 0.7
+    drive = [
+        f"robot.joints.left.gear={{efficiency: {eta}, back_driving: {back}}}",
+        f"robot.joints.left.gear_ratio={N}",
+        f"robot.joints.left.rotor_inertia={J}",
+        f"robot.joints.left.friction={{coulomb: {level}, side: motor}}",
+        "robot.joints.right.gear={efficiency: 0.7}",
+    ]
+    found, bare = inverse(load_scene(FIVE_BAR, drive)), inverse(load_scene(FIVE_BAR))
+    L, v, a = bare["tau"], found["qd"], found["qdd"]
+    left = np.where(L[:, 0] * v[:, 0] > 0.0, 1.0 / eta, back) * L[:, 0]
+    left += N * N * J * a[:, 0] + N * level * np.sign(v[:, 0])
+    assert np.abs(found["tau"][:, 0] - left).max() < 1e-9
+    right = np.where(L[:, 2] * v[:, 2] > 0.0, 1.0 / 0.7, 0.7) * L[:, 2]
+    assert np.abs(found["tau"][:, 2] - right).max() < 1e-9
+    assert np.all(found["torque_terms/gear"] * v >= 0.0) and np.any(L[:, 0] * v[:, 0] < 0.0)
+    errors = found.summary["error_estimate"]
+    assert errors["round_trip"] < 1e-11 and abs(errors["energy_balance_relative"]) < 1e-3
+
+
+def test_a_gear_without_an_actuator_in_a_mechanism() -> None:
+    with pytest.raises(CapabilityError, match="'bend_left' has a gear with losses but no actuator"):
+        inverse(load_scene(FIVE_BAR, ["robot.joints.bend_left.gear={efficiency: 0.8}"]))
+
+
 def test_what_cannot_be_done_says_so() -> None:
     with pytest.raises(CapabilityError, match="transition_speed"):
         simulate(load_scene_text(HOIST.replace(", transition_speed: 1e-4", "")))

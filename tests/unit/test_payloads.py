@@ -214,6 +214,16 @@ def test_events_decide_and_each_happens_once() -> None:
     assert end["time"] == pytest.approx(grip["time"] + (9.0 - np.pi / 6) / after, rel=1e-12)
 
 
+def test_an_event_begins_what_a_time_ends() -> None:
+    """A time after an event releases; a payload whose time is over by then is not gripped any more."""
+    text = DISC.replace("from: {time: 1}", 'from: {when: "q.spin - 1.5"}')
+    result = simulate(load_scene_text(text))
+    facts = result.summary["payloads"]["ball"]
+    assert facts["gripped"] == pytest.approx(0.5, rel=1e-12) and facts["released"] == 2.0
+    late = simulate(load_scene_text(text.replace("spin - 1.5", "spin - 7.5")))
+    assert late.summary["payloads"]["ball"] == {} and late["qd"][-1, 0] == pytest.approx(3.0, rel=1e-14)
+
+
 def test_what_is_handed_over_is_released_first() -> None:
     """At one time one mass is let go and another gripped: the first has no part in the impact."""
     more = "  - {name: other, at: rim, mass: 1, inertia: {zz: 0}, from: {time: 2}}\ninitial:"
@@ -310,5 +320,5 @@ def test_refusals() -> None:
         deploy(load_scene_text(DISC.replace("initial:", latch)))
     motion = "trajectory: {type: joint, duration: 3, q: {spin: t}}\ninitial:"
     event = DISC.replace("from: {time: 1}", 'from: {when: "q.spin - 1"}')
-    with pytest.raises(SceneError, match=r"payloads\[0\].from.when.*'time'"):
+    with pytest.raises(SceneError, match=r"payloads\.0\.from\.when.*'time'"):
         inverse(load_scene_text(event.replace("initial:", motion)))

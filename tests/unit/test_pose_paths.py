@@ -10,6 +10,9 @@ import pytest
 from robodyn_cli import InverseKinematics, load_scene
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError, SceneError, SingularConfigurationError
+from robodyn_cli.results.summary import ABSENT
+from robodyn_cli.run.inverse.build import build_inverse
+from robodyn_cli.run.inverse.checks import attitude_error
 from robodyn_cli.run.mechanism.kinematics import plan
 from robodyn_cli.scene.points import with_points
 from robodyn_cli.solve.poses.subproblems import rotations
@@ -111,6 +114,19 @@ def test_a_path_away_from_limits_begins_in_their_middle() -> None:
     p, R = solver.forward(q[None])
     found = solver.solve(p, R)
     assert found.reached[0] and np.sum(found.q**2) < np.sum(q**2)
+
+
+def test_the_attitude_is_judged_beside_the_place() -> None:
+    """A last joint that is off by an angle turns the frame by it, and moves no point of its axis."""
+    program = build_inverse(load_scene(ROOT / "configs" / "trajectories" / "pick_and_place.yaml"))
+    planned = program.plan(21)
+    problem, q = program.problem, planned.motion.q.copy()
+    exact = attitude_error(problem, planned)
+    assert isinstance(exact, float) and exact < 1e-11
+    q[7, -1] -= 1e-3
+    off = dataclasses.replace(planned, motion=dataclasses.replace(planned.motion, q=q))
+    assert attitude_error(problem, off) == pytest.approx(1e-3, rel=1e-9)
+    assert attitude_error(problem, dataclasses.replace(planned, axes=None)) is ABSENT
 
 
 @pytest.mark.parametrize(("robot", "frame"), [("stewart_platform", "platform")])

@@ -79,7 +79,7 @@ def test_arrays_with_columns_to_spare_are_refused(kind: type, long: bool) -> Non
     n = len(dynamics.joints)
     good, wide, narrow = (np.zeros((9, n + extra)) for extra in (0, 1, -1))
     assert dynamics(good, good, good).shape == (9, n)
-    for bad in (wide, narrow, good[0], np.zeros((1, 9, n))):
+    for bad in (wide, narrow, wide[0], np.zeros((1, 9, n))):
         for place in range(3):
             arrays = [good, good, good]
             arrays[place] = bad

@@ -215,9 +215,12 @@ def test_what_stands_in_the_way_is_named() -> None:
     )
 
 
-def test_losses_that_depend_on_the_share_are_refused() -> None:
-    gear = "robot.joints.crank.gear={efficiency: 0.9}"
-    refusal(CapabilityError, "losses in gears", SLIDER, f"trajectory={MOVES}", "torques=null", gear)
+def test_losses_of_a_gear_without_a_drive_are_refused() -> None:
+    gear = "robot.joints.slide.gear={efficiency: 0.9}"
+    refusal(CapabilityError, "'slide' has a gear", SLIDER, f"trajectory={MOVES}", "torques=null", gear)
+
+
+def test_friction_anywhere_is_borne() -> None:
     rough = [
         "robot.joints.crank.friction={viscous: 0.4, coulomb: 0.3}",
         "robot.joints.slide.damper={damping: 2}",

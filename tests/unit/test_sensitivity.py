@@ -1,122 +1,355 @@
-"""How small changes of the start grow: motions that are integrable are never called exponential, chaotic ones are."""
+"""Sensitivities: closed forms, exact derivatives beside central differences on random scenes, switches, refusals."""
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+from typing import Any
+
+import mpmath
 import numpy as np
 import pytest
+import scipy.linalg
+from typer.testing import CliRunner
 
-from robodyn_cli.run.driver.build import build_motion
-from robodyn_cli.run.numerics.sensitivity import Sensitivity, exponential_rate, sensitivity
-from robodyn_cli.run.numerics.work_precision import work_precision
-from robodyn_cli.scene.load import load_scene_text
+from robodyn_cli.cli.app import app
+from robodyn_cli.errors import SceneError
+from robodyn_cli.results.hdf5 import read
+from robodyn_cli.run.sensitivity.asked import Asked, prepare
+from robodyn_cli.run.sensitivity.blocks import NEW, nodes_of, transfers
+from robodyn_cli.run.sensitivity.differences import differences
+from robodyn_cli.run.sensitivity.exact import exact_slopes
+from robodyn_cli.run.sensitivity.report import quotient
+from robodyn_cli.run.sensitivity.slope import EXACT, Slope
+from robodyn_cli.scene.load import Family, load_scene_text
 
-TIMES = np.linspace(0.0, 10.0, 257)
+CONFIGS = Path(__file__).parents[2] / "configs"
 
-
-def growth_of(text: str) -> Sensitivity:
-    motion = build_motion(load_scene_text(text), work=False)
-    return sensitivity(motion, motion.scene.simulate.duration, "gauss", 257)
-
-
-def cart_pole(mass: float, angle: float, duration: float = 10.0) -> str:
-    """Without friction, energy and momentum along the rail are kept: two integrals for two freedoms."""
-    return f"""
+FALL = """
 schema: 1
+command: simulate
 gravity: [0, 0, -9.81]
 robot:
-  joints:
-    - {{name: x, type: prismatic, axis: [1, 0, 0]}}
-    - {{name: q, type: revolute, axis: [0, 1, 0]}}
-  links:
-    - {{name: cart, mass: {mass}}}
-    - {{name: pole, mass: 1, com: [0, 0, -1], inertia: {{yy: 0}}}}
-initial: {{q: {{x: 0, q: {angle}}}, qd: {{x: 0, q: 0}}}}
-simulate: {{duration: {duration}}}
+  joints: [{name: z, type: prismatic, parent: base, axis: [0, 0, 1]}]
+  links: [{name: ball, mass: 2.0}]
+initial: {q: {z: 0}, qd: {z: 1.0}}
+simulate: {duration: 1.0, samples: 3, rtol: 1e-10, atol: 1e-12}
 """
 
-
-def rods(q1: float, q2: float, gravity: float, v: float = 0.0, duration: float = 10.0) -> str:
-    """Two uniform rods; without gravity energy and angular momentum are kept."""
-    return f"""
+# full inertias, a compliant stop, a torque that switches with the state and one that switches at a time that is a key
+SWITCHING = """
 schema: 1
-gravity: [0, 0, {-gravity}]
+command: simulate
+gravity: [0.3, -9.81, 0.2]
+parameters: {k: 8.0, off: -0.21, on: 0.53, f: 5.0}
 robot:
+  convention: standard
   joints:
-    - {{name: q1, type: revolute, axis: [0, 1, 0]}}
-    - {{name: q2, type: revolute, axis: [0, 1, 0], origin: {{xyz: [1, 0, 0]}}}}
+    - {name: a, type: revolute, a: 1.0, alpha: 30 deg, d: 0.1, damper: {damping: 0.2}}
+    - {name: b, type: revolute, a: 0.7, alpha: 0, d: 0, limits: {upper: 0.4, stop: {stiffness: 400}}}
   links:
-    - {{name: a, mass: 1, com: [0.5, 0, 0], inertia: {{yy: 0.08}}}}
-    - {{name: b, mass: 1, com: [0.5, 0, 0], inertia: {{yy: 0.08}}}}
-initial: {{q: {{q1: {q1}, q2: {q2}}}, qd: {{q1: {v}, q2: 0}}}}
-simulate: {{duration: {duration}}}
+    - {name: l1, mass: 2, com: [0.5, 0.02, 0.03], com_frame: joint,
+       inertia: {xx: 0.02, yy: 0.2, zz: 0.21, xy: 0.01, xz: 0.002, yz: 0.004}}
+    - {name: l2, mass: 1.3, com: [0.3, -0.02, 0.01], com_frame: joint,
+       inertia: {xx: 0.01, yy: 0.1, zz: 0.12, xy: 0.005, xz: 0.001, yz: 0.002}}
+torques: {a: "if(a > off, 3*k, -k) + if(t > on, f, 0)", b: "k*sin(2*t)*a"}
+initial: {q: {a: -0.3, b: 0.1}, qd: {a: 0.2, b: -0.4}}
+simulate: {duration: 0.8, samples: 3, rtol: 1e-11, atol: 1e-13}
 """
 
 
-def free_body(wx: float, wy: float, wz: float) -> str:
-    """Without forces a body keeps energy and angular momentum, whichever way it tumbles."""
-    return f"""
-schema: 1
-gravity: [0, 0, 0]
-robot:
-  joints: [{{name: ball, type: spherical}}]
-  links: [{{name: body, mass: 1, com: [0, 0, 0], inertia: {{xx: 1, yy: 2, zz: 3}}}}]
-initial: {{q: {{ball: [1, 0, 0, 0]}}, qd: {{ball: [{wx}, {wy}, {wz}]}}}}
-simulate: {{duration: 40}}
-"""
+def asked(scene: str | Path, to: list[str], of: list[str], *overrides: str) -> Asked:
+    if isinstance(scene, Path):
+        return prepare(Family(scene, overrides), to, of)
+    return prepare(Family.of(load_scene_text(scene, overrides=overrides)), to, of)
 
 
-@pytest.mark.parametrize("mass", [1.0, 1e-3, 1e-4, 1e-6])
-def test_a_light_cart_with_a_pole_is_not_chaotic(mass: float) -> None:
-    """A light cart is thrown to and fro in spikes, which the references resolve to fewer digits."""
-    for angle in (1.2, 2.9):
-        assert growth_of(cart_pole(mass, angle)).kind == "polynomial"
+def exact(question: Asked) -> dict[tuple[str, str], Slope]:
+    """Exact derivatives by output and key."""
+    found, _ = exact_slopes(question)
+    return {(name, question.task.keys[k]): slope for (name, k), slope in found.items()}
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_integrable_motions(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    assert growth_of(rods(*rng.uniform(-2, 2, 2), 0.0, rng.uniform(1, 5))).kind == "polynomial"
-    assert growth_of(free_body(*rng.uniform(-3, 3, 3))).kind == "polynomial"
-    # about the middle axis: unstable, but each turn-over passes
-    assert growth_of(free_body(1e-3 * rng.normal(), 2.0, 1e-3 * rng.normal())).kind == "polynomial"
-    # a pendulum that has stood upright
-    assert (
-        growth_of(cart_pole(10.0 ** rng.uniform(-2, 2), np.pi - 10.0 ** rng.uniform(-4, -1))).kind
-        == "polynomial"
+def compare_with_differences(question: Asked, beyond: float = 3.0) -> None:
+    """All derivatives are exact, and differ from central differences by no more than both say."""
+    found, others = exact(question), differences(question, range(len(question.keys)), 1)
+    for k, key in enumerate(question.task.keys):
+        for name, other in zip(question.task.outputs, others[k]):
+            slope = found[name, key]
+            assert slope.method == EXACT
+            apart, allowed = abs(slope.value - other.value), beyond * (slope.error + other.error)
+            assert apart <= allowed, (name, key, slope, other)
+            # a difference that knows nothing would prove nothing
+            assert other.error <= 1e-5 * max(abs(other.value), 1e-3), (name, key, slope, other)
+
+
+def test_blocks_have_order_ten() -> None:
+    """Error against the matrix exponential, for a position and its rate, a further state and a constant drive."""
+    rng = np.random.default_rng(3)
+    A, B = rng.normal(size=(2, 3)), rng.normal(size=(2, 1))
+    whole = np.zeros((4, 4))
+    whole[0, 1], whole[1:3, :3], whole[1:3, 3:] = 1.0, A, B
+    truth = scipy.linalg.expm(whole)[:3]
+    errors = []
+    for parts in (1, 2):
+        nodes = nodes_of([NEW + 1] * parts)
+        shape = nodes.shape
+        ways, shares = transfers(
+            np.broadcast_to(A, (*shape, 2, 3)),
+            np.broadcast_to(B, (*shape, 2, 1)),
+            np.full(parts, 1.0 / parts),
+            1,
+        )
+        S = np.hstack([np.eye(3), np.zeros((3, 1))])
+        for way, share in zip(ways, shares):
+            S = way @ S + np.hstack([np.zeros((3, 3)), share])
+        errors.append(np.abs(S - truth).max())
+    assert errors[0] < 1e-6
+    assert 2**9 < errors[0] / errors[1] < 2**12.5
+
+
+def test_a_fall_has_a_closed_form() -> None:
+    question = asked(
+        FALL,
+        ["initial.qd.z", "gravity.2", "simulate.duration", "robot.links.ball.mass"],
+        ["final.q.z", "final.qd.z"],
     )
+    found = exact(question)
+    truth = {"initial.qd.z": (1.0, 1.0), "gravity.2": (0.5, 1.0), "simulate.duration": (1.0 - 9.81, -9.81)}
+    for key, slopes in {**truth, "robot.links.ball.mass": (0.0, 0.0)}.items():
+        for name, y in zip(("final.q.z", "final.qd.z"), slopes):
+            assert found[name, key].value == pytest.approx(y, abs=1e-11)
+            assert abs(found[name, key].value - y) <= found[name, key].error + 1e-15
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_a_double_pendulum_from_high_up_is_chaotic(seed: int) -> None:
-    """Its largest Lyapunov exponent is some 1 to 3 per second."""
+def test_switches_are_crossed() -> None:
+    to = ["parameters.k", "parameters.off", "parameters.on", "robot.joints.b.limits.upper", "initial.qd.b",
+          "robot.joints.a.damper.damping", "robot.links.l2.inertia.xy"]  # fmt: skip
+    compare_with_differences(asked(SWITCHING, to, ["final.q.a", "final.qd.b"]))
+
+
+def random_scene(seed: int) -> tuple[str, list[str]]:
+    """A chain of hinges and slides with full inertias, springs and a driven joint, and keys of it."""
     rng = np.random.default_rng(seed)
-    found = growth_of(rods(*rng.uniform([-2.0, 1.0], [-1.0, 2.5]), 9.81, duration=20.0))
-    assert found.kind == "exponential" and found.e_folding is not None and 0.2 < found.e_folding < 2.0
+    joints, links, keys = [], [], []
+    for k in range(3):
+        kind = "prismatic" if rng.uniform() < 0.3 else "revolute"
+        x, axis = rng.normal(size=3) * 0.3, rng.normal(size=3)
+        joints.append(
+            f"  - {{name: j{k}, type: {kind}, parent: {f'l{k - 1}' if k else 'base'}, link: l{k}, "
+            f"origin: {{xyz: {x.tolist()}}}, axis: {axis.tolist()}, "
+            f"spring: {{stiffness: {rng.uniform(2, 9)}, rest: 0.2}}, damper: {{damping: {rng.uniform(0.1, 0.5)}}}}}"
+        )
+        points = rng.normal(size=(6, 3)) * 0.1
+        I = sum(p @ p * np.eye(3) - np.outer(p, p) for p in points)
+        names = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
+        inertia = ", ".join(f"{name}: {float(I[place])}" for name, place in names.items())
+        com = (rng.normal(size=3) * 0.2).tolist()
+        links.append(
+            f"  - {{name: l{k}, mass: {rng.uniform(0.5, 2)}, com: {com}, com_frame: joint, inertia: {{{inertia}}}}}"
+        )
+        keys += [f"robot.links.l{k}.mass", f"robot.links.l{k}.com.1", f"robot.links.l{k}.inertia.xz",
+                 f"robot.joints.j{k}.origin.xyz.2", f"robot.joints.j{k}.spring.stiffness", f"initial.q.j{k}"]  # fmt: skip
+    text = "\n".join([
+        "schema: 1", "command: simulate", "gravity: [1.0, -2.0, -9.0]", "parameters: {w: 3.1}", "robot:", "  joints:",
+        *(f"  {line}" for line in joints), "  links:", *(f"  {line}" for line in links),
+        'torques: {j1: "2*sin(w*t) - 0.3*j0"}', "initial: {q: {j0: 0.1, j1: -0.2, j2: 0.3}}",
+        "simulate: {duration: 1, samples: 3, rtol: 1e-11, atol: 1e-13}",
+    ])  # fmt: skip
+    chosen = rng.choice(keys, 4, replace=False).tolist()
+    return text, [*chosen, "parameters.w", "gravity.1"]
 
 
-@pytest.mark.parametrize("power", [0.0, 1.0, 2.0, 3.0, 4.0])
-def test_powers_of_time_are_not_exponential(power: float) -> None:
-    ripple = 2.0 + np.cos(7 * TIMES) ** 20
-    assert exponential_rate(TIMES, np.log(1e-9 * (TIMES + 1e-3) ** power * ripple)) is None
+@pytest.mark.parametrize("seed", range(3))
+def test_random_chains_agree_with_differences(seed: int) -> None:
+    text, keys = random_scene(seed)
+    compare_with_differences(asked(text, keys, ["final.q.j0", "final.qd.j2"]))
 
 
-@pytest.mark.parametrize("rate", [0.8, 1.0, 5.0, 20.0])
-def test_exponential_growth_is_found_with_its_rate(rate: float) -> None:
-    ripple = 2.0 + np.cos(7 * TIMES)
-    found = exponential_rate(TIMES, np.log(1e-8 * np.exp(rate * TIMES) * ripple))
-    assert found == pytest.approx(rate, rel=0.25)
+def test_the_lock_of_the_four_bar() -> None:
+    """The angle at the lock is geometry; its time agrees with differences, initial closure included."""
+    to = ["robot.joints.theta1.a", "robot.links.coupler.mass", "initial.q.theta1", "initial.q.phi1"]
+    question = asked(
+        CONFIGS / "four_bar_deploy.yaml", to, ["lock.time", "lock.angles.theta1", "lock.rates.phi1"]
+    )
+    found = exact(question)
+    with mpmath.workdps(25):
+        base, reach = mpmath.mpf("1.241"), mpmath.mpf("2.4")
+        truth = float(mpmath.diff(lambda a: mpmath.acos((a * a + base**2 - reach**2) / (2 * a * base)), base))
+    slope = found["lock.angles.theta1", "robot.joints.theta1.a"]
+    assert abs(slope.value - truth) <= slope.error
+    assert slope.value == pytest.approx(truth, rel=1e-8)
+    assert abs(found["lock.time", "initial.q.phi1"].value) <= found["lock.time", "initial.q.phi1"].error
+    mass = differences(question, [1], 1)[1]
+    for name, other in zip(question.task.outputs, mass):
+        own = found[name, "robot.links.coupler.mass"]
+        assert abs(own.value - other.value) <= 3.0 * (own.error + other.error)
+    time = found["lock.time", "robot.links.coupler.mass"].value
+    assert time == pytest.approx(mass[0].value, rel=1e-8)
 
 
-def test_an_instability_that_passes_is_not_exponential() -> None:
-    for middle in (2.0, 5.0, 8.0):
-        step = 1e-8 * np.exp(6.0 * (1.0 + np.tanh((TIMES - middle) / 0.3)))
-        assert exponential_rate(TIMES, np.log(step * (1.0 + TIMES))) is None
+def test_numbers_of_formulas_are_keys() -> None:
+    """The spring of the four-bar is a number inside a formula; as a parameter it has the same derivative."""
+    path, of = CONFIGS / "four_bar_deploy.yaml", ["lock.time"]
+    inside = exact(asked(path, ["torques.theta1#2"], of))["lock.time", "torques.theta1#2"]
+    outside = exact(
+        asked(path, ["parameters.k"], of, "parameters={k: 0.1}", "torques.theta1='1.96 - k*theta1'")
+    )["lock.time", "parameters.k"]
+    assert inside.value == pytest.approx(outside.value, rel=1e-11)
+    (slope,) = differences(asked(path, ["torques.theta1#2"], of), [0], 1)[0]
+    assert np.isnan(slope.value) and "parameters" in slope.reason
 
 
-def test_work_precision_compares_a_light_cart_over_its_whole_run() -> None:
-    found = work_precision(load_scene_text(cart_pole(1e-4, 1.2)), ["gauss"], [1e-6, 1e-9], repeats=1).summary
-    assert found["compared_whole_duration"] and found["compared_until"] == 10.0
-    assert found["perturbation_grows"] == "polynomial" and "e_folding_time" not in found
-    # no level of error below what the references themselves are apart
-    apart = 10.0 ** -found["reference_digits"] * 100.0
-    assert found["best"] and all(best["level"] > 1e-9 for best in found["best"]) and apart < 1e-3
+def test_loops_in_other_formulations_agree() -> None:
+    of, to = ["final.q.theta1", "final.qd.phi2"], ["robot.links.coupler.mass", "robot.joints.phi2.a"]
+    path, settings = (
+        CONFIGS / "four_bar_deploy.yaml",
+        ["command=simulate", "simulate.duration=6", "expect={}"],
+    )
+    found = [
+        exact(asked(path, to, of, *settings, f"simulate.stabilisation={name}"))
+        for name in ("projection", "independent", "{alpha: 10, beta: 10}")
+    ]
+    for place, slope in found[0].items():
+        for other in found[1:]:
+            assert other[place].value == pytest.approx(slope.value, rel=2e-7)
+
+
+@pytest.mark.parametrize("scene", ["spinning_top", "tumbling_body"])
+def test_bodies_with_quaternions(scene: str) -> None:
+    path = CONFIGS / f"{scene}.yaml"
+    family = Family(path)
+    link = family.own.robot.links[0]
+    axis = next(
+        name for name, x in zip(("xx", "yy", "zz"), (link.inertia.xx, link.inertia.yy, link.inertia.zz)) if x
+    )
+    from robodyn_cli.model.build import build_model
+
+    rates = [f"final.qd.{name}" for name in build_model(family.own).v_names[:3]]
+    settings = ["simulate.duration=0.3", "simulate.samples=3", "expect={}"]
+    to = [f"robot.links.{link.name}.inertia.{axis}"]
+    compare_with_differences_of(asked(path, to, rates, *settings))
+
+
+def compare_with_differences_of(question: Asked) -> None:
+    """As ``compare_with_differences``, where derivatives may be zero."""
+    found = exact(question)
+    for name, other in zip(question.task.outputs, differences(question, [0], 1)[0]):
+        slope = found[name, question.task.keys[0]]
+        assert abs(slope.value - other.value) <= 3.0 * (slope.error + other.error) + 1e-9
+
+
+def test_tables_depend_on_knots_and_values() -> None:
+    text = FALL.replace("initial:", "torques: {z: {table: [[0, 1], [0.3, 6], [0.7, 2], [1.5, 9]]}}\ninitial:")
+    to = ["torques.z.table.1.0", "torques.z.table.1.1", "torques.z.table.3.1"]
+    compare_with_differences(asked(text, to, ["final.q.z", "final.qd.z"]))
+
+
+# -- inverse ---------------------------------------------------------------------------------------------------
+def test_figures_of_torques() -> None:
+    of = ["peak_torque.theta1", "rms_torque.theta1", "joints.theta2.energy", "joints.theta1.torque_range.0"]
+    compare_with_differences(asked(CONFIGS / "2r_circle.yaml", ["robot.links.link2.com.0", "gravity.1"], of))
+
+
+def test_a_length_changes_the_motion_of_a_led_point() -> None:
+    question = asked(
+        CONFIGS / "2r_circle.yaml",
+        ["robot.joints.theta1.a", "robot.links.link1.mass"],
+        ["peak_torque.theta1"],
+    )
+    found, why = exact_slopes(question)
+    assert list(found) == [("peak_torque.theta1", 1)]
+    assert "a point is led" in why[0]
+
+
+# -- what has no exact derivative ------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("key", "reason"),
+    [
+        ("robot.joints.a.alpha", "structure"),
+        ("robot.joints.b.alpha", "zero"),
+        ("robot.joints.b.d", "zero"),
+        ("simulate.rtol", "structure"),
+    ],
+)
+def test_structure_is_never_taken_for_a_number(key: str, reason: str) -> None:
+    found, why = exact_slopes(asked(SWITCHING, [key], ["final.q.a"]))
+    assert not found and reason in why[0]
+
+
+def test_one_key_does_not_stand_in_the_way_of_another() -> None:
+    found, why = exact_slopes(asked(SWITCHING, ["robot.joints.a.alpha", "parameters.k"], ["final.q.a"]))
+    assert list(found) == [("final.q.a", 1)] and list(why) == [0]
+
+
+def test_impacts_are_left_to_differences() -> None:
+    question = asked(CONFIGS / "bouncing_pendulum.yaml", ["gravity.1"], ["final.time"], "expect={}")
+    found, why = exact_slopes(question)
+    assert not found and "stops" in why[0]
+
+
+# -- bad input -------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("to", "of", "message"),
+    [
+        (
+            "robot.links.bell.mass",
+            "final.q.z",
+            "--to robot.links.bell.mass: robot.links: has no item named 'bell'",
+        ),
+        ("robot.links.ball.name", "final.q.z", "--to robot.links.ball.name"),
+        ("initial.q", "final.q.z", "--to initial.q"),
+        ("simulate.samples", "final.q.z", "--to simulate.samples"),
+        ("torques.z#1", "final.q.z", "no formula has such a number"),
+        ("gravity.2", "final.q.x", "--of final.q.x"),
+        ("gravity.2", "status", "is not a number"),
+        ("gravity.2", "", "no output is named"),
+    ],
+)
+def test_bad_input(to: str, of: str, message: str) -> None:
+    with pytest.raises(SceneError) as caught:
+        asked(FALL, [to], [of] if of else [])
+    assert message in caught.value.message
+
+
+def test_a_formula_is_no_number() -> None:
+    with pytest.raises(SceneError, match=r"the scene has no number there; .* torques.theta1#1"):
+        asked(CONFIGS / "four_bar_deploy.yaml", ["torques.theta1"], ["lock.time"])
+
+
+def test_units_of_derivatives() -> None:
+    assert quotient("s", "kg") == "s/kg"
+    assert quotient("N m", "kg m^2") == "N m/(kg m^2)"
+    assert quotient("rad", "1") == "rad"
+    assert quotient("s", "") == "SI"
+
+
+# -- the command -----------------------------------------------------------------------------------------------
+def test_the_command_ranks_and_stores(tmp_path: Path) -> None:
+    scene = tmp_path / "fall.yaml"
+    scene.write_text(FALL)
+    options: list[Any] = [
+        "sensitivity",
+        str(scene),
+        "--of",
+        "final.q.z",
+        "--out",
+        str(tmp_path / "out"),
+        "--json",
+    ]
+    for key in ("robot.links.ball.mass", "gravity.2", "initial.qd.z", "initial.q.z"):
+        options += ["--to", key]
+    done = CliRunner().invoke(app, options)
+    assert done.exit_code == 0, done.output
+    summary = json.loads(done.stdout)
+    slopes = summary["sensitivities"]["final.q.z"]
+    assert list(slopes)[:2] == ["gravity.2", "initial.qd.z"]  # 4.9 against 1.0 of the fall
+    assert slopes["gravity.2"]["unit"] == "m/(m/s^2)"
+    assert slopes["gravity.2"]["normalised"] == pytest.approx(0.5 * -9.81 / (1.0 - 0.5 * 9.81))
+    assert slopes["initial.q.z"]["method"] == EXACT and slopes["initial.q.z"]["normalised"] is None
+    result = read(tmp_path / "out" / "result.h5")
+    stored = result.variables["derivatives/final.q.z"]
+    assert list(stored.names) == ["robot.links.ball.mass", "gravity.2", "initial.qd.z", "initial.q.z"]
+    assert stored.data == pytest.approx([0.0, 0.5, 1.0, 1.0], abs=1e-11)
+    assert np.all(result["exact/final.q.z"] == 1.0)
+    assert (tmp_path / "out" / "sensitivity_tornado.png").stat().st_size > 5000

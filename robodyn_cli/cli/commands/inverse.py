@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from robodyn_cli.cli.scene_command import scene_command
-from robodyn_cli.cli.words import multiplier_lines, number, table
+from robodyn_cli.cli.words import drive_lines, multiplier_lines, number, table
 
 # of the table of an inverse run: heading, key in the summary, quantity that the unit belongs to, digits
 FIGURES = (
@@ -41,6 +41,7 @@ def describe(summary: Mapping[str, Any]) -> str:
         lines.append(table(list(zip(["joint", *joints], *_columns(list(joints.values()))))))
     for label, key, unit in (
         ("path error", "ik_residual", "m"),
+        ("attitude error", "attitude_residual", "rad"),
         ("round trip error", "round_trip", "relative, forward dynamics after inverse"),
     ):
         value = summary.get(key)
@@ -49,6 +50,7 @@ def describe(summary: Mapping[str, Any]) -> str:
     off = (summary.get("error_estimate") or {}).get("torque_rounding")
     if off is not None:
         lines.append(f"  rounding           torques off by some {off:.1e} N m or N")
+    lines += drive_lines(summary)
     lines += _fastest(summary)
     lines += multiplier_lines(summary)
     times = summary.get("wall_time_s", {})

@@ -23,7 +23,7 @@ from robodyn_cli.cli.options import (
 )
 from robodyn_cli.cli.runner import SceneRun, run_scene
 from robodyn_cli.cli.scene_command import settings
-from robodyn_cli.cli.words import cost_line, error_lines, number
+from robodyn_cli.cli.words import cost_line, drive_lines, error_lines, number
 
 
 def describe(summary: Mapping[str, Any]) -> str:
@@ -34,6 +34,7 @@ def describe(summary: Mapping[str, Any]) -> str:
         f"  simulated          {number(summary['termination'].get('time'))} s, {summary['samples']} samples, "
         f"{summary['integrator']} ({tolerances})",
         *error_lines(summary),
+        *drive_lines(summary),
         cost_line(summary),
     ]
     return "\n".join(lines)

@@ -47,6 +47,7 @@ class Bdf(Method):
     """Backward differentiation formulas of order 1 to 5 (NDF): stiffly stable, order and step chosen along the run."""
 
     dense_order = 4
+    has_history = True
 
     def linearisation(self, system: System) -> StepProgram:
         return derivatives_of(system)

@@ -42,6 +42,7 @@ class GeneralizedAlpha(Method):
     """Generalized-alpha, spectral radius 0.8, fixed step: order 2; loops at index 3, with multipliers as unknowns."""
 
     dense_order = 2
+    has_history = True
 
     def linearisation(self, system: System) -> StepProgram:
         """Return a step of Newton's iteration: at index 3, or for the system as it is."""

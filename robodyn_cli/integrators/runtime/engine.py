@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from robodyn_cli.kernels.arrays import aligned_zeros
 from robodyn_cli.kernels.compiler import compile_module, machine
 from robodyn_cli.kernels.lower import Programs
 from robodyn_cli.spatial.algebra import Array
+
+if TYPE_CHECKING:
+    from robodyn_cli.integrators.runtime.updates import UpdateMemory
 
 MANY = 4000  # operations beyond which programs are interpreted at first: compiling them takes 80 us each
 # A run is interpreted for so many steps, or so many for each operation where that is more: the longer it takes to
@@ -46,6 +50,11 @@ class Engine:
         self.out = np.zeros(0)
         self._method.check(system)
         self.tables = self._method.tables(system)
+        self.updates: UpdateMemory | None = None
+        if system.updates is not None:
+            from robodyn_cli.integrators.runtime.updates import UpdateMemory
+
+            self.updates = UpdateMemory(system.updates, len(system.q_places), len(system.v_places))
         operations = sum(program.operations for program in self.tables.programs)
         self._patience = max(PATIENCE, int(STEPS_PER_OPERATION * operations))
         self._load(interpreted=interpreted and operations > MANY and not system.dynamics.any_size)
@@ -58,6 +67,11 @@ class Engine:
         if self.interpreted and taken >= self._patience:
             self._load(interpreted=False)
         return min(most, self._patience) if self.interpreted else most
+
+    def expect(self, steps: float) -> None:
+        """Compile a run at once that is known to take so many steps or more."""
+        if self.interpreted and steps >= self._patience:
+            self._load(interpreted=False)
 
     def _load(self, interpreted: bool) -> None:
         """Take the functions from the cache or write them, and provide the memory that they work on."""
@@ -76,7 +90,8 @@ class Engine:
             self._trial_step = compiled.function("trial_step", ADDRESS, DOUBLE, NUMBER, result=NUMBER)
         room = compiled.function("memory", NUMBER, result=NUMBER)(system.nv)
         registers = compiled.function("registers", result=NUMBER)()
-        memory = (aligned_zeros(room), self.tables.numbers, aligned_zeros(registers))
+        updates = np.zeros(1) if self.updates is None else self.updates.block
+        memory = (aligned_zeros(room), self.tables.numbers, aligned_zeros(registers), updates)
         self.fixed = (*system.dynamics.memory(), *memory)
         self._note_places()
 

@@ -83,6 +83,8 @@ class Integrator:
         self.before = 0
         self.pause: int | None = None
         self._crowd = Crowd()
+        if self.engine.updates is not None:
+            self.engine.updates.begin(self.memory, time)
         if self.system.partition is not None:
             self.parameters.start(time, self.y)
 
@@ -125,6 +127,8 @@ class Integrator:
         w, n = self.w, self.n
         limit = min(self.options.max_steps, pause or self.options.max_steps) - self.before
         w[DoubleSlot.T_END] = end
+        if self.engine.updates is not None:
+            self.engine.expect(self.engine.updates.within(end - w[DoubleSlot.T]))
         if self._step is None and not w[DoubleSlot.H] > 0.0:
             w[DoubleSlot.H] = min(first_step(end - w[DoubleSlot.T], self.options), self.options.max_step)
             if not self.method.adaptive:
@@ -387,6 +391,8 @@ class Integrator:
         """Raise a NumericalError (see ``stopped``) where a run cannot go on."""
         if status in (Status.DONE, Status.FULL):
             return
+        if self.engine.updates is not None:
+            self.engine.updates.raise_failure()
         from robodyn_cli.integrators.runtime.stopped import Stopped
 
         raise Stopped(status, self.time, self.w[DoubleSlot.H], self.y, self.options).error(

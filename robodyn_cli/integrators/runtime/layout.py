@@ -36,7 +36,8 @@ class DoubleSlot:
         19  # the stretch between two breakpoints, just inside: formulas of time are evaluated there alone
     )
     T_BEFORE = 20
-    SIZE = 21  # event function values follow
+    NEXT_UPDATE = 21  # instant at which a sampled controller acts next
+    SIZE = 22  # event function values follow
 
 
 class IntegerSlot:
@@ -59,7 +60,19 @@ class IntegerSlot:
     RATE_KNOWN = (
         14  # a method that keeps the rate at the current state has it; not after anybody changed anything
     )
-    SIZE = 16
+    UPDATES = 15  # periods of a sampled controller that are done
+    PHASE = 16  # which phase of the present one comes next
+    SIZE = 17
+
+
+class UpdateSlot:
+    """Slots of the block of updates; measured q and v follow, then the torques of a function in Python, then noise."""
+
+    PERIOD = 0
+    REST = 1
+    FUNCTION = 2  # its address, an integer
+    TIME = 3  # for the function
+    SIZE = 4
 
 
 class Status(enum.IntEnum):
@@ -72,6 +85,7 @@ class Status(enum.IntEnum):
     STEP_TOO_SMALL = 4
     NOT_FINITE = 5
     NOT_SOLVED = 6  # the equations of a step whose length is fixed
+    FAILED = 7  # a controller's function in Python has raised an error
 
 
 def resolution(a: float, b: float) -> float:

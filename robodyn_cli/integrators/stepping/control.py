@@ -173,5 +173,6 @@ def mean_squares(w: Writer, count: int, errors: Callable[[Int | int], Sequence[V
             for total, error in zip(totals, errors(c)):
                 e = error * scale
                 total.add_product(e, e)
-        share = 1.0 / w.number(w.size)
+        updates = w.system.updates  # what is constant in between has no error
+        share = 1.0 / w.number(w.size if updates is None else w.size - updates.count)
         return [total.value * share for total in totals]

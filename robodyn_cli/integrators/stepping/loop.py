@@ -77,6 +77,10 @@ def _write_loop(w: Writer, stepper: Stepper[Any]) -> None:
     with f.block() as ended:
         run = Exit(w.f, ended)
         with f.loop() as steps:
+            if w.system.updates is not None:
+                from robodyn_cli.integrators.stepping.updates import update_when_due
+
+                update_when_due(w, w.system.updates, run)
             _write_samples(w, stepper, run)
             step = _next_step(w, stepper.method.adaptive, run)
             with f.block() as failed:
@@ -113,6 +117,11 @@ def _next_step(w: Writer, adaptive: bool, run: Exit) -> Step:
     taken = f.load_int(w.integer_at(IntegerSlot.ACCEPTED)) + f.load_int(w.integer_at(IntegerSlot.REJECTED))
     most = f.load_int(w.integer_at(IntegerSlot.MAX_STEPS))
     run.leave(Status.MAX_STEPS, unless=f.compare_int("slt", taken, most))
+    if w.system.updates is not None:
+        from robodyn_cli.integrators.stepping.updates import bound
+
+        with f.strict():
+            left = bound(w) - t
     return step_over(w, t, left, adaptive)
 
 
@@ -193,7 +202,12 @@ def end_of(w: Writer, step: Step) -> tuple[Value, Value]:
         total = step.t + more
         added = total - step.t
         rest = (step.t - (total - added)) + (more - added)
-        reached = f.select(step.last, w.get(DoubleSlot.T_END), total)
+        end = w.get(DoubleSlot.T_END)
+        if w.system.updates is not None:
+            from robodyn_cli.integrators.stepping.updates import bound
+
+            end = bound(w)
+        reached = f.select(step.last, end, total)
         return reached, f.select(step.last, f.constant(0.0), rest)
 
 
@@ -201,7 +215,11 @@ def _commit(w: Writer, step: Step, verdict: Verdict, adaptive: bool) -> None:
     """Take the new state over."""
     f = w.f
     # a fixed step is as long again after one that had to be shorter
-    w.put(DoubleSlot.H, step.h * verdict.factor if adaptive else w.get(DoubleSlot.H_MAX))
+    longer = step.h * verdict.factor if adaptive else w.get(DoubleSlot.H_MAX)
+    if adaptive and w.system.updates is not None:
+        # a step that an update has cut says nothing against the one that was wanted
+        longer = f.select(step.last, f.max(longer, w.get(DoubleSlot.H)), longer)
+    w.put(DoubleSlot.H, longer)
     f.store_int(0, w.integer_at(IntegerSlot.REJECTED_IN_ROW))
     reached, rest = end_of(w, step)
     w.put(DoubleSlot.T_REST, rest)
@@ -249,7 +267,13 @@ def _write_samples(w: Writer, stepper: Stepper[Any], run: Exit) -> None:
         k = f.load_int(w.integer_at(IntegerSlot.NEXT_SAMPLE))
         h = w.get(DoubleSlot.H_OLD)
         with f.strict():
-            u = f.min((w.sample_time(k) - limit) / h, 0.0)
-        stepper.sample(u, h, Array(f, f.offset("%out", rows), stride=capacity))
+            time = w.sample_time(k)
+            u = f.min((time - limit) / h, 0.0)
+        out = Array(f, f.offset("%out", rows), stride=capacity)
+        stepper.sample(u, h, out)
+        if w.system.updates is not None:
+            from robodyn_cli.integrators.stepping.updates import held_at_sample
+
+            held_at_sample(w, w.system.updates, time, out)
         f.store_int(rows + 1, w.integer_at(IntegerSlot.ROWS))
         f.store_int(k + 1, w.integer_at(IntegerSlot.NEXT_SAMPLE))

@@ -54,6 +54,7 @@ class Method:
     dense_order = 0
     proportion = 1.0
     lanes = 1  # stages that are evaluated at once
+    has_history = False  # whether a step needs those before it
     vectors = False  # whether steps can be written for vectors of runs (``stepping/lanes.py``)
     instead = "auto, gauss, radau13"  # methods to name in a refusal
 
@@ -67,6 +68,8 @@ class Method:
 
     def obstacle(self, system: System) -> str:
         """Return why the method cannot do a system, or nothing."""
+        if self.has_history and system.updates is not None:
+            return "it keeps a history of steps, and a sampled controller's torques jump at each sample"
         if self.needs_jacobian and system.dynamics.any_size:
             return f"a chain of {system.nv} joints is integrated by loops over its bodies, which have no exact Jacobian"
         return ""
@@ -85,6 +88,7 @@ class Method:
             system.velocities,
             system.normal_form,
             system.switching,
+            *(() if system.updates is None else system.updates.all_programs),
         ]
         return Tables([*others, *(step.program for step in self.programs(system))])
 

@@ -17,7 +17,7 @@ from robodyn_cli.kernels.program import NUMBERS, Program
 
 LONG = 24  # velocities from which on what is done for each of them is a loop
 LONG_INTERPRETED = 4  # the same where programs are interpreted, to write little
-ARGUMENTS = ("w", "n", "y", "p", "dense", "out", "tables", "scratch", "work", NUMBERS, REGISTERS)
+ARGUMENTS = ("w", "n", "y", "p", "dense", "out", "tables", "scratch", "work", NUMBERS, REGISTERS, "updates")
 
 
 def placement(rates: Program) -> Decision:

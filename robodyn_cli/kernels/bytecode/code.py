@@ -23,7 +23,7 @@ from robodyn_cli.record import record
 KINDS = {
     "mul": 2, "add": 2, "sub": 2, "neg": 1, "div": 2, "sqrt": 1, "sin": 1, "cos": 1, "abs": 1, "sign": 1,
     "min": 2, "max": 2, "where": 3, "pow": 2, "atan2": 2, "exp": 1, "log": 1, "tan": 1, "asin": 1, "acos": 1,
-    "atan": 1, "sinh": 1, "cosh": 1, "tanh": 1,
+    "atan": 1, "sinh": 1, "cosh": 1, "tanh": 1, "round": 1,
 }  # fmt: skip
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
-from robodyn_cli.report.study import axis_label, outputs, runs_text
+from robodyn_cli.report.study import axis_label, outputs, runs_text, tornado
 from robodyn_cli.results.result import Result
 
 MOST_KEYS = 12
@@ -35,31 +35,13 @@ def draw(result: Result) -> Any:
     handles: list[Any] = []
     for place, (name, found) in enumerate(influence.items()):
         keys = list(found)[:MOST_KEYS]
-        _tornado(
-            sheet.axes[across * place],
-            axis_label(result, name, "outputs"),
-            {key: found[key]["swing"] for key in keys},
-        )
+        label = f"change of {axis_label(result, name, 'outputs')}"
+        tornado(sheet.axes[across * place], label, {key: found[key]["swing"] for key in keys})
         if indices.get(name):
             handles = _bars(sheet.axes[across * place + 1], indices[name], keys)
     if handles:
         sheet.legend(handles, labels)
     return sheet.figure
-
-
-def _tornado(ax: Any, label: str, swings: dict[str, float]) -> None:
-    """Draw a bar for each key, the longest on top; its name stands inside the panel, above the bar."""
-    y = np.arange(len(swings))[::-1]
-    colours = [style.COLOURS[0] if swing >= 0.0 else style.COLOURS[1] for swing in swings.values()]
-    ax.barh(y, list(swings.values()), height=0.42, color=colours)
-    ax.axvline(0.0, color="#4d4d4d", linewidth=0.8)
-    ax.set_yticks([])
-    ax.set_ylim(-0.5, len(swings) - 0.3)
-    ax.margins(x=0.08)
-    for place, key in zip(y, swings):
-        ax.text(0.01, place + 0.24, key, transform=ax.get_yaxis_transform(), fontsize=7.5, va="bottom")
-    ax.set_xlabel(f"change of {label}")
-    ax.locator_params(axis="x", nbins=6)
 
 
 def _bars(ax: Any, indices: dict[str, Any], keys: list[str]) -> list[Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,18 +9,21 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.commands import COMMANDS
-from robodyn_cli.errors import GeometryError, RobodynError, SceneError
+from robodyn_cli.errors import RobodynError, SceneError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.rolled import Rolled
-from robodyn_cli.model.consistency import body_problems
+from robodyn_cli.model.consistency import doubtful_bodies
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.commands import execute
 from robodyn_cli.run.driver.build import payload_watchers
+from robodyn_cli.run.driver.mass_matrix import refuse_indefinite
 from robodyn_cli.run.driver.prepare import passive_coordinates, prepare, refuse_changes
 from robodyn_cli.run.inverse.build import build_inverse
+from robodyn_cli.run.observation.rounding import few
+from robodyn_cli.run.placing import links_without, place
 from robodyn_cli.run.plan.data import unknown_data
 from robodyn_cli.run.plan.words import listed_data
 from robodyn_cli.run.progress import no_progress
@@ -76,10 +78,7 @@ def _place(error: RobodynError) -> dict[str, Any]:
 
 def _physical(scene: Scene, root: Node) -> list[SceneError]:
     found = [SceneError(text) for text in scene.warnings]
-    for k, link in enumerate(scene.robot.links):
-        for text in body_problems(link):
-            key = "inertia" if "inertia" in text or "moments" in text else "mass"
-            found.append(_at(root, ("robot", "links", k, key), f"{link.name}: {text}"))
+    found += [_at(root, path, f"{name}: {text}") for path, name, text in doubtful_bodies(scene)]
     return found
 
 
@@ -110,42 +109,18 @@ def _trial(scene: Scene, root: Node) -> list[RobodynError]:
     except RobodynError as error:
         if "missing" in error.details:
             return _missing(scene, root, command or "", error.details["missing"])
-        if error.details.get("line") is not None or _says_where(error, scene):
-            return [error]
-        key, sentence = str(error.details.get("key", "")), error.message.removeprefix(f"{scene.path}: ")
-        if not key and isinstance(error, GeometryError):
-            loops = [loop.name for loop in scene.loops]
-            loop = error.details.get("loop")
-            key = "trajectory" if command == "inverse" else "initial"
-            if loop in loops:
-                key = f"loops.{loops.index(loop)}"
-        placed = _at(root, tuple(_steps(key)), sentence.removeprefix(f"{key}: ") if key else sentence)
-        placed.exit_code = error.exit_code
-        return [placed]
+        place(error, lambda: root, command or "")
+        return [error]
     return _missing(scene, root, command, unknown_data(model, outputs)[0])
-
-
-def _says_where(error: RobodynError, scene: Scene) -> bool:
-    """Tell whether a message begins with file, line and column; they become details then."""
-    found = re.match(re.escape(str(scene.path)) + r":(\d+):(\d+):", error.message)
-    if found is not None:
-        error.details |= {"file": scene.path, "line": int(found[1]), "column": int(found[2])}
-    return found is not None
-
-
-def _steps(key: str) -> list[str | int]:
-    return [int(step) if step.isdecimal() else step for step in key.split(".")] if key else []
 
 
 def _missing(scene: Scene, root: Node, command: str, names: Sequence[str]) -> list[RobodynError]:
     """Return an error a link that lacks data which the command needs."""
-    links = [link.name for link in scene.robot.links]
     found: list[RobodynError] = []
-    for k, link in enumerate(links):
-        here = [name for name in names if name.endswith(f" of {link}")]
-        if here:
-            what = f"{command} needs {listed_data(here)}, which the scene does not give"
-            found.append(_at(root, ("robot", "links", k), what))
+    for k in links_without(root, names):
+        here = [name for name in names if name.endswith(f" of {scene.robot.links[k].name}")]
+        what = f"{command} needs {listed_data(here)}, which the scene does not give"
+        found.append(_at(root, ("robot", "links", k), what))
     return found
 
 
@@ -156,6 +131,7 @@ def _inverse(scene: Scene) -> tuple[Model, list[Scalar]]:
         scene = with_time_law(scene)
     program = build_inverse(scene)
     planned = program.plan(min(TRIED, scene.inverse.samples))
+    refuse_indefinite(program.problem, planned.motion.q[few(len(planned.times))])
     model, outputs = program.problem.model, [x for term in program.terms.values() for x in term]
     if not unknown_data(model, outputs)[0]:
         first = JointMotion(*(x[:1] for x in (planned.motion.q, planned.motion.qd, planned.motion.qdd)))

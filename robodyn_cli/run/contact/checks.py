@@ -30,7 +30,8 @@ def check_freedom(joints: Sequence[ContactJoint], psi: Array) -> None:
         raise CapabilityError(
             f"friction with 'law: set_valued' in {names}: with {free} degrees of freedom left by loops and "
             "prescribed motion, their forces at rest would not be unique; allowed: fewer such joints, none of them "
-            "prescribed, or 'transition_speed' in the others"
+            "prescribed, or 'transition_speed' in the others",
+            joint=sticking[-1].name,
         )
 
 

@@ -8,7 +8,7 @@ one is released they do not.
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -31,7 +31,7 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 
 WAITING, CARRIED, RELEASED = "waiting", "carried", "released"
-NEXT = {WAITING: "from", CARRIED: "until", RELEASED: ""}  # key of what ends a phase
+KEYS = {WAITING: ("from", "until"), CARRIED: ("until",), RELEASED: ()}  # of what may end a phase
 
 
 @record
@@ -104,12 +104,17 @@ class Payloads(Watcher):
 
     # -- a run ----------------------------------------------------------------------------------------
     def stops(self) -> Sequence[float]:
-        """Return the times at which payloads are gripped and released next."""
-        return [time for k in range(len(self.payloads)) if (time := self._ahead(k)) is not None]
+        """Return the times ahead at which payloads may be gripped or released."""
+        ahead = [self._times[k].get(key) for k, phase in enumerate(self.phase) for key in KEYS[phase]]
+        return [time for time in ahead if time is not None]
 
-    def _ahead(self, k: int) -> float | None:
-        """Return the time that is known of what happens to payload k next."""
-        return self._times[k].get(NEXT[self.phase[k]])
+    def _next(self, k: int, t: float) -> str | None:
+        """Return the phase that payload k enters at a time that is among its own, None where t is none of these.
+
+        One that has not been gripped by then is not gripped any more.
+        """
+        key = next((key for key in KEYS[self.phase[k]] if self._times[k].get(key) == t), None)
+        return None if key is None else CARRIED if key == "from" else RELEASED
 
     def begin(self, t: float, x: Array, options: Options) -> Array:
         """Find out what is carried at a start later than t = 0; x is that of before anything at t itself.
@@ -119,9 +124,8 @@ class Payloads(Watcher):
         SceneError : events decide it, which a run that begins later does not know.
         """
         self._clear()
-        while any(time < t for time in self.stops()):
-            for k in self._due(min(self.stops())):
-                self.phase[k] = CARRIED if self.phase[k] == WAITING else RELEASED
+        for time in sorted(time for time in self.stops() if time < t):
+            self.phase = [self._next(k, time) or phase for k, phase in enumerate(self.phase)]
         if t > 0.0 and self.functions:
             path = self.problem.scene.path
             raise SceneError(
@@ -139,51 +143,42 @@ class Payloads(Watcher):
         assert isinstance(change, Change)
         if self.phase[change.number] != (WAITING if change.grips else CARRIED):
             return GO_ON
-        return self._go_on(event.time, event.state, [change.number])
+        return self._go_on(event.time, event.state, {change.number: CARRIED if change.grips else RELEASED})
 
     def at_stop(self, t: float, x: Array) -> Outcome:
-        due = self._due(t)
-        releases = [k for k in due if self.phase[k] == CARRIED]
-        outcome: Outcome = GO_ON
+        due = {k: phase for k in range(len(self.phase)) if (phase := self._next(k, t)) is not None}
         # what is handed over is released first
-        for some in (releases, [k for k in due if k not in releases]):
-            if some:
-                outcome = self._go_on(t, x, some)
-                x = outcome.state
-        return outcome
-
-    def _due(self, t: float) -> list[int]:
-        return [k for k in range(len(self.payloads)) if self._ahead(k) == t]
+        released = self._go_on(t, x, {k: phase for k, phase in due.items() if phase == RELEASED})
+        return self._go_on(t, released.state, {k: phase for k, phase in due.items() if phase == CARRIED})
 
     def _p(self, phase: Sequence[str]) -> Array:
         """Return the parameters, which are the first ones of p."""
         return np.array([float(one == CARRIED) for one in phase])
 
-    def _go_on(self, t: float, x: Array, changed: Sequence[int]) -> Jump:
-        """Grip or release some payloads; the run goes on with other velocities and another work done on it."""
-        phase, s = list(self.phase), self.system
-        for k in changed:
-            phase[k] = CARRIED if phase[k] == WAITING else RELEASED
-        gripped = [k for k in changed if phase[k] == CARRIED]
-        step = self._step(t, x, phase, gripped)
+    def _go_on(self, t: float, x: Array, changed: Mapping[int, str]) -> Jump:
+        """Bring some payloads to new phases; the run goes on with other velocities and another work done on it."""
+        phase, s = [changed.get(k, old) for k, old in enumerate(self.phase)], self.system
+        step = self._step(t, x, phase)
         x = x.copy()
         x[list(s.v_places)] = step.after
         if s.further:
             x[s.size - s.further] += step.gained
-        self.phase = phase
         for k in changed:
-            self._note(t, k, step)
+            if CARRIED in (phase[k], self.phase[k]):
+                self._note(t, k, phase[k], step)
+        self.phase = phase
         return Jump(x, self._p(phase))
 
-    def _step(self, t: float, x: Array, phase: Sequence[str], gripped: Sequence[int]) -> Step:
-        """Return velocities and energies when the payloads come to new phases, of which some are gripped."""
+    def _step(self, t: float, x: Array, phase: Sequence[str]) -> Step:
+        """Return velocities and energies when the payloads come to new phases."""
         nv = self.problem.model.nv
+        gripped = [k for k, old in enumerate(self.phase) if (old, phase[k]) == (WAITING, CARRIED)]
         old = self._numbers(t, x, self.phase)
         v = x[list(self.system.v_places)]
         new = self._numbers(t, x, phase)
         before, after = (found["M"].reshape(nv, nv) for found in (old, new))
         psi = old["psi"].reshape(-1, nv) if "psi" in old else np.zeros((0, nv))
-        momentum = old["momentum"].reshape(-1, nv)[list(gripped)].sum(axis=0)
+        momentum = old["momentum"].reshape(-1, nv)[gripped].sum(axis=0)
         then = v
         if gripped:
             try:
@@ -195,15 +190,15 @@ class Payloads(Watcher):
                     status="singular_mass_matrix",
                 ) from error  # fmt: skip
         change = 0.5 * float(then @ after @ then - v @ before @ v)
-        lost = float(old["own"][list(gripped)].sum()) - change if gripped else 0.0
+        lost = float(old["own"][gripped].sum()) - change if gripped else 0.0
         return Step(v, then, lost, change + float(new["potential"][0] - old["potential"][0]))
 
     def _numbers(self, t: float, x: Array, phase: Sequence[str]) -> dict[str, Array]:
         groups = self.system.groups(np.array([[t]]), x[None, :], self._p(phase))
         return {name: array[0] for name, array in self._kernel.evaluate(1, groups).items()}
 
-    def _note(self, t: float, k: int, step: Step) -> None:
-        gripped = self.phase[k] == CARRIED
+    def _note(self, t: float, k: int, phase: str, step: Step) -> None:
+        gripped = phase == CARRIED
         details: dict[str, Any] = {}
         if gripped:
             names = self.problem.model.v_names

@@ -65,7 +65,8 @@ class ContactStates(Watcher):
             raise CapabilityError(
                 f"joint {problem.contact_joints[0].name!r} has friction with 'law: set_valued' or a rigid stop, which "
                 f"needs loops without redundant rows (here {', '.join(problem.dependent[0].rows)} depend on each "
-                "other); allowed: 'transition_speed', and stops with 'stiffness'"
+                "other); allowed: 'transition_speed', and stops with 'stiffness'",
+                joint=problem.contact_joints[0].name,
             )
         self.problem = problem
         self.joints = problem.contact_joints
@@ -328,8 +329,8 @@ class ContactStates(Watcher):
             new = impact(M, psi, v, Hit(joint.v, e), resting, kept)
             y = x.copy()
             y[places] = new
-            if s.further:
-                y[s.size - s.further] += 0.5 * float(new @ M @ new - v @ M @ v)
+            if s.work_done_by:
+                y[s.size - 1] += 0.5 * float(new @ M @ new - v @ M @ v)
             return y
 
         leaves = push * v[joint.v] > 0.0

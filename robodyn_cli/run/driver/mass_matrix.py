@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 
 import numpy as np
 
 from robodyn_cli.algorithms.aba import factor_joint
 from robodyn_cli.algorithms.crba import crba
 from robodyn_cli.algorithms.kinematics import slice_q, transforms
-from robodyn_cli.errors import NumericalError
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import NumericalError, SceneError
 from robodyn_cli.expr.graph import is_number
 from robodyn_cli.model.model import BASE, Model
 from robodyn_cli.record import record
@@ -18,6 +19,7 @@ from robodyn_cli.spatial.algebra import Array, columns
 from robodyn_cli.spatial.inertia import ArticulatedInertia
 
 SINGULAR = 1e-12
+INDEFINITE = 1e-9  # of the joints' own inertias: less below zero is rounding
 NEARLY = 1e-6
 LIGHT = 1e-4  # of a typical inertia: a prescribed joint that feels less costs digits
 
@@ -101,6 +103,47 @@ def braces(model: Model, q: Array, prescribed: Collection[str] = ()) -> dict[int
             model, bodies=(*model.bodies[:place], heavier, *model.bodies[place + 1 :])
         )
     return found
+
+
+def refuse_indefinite(problem: Problem, poses: Iterable[Array]) -> None:
+    """Refuse inertias that no bodies have, where they make a motion's kinetic energy negative in one of some poses.
+
+    Single bodies may have any inertia as long as the mass matrix is that of some robot: identified parameters are such.
+    Looked at is M along the motions that loops and prescribed joints allow, where a body is doubtful at all.
+
+    Raises
+    ------
+    SceneError : with the joint that moves most, and the key of a doubtful body.
+    """
+    from robodyn_cli.model.consistency import doubtful_bodies
+
+    doubtful = doubtful_bodies(problem.scene)
+    for q in poses if doubtful else ():
+        found = _negative_motion(problem.numbers(problem.mass_matrix, q), problem.numbers(problem.psi, q))
+        if found is not None:
+            path, name, text = doubtful[0]
+            key, joint = ".".join(map(str, path)), problem.model.joint_of(int(np.argmax(np.abs(found))))
+            where = problem.scene.path
+            raise SceneError(
+                f"{where}: {key}: {name}: {text}, which makes the mass matrix not positive: the kinetic energy of a "
+                f"motion of joint {joint!r} is negative; allowed: inertias of bodies, or identified parameters that "
+                "keep the mass matrix positive",
+                file=where, key=key, joint=joint,
+            )  # fmt: skip
+
+
+def _negative_motion(M: Array, psi: Array) -> Array | None:
+    """Return rates (nv,) with Psi v = 0 and a kinetic energy below zero by more than rounding; None for none."""
+    size = np.sqrt(np.where(np.diag(M) == 0.0, 1.0, np.abs(np.diag(M))))
+    N = np.eye(len(M))
+    if psi.size:
+        _, s, Vt = np.linalg.svd(psi.reshape(-1, len(M)) / size)
+        N = Vt[int((s > SINGULAR * s.max(initial=0.0)).sum()) :].T
+    if not N.size:
+        return None
+    values, vectors = np.linalg.eigh(N.T @ (M / np.outer(size, size)) @ N)
+    found: Array = N @ vectors[:, 0] / size
+    return found if values[0] < -INDEFINITE else None
 
 
 def _typical(model: Model, q: Array) -> float:

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.formulations.events import GO_ON, Event, EventFunction, Outcome
 from robodyn_cli.formulations.system import System
@@ -150,7 +152,13 @@ class Motion:
     @property
     def start(self) -> Array:
         """The state x (nx,) at t = 0."""
-        return self.system.join(self.assembled.q, self.assembled.v)
+        q, v, control = self.assembled.q, self.assembled.v, self.problem.control
+        if control is None:
+            return self.system.join(q, v)
+        updates = self.system.updates
+        noise = np.zeros(0) if updates is None else updates.noise[0]
+        work = np.zeros(1 if self.system.work_done_by else 0)
+        return self.system.join(q, v, np.concatenate([control.start(q, v, noise), work]))
 
     @property
     def beginning(self) -> Beginning:

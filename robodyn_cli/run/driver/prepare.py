@@ -10,7 +10,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.model.build import build_model
 from robodyn_cli.record import record
-from robodyn_cli.run.driver.mass_matrix import braces
+from robodyn_cli.run.driver.mass_matrix import braces, refuse_indefinite
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import RANK_TOLERANCE, Assembled, assemble
@@ -61,6 +61,7 @@ def prepare(scene: Scene, watch: Stopwatch | None = None, neutral: bool = False)
             if not assembled.redundant:
                 check_formulas_ahead(problem, assembled.q, assembled.v)
         model = build_model(scene) if problem.model.switched else problem.model
+        refuse_indefinite(problem, [assembled.q])
         needed = braces(model, assembled.q, scene.prescribed)
     if assembled.redundant or needed:
         with watch.stage("equations"):
@@ -80,10 +81,10 @@ def refuse_changes(scene: Scene, command: str) -> None:
     for k, payload in enumerate(scene.payloads):
         if payload.changes:
             raise CapabilityError(
-                f"{scene.path}: payloads[{k}]: {command} does not follow masses that are gripped or released (here "
+                f"{scene.path}: payloads.{k}: {command} does not follow masses that are gripped or released (here "
                 f"{payload.name!r}); allowed: payloads without 'from' and 'until', and with them the commands "
                 "simulate, inverse and work-precision",
-                key=f"payloads[{k}]",
+                key=f"payloads.{k}",
             )
 
 
@@ -146,7 +147,7 @@ def passive_coordinates(problem: Problem) -> tuple[int, ...]:
     if not model.closures:
         return ()
     prescribed = velocity_columns(scene.prescribed)
-    driven = {*scene.torques, *prescribed}
+    driven = {*scene.torques, *(() if scene.control is None else scene.control.joints), *prescribed}
     if scene.actuated is not None:
         driven = {*prescribed, *(x for name in scene.actuated for x in model.v_columns(name))}
     return tuple(k for k, name in enumerate(model.v_names) if name not in driven)

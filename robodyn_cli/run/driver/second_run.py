@@ -171,7 +171,10 @@ def integrate_again(motion: Motion, first: FirstRun, options: Options, tick: Tic
         system if watch else motion.system, first.method, options, watchers, supervisor_for(motion.choice)
     )
     driver.tick = tick
-    driver.start(first.beginning.time, first.beginning.state)
+    begun = first.beginning
+    # a function in Python that controls starts anew, too
+    calls = system.updates is not None and system.updates.function is not None and begun.time == 0.0
+    driver.start(begun.time, motion.start if calls else begun.state)
     return driver.samples(first.end, first.grid, watch), driver.counters.steps
 
 
@@ -309,7 +312,9 @@ def rounding_floor(motion: Motion, recorder: Recorder, samples: int, steps: int,
     names = held_columns(motion.scene, problem)
     held = [k for k, name in enumerate(problem.model.v_names) if name in names]
     closed = closing_rounding(problem, time, q, qd, held)
-    off = acceleration_rounding(problem, time, q, qd)
+    states = recorder.blocks.get("control/states")
+    z = np.zeros((samples, 0)) if states is None else recorder.array("control/states")[:samples]
+    off = acceleration_rounding(problem, time, q, qd, z)
     if off is None:
         return Floor(max(floor.q, closed), floor.qd)
     duration = float(time[-1] - time[0])

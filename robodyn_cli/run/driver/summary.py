@@ -16,7 +16,9 @@ from robodyn_cli.run.driver.self_check import Judgement, Run, estimate_warnings
 from robodyn_cli.run.observation.recorder import Recorder
 
 if TYPE_CHECKING:
+    from robodyn_cli.run.control.summary import ControlSummary
     from robodyn_cli.run.driver.redundancy import Redundant
+    from robodyn_cli.run.sizing.figures import DriveFigures
 
 
 @record
@@ -103,10 +105,13 @@ class MotionSummary:
     warnings: list[str] | Absent
     baumgarte: Gains | Absent
     switches: list[MethodKeys] | Absent
+    control: ControlSummary | Absent = ABSENT
     transitions: dict[str, int] | Absent = ABSENT
     payloads: dict[str, dict[str, float]] | Absent = ABSENT
     passed: list[float] | Absent = ABSENT
     final: FinalState | Absent = ABSENT
+    drives: dict[str, DriveFigures] | Absent = ABSENT
+    catalogue: str | Absent = ABSENT
 
 
 def motion_summary(run: Run, judgement: Judgement, estimate: ErrorEstimate | None) -> MotionSummary:
@@ -124,7 +129,7 @@ def motion_summary(run: Run, judgement: Judgement, estimate: ErrorEstimate | Non
         error_estimate=estimate,
         energy_drift=recorder.drift,
         energy_drift_relative=recorder.drift / recorder.energy_scale if recorder.energy_scale else 0.0,
-        energy_balance="kinetic + potential - work" if motion.system.further else "kinetic + potential",
+        energy_balance="kinetic + potential - work" if motion.system.work_done_by else "kinetic + potential",
         constraint_residual=residual_of(recorder, judgement.redundant) if constrained else ABSENT,
         assembly=_assembly(motion) if constrained else ABSENT,
         repartitions=driver.repartitions if independent else ABSENT,
@@ -136,6 +141,11 @@ def motion_summary(run: Run, judgement: Judgement, estimate: ErrorEstimate | Non
         switches=[MethodKeys(c.time, c.to, c.decay_time) for c in driver.changes] or ABSENT,
         final=FinalState.of(run),
     )
+    if problem.control is not None:
+        from robodyn_cli.run.control.summary import control_summary
+
+        followed = control_summary(problem.control, recorder, driver.time, run.beginning.time)
+        summary = dataclasses.replace(summary, control=followed)
     for watcher in driver.watchers:
         summary = dataclasses.replace(summary, **watcher.facts(driver.time))
     return summary

@@ -22,7 +22,7 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 
 RESULT_FILE = "result.h5"
-STORED = ("time", "q", "qd", "energy/work")
+STORED = ("time", "q", "qd", "energy/work", "control/states")
 SAME_TIME = 1e-9  # part of a time (or of a second) by which the sample asked for may differ
 # Runs with Baumgarte's method or none drift from the loops; beyond this [m, rad and their rates] the loops are others.
 CLOSED = 1e-3
@@ -31,6 +31,7 @@ CLOSED = 1e-3
 @record
 class Stored:
     """Samples of a stored run: times (T,), q (T, nq), v (T, nv) with the names of their columns, work (T,) if any.
+    control : states of the controller (T, nc), if any.
 
     sample : the one to go on from.
     """
@@ -42,6 +43,7 @@ class Stored:
     q_names: tuple[str, ...]
     v_names: tuple[str, ...]
     work: Array | None
+    control: Array | None
     sample: int
 
     @property
@@ -83,12 +85,18 @@ class Stored:
         return Beginning(self.time, system.join(q, v, self._further(system)))
 
     def _further(self, system: System) -> Array:
-        """Return the further states: the work so far, where that is integrated."""
-        if not system.further:
-            return np.zeros(0)
+        """Return the further states: those of the controller, and the work so far, where that is integrated."""
+        controlled = system.further - (1 if system.work_done_by else 0)
+        states = np.zeros(0) if self.control is None else self.control[self.sample]
+        if len(states) != controlled:
+            raise self._refused(
+                f"has {len(states)} states of a controller (control/states); this scene's controller has {controlled}"
+            )
+        if not system.work_done_by:
+            return states
         if self.work is None:
             raise self._refused("has no work (energy/work), which this scene's drives or losses do")
-        return self.work[[self.sample]]
+        return np.append(states, self.work[self.sample])
 
     def _check_loops(self, problem: Problem, q: Array, v: Array) -> None:
         constraints = problem.constraints
@@ -127,10 +135,18 @@ def stored_run(scene: Scene) -> Stored:
     if result.command != "simulate":
         raise refused(scene, f"{named!r} is a result of {result.command!r}; allowed: of 'simulate'")
     time, q, v = (result.variables[path] for path in STORED[:3])
-    work = result.variables.get("energy/work")
+    work, control = (result.variables.get(path) for path in STORED[3:])
     sample = _sample(scene, time.data)
     return Stored(
-        scene, time.data, q.data, v.data, q.names, v.names, None if work is None else work.data, sample
+        scene,
+        time.data,
+        q.data,
+        v.data,
+        q.names,
+        v.names,
+        None if work is None else work.data,
+        None if control is None else control.data,
+        sample,
     )
 
 

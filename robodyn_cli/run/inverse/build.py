@@ -133,5 +133,6 @@ def _refuse_passive_joints(problem: Problem) -> None:
     if passive:
         raise CapabilityError(
             f"inverse dynamics needs every joint of an open chain to be actuated, and 'actuated' lacks "
-            f"{passive[0]!r}; allowed: all of {', '.join(problem.model.joint_names)}"
+            f"{passive[0]!r}; allowed: all of {', '.join(problem.model.joint_names)}",
+            key="actuated",
         )

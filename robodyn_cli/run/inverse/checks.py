@@ -93,10 +93,25 @@ def path_error(planned: Planned, sampled: Sampled) -> float | Absent:
     return float(np.sqrt(np.einsum("ti,ti->t", gap, gap).max()))
 
 
+def attitude_error(problem: Problem, planned: Planned) -> float | Absent:
+    """Return the largest angle [rad] by which the led frame is turned against its target."""
+    if planned.axes is None or planned.point is None:
+        return ABSENT
+    from robodyn_cli.algorithms.kinematics import world_pose
+    from robodyn_cli.run.observation.evaluation import SampleFunction
+    from robodyn_cli.spatial.quaternion import logarithm
+
+    frame, q = problem.model.place(planned.point), planned.motion.q
+    axes = {"R": list(world_pose(problem.model, problem.pose, frame).R.flat)}
+    found = SampleFunction(axes, ("q",), len(q))(q=q)["R"].reshape(-1, 3, 3)
+    turn = logarithm(planned.axes @ np.swapaxes(found, 1, 2))
+    return float(np.linalg.norm(turn, axis=1).max())
+
+
 def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) -> ErrorEstimate:
     """Return the errors of an inverse run.
 
-    ik_residual : see ``path_error``. round_trip, torque_rounding : see there.
+    ik_residual, attitude_residual : see ``path_error`` and ``attitude_error``. round_trip, torque_rounding : see there.
     energy_balance : work of actuators and losses, less the change of kinetic and potential energy [J]; it is as
         large as the errors of rates, torques and quadrature together. Between samples from one to the other of which
         a payload is gripped or released it is not taken. energy_balance_relative : over the largest
@@ -112,6 +127,7 @@ def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) 
     loops = sampled.loops
     return ErrorEstimate(
         ik_residual=path_error(planned, sampled) if loops is None else ABSENT,
+        attitude_residual=attitude_error(program.problem, planned),
         torque_rounding=torque_rounding(program, sampled),
         round_trip=round_trip(program, sampled),
         energy_balance=balance,

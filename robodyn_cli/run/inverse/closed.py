@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from robodyn_cli.equations.gears import geared, losses_along
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.graph import Scalar
@@ -13,13 +14,14 @@ from robodyn_cli.loops.base import Row
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.inverse.program import InverseProgram, Loops, Sampled, expressions_of
-from robodyn_cli.run.inverse.sharing import refuse_gears, share_load
+from robodyn_cli.run.inverse.sharing import refuse_idle_gears, share_load
 from robodyn_cli.run.inverse.terms import Outputs
 from robodyn_cli.run.mechanism.guided_motion import guided_motion
 from robodyn_cli.run.mechanism.loop_conditions import Lead, lead_of, velocity_places
 from robodyn_cli.run.mechanism.motion import Planned
 from robodyn_cli.run.mechanism.report import add_rows
 from robodyn_cli.run.observation.evaluation import SampleFunction
+from robodyn_cli.run.observation.rounding import few
 from robodyn_cli.run.observation.singular_values import singular_values
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import LostRank, TooFewActuators, accelerations, share
@@ -38,12 +40,12 @@ def build_closed(problem: Problem) -> ClosedLoops:
 
     Raises
     ------
-    SceneError : no motion, or no actuator. CapabilityError : gears with losses.
+    SceneError : no motion, or no actuator. CapabilityError : a gear with losses that nothing drives.
     """
     scene = problem.scene
-    refuse_gears(problem)
     lead = lead_of(problem)
     duration, actuated = motion_duration(scene), actuated_joints(problem, lead)
+    refuse_idle_gears(problem, velocity_places(problem.model, actuated))
     rows = problem.constraints.loop_rows
     found = expressions_of(problem)
     found["others"] |= _loop_outputs(problem, rows)
@@ -88,11 +90,21 @@ class ClosedLoops(InverseProgram):
         psi = arrays["psi"].reshape(len(times), len(self.rows), self.problem.model.nv)
         driven = velocity_places(self.problem.model, self.actuated)
         shared = share_load(self.problem, psi, driven, self.loads(arrays), times, motion.q)
+        terms = dict(shared.terms)
+        if geared(self.problem.model):
+            lost = self._losses(self.loads(arrays), shared.tau, motion.qdd, motion.qd)
+            arrays["torque_terms/gear"] = terms["gear"] = -lost
+            arrays["dissipation"] = arrays["dissipation"] + (lost * motion.qd).sum(axis=1)[:, None]
         # closures to a ground that moves do work at the rate -lambda eta_t
         work = (shared.multipliers * arrays["eta_t"]).sum(axis=1)[:, None]
         arrays["dissipation"] = arrays["dissipation"] - work
         loops = Loops(psi, shared, planned.residuals, self.actuated, driven)
-        return Sampled(times, motion, p, shared.terms, arrays, planned.counters, loops)
+        return Sampled(times, motion, p, terms, arrays, planned.counters, loops)
+
+    def _losses(self, loads: Mapping[str, Array], tau: Array, a: Array, v: Array) -> Array:
+        """Return the torques (T, nv) of the losses of gears, with the actuators' torques tau if there were none."""
+        friction = -loads["friction"] if "friction" in loads else np.zeros_like(tau)
+        return losses_along(self.problem.model, tau, friction, a, v)
 
     def _shared_by(self) -> list[Scalar]:
         return self.others["psi"]
@@ -101,9 +113,16 @@ class ClosedLoops(InverseProgram):
         assert sampled.loops is not None
         psi = by.reshape(len(by), len(self.rows), self.problem.model.nv)
         try:
-            return share(psi, sampled.loops.driven, loads).tau
+            tau = share(psi, sampled.loops.driven, loads).tau
         except (LostRank, TooFewActuators):
             return None
+        if not geared(self.problem.model):
+            return tau
+        places = few(len(sampled.times))
+        a, v = (
+            np.tile(x[places], (len(tau) // len(places), 1)) for x in (sampled.motion.qdd, sampled.motion.qd)
+        )
+        return tau - self._losses(loads, tau, a, v)
 
     def forward(self, sampled: Sampled) -> tuple[Array, Array]:
         # solves for the free motion with M and h, which the torques did not use

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import free_symbols
 from robodyn_cli.kernels.crossover import prefer_rolled
 from robodyn_cli.model.model import Model
+from robodyn_cli.run.functions.function import Arguments
 from robodyn_cli.run.inverse.build import open_problem
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Array, Vector, zeros
@@ -41,6 +40,32 @@ def timeless(problem: Problem) -> list[Vector]:
             "allowed: forces of constants, positions and rates"
         )
     return terms
+
+
+def needed_torques(problem: Problem) -> Vector:
+    """Return the torques that a motion needs, tau = M a + C v + G - tau_passive - tau_friction - tau_external (nv,).
+
+    Raises
+    ------
+    CapabilityError : as ``timeless``.
+    """
+    tau = problem.inverse_dynamics
+    for term in timeless(problem):
+        tau = tau - term
+    return tau
+
+
+def forward_problem(source: sc.Scene | Model | Problem) -> Problem:
+    """Return the equations of an open chain whose accelerations follow from its torques.
+
+    Raises
+    ------
+    CapabilityError : it has loops, prescribed joints or gears with losses.
+    """
+    problem = open_problem(source, "forward dynamics")
+    if geared(problem.model):
+        raise CapabilityError("gear losses depend on the drive, so they have no forward dynamics of samples")
+    return problem
 
 
 Samples = Callable[[Array, Array, Array], Array]
@@ -81,35 +106,30 @@ class _Samples:
     """A function of samples: q (T, nq) and two arrays (T, nv), whose columns are the joints of one model."""
 
     names: tuple[str, str, str]
+    _call: Samples
 
     def _open(self, problem: Problem) -> None:
-        model = problem.model
-        self.joints = model.v_names
-        self._columns = dict(zip(self.names, (model.q_names, model.v_names, model.v_names)))
+        self.joints = problem.model.v_names
+        self._arguments = Arguments.of(problem.model, self.names)
 
-    def _check(self, *arrays: Array) -> None:
-        """Refuse arrays without exactly one column per joint: further columns would be ignored silently.
+    def _evaluate(self, *arrays: Any) -> Array:
+        """Return the function's result (T, nv), or (nv,) of one state.
 
         Raises
         ------
-        CapabilityError
+        CapabilityError : arrays of shapes that do not fit.
         """
-        for (name, joints), array in zip(self._columns.items(), arrays):
-            shape = np.shape(array)
-            columns = 1 if len(shape) == 1 else shape[-1]
-            if len(shape) not in (1, 2) or columns != len(joints):
-                raise CapabilityError(
-                    f"{name} has shape {shape}; needed: (samples, {len(joints)}), a row for each sample and a "
-                    f"column for each of {', '.join(joints)}"
-                )
+        rows, one = self._arguments.rows(arrays)
+        found = self._call(*rows.values())
+        return found[0] if one else found
 
 
 class InverseDynamics(_Samples):
     """Joint torques that a motion needs, tau = M qdd + C qd + G - tau_passive - tau_friction - tau_external.
 
     Calling it takes q (T, nq), qd and qdd (T, nv) and returns tau (T, nv) [N m or N], columns in the order of
-    the joints. Column-ordered arrays (``order="F"``) of float64 are read in place, others are copied first;
-    the result is column-ordered.
+    the joints; of one state it takes (nq,) and (nv,) and returns (nv,). Column-ordered arrays (``order="F"``) of
+    float64 are read in place, others are copied first; the result is column-ordered.
 
     Short chains become straight-line code, long ones a loop over their bodies (attribute ``shape``:
     ``unrolled`` or ``rolled``; attribute ``code``: the program, or the tables of the loop).
@@ -136,16 +156,12 @@ class InverseDynamics(_Samples):
             operations = rigid.plan.operations + forces.operations
             call = lambda q, qd, qdd: forces.take_from(rigid(q, qd, qdd), q, qd)  # noqa: E731
             return "rolled", call, operations, rigid.plan
-        tau: Any = problem.inverse_dynamics
-        for term in timeless(problem):
-            tau = tau - term
-        unrolled = _Unrolled(tau, "a")
+        unrolled = _Unrolled(needed_torques(problem), "a")
         return "unrolled", unrolled, unrolled.operations, unrolled.kernel.program
 
     def __call__(self, q: Array, qd: Array, qdd: Array) -> Array:
-        """Return tau (T, nv)."""
-        self._check(q, qd, qdd)
-        return self._call(q, qd, qdd)
+        """Return tau (T, nv), or (nv,) of one state."""
+        return self._evaluate(q, qd, qdd)
 
 
 class ForwardDynamics(_Samples):
@@ -158,11 +174,7 @@ class ForwardDynamics(_Samples):
     names = ("q", "qd", "tau")
 
     def __init__(self, source: sc.Scene | Model | Problem) -> None:
-        problem = open_problem(source, "forward dynamics")
-        if geared(problem.model):
-            raise CapabilityError(
-                "gear losses depend on the drive, so they have no forward dynamics of samples"
-            )
+        problem = forward_problem(source)
         self._open(problem)
         self.shape, self._call, self.operations = self._compile(problem)
 
@@ -184,6 +196,5 @@ class ForwardDynamics(_Samples):
         return "unrolled", unrolled, unrolled.operations
 
     def __call__(self, q: Array, qd: Array, tau: Array) -> Array:
-        """Return qdd (T, nv)."""
-        self._check(q, qd, tau)
-        return self._call(q, qd, tau)
+        """Return qdd (T, nv), or (nv,) of one state."""
+        return self._evaluate(q, qd, tau)

@@ -63,9 +63,9 @@ def inverse(
 
     Raises
     ------
-    SceneError : no motion, or data that the equations need is not given. CapabilityError : motion or actuators do
-    not suffice. GeometryError : the motion cannot be met. SingularConfigurationError : a singular pose on the way.
-    NumericalError : a number of the result is not finite.
+    SceneError : no motion, data that the equations need is not given, or inertias that no robot has. CapabilityError :
+    motion or actuators do not suffice. GeometryError : the motion cannot be met. SingularConfigurationError : a
+    singular pose on the way. NumericalError : a number of the result is not finite.
     """
     watch = watch or Stopwatch()
     count = scene.inverse.samples if samples is None else samples
@@ -79,13 +79,20 @@ def inverse(
         function = program.compile(count)
     with watch.stage("evaluate"):
         sampled = program.evaluate(planned, function)
+    _refuse_indefinite(program.problem, sampled)
     with watch.stage("error_estimate"):
         errors = error_estimate(program, planned, sampled)
     with watch.stage("evaluate"):
         loads = loads_of(program, sampled) if scene.outputs.reactions else None
     progress(program.duration, program.duration)
     result = report(program, planned, sampled, loads)
-    result.summarise(summarise(program, planned, sampled, errors, loads), seconds=watch.report())
+    summary = summarise(program, planned, sampled, errors, loads)
+    if scene.drives:
+        from robodyn_cli.run.sizing.report import with_drives
+
+        with watch.stage("drives"):
+            summary = with_drives(summary, result, scene, program.problem)
+    result.summarise(summary, seconds=watch.report())
     refuse_result(result)
     return result
 
@@ -130,6 +137,16 @@ def _rest_warnings(problem: Problem, planned: Planned) -> list[str]:
     from robodyn_cli.run.inverse.rest import rest_warnings
 
     return rest_warnings(problem, planned)
+
+
+def _refuse_indefinite(problem: Problem, sampled: Sampled) -> None:
+    from robodyn_cli.model.consistency import doubtful_bodies
+
+    if doubtful_bodies(problem.scene):
+        from robodyn_cli.run.driver.mass_matrix import refuse_indefinite
+        from robodyn_cli.run.observation.rounding import few
+
+        refuse_indefinite(problem, sampled.motion.q[few(len(sampled.times))])
 
 
 def _payload_warnings(problem: Problem, sampled: Sampled) -> list[str]:
@@ -213,6 +230,7 @@ def summarise(
         fastest=fastest,
         inverse_kinematics=planned.method or ABSENT,
         ik_residual=path_error(planned, sampled),
+        attitude_residual=errors.attitude_residual,
         error_estimate=errors,
         round_trip=errors.round_trip,
         constraint_residual=ABSENT

@@ -25,7 +25,7 @@ def refuse_events(scene: Scene) -> None:
     for k, payload in enumerate(scene.payloads):
         for name, instant in payload.instants.items():
             if instant.when is not None:
-                where = f"payloads[{k}].{name}.when"
+                where = f"payloads.{k}.{name}.when"
                 raise SceneError(
                     f"{scene.path}: {where}: the motion is given in 'inverse'; allowed there: 'time'",
                     file=scene.path, key=where,

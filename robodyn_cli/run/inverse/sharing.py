@@ -13,18 +13,20 @@ from robodyn_cli.solve.load_sharing import LostRank, Shared, TooFewActuators, sh
 from robodyn_cli.spatial.algebra import Array
 
 
-def refuse_gears(problem: Problem) -> None:
-    """Refuse losses that depend on an actuator's load: with loops, the sharing of the load would depend on the losses.
+def refuse_idle_gears(problem: Problem, driven: Sequence[int]) -> None:
+    """Refuse gears with losses in joints without an actuator, on which nothing says what the gear passes on.
 
     Raises
     ------
     CapabilityError
     """
-    if geared(problem.model):
-        raise CapabilityError(
-            "losses in gears depend on the load of each actuator, and with closed loops that load depends on "
-            "the losses; allowed here: friction in the joints"
-        )
+    for _, gear in geared(problem.model):
+        if gear.v not in driven:
+            raise CapabilityError(
+                f"joint {gear.name!r} has a gear with losses but no actuator (`actuated`), so no load goes through the "
+                "gear; allowed there: friction",
+                joint=gear.name,
+            )
 
 
 def share_load(
@@ -47,7 +49,8 @@ def share_load(
         names = ", ".join(problem.model.joint_of(k) for k in driven)
         raise CapabilityError(
             f"the mechanism has {few.freedom} degrees of freedom, and its actuated joints ({names}) command "
-            f"{few.commanded} of them anywhere; allowed: as many independent ones, in 'actuated'"
+            f"{few.commanded} of them anywhere; allowed: as many independent ones, in 'actuated'",
+            key="actuated",
         ) from None
     except LostRank as lost:
         raise lost_rank(problem, lost, times, q) from None

@@ -9,6 +9,7 @@ from robodyn_cli.results.summary import ABSENT, Absent, Residual, Termination
 
 if TYPE_CHECKING:
     from robodyn_cli.run.fastest.report import FastestFigures
+    from robodyn_cli.run.sizing.figures import DriveFigures
 
 # meaning of the figures, for readers of summary.json
 DEFINITIONS = {
@@ -49,6 +50,7 @@ class ErrorEstimate:
     """Errors of the figures; see ``checks.error_estimate``."""
 
     ik_residual: float | Absent
+    attitude_residual: float | Absent
     round_trip: float | None
     energy_balance: float
     energy_balance_relative: float
@@ -80,6 +82,7 @@ class InverseSummary:
     fastest: FastestFigures | Absent
     inverse_kinematics: str | Absent
     ik_residual: float | Absent
+    attitude_residual: float | Absent
     error_estimate: ErrorEstimate
     round_trip: float | None
     constraint_residual: Residual | Absent
@@ -87,3 +90,5 @@ class InverseSummary:
     definitions: dict[str, str]
     counters: dict[str, int]
     reactions: dict[str, Any] | Absent
+    drives: dict[str, DriveFigures] | Absent = ABSENT
+    catalogue: str | Absent = ABSENT

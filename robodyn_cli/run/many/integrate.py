@@ -254,7 +254,7 @@ def _keeps_energy(batch: Batch, runs: Runs) -> Masks:
         return numbers.evaluate(structure.energies, groups)
 
     before, after = energies(0.0, batch.states), energies(batch.ends, runs.y)
-    work = system.split(runs.y)[2][:, -1] if system.further else np.zeros(len(runs))
+    work = system.split(runs.y)[2][:, -1] if system.work_done_by else np.zeros(len(runs))
     drift = np.abs(after.sum(axis=1) - before.sum(axis=1) - work)
     exchanged = after[:, 0] + before[:, 0] + np.abs(after[:, 1] - before[:, 1]) + np.abs(work)
     exchanged += np.abs(after[:, 1]) * EPS

@@ -63,9 +63,15 @@ class InverseStructure(Built):
 
 def obstacle(program: InverseProgram, scene: Scene, keys: Sequence[Key]) -> str:
     """Return why runs are made one by one; nothing where their torques are evaluated at once."""
+    if isinstance(scene.trajectory, TaskSpace):
+        return "a point is led, so lengths change the motion"
+    return motion_obstacle(program, scene, keys)
+
+
+def motion_obstacle(program: InverseProgram, scene: Scene, keys: Sequence[Key]) -> str:
+    """Return why torques do not depend on the keys directly, whether a point is led or not; nothing where they do."""
     reasons = {
         "closed loops share the load": not isinstance(program, OpenChain),
-        "a point is led, so lengths change the motion": isinstance(scene.trajectory, TaskSpace),
         "limits of torques decide the motion": getattr(scene.trajectory, "type", None) == "fastest",
         "parameters may change the motion": any(
             key.sort == NUMBER and key.place.startswith("parameters.") for key in keys

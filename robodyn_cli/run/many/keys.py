@@ -80,6 +80,29 @@ def understand(family: Family, name: str) -> Key:
     return _sort(name, found)
 
 
+def value_of(family: Family, name: str) -> float | None:
+    """Return the number that a key has in the scene as it stands, in SI units; None where it has none.
+
+    Raises
+    ------
+    SceneError : the scene has no such key, or it takes no numbers.
+    """
+    refused: SceneError | None = None
+    for value in TRIED:
+        try:
+            other = family.scene([setting(name, value)])
+        except SceneError as error:
+            refused = refused or error
+            continue
+        changes = list(_differences(with_places(family.own), with_places(other), (), None))
+        if not changes:  # it has this very value
+            return value
+        found = [c.one for c in changes if isinstance(c.two, (int, float)) and float(c.two) == value]
+        return float(found[0]) if found and isinstance(found[0], (int, float)) else None
+    assert refused is not None
+    raise refused
+
+
 def _sort(name: str, found: Sequence[tuple[float, Scene]]) -> Key:
     (x, one), (y, two) = found
     changes = list(_differences(with_places(one), with_places(two), (), None))

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError
+from robodyn_cli.run.functions.model import ModelFunctions
 from robodyn_cli.run.many.groups import Structures
 from robodyn_cli.run.many.keys import Allowed, Key, understand
 from robodyn_cli.run.many.record import ManyRuns
@@ -21,17 +21,17 @@ from robodyn_cli.spatial.algebra import Array
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from robodyn_cli.run.inverse.dynamics import ForwardDynamics, InverseDynamics
     from robodyn_cli.run.many.command import Command
     from robodyn_cli.run.many.making import Making
-    from robodyn_cli.run.poses.inverse_kinematics import InverseKinematics
 
 Values = Mapping[str, Any] | Any
 Start = tuple[Array | None, Array | None]
 
 
-class Mechanism:
+class Mechanism(ModelFunctions):
     """A scene as one compiled object, whose numbers may vary between runs.
+
+    ``mass_matrix``, ``jacobian`` and the other functions of the model are of the scene as it stands.
 
     Parameters
     ----------
@@ -47,6 +47,7 @@ class Mechanism:
 
     def __init__(self, scene: Scene | Family | str | os.PathLike[str], vary: Sequence[str] = ()) -> None:
         self.family = scene if isinstance(scene, Family) else _family_of(scene)
+        super().__init__(self.family.own)
         refuse_doubles(self.family.root, vary, "vary")
         self.keys: tuple[Key, ...] = tuple(understand(self.family, name) for name in vary)
         self._allowed = Allowed(self.family, self.keys)
@@ -56,44 +57,6 @@ class Mechanism:
     def scene(self) -> Scene:
         """The scene as it stands."""
         return self.family.own
-
-    @cached_property
-    def _names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        from robodyn_cli.model.build import build_model
-
-        model = build_model(self.scene)
-        return model.q_names, model.v_names
-
-    @property
-    def q_names(self) -> tuple[str, ...]:
-        """Columns of positions."""
-        return self._names[0]
-
-    @property
-    def qd_names(self) -> tuple[str, ...]:
-        """Columns of rates."""
-        return self._names[1]
-
-    # -- functions of samples ---------------------------------------------------------------------------
-    @cached_property
-    def inverse_dynamics(self) -> InverseDynamics:
-        """Joint torques of samples (q, qd, qdd) for the scene as it stands."""
-        from robodyn_cli.run.inverse.dynamics import InverseDynamics
-
-        return InverseDynamics(self.scene)
-
-    @cached_property
-    def forward_dynamics(self) -> ForwardDynamics:
-        """Joint accelerations of samples (q, qd, tau) for the scene as it stands."""
-        from robodyn_cli.run.inverse.dynamics import ForwardDynamics
-
-        return ForwardDynamics(self.scene)
-
-    def inverse_kinematics(self, frame: str, **asked: Any) -> InverseKinematics:
-        """Joint positions that bring a frame to poses; ``asked`` as of ``InverseKinematics``."""
-        from robodyn_cli.run.poses.inverse_kinematics import InverseKinematics
-
-        return InverseKinematics(self.scene, frame, **asked)
 
     # -- many runs --------------------------------------------------------------------------------------
     def simulate_many(
@@ -188,8 +151,10 @@ class Mechanism:
         threads: int | None,
     ) -> ManyRuns:
         rows = self._rows(values, start)
-        q, qd = (self._start(x, names, len(rows)) for x, names in zip(start, self._names))
-        result = ManyRuns.empty(self._key_names, rows, self._names, of, command.sampled, samples)
+        q, qd = (self._start(x, names, len(rows)) for x, names in zip(start, (self.q_names, self.qd_names)))
+        result = ManyRuns.empty(
+            self._key_names, rows, (self.q_names, self.qd_names), of, command.sampled, samples
+        )
         making, allowed = self._making(command, result, (q, qd), samples, threads or processors())
         making.one_by_one(making.compiled(allowed))
         return result
@@ -198,7 +163,7 @@ class Mechanism:
         self, command: Command[Any], rows: Array, of: Sequence[str], threads: int
     ) -> tuple[ManyRuns, NDArray[np.int64]]:
         """Return runs with rows of values (N, keys), and the numbers of those that are left to the command itself."""
-        result = ManyRuns.empty(self._key_names, rows, self._names, of)
+        result = ManyRuns.empty(self._key_names, rows, (self.q_names, self.qd_names), of)
         making, allowed = self._making(command, result, (None, None), 0, threads)
         return result, making.compiled(allowed)
 

@@ -45,7 +45,7 @@ class Structure(Built):
         with witnessed() as witnesses:
             self.motion = command.build(scene)
             tables = methods[self.motion.choice.method].tables(self.motion.system)
-        why = obstacle(self.motion, _times_vary(keys)) or command.obstacle(self.motion)
+        why = obstacle(self.motion, times_vary(keys)) or command.obstacle(self.motion)
         super().__init__(keys, row, tables, witnesses, why)
         self._fleets: dict[tuple[str, bool], Fleet] = {}
 
@@ -78,7 +78,7 @@ class Structure(Built):
         return Expressions(self.motion.system.jacobian.J.ravel().tolist())
 
 
-def _times_vary(keys: Sequence[Key]) -> bool:
+def times_vary(keys: Sequence[Key]) -> bool:
     """Tell whether functions of time may switch at other times, or over another duration, in other runs."""
     sections = ("parameters.", "torques.", "forces.")
     return any(key.sort == OPTION or (key.sort == NUMBER and key.place.startswith(sections)) for key in keys)
@@ -96,6 +96,7 @@ def obstacle(motion: Motion, times_vary: bool) -> str:
         "a long chain is integrated by loops over its bodies": system.dynamics.any_size,
         "independent coordinates or rows are chosen along the motion": system.partition is not None,
         "contact states begin and change in Python": begins or bool(system.parameters),
+        "a controller acts": problem.control is not None,
         "steps have to end at times that formulas or tables give": bool(system.breakpoints)
         or any(times_vary or not found.resolved for _, found in problem.switching.time_structures),
         "a motion is prescribed": bool(constraints.rheonomic),

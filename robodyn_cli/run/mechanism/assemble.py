@@ -64,7 +64,7 @@ def assemble(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch
     """
     watch = watch or Stopwatch()
     if not scene.loops and not scene.couplers:
-        raise CapabilityError(f"{scene.path}: assemble closes loops; this scene has none")
+        raise CapabilityError(f"{scene.path}: assemble closes loops; this scene has none", key="loops")
     with watch.stage("equations"):
         problem = Problem(scene)
         held = tuple(dict.fromkeys((*scene.initial.hold, *position_columns(scene.prescribed))))

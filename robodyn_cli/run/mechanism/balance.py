@@ -73,7 +73,8 @@ def _stay(problem: Problem, q: Array) -> Lead:
     if quasi:
         raise CapabilityError(
             f"joint {quasi[0]!r} cannot be held in a balance, since its velocities are no rates of positions; use "
-            "joints of one axis in its place, or a loop closure of type fixed"
+            "joints of one axis in its place, or a loop closure of type fixed",
+            key="initial.hold",
         )
     places = [model.q_names.index(name) for name in held]
 

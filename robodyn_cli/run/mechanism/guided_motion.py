@@ -47,10 +47,14 @@ def guided_motion(problem: Problem, lead: Lead, times: Array) -> Planned:
     motion = JointMotion(*(np.asfortranarray([getattr(p, name) for p in places]) for name in ("q", "v", "a")))
     counters = {"iterations": guide.iterations, "steps": guide.steps}
     reached = times[: len(places)]
-    target = None if lead.point is None else lead.asked(reached)[0][:, : lead.components]
+    target = axes = None
+    if lead.point is not None:
+        asked = lead.asked(reached)[0]
+        target = asked[:, : lead.components]
+        axes = asked[:, 3:].reshape(-1, 3, 3) if lead.oriented else None
     method = None if lead.point is None else "newton"
     residuals = _residuals(conditions, places)
-    return Planned(reached, motion, lead.point, target, method, residuals, counters, stopped)
+    return Planned(reached, motion, lead.point, target, axes, method, residuals, counters, stopped)
 
 
 def _start(problem: Problem, lead: Lead, conditions: LoopConditions) -> Array:

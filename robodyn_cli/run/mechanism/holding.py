@@ -8,7 +8,7 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SingularConfigurationError
-from robodyn_cli.run.inverse.sharing import lost_rank, refuse_gears
+from robodyn_cli.run.inverse.sharing import lost_rank
 from robodyn_cli.run.inverse.terms import torque_terms
 from robodyn_cli.run.mechanism.at_rest import AtRest, refuse_unknown
 from robodyn_cli.run.mechanism.loop_conditions import LoopConditions, nothing_led, velocity_places
@@ -26,8 +26,6 @@ def held(problem: Problem, q: Array) -> AtRest:
     CapabilityError : too few actuators. SingularConfigurationError : they cannot hold it there.
     """
     model = problem.model
-    if model.closures:
-        refuse_gears(problem)
     terms = {name: x for name, x in torque_terms(problem).items() if name not in ("inertia", "coriolis")}
     refuse_unknown([x for term in terms.values() for x in term])
     needed = {name: problem.numbers([term], q) for name, term in terms.items()}
@@ -62,11 +60,12 @@ def _shared(
             raise SingularConfigurationError(
                 f"dead point of the actuators: {', '.join(names)} cannot hold the mechanism in this configuration, "
                 f"which leaves {few.freedom - few.commanded} of its {few.freedom} degrees of freedom to itself",
-                kind="dead_point", q=q.tolist(),
+                key="actuated", kind="dead_point", q=q.tolist(),
             ) from None  # fmt: skip
         raise CapabilityError(
             f"the mechanism has {few.freedom} degrees of freedom, and its actuated joints ({', '.join(names)}) hold "
-            f"{few.commanded} of them; name more in 'actuated', or find the balance (statics.find: balance)"
+            f"{few.commanded} of them; name more in 'actuated', or find the balance (statics.find: balance)",
+            key="actuated",
         ) from None
     except LostRank as lost:
         raise lost_rank(problem, lost, np.zeros(1), q[None]) from None

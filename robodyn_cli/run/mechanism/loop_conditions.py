@@ -89,7 +89,8 @@ def refuse_quasi(model: Model, names: Sequence[str]) -> None:
             columns = ", ".join(model.v_columns(name))
             raise CapabilityError(
                 f"joint {name!r} of a mechanism with loops cannot be led as a whole: lead joints of one axis, or "
-                f"single coordinates of it where they are rates of positions ({columns})"
+                f"single coordinates of it where they are rates of positions ({columns})",
+                joint=name,
             )
 
 

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 class Planned:
     """The joints' motion at sample times (T,), and its origin.
 
-    point, target : the point that is led, and its target coordinates (T, 2 or 3) [m].
+    point, target : the point that is led, and its target coordinates (T, 2 or 3) [m]. axes : those asked for there
+    (T, 3, 3) as columns, None where the attitude is left free.
     method : of the inverse kinematics, ``analytic`` or ``newton``. residuals : the largest of the loops, by level.
     stopped : why the motion ends early, None where it is whole.
     """
@@ -34,6 +35,7 @@ class Planned:
     motion: JointMotion
     point: str | None = None
     target: Array | None = None
+    axes: Array | None = None
     method: str | None = None
     residuals: dict[str, float] = dataclasses.field(default_factory=dict)
     counters: dict[str, int] = dataclasses.field(default_factory=dict)
@@ -78,8 +80,9 @@ def plan_motion(problem: Problem, times: Array) -> Planned:
     task = point_task(problem)
     found = follow_point(task, times, compile_point)
     counters = {"ik_iterations": found.iterations, "ik_steps": found.steps} if found.iterations else {}
-    target = task.target(times).p
-    return Planned(times, found.motion, trajectory.point, target, found.method, counters=counters)
+    target = task.target(times)
+    axes = getattr(target, "R", None)
+    return Planned(times, found.motion, trajectory.point, target.p, axes, found.method, counters=counters)
 
 
 def _refuse_some(model: Model, trajectory: JointSpace) -> None:

@@ -89,7 +89,8 @@ def refuse_beyond_stops(problem: Problem, q: Array) -> None:
             if push * (q[joint.q] - at) < -1e-9 * max(1.0, abs(at)):
                 raise CapabilityError(
                     f"joint {joint.name!r} would be at {q[joint.q]:.6g}, beyond its rigid stop at {at:.6g}, which "
-                    "`statics` does not follow; allowed: stops with 'stiffness', or the joint in 'initial.hold'"
+                    "`statics` does not follow; allowed: stops with 'stiffness', or the joint in 'initial.hold'",
+                    joint=joint.name,
                 )
 
 

@@ -47,6 +47,10 @@ def observed(problem: Problem, accelerations: bool = True) -> dict[str, Sequence
         "tau": _actuator_torques(problem),
         "energy": [problem.kinetic, potential_energy(problem)],
     }
+    if problem.control is not None or problem.scene.outputs.signals:
+        from robodyn_cli.run.control.recorded import control_outputs
+
+        outputs.update(control_outputs(problem))
     if problem.model.forces:
         outputs["forces.potential"] = [effect.potential for effect in problem.elements.effects]
         outputs["forces.power"] = [effect.power for effect in problem.elements.effects]
@@ -151,6 +155,7 @@ class Observer:
         self, problem: Problem, system: System, passive: Sequence[int] = (), reactions: bool = False
     ) -> None:
         self.problem = problem
+        self.controlled = problem.control is not None or bool(problem.scene.outputs.signals)
         self.system = system
         self.passive = tuple(passive)
         outputs = observed(problem, accelerations=not system.dynamics.any_size)
@@ -256,11 +261,15 @@ class Observer:
             "energy/potential": potential,
             "energy/total": kinetic + potential,
         }
-        if z.shape[1]:
-            data["energy/work"] = z[:, 0]
+        if self.system.work_done_by:
+            data["energy/work"] = z[:, -1]
         for path in FORCES:
             if (name := path.replace("/", ".")) in found:
                 data[path] = found[name]
+        if self.controlled:
+            from robodyn_cli.run.control.recorded import control_data
+
+            data.update(control_data(problem, found))
         if problem.constraints.rows:
             data["constraints/multipliers"] = found["lam"]
             data["constraints/position_residual"] = found["eta"]
@@ -303,6 +312,10 @@ class Observer:
         elements = self.problem.elements.names
         table["forces/potential"] = Column("J", "potential energy of forces", ("time", "force"), elements)
         table["forces/power"] = Column("W", "power of forces", ("time", "force"), elements)
+        if self.controlled:
+            from robodyn_cli.run.control.recorded import control_columns
+
+            table.update({path: Column(**given) for path, given in control_columns(self.problem).items()})
         table.update(loop_columns(self.problem.constraints.rows, bool(self.problem.dependent)))
         if self.reactions is not None:
             for path, names in self.reactions.names.items():

@@ -106,8 +106,10 @@ def few(samples: int, most: int = 9) -> Array:
     return places
 
 
-def acceleration_rounding(problem: Problem, times: Array, q: Array, v: Array) -> float | None:
+def acceleration_rounding(problem: Problem, times: Array, q: Array, v: Array, z: Array) -> float | None:
     """Return how far rounding may have put any acceleration off along a motion q (T, nq), v (T, nv).
+
+    z : states of a controller (T, nc).
 
     None where that is not to be told at little cost: parameters that change on the way, very large equations.
     """
@@ -118,7 +120,9 @@ def acceleration_rounding(problem: Problem, times: Array, q: Array, v: Array) ->
     if len(program.nodes) > LARGE:
         return None
     places = few(len(times))
-    return largest_difference(program({"t": times[places, None], "q": q[places], "v": v[places]}))
+    return largest_difference(
+        program({"t": times[places, None], "q": q[places], "v": v[places], "z": z[places]})
+    )
 
 
 def closing_rounding(problem: Problem, times: Array, q: Array, v: Array, held: Sequence[int]) -> float:

@@ -73,7 +73,7 @@ class PosesAhead(Watcher):
     def equations(self) -> Equations:
         """The equations of motion in parts, compiled when the first pose comes near."""
         if self._equations is None:
-            self._equations = Equations(self.problem, self.motion.system.further > 0)
+            self._equations = Equations(self.problem, bool(self.motion.system.work_done_by))
         return self._equations
 
     def ahead(self, event: Event) -> Pose | Unresolved | None:

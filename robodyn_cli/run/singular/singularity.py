@@ -63,7 +63,8 @@ def passive_determinant(problem: Problem, passive: Sequence[int]) -> Scalar:
         raise CapabilityError(
             f"a dead point needs as many driven joints as degrees of freedom: the mechanism has {freedom}, and "
             f"{problem.model.nv - len(passive)} joints are actuated or prescribed; set `actuated`, or use "
-            "deploy.criterion: multipliers"
+            "deploy.criterion: multipliers",
+            key="actuated",
         )
     value: Scalar = determinant(rows[:, list(passive)])
     return value
@@ -172,6 +173,7 @@ def refuse_singular_start(problem: Problem, q: Array, passive: Sequence[int]) ->
     raise SingularConfigurationError(
         f"the start is a dead point already ({angles}): its passive block of Psi is singular, so the input cannot "
         "move the mechanism; start a little away from it (initial.q)",
+        key="initial.q",
         kind="dead_point",
         q=q.tolist(),
     )

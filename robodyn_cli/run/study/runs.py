@@ -25,7 +25,7 @@ from robodyn_cli.run.progress import no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.run.study.compiled import Compiled, suits
 from robodyn_cli.run.study.row import Points, Rows, Task, joined
-from robodyn_cli.run.study.rows import Missing, RowFile
+from robodyn_cli.run.study.rows import RowFile
 from robodyn_cli.spatial.algebra import Array
 
 FEWEST_IN_PROCESSES = 16  # a process takes as long to start as some ten runs take
@@ -88,11 +88,21 @@ def run_all(task: Task, file: RowFile, jobs: int) -> Iterator[Rows]:
     yield from _one_by_one(task, file.missing(), jobs)
 
 
-def _one_by_one(task: Task, missing: Missing, jobs: int) -> Iterator[Rows]:
+def run_points(task: Task, points: Points, jobs: int) -> Rows:
+    """Return the rows of runs that are few enough for memory; ``jobs`` as for ``run_all``."""
+    parts = []
+    if suits(task):
+        parts.append(Compiled(task, jobs).make(points))
+        points = points.part(np.isin(points.runs, parts[0].runs, invert=True))
+    parts += _one_by_one(task, Waiting([points]), jobs)
+    return joined(parts)
+
+
+def _one_by_one(task: Task, missing: Source, jobs: int) -> Iterator[Rows]:
     """Yield the rows of runs that are whole commands."""
     if jobs == 1 or missing.left < FEWEST_IN_PROCESSES:
-        while len(points := missing.take(1)):
-            yield make_alone(task, points)
+        while missing.left:
+            yield make_alone(task, missing.take(1))
         return
     suspects = Waiting()
     while missing.left or suspects.left:

@@ -19,7 +19,7 @@ from robodyn_cli.run.batch.criteria import lookup, refuse_unknown
 from robodyn_cli.run.many.keys import setting
 from robodyn_cli.run.many.single import number_of
 from robodyn_cli.run.study.design import Design, make_design
-from robodyn_cli.run.study.row import Task
+from robodyn_cli.run.study.row import Rows, Task
 from robodyn_cli.run.study.rows import RowFile
 from robodyn_cli.run.study.runs import make_one, run_all
 from robodyn_cli.run.study.units import unit_of_output
@@ -115,7 +115,7 @@ def prepare(asked: Asked) -> Study:
     wanted = options.of or tuple(key for key, e in scene.expect.items() if e.numeric and key != "exit_code")
     task = Task(family, scene.command, design.keys, wanted)
     source = "expect:" if not options.of else "study.of:" if options.of == scene.study.of else "--of"
-    nominal = _run_nominal(task, source)
+    nominal = run_nominal(task, source).rows[0]
     units = {key: unit_of(family.root, key) for key in design.keys}
     model = build_model(scene)
     output_units = {key: unit_of_output(key, model) for key in wanted}
@@ -133,8 +133,8 @@ def _check_key(family: Family, key: str, variation: Variation) -> None:
         raise SceneError(message, key=key) from error
 
 
-def _run_nominal(task: Task, source: str) -> Any:
-    """Return the row of the run of the scene as it stands; source : what named the outputs.
+def run_nominal(task: Task, source: str) -> Rows:
+    """Return what the run of the scene as it stands gave; source : what named the outputs.
 
     Raises
     ------
@@ -154,7 +154,7 @@ def _run_nominal(task: Task, source: str) -> Any:
         value = lookup(summary, key)
         if not made.reasons and value is not None and math.isnan(number_of(summary, key)):
             raise SceneError(f"{asked}: is {value!r}, which is not a number")
-    return made.rows[0]
+    return made
 
 
 def _numbers(facts: Mapping[str, Any], path: str = "") -> list[str]:

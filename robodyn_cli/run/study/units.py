@@ -19,6 +19,7 @@ LAST = {
     "energy_lost": "J", "peak_power": "W", "peak_force": "N", "peak_moment": "N m", "ik_residual": "m",
     "path_length": "m", "peak_speed": "m/s", "peak_acceleration": "m/s^2", "round_trip": "1", "singular_ratio": "1",
     "meaningful_until": "s", "linear_impulse": "N s", "angular_impulse": "N m s", "exit_code": "1", "samples": "1",
+    "attitude_residual": "rad",
 }  # fmt: skip
 
 

@@ -77,6 +77,12 @@ class _SceneNames:
         return problem
 
 
+def names_of(scene: Scene, some: bool = False) -> _SceneNames:
+    """Return the names of a scene; ``some`` : a trajectory may leave joints to the forces, as it may in loops."""
+    closed = bool(scene.loops or scene.couplers)
+    return _SceneNames(scene.robot, closed, closed or some, scene.parameters)
+
+
 def check_scene(scene: Scene, check: Check) -> Scene:
     """Return the scene with the robot's connections filled in; ``check.found`` holds all errors."""
     robot = check_robot(scene.robot, check)
@@ -101,15 +107,22 @@ def check_scene(scene: Scene, check: Check) -> Scene:
         check_payloads(scene, check)
     check_spans(scene, check)
     _check_drives(scene, check)
+    if scene.drives:
+        from robodyn_cli.scene.checks.drives import check_drives
+
+        check_drives(scene, check)
     _check_initial(scene, check)
     if scene.trajectory is not None:
-        closed = bool(scene.loops or scene.couplers)
-        names = _SceneNames(robot, closed, closed or follow, scene.parameters)
+        names = names_of(scene, follow)
         for path, message in scene.trajectory.problems(names):
             with check:
                 check.fail(("trajectory", *path), message)
         if hasattr(scene.trajectory, "completed") and not check.found:
             scene = dataclasses.replace(scene, trajectory=scene.trajectory.completed(names))
+    if scene.control is not None or scene.outputs.signals:
+        from robodyn_cli.scene.checks.control import check_control
+
+        scene = check_control(scene, names_of(scene), check)
     if follow:
         scene = _following(scene, check)
     _check_runs(scene, check)

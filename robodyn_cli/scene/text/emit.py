@@ -28,9 +28,9 @@ def block(node: Node) -> list[str]:
         lines = []
         for key, value in node.entries:
             name = _text(key.text)
-            flow = _short(value, len(name) + 2)
-            if flow is not None:
-                lines.append(f"{name}: {flow}")
+            line = _short(value, len(name) + 2)
+            if line is not None:
+                lines.append(f"{name}: {line}")
             else:
                 lines.append(f"{name}:")
                 lines.extend("  " + line for line in block(value))
@@ -38,12 +38,12 @@ def block(node: Node) -> list[str]:
     if isinstance(node, Sequence) and node.items:
         lines = []
         for item in node.items:
-            flow = _short(item, 2)
-            inner = [flow] if flow is not None else block(item)
+            line = _short(item, 2)
+            inner = [line] if line is not None else block(item)
             lines.append(f"- {inner[0]}")
             lines.extend("  " + line for line in inner[1:])
         return lines
-    return [_flow(node)]
+    return [flow(node)]
 
 
 def _short(node: Node, used: int) -> str | None:
@@ -51,9 +51,9 @@ def _short(node: Node, used: int) -> str | None:
     if isinstance(node, (Mapping, Sequence)):
         if node.size > WIDTH or _depth(node) > 2:
             return None
-        flow = _flow(node)
-        return flow if used + len(flow) <= WIDTH else None
-    return _flow(node)
+        line = flow(node)
+        return line if used + len(line) <= WIDTH else None
+    return flow(node)
 
 
 def _depth(node: Node) -> int:
@@ -64,11 +64,12 @@ def _depth(node: Node) -> int:
     return 0
 
 
-def _flow(node: Node) -> str:
+def flow(node: Node) -> str:
+    """Return a value as YAML on one line."""
     if isinstance(node, Mapping):
-        return "{" + ", ".join(f"{_text(k.text)}: {_flow(v)}" for k, v in node.entries) + "}"
+        return "{" + ", ".join(f"{_text(k.text)}: {flow(v)}" for k, v in node.entries) + "}"
     if isinstance(node, Sequence):
-        return "[" + ", ".join(_flow(item) for item in node.items) + "]"
+        return "[" + ", ".join(flow(item) for item in node.items) + "]"
     assert isinstance(node, Scalar)
     return _scalar(node.value)
 

@@ -228,6 +228,10 @@ class Includer:
             if not kind.robot:
                 raise located(node, dotted(path), f"{name!r} is XML; allowed: the path of a YAML file")
             return self.urdf(text, source)
+        if kind.catalogue and name.lower().endswith(".csv"):
+            from robodyn_cli.scene.text.catalogue import catalogue_tree
+
+            return catalogue_tree(text, source)
         tree = compose(text, source, self.faults, path)
         return robot_of(tree, path) if kind.robot else tree
 

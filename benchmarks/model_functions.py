@@ -1,0 +1,134 @@
+"""Functions of a model from Python beside Pinocchio: microseconds a state on one core.
+
+    python benchmarks/model_functions.py [--quick] [--json FILE]
+
+M, C, G, the Jacobian of the last link, and the derivatives of inverse and forward dynamics of a seven-joint arm.
+robodyn evaluates all states in one call of ``Mechanism``; Pinocchio has no call for many states, so its fastest way
+from Python is a loop of its compiled functions, one call a state, results left in its own memory. The two take turns.
+Machine code only: the first 200 000 states of a kernel are interpreted, and compiling is not part of the time.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from typing import Any
+
+import measure
+
+measure.single_thread()
+
+import arms  # noqa: E402
+import numpy as np  # noqa: E402
+
+from robodyn_cli import Mechanism, load_scene_text  # noqa: E402
+from robodyn_cli.kernels import samples as sample_kernels  # noqa: E402
+
+Call = Callable[[Any, Any, Any], Any]
+# how many times as fast as Pinocchio each function is to be
+TARGETS = {"M": 10, "C": 10, "G": 10, "Jacobian": 10, "d tau": 8, "d qdd": 8}
+
+
+def own_calls(mechanism: Mechanism) -> dict[str, Call]:
+    """Return robodyn's functions of arrays of states (q, qd, x)."""
+    return {
+        "M": lambda q, v, x: mechanism.mass_matrix(q),
+        "C": lambda q, v, x: mechanism.coriolis(q, v),
+        "G": lambda q, v, x: mechanism.gravity(q),
+        "Jacobian": lambda q, v, x: mechanism.jacobian("link7", q),
+        "d tau": mechanism.inverse_dynamics_derivatives,
+        "d qdd": mechanism.forward_dynamics_derivatives,
+    }
+
+
+def peer_calls(pin: Any, model: Any) -> dict[str, Call]:
+    """Return Pinocchio's functions of one state."""
+    data, last = model.createData(), model.njoints - 1
+    aligned, place = pin.LOCAL_WORLD_ALIGNED, pin.SE3.Identity()
+
+    def jacobian(q: Any, v: Any, x: Any) -> Any:
+        pin.computeJointJacobians(model, data, q)
+        return pin.getFrameJacobian(model, data, last, place, aligned)
+
+    return {
+        "M": lambda q, v, x: pin.crba(model, data, q),
+        "C": lambda q, v, x: pin.computeCoriolisMatrix(model, data, q, v),
+        "G": lambda q, v, x: pin.computeGeneralizedGravity(model, data, q),
+        "Jacobian": jacobian,
+        "d tau": lambda q, v, x: pin.computeRNEADerivatives(model, data, q, v, x),
+        "d qdd": lambda q, v, x: pin.computeABADerivatives(model, data, q, v, x),
+    }
+
+
+def arrays(result: Any) -> list[Any]:
+    """Return a result as arrays: derivatives by positions and rates."""
+    if hasattr(result, "dq"):
+        return [result.dq, result.dqd]
+    return list(result[:2]) if isinstance(result, tuple) else [result]
+
+
+def difference(name: str, own: Any, theirs: Any) -> float:
+    """Return the largest difference between the two at one state, relative to the largest entry."""
+    found = []
+    for a, b in zip(arrays(own), arrays(theirs)):
+        b = np.array(b)
+        if name == "M":
+            b = np.triu(b) + np.triu(b, 1).T
+        if name == "Jacobian":
+            b = np.concatenate([b[3:], b[:3]])  # linear rows first
+        found.append(float(np.abs(a - b).max() / np.abs(b).max()))
+    return max(found)
+
+
+def bench(samples: int, repeats: int, pin: Any) -> list[dict[str, Any]]:
+    """Time all functions with both engines; return a row for each."""
+    arm = arms.seven_joint_arm()
+    mechanism = Mechanism(load_scene_text(arms.scene_text(arm)))
+    q, v, x = arms.motion(arm.n, samples)
+    states = list(zip(*(np.ascontiguousarray(a) for a in (q, v, x))))
+    peers = peer_calls(pin, arms.pinocchio_model(arm)) if pin is not None else {}
+    rows = []
+    for name, own in own_calls(mechanism).items():
+        for _ in range(-(-sample_kernels.MANY // samples)):
+            own(q, v, x)
+        calls = {"robodyn": lambda f=own: f(q, v, x)}
+        if peers:
+
+            def loop(f: Call = peers[name]) -> None:
+                for state in states:
+                    f(*state)
+
+            calls["pinocchio"] = loop
+        times = measure.alternate(calls, repeats)
+        row = {"function": name, "target": TARGETS[name]}
+        row |= {engine: 1e6 * measure.median(found) / samples for engine, found in times.items()}
+        if peers:
+            row["faster"] = measure.median_ratio(times["pinocchio"], times["robodyn"])
+            row["differ"] = max(difference(name, own(*s), peers[name](*s)) for s in states[:: samples // 20])
+        rows.append(row)
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="fewer states and repeats")
+    parser.add_argument("--json", metavar="FILE", help="write the rows to FILE")
+    options = parser.parse_args()
+    try:
+        import pinocchio as pin
+    except ImportError:
+        pin = None
+        print("Pinocchio is not installed (pip install pin): robodyn alone")
+    samples, repeats = (1000, 3) if options.quick else (10_000, 15)
+    rows = bench(samples, repeats, pin)
+    measure.print_machine()
+    print(f"7-joint arm, {samples} states a call, one core, medians of {repeats} alternating repeats\n")
+    head = ["function", "robodyn us", "Pinocchio us", "times faster", "target", "between them"]
+    keys = (("robodyn", ".4f"), ("pinocchio", ".3f"), ("faster", ".1f"), ("target", "d"), ("differ", ".1e"))
+    lines = [[r["function"], *(format(r[k], form) if k in r else "-" for k, form in keys)] for r in rows]
+    print(measure.table([head, *lines]))
+    measure.write_json(options.json, rows, samples=samples, repeats=repeats)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,100 @@
+"""``robodyn sensitivity``."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+import typer
+
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.options import (
+    AsJson,
+    Jobs,
+    NoPlots,
+    OutDir,
+    Overrides,
+    PlotFormat,
+    PlotNames,
+    Quiet,
+    SceneFile,
+    cores,
+    drawings,
+)
+from robodyn_cli.cli.runner import begun, default_directory, output, publish, show, store
+from robodyn_cli.cli.words import number as shown
+from robodyn_cli.cli.words import table
+
+MOST_REASONS = 6  # shown on the terminal
+
+
+def command(
+    scene: SceneFile,
+    to: Annotated[
+        list[str] | None,
+        typer.Option("--to", metavar="KEY",
+                     help="Key of the scene with a number, e.g. robot.links.link1.mass; KEY#n: the n-th of a formula."),
+    ] = None,
+    of: Annotated[
+        list[str] | None,
+        typer.Option("--of", metavar="KEY", help="Output: a key of the summary, as in expect, e.g. lock.time."),
+    ] = None,
+    jobs: Jobs = None,
+    out: OutDir = None,
+    overrides: Overrides = None,
+    no_plots: NoPlots = False,
+    plots: PlotNames = None,
+    format_: PlotFormat = "png",
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> int:  # fmt: skip
+    """Compute derivatives of outputs by keys."""
+    from robodyn_cli.run.sensitivity.asked import prepare
+    from robodyn_cli.run.sensitivity.report import report
+    from robodyn_cli.run.sensitivity.sensitivity import sensitivities
+    from robodyn_cli.scene.load import Family
+
+    console = Console(as_json, quiet)
+    target = out or default_directory(scene, "sensitivity")
+    start = time.perf_counter()
+    with output(target, scene, console) as directory:
+        asked = prepare(Family(scene, overrides or ()), to or (), of or ())
+        with begun(directory, console):
+            found = sensitivities(asked, jobs or cores())
+            result = report(found, time.perf_counter() - start)
+            store(result, directory)
+            publish(result, directory, drawings(no_plots, plots, format_))
+    show(result, directory, console, describe)
+    return 0
+
+
+def describe(summary: Mapping[str, Any]) -> str:
+    """Return the summary for the terminal."""
+    lines = [summary["title"], f"  sensitivities      of {summary['of']}, {summary['seconds']:.3g} s"]
+    reasons: dict[str, list[str]] = {}
+    for name, found in summary["sensitivities"].items():
+        lines += ["", _head(name, summary["outputs"][name])]
+        rows = [["key", "value", "derivative", "+-", "unit", "normalised", "method"]]
+        for key, slope in found.items():
+            value = shown(summary["keys"][key]["value"])
+            rows.append([
+                key, value, shown(slope["derivative"], 9), shown(slope["error"], 2), slope["unit"],
+                shown(slope["normalised"], 4), slope["method"],
+            ])  # fmt: skip
+            if "reason" in slope and key not in reasons.setdefault(slope["reason"], []):
+                reasons[slope["reason"]].append(key)
+        lines.append(table(rows))
+    if reasons:
+        lines.append("")
+    for reason, keys in list(reasons.items())[:MOST_REASONS]:
+        lines.append(f"  not exact          {', '.join(keys)}: {reason}")
+    return "\n".join(lines)
+
+
+def _head(name: str, found: Mapping[str, Any]) -> str:
+    from robodyn_cli.results.columns import UNKNOWN
+
+    unit = "" if found["unit"] in ("1", UNKNOWN) else f" {found['unit']}"
+    error = "" if found.get("error") is None else f" +- {found['error']:.2g}"
+    return f"  {name} = {found['value']:.9g}{error}{unit}"

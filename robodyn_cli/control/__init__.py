@@ -1,0 +1,1 @@
+"""Controllers: each kind a file with its keys and its law."""

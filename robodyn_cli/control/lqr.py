@@ -1,0 +1,115 @@
+"""The linear quadratic regulator about a pose."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from robodyn_cli.control.base import PER_JOINT, POSITIVE_PER_JOINT, Controller, Linear, Situation
+from robodyn_cli.expr.fixed import literal
+from robodyn_cli.record import record
+from robodyn_cli.schema.fields import Choice, JointMap, Number, Section, key
+from robodyn_cli.spatial.algebra import Array
+
+MARGIN = 1e-9  # of the size of A: a mode that decays slower counts as one that does not
+RANK = 1e-10
+
+
+@record
+class Weights:
+    """Weights of ``lqr``."""
+
+    q: Any = key(PER_JOINT, default=1.0, unit="1/rad^2 or 1/m^2", doc="Cost of positions.")
+    qd: Any = key(PER_JOINT, default=0.0, unit="s^2/rad^2 or s^2/m^2", doc="Cost of rates.")
+    tau: Any = key(POSITIVE_PER_JOINT, default=1.0, unit="1/(N m)^2 or 1/N^2", doc="Cost of torques.")
+
+
+@record
+class Lqr(Controller):
+    """``tau = tau_0 - K x`` with ``x = (q - q_0, qd)`` of all joints, which makes the integral of the cost least:
+
+        x^T Q x + u^T R u,   x-dot = A x + B u
+
+    for the model linearised about the pose q_0 at rest, tau_0 holding it there. With a sampling period, x and u are
+    those at the samples (discrete regulator).
+    """
+
+    open_chain: ClassVar[bool] = True
+    numbers: ClassVar[tuple[str, ...]] = ("limit",)
+
+    type: str = key(Choice(("lqr",)), doc="Kind of controller.")
+    gains: Weights = key(Section(Weights), default=Weights(), doc="Weights Q (`q`, `qd`) and R (`tau`).")
+    pose: dict[str, float] = key(
+        JointMap(Number(angle=True)), default=None, unit="rad or m", doc="The pose q_0; by default the start."
+    )
+
+    def torques(self, at: Situation) -> list[Any]:
+        linear = at.linear(self.pose)
+        K = self.gain_matrix(linear, at)
+        return [
+            literal(float(tau), f"control.tau_0.{i}")
+            - sum(literal(float(k), f"control.K.{i}.{j}") * x for j, (k, x) in enumerate(zip(row, linear.x)))
+            for i, (tau, row) in enumerate(zip(linear.tau, K))
+        ]
+
+    def gain_matrix(self, linear: Linear, at: Situation) -> Array:
+        """Return K (n, 2 nv)."""
+        n = len(linear.names)
+        weights = [_by_name(w, linear.names) for w in (self.gains.q, self.gains.qd)]
+        R = np.diag([float(x) for x in at.each(self.gains.tau, "gains.tau")])
+        try:
+            return regulator(linear, np.diag(np.concatenate(weights)), R)
+        except np.linalg.LinAlgError as error:
+            rates = "" if n == 0 else " (a mode that costs nothing and does not decay needs a weight)"
+            linear.refuse(f"the Riccati equation has no solution that stabilises: {error}{rates}")
+            raise
+
+
+def regulator(linear: Linear, Q: Array, R: Array) -> Array:
+    """Return the gain K of the regulator (Anderson and Moore 1990), in the form that the period asks for.
+
+    Raises
+    ------
+    SceneError : some mode that does not decay cannot be reached by the torques.
+    """
+    from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
+
+    A, B = linear.A, linear.B
+    unreachable = unreachable_mode(A, B)
+    if unreachable is not None:
+        linear.refuse(
+            f"the pair (A, B) cannot be stabilised: the mode {unreachable:.4g} 1/s does not decay, and the driven "
+            "joints have no influence on it; allowed: joints that do"
+        )
+    if linear.period is None:
+        P = solve_continuous_are(A, B, Q, R)
+        return np.linalg.solve(R, B.T @ P)
+    n, m = B.shape
+    whole = np.zeros((n + m, n + m))
+    whole[:n, :n], whole[:n, n:] = A, B
+    step = expm(linear.period * whole)
+    F, G = step[:n, :n], step[:n, n:]
+    P = solve_discrete_are(F, G, Q, R)
+    return np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F)
+
+
+def unreachable_mode(A: Array, B: Array) -> complex | None:
+    """Return an eigenvalue [1/s] that does not decay and that inputs do not reach (Hautus' test), None without one."""
+    size = max(1.0, float(np.abs(A).max(initial=0.0)))
+    for mode in np.linalg.eigvals(A):
+        if mode.real < -MARGIN * size:
+            continue
+        both = np.concatenate(
+            [A - mode * np.eye(len(A)), B * (size / max(float(np.abs(B).max()), 1e-300))], axis=1
+        )
+        values = np.linalg.svd(both, compute_uv=False)
+        if values[-1] < RANK * values[0]:
+            return complex(mode)
+    return None
+
+
+def _by_name(weight: Any, names: tuple[str, ...]) -> Array:
+    """Return a weight for each joint; joints that a map does not name cost nothing."""
+    found = [weight.get(name, 0.0) if isinstance(weight, dict) else weight for name in names]
+    return np.array([float(x) for x in found])

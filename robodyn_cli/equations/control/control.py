@@ -1,0 +1,301 @@
+"""A controller in the equations of a mechanism: continuous, or sampled with its torques held in between.
+
+Its states are further states z of the system, before the work. Those of a continuous controller have rates. All of a
+sampled one (states of the law, held torques, torques on their way, the last measurement) are constant between the
+samples, and an update gives all of them anew:
+
+    phase 0, at n T:          measure -> law -> limits -> new states; the torques go into the delay line
+    phase 1, at n T + rest:   the oldest of them act, where the delay is no multiple of the period T
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.equations.control.equations import Equations
+from robodyn_cli.equations.control.reference import Reference, reference_of
+from robodyn_cli.equations.control.situation import At, Measured
+from robodyn_cli.equations.discontinuities import switches
+from robodyn_cli.expr.functions import maximum, minimum, nearest
+from robodyn_cli.expr.graph import Expr, Scalar
+from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array, Vector, zeros
+
+STATES = "z"
+NOISE, ASKED = (
+    "noise",
+    "asked",
+)  # inputs of updates: standard normal numbers, and what a function in Python gave
+SHORT = 1e-9  # of a period: a delay that differs by less is a multiple of it
+
+
+@record
+class Law:
+    """What a law gives in one situation: torques asked for and left by the limits (n,), new states or their rates."""
+
+    asked: list[Any]
+    given: list[Any]
+    states: list[Any]
+
+
+@record
+class Tracked:
+    """A coordinate that follows the reference: its name and unit, what is wanted and what it is, without sensors."""
+
+    name: str
+    unit: str
+    wanted: Any
+    actual: Any
+
+
+class Control:
+    """The controller of a scene.
+
+    Parameters
+    ----------
+    problem : the equations of the mechanism, whose symbols t, q, v the law is built on.
+    """
+
+    def __init__(self, problem: Equations) -> None:
+        self.problem, self.controller = problem, problem.scene.control
+        self.joints: tuple[str, ...] = self.controller.joints
+        model = problem.model
+        self.places = [model.v_names.index(name) for name in self.joints]
+        self.units = tuple("N m" if model.v_units[k].startswith("rad") else "N" for k in self.places)
+        self.period: float | None = None if self.controller.period is None else float(self.controller.period)
+        self.function = getattr(self.controller, "call", None)
+        own = self.controller.states(self.joints)
+        self.own = tuple(name for name, _ in own)
+        self._starts = [float(x) for _, x in own]
+        self.whole, self.rest = self._delay()
+        self.names = (*self.own, *self._held_names())
+        self.z: list[Expr] = problem.graph.symbols([f"control.{name}" for name in self.names], STATES)
+
+    def _delay(self) -> tuple[int, float]:
+        """Return the delay as whole periods and the rest [s]."""
+        if self.period is None:
+            return 0, 0.0
+        delay = float(self.controller.delay)
+        whole = math.floor(delay / self.period + SHORT)
+        rest = delay - whole * self.period
+        return whole, rest if rest > SHORT * self.period else 0.0
+
+    def _held_names(self) -> list[str]:
+        """Return the names of the states that only a sampled controller has."""
+        if self.period is None:
+            return []
+        found = [f"held.{name}" for name in self.joints]
+        if self.controller.sensors.rates == "differences":
+            found += [f"last.{name}" for name in self.problem.model.q_names]
+        if self.rest:
+            found += [f"waiting.{name}" for name in self.joints]
+        return found + [f"delayed{k + 1}.{name}" for k in range(self.whole) for name in self.joints]
+
+    def group(self, name: str) -> list[Expr]:
+        """Return the states called ``name.JOINT``."""
+        return [
+            z for z, own in zip(self.z, self.names) if own.partition(".")[0] == name and own not in self.own
+        ]
+
+    # -- what acts ------------------------------------------------------------------------------------
+    @cached_property
+    def torques(self) -> list[Any]:
+        """Torques on the driven joints (n,)."""
+        return self._law.given if self.period is None else list(self.group("held"))
+
+    def on_joints(self) -> Vector:
+        """Return the torques on all joints (nv,)."""
+        tau = zeros(self.problem.model.nv)
+        for place, torque in zip(self.places, self.torques):
+            tau[place] = torque
+        return tau
+
+    @property
+    def rates(self) -> list[Any]:
+        """Rates of the states: zero where they are constant between samples."""
+        return self._law.states if self.period is None else [0.0] * len(self.z)
+
+    # -- the law --------------------------------------------------------------------------------------
+    @cached_property
+    def reference(self) -> Reference:
+        return reference_of(self.problem.scene, self._starting)
+
+    @property
+    def _starting(self) -> dict[str, float]:
+        """Positions by column that are held without a motion to follow, as far as the scene gives them."""
+        return {**self.problem.scene.initial.q, **getattr(self.controller, "pose", {})}
+
+    @cached_property
+    def tracked(self) -> list[Tracked]:
+        """What follows the reference: the driven joints, or the point that it leads; nothing where it leads none."""
+        at, model = self.exact, self.problem.model
+        if self.controller.at_point:
+            task = at.point()
+            names = [f"{self.controller.reference.point}.{axis}" for axis in "xyz"]
+            return [Tracked(name, "m", *pair) for name, *pair in zip(names, task.wanted, task.p)]
+        if not self.reference.known:
+            return []
+        units = dict(zip(model.q_names, model.q_units))
+        return [Tracked(name, units[name], r, q) for name, r, q in zip(self.joints, at.reference[0], at.q)]
+
+    def situation(self, seen: Measured) -> At:
+        """Return what the law sees, with measured positions and rates."""
+        p = self.problem
+        env = p.environment
+        states = dict(zip(self.own, self.z))
+        return At(p, seen, self.reference.at(p.t, env), states, self._starting, env)
+
+    @cached_property
+    def exact(self) -> At:
+        """The situation without sensors."""
+        return self.situation(Measured(list(self.problem.q), list(self.problem.v)))
+
+    @cached_property
+    def _law(self) -> Law:
+        if self.period is None:
+            at = self.exact
+            asked = self.controller.torques(at)
+            given = self._limited(asked)
+            return Law(asked, given, self.controller.rates(at, asked, given))
+        at = self.situation(self.measured)
+        asked = self.controller.torques(at)
+        given = self._limited(asked)
+        if self.controller.rate_limit:
+            given = self._limited_rate(given)
+        return Law(asked, given, self.controller.updated(at, asked, given, self.period))
+
+    @cached_property
+    def limits(self) -> list[float]:
+        """Largest torque of each driven joint, infinite where there is none."""
+        robot = {joint.name: joint for joint in self.problem.scene.robot.joints}
+        found = []
+        for name in self.joints:
+            own = _of_joint(self.controller.limit, name)
+            if own is None:
+                own = getattr(dict(robot[name].forces).get("limits"), "effort", None)
+            found.append(math.inf if own is None else own)
+        return found
+
+    def _limited(self, asked: Sequence[Any]) -> list[Any]:
+        return [
+            x if math.isinf(most) else minimum(maximum(x, -most), most) for x, most in zip(asked, self.limits)
+        ]
+
+    def _limited_rate(self, wanted: Sequence[Any]) -> list[Any]:
+        """Return the torques after those of the last sample, which no more than ``rate_limit`` lies between."""
+        assert self.period is not None
+        last = self.group("delayed1") or self.group("waiting") or self.group("held")
+        found = []
+        for name, x, before in zip(self.joints, wanted, last):
+            rate = _of_joint(self.controller.rate_limit, name)
+            step = None if rate is None else rate * self.period
+            found.append(x if step is None else minimum(maximum(x, before - step), before + step))
+        return found
+
+    # -- sensors --------------------------------------------------------------------------------------
+    @cached_property
+    def measured(self) -> Measured:
+        """Positions and rates of all joints as a sampled controller sees them."""
+        p, sensors, period = self.problem, self.controller.sensors, self.period
+        q: list[Any] = list(p.q)
+        v: list[Any] = list(p.v)
+        for k, name in enumerate(p.model.v_names):
+            if name not in p.model.q_names:
+                continue  # an attitude
+            place = p.model.q_names.index(name)
+            q[place] = self._sensed(p.q[place], name, k)
+            noise = _of_joint(sensors.rate_noise, name)
+            if sensors.rates == "differences" and period is not None:
+                v[k] = (q[place] - self.group("last")[place]) / period
+            elif noise:
+                v[k] = p.v[k] + noise * self._noise(p.model.nv + k)
+        return Measured(q, v)
+
+    def _sensed(self, q: Scalar, name: str, channel: int) -> Any:
+        sensors = self.controller.sensors
+        noise, step = _of_joint(sensors.noise, name), _of_joint(sensors.resolution, name)
+        if noise:
+            q = q + noise * self._noise(channel)
+        return q if step is None else step * nearest(q / step)
+
+    def _noise(self, channel: int) -> Expr:
+        return self.problem.graph.symbol(f"noise.{channel}", NOISE, channel)
+
+    @property
+    def channels(self) -> int:
+        """How many random numbers a sample takes."""
+        return 2 * self.problem.model.nv if self.controller.sensors.noisy else 0
+
+    # -- updates --------------------------------------------------------------------------------------
+    @cached_property
+    def phases(self) -> list[list[Any]]:
+        """The states (nc,) after each phase of a period."""
+        law = self._law
+        new: dict[str, Sequence[Any]] = {}
+        if self.whole:
+            line = [law.given, *(self.group(f"delayed{k + 1}") for k in range(self.whole))]
+            new |= {f"delayed{k + 1}": line[k] for k in range(self.whole)}
+            due = line[-1]
+        else:
+            due = law.given
+        new["waiting" if self.rest else "held"] = due
+        if self.controller.sensors.rates == "differences":
+            new["last"] = self.measured.q
+        first = [*law.states, *self._replaced(new)]
+        if not self.rest:
+            return [first]
+        return [first, [*self.z[: len(self.own)], *self._replaced({"held": self.group("waiting")})]]
+
+    def _replaced(self, new: dict[str, Sequence[Any]]) -> list[Any]:
+        """Return the states behind those of the law, some groups of which are new."""
+        found: list[Any] = []
+        groups = dict.fromkeys(name.partition(".")[0] for name in self.names[len(self.own) :])
+        for name in groups:
+            found += new.get(name, self.group(name))
+        return found
+
+    def start(self, q: Array, v: Array, noise: Array) -> Array:
+        """Return the states (nc,) at t = 0, where the joints are at q (nq,) and v (nv,); sampled ones after an update.
+
+        noise : random numbers of the first sample.
+        """
+        z = np.array([*self._starts, *([0.0] * (len(self.names) - len(self.own)))])
+        if self.period is None:
+            return z
+        inputs: dict[str, Any] = {"t": [0.0], "q": q, "v": v, STATES: z, NOISE: noise}
+        inputs["p"] = np.zeros(4 * len(v) + len(self.problem.model.parameters))
+        last = [k for k, name in enumerate(self.names) if name.startswith("last.") and k >= len(self.own)]
+        if last:
+            z[last] = [float(x) for x in evaluate(self.measured.q, inputs)]
+        if self.function is not None:
+            if hasattr(self.controller.function, "reset"):
+                self.controller.function.reset()
+            seen = [np.array(evaluate(x, inputs), dtype=float) for x in (self.measured.q, self.measured.v)]
+            inputs[ASKED] = self.function(0.0, *seen)
+        return np.array([float(x) for x in evaluate(self.phases[0], inputs)])
+
+    # -- where steps have to end ----------------------------------------------------------------------
+    @cached_property
+    def switches(self) -> list[tuple[str, Expr]]:
+        """Expressions at whose sign changes a continuous law bends: limits, formulas that switch."""
+        if self.period is not None:
+            return []
+        found = switches([*self._law.given, *self._law.states])
+        return [(f"control {self.controller.type}", x) for x in found]
+
+    @cached_property
+    def breakpoints(self) -> list[float]:
+        """Times at which the reference of a continuous law is not smooth."""
+        if self.period is not None:
+            return []
+        return self.reference.breakpoints(self.problem.t, self.problem.environment)
+
+
+def _of_joint(value: Any, name: str) -> Any:
+    return value.get(name) if isinstance(value, dict) else value

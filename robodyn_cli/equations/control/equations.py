@@ -1,0 +1,45 @@
+"""What a controller asks of the equations of its mechanism and of its model."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from robodyn_cli.algorithms.kinematics import Pose
+from robodyn_cli.expr.graph import Expr, Graph
+from robodyn_cli.model.model import Model
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.spatial.algebra import Array, Matrix, Transform, Values, Vector
+
+
+class Equations(Protocol):
+    """The equations of a scene (satisfied by ``Problem``)."""
+
+    scene: Scene
+    model: Model
+    graph: Graph
+    t: Expr
+    q: list[Expr]
+    v: list[Expr]
+
+    @property
+    def environment(self) -> dict[str, Any]: ...
+    @property
+    def gravity(self) -> Vector | None: ...
+    @property
+    def X(self) -> list[Transform]: ...
+    @property
+    def pose(self) -> dict[int, Pose]: ...
+    @property
+    def mass_matrix(self) -> Matrix: ...
+    @property
+    def bias(self) -> Vector: ...
+    @property
+    def inverse_dynamics(self) -> Vector: ...
+    def newton_euler(self, v: Values, a: Values, gravity: Vector | None) -> Vector: ...
+    def passive_forces(self, smooth: bool) -> dict[str, Vector]: ...
+    def free_accelerations(self, f: Values) -> Vector: ...
+    def numbers(self, entries: Any, q: Array) -> Array: ...
+
+    def of(self, scene: Scene, model: Model | None = None) -> Equations:
+        """Return the equations of another scene, with a model that is at hand."""
+        ...

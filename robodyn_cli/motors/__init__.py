@@ -1,0 +1,1 @@
+"""Motors, gears and brakes of drives: their data, what they bear, and what they lose."""

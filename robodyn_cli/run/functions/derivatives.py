@@ -1,0 +1,105 @@
+"""Exact derivatives of inverse and forward dynamics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.algorithms.kinematics import slice_q
+from robodyn_cli.algorithms.linear import LdlFactor
+from robodyn_cli.equations.gears import geared
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.calculus import SparseRow, gradients, substitute
+from robodyn_cli.record import record
+from robodyn_cli.run.inverse.build import open_problem
+from robodyn_cli.run.inverse.dynamics import forward_problem, needed_torques, timeless
+from robodyn_cli.spatial.algebra import Array, Matrix, Values, identity, vector, zeros
+
+
+@record
+class TorqueDerivatives:
+    """Derivatives of tau(q, qd, qdd), each (T, nv, nv) or (nv, nv): row i of the torque, column k of the variable.
+
+    dq : by steps along the joints' manifolds, which are q itself where q-dot = v. dqd, dqdd : by rates and
+    accelerations; dqdd is M.
+    """
+
+    dq: Array
+    dqd: Array
+    dqdd: Array
+
+
+@record
+class AccelerationDerivatives:
+    """Derivatives of qdd(q, qd, tau), each (T, nv, nv) or (nv, nv), as ``TorqueDerivatives``; dtau is M^-1."""
+
+    dq: Array
+    dqd: Array
+    dtau: Array
+
+
+def step_seeds(problem: Problem) -> dict[int, SparseRow]:
+    """Return the gradients of the position symbols by steps dq (nv,) along the joints' manifolds, by node.
+
+    A step changes q by the rate that the velocity dq gives: the identity for joints with q-dot = v, half a product of
+    quaternions for rotations in space.
+    """
+    seeds: dict[int, SparseRow] = {}
+    for body in problem.model.bodies:
+        q = slice_q(body, problem.q)
+        rates = [body.joint.velocity_map(q, unit) for unit in identity(body.joint.nv)]
+        for k, symbol in enumerate(q):
+            seeds[symbol.index] = {body.v + j: rate[k] for j, rate in enumerate(rates)}
+    return seeds
+
+
+def by_steps(problem: Problem, entries: Values) -> Matrix:
+    """Return d entries / d q (n, nv) by steps along the joints' manifolds."""
+    return dense(gradients(list(entries), step_seeds(problem)), problem.model.nv)
+
+
+def by_symbols(entries: Values, symbols: Sequence[Any]) -> Matrix:
+    """Return d entries / d symbols (n, nv)."""
+    seeds: dict[int, SparseRow] = {symbol.index: {k: 1.0} for k, symbol in enumerate(symbols)}
+    return dense(gradients(list(entries), seeds), len(symbols))
+
+
+def dense(rows: Sequence[SparseRow], columns: int) -> Matrix:
+    """Return sparse rows as a matrix."""
+    out = zeros(len(rows), columns)
+    for row, entries in zip(out, rows):
+        for k, entry in entries.items():
+            row[k] = entry
+    return out
+
+
+def torque_derivatives(problem: Problem) -> dict[str, Matrix]:
+    """Return d tau / dq, d tau / dv and d tau / da of inverse dynamics, by the names of ``TorqueDerivatives``."""
+    tau = needed_torques(open_problem(problem, "inverse dynamics"))
+    inertia = by_symbols(tau, problem.a) if geared(problem.model) else problem.mass_matrix
+    return {"dq": by_steps(problem, tau), "dqd": by_symbols(tau, problem.v), "dqdd": inertia}
+
+
+def acceleration_derivatives(problem: Problem) -> dict[str, Matrix]:
+    """Return d a / dq, d a / dv and d a / d tau of forward dynamics, by the names of ``AccelerationDerivatives``.
+
+    d a / dx = -M^-1 d ID / dx at a = FD(q, v, tau) for x = q, v, and d a / d tau = M^-1, with one factor of M
+    (Carpentier and Mansard 2018, "Analytical derivatives of rigid body dynamics algorithms", section IV).
+    """
+    model = forward_problem(problem).model
+    nv, tau = model.nv, vector(problem.graph.symbols(model.v_names, "tau"))
+    needed = needed_torques(problem)
+    factor = LdlFactor.of(problem.mass_matrix, problem.elimination_order)
+    a = factor.solve(sum(timeless(problem), tau - problem.bias))
+    changes = [*by_steps(problem, needed).flat, *by_symbols(needed, problem.v).flat]
+    here = substitute(changes, {symbol.index: x for symbol, x in zip(problem.a, a)})
+    of_q, of_v = np.array([-x for x in here], dtype=object).reshape(2, nv, nv)
+    solved = [solve_columns(factor, right) for right in (of_q, of_v, identity(nv))]
+    return dict(zip(("dq", "dqd", "dtau"), solved))
+
+
+def solve_columns(factor: LdlFactor, right: Matrix) -> Matrix:
+    """Return A^-1 B (n, k)."""
+    return np.stack([factor.solve(column) for column in right.T], axis=1)

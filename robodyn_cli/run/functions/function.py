@@ -1,0 +1,96 @@
+"""Expressions of a state as compiled functions: of one state, or of many, a row each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.expr.graph import free_symbols
+from robodyn_cli.model.model import Model
+from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
+
+# symbol groups of the arrays that functions take
+GROUPS = {"q": "q", "qd": "v", "qdd": "a", "tau": "tau"}
+OUT = "out"  # the output of a kernel
+
+
+@record
+class Arguments:
+    """The arrays that a function takes: for each the names of its columns."""
+
+    columns: Mapping[str, tuple[str, ...]]
+
+    @staticmethod
+    def of(model: Model, names: Sequence[str]) -> Arguments:
+        """Return the arguments ``names``, of ``q``, ``qd``, ``qdd`` and ``tau``."""
+        return Arguments({name: model.q_names if name == "q" else model.v_names for name in names})
+
+    def rows(self, arrays: Sequence[Any]) -> tuple[dict[str, Array], bool]:
+        """Return arrays (T, n) by name, and whether one state was given, as arrays (n,).
+
+        Raises
+        ------
+        CapabilityError : an array without exactly one column per joint (further columns would be ignored silently), or
+        arrays of different lengths.
+        """
+        found = {name: np.asarray(array, dtype=float) for name, array in zip(self.columns, arrays)}
+        for name, array in found.items():
+            joints = self.columns[name]
+            if array.ndim not in (1, 2) or array.shape[-1] != len(joints):
+                raise CapabilityError(
+                    f"{name} has shape {array.shape}; needed: (samples, {len(joints)}), a row for each sample and a "
+                    f"column for each of {', '.join(joints)}, or ({len(joints)},) for one state"
+                )
+        shapes = {name: array.shape[:-1] for name, array in found.items()}
+        if len(set(shapes.values())) > 1:
+            listed = ", ".join(f"{name} {array.shape}" for name, array in found.items())
+            raise CapabilityError(f"arrays of different lengths: {listed}; needed: as many rows of each")
+        one = () in shapes.values()
+        return {n: array[None] if one else np.asfortranarray(array) for n, array in found.items()}, one
+
+
+class StateFunction:
+    """Named arrays of expressions as a compiled function of states.
+
+    Parameters
+    ----------
+    names : what it takes, of ``q``, ``qd``, ``qdd`` and ``tau``. outputs : arrays of expressions, of any shape.
+
+    Calling it takes arrays (T, n), or (n,) for one state, and returns {output: (T, *shape)}, or {output: shape}.
+    Results are column-ordered: the samples of each entry lie next to each other. Arrays with ``order="F"`` do too,
+    and are read in place.
+
+    Raises
+    ------
+    CapabilityError : the outputs depend on time. SceneError : on data that the scene does not give.
+    """
+
+    def __init__(self, problem: Problem, names: Sequence[str], outputs: Mapping[str, Any]) -> None:
+        from robodyn_cli.kernels.samples import SampleKernel
+
+        entries = {name: np.asarray(array, dtype=object) for name, array in outputs.items()}
+        if any(symbol is problem.t for a in entries.values() for symbol in free_symbols(a.flat)):
+            raise CapabilityError(
+                "a point that moves by a formula of t has no place at a state; allowed: points fixed to links"
+            )
+        self.arguments = Arguments.of(problem.model, names)
+        self.shapes = {name: array.shape for name, array in entries.items()}
+        known = [GROUPS[name] for name in names]
+        # a program for each: compiling takes more than twice as long for one that is twice as long
+        self.kernels = {name: SampleKernel({OUT: list(a.flat)}, known) for name, a in entries.items()}
+
+    def __call__(self, *arrays: Any) -> dict[str, Array]:
+        rows, one = self.arguments.rows(arrays)
+        return {name: a[0] if one else a for name, a in self.evaluate(rows).items()}
+
+    def evaluate(self, rows: Mapping[str, Array]) -> dict[str, Array]:
+        """Return {output: (T, *shape)} of arrays (T, n) by name."""
+        groups = {GROUPS[name]: array for name, array in rows.items()}
+        samples = len(next(iter(rows.values())))
+        found = {name: kernel.evaluate(samples, groups)[OUT] for name, kernel in self.kernels.items()}
+        return {name: array.reshape(samples, *self.shapes[name]) for name, array in found.items()}

@@ -1,0 +1,156 @@
+"""Exact derivatives of the outputs of a command, where it has such."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+from robodyn_cli.errors import CapabilityError, GeometryError, SceneError, SingularConfigurationError
+from robodyn_cli.formulations.events import EventKind
+from robodyn_cli.model.build import build_model
+from robodyn_cli.run.driver.motion import Motion
+from robodyn_cli.run.many.keys import NUMBER, STRUCTURE, Key, settings
+from robodyn_cli.run.sensitivity.asked import Asked
+from robodyn_cli.run.sensitivity.motions import Ending, MotionSlopes
+from robodyn_cli.run.sensitivity.slope import EXACT, Slope
+from robodyn_cli.run.stopwatch import Stopwatch
+from robodyn_cli.scene.types import Scene
+
+Found = dict[str, list[Slope]]  # by output, a derivative for each key
+Work = Callable[[Asked, Sequence[Key]], Found]
+NEARBY = 1e-6  # part of a key's value, by which another scene differs whose equations are compared
+
+
+def exact_slopes(asked: Asked) -> tuple[dict[tuple[str, int], Slope], dict[int, str]]:
+    """Return exact derivatives by output and number of the key, and for keys without any the reason."""
+    why = {k: reason for k, key in enumerate(asked.keys) if (reason := _obstacle(asked, key))}
+    work = WORK.get(asked.task.command)
+    found: dict[tuple[str, int], Slope] = {}
+    if work is None:
+        return found, dict.fromkeys(range(len(asked.keys)), f"{asked.task.command} has no exact derivatives")
+
+    def attempt(numbers: Sequence[int]) -> None:
+        try:
+            slopes = work(asked, [asked.keys[k] for k in numbers])
+        except (CapabilityError, SceneError, GeometryError, SingularConfigurationError) as obstacle:
+            if len(numbers) == 1:
+                why[numbers[0]] = obstacle.message
+            for k in numbers if len(numbers) > 1 else ():  # one key may stand in the way of the others
+                attempt([k])
+            return
+        found.update({(name, k): s for name, column in slopes.items() for k, s in zip(numbers, column)})
+
+    if able := [k for k in range(len(asked.keys)) if k not in why]:
+        attempt(able)
+    return found, why
+
+
+def _obstacle(asked: Asked, key: Key) -> str:
+    """Return why a key has no exact derivatives; nothing where it may have them."""
+    if key.sort == STRUCTURE:
+        return "the key is structure"
+    if key.sort == NUMBER and key.place not in asked.placed:
+        return "the key is zero or has its default, so that its terms are left out"
+    return ""
+
+
+def changed(scene: Asked, keys: Sequence[Key]) -> Scene:
+    """Return the scene with other numbers at the keys, so near to its own that it does the same."""
+    family, values = scene.task.family, dict(zip(scene.task.keys, scene.values))
+    named = [key.name for key in keys if "#" not in key.name]
+    return family.scene(settings(named, [values[name] * (1.0 + NEARBY) for name in named]))
+
+
+def refuse_structure(own: str, other: str) -> None:
+    """Refuse keys whose values are part of the code, which derivatives would not see.
+
+    Parameters
+    ----------
+    own, other : digests of the equations with the scene's numbers and with others.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    if own != other:
+        raise CapabilityError(
+            "the key is structure: an axis, an attitude, or what decides which terms there are"
+        )
+
+
+# -- what motions end with ------------------------------------------------------------------------------------
+def _simulate(asked: Asked, keys: Sequence[Key]) -> Found:
+    from robodyn_cli.run.driver.build import build_motion
+
+    outputs, scene = asked.task.outputs, asked.scene
+    if not any(name.startswith("final.") or name == "termination.time" for name in outputs):
+        return {}
+    if scene.initial.source is not None:
+        raise CapabilityError("the run goes on from a stored one")
+    motion = build_motion(scene)
+    refuse_structure(motion.system.digest, build_motion(changed(asked, keys)).system.digest)
+    slopes = MotionSlopes(motion, keys, Ending(scene.simulate.duration))
+    return _of_end(motion, outputs, slopes, ("final.time", "termination.time"), ("final.q.", "", "final.qd."))
+
+
+def _deploy(asked: Asked, keys: Sequence[Key]) -> Found:
+    from robodyn_cli.run.deploy.deploy import build_deployment
+    from robodyn_cli.run.deploy.scan import decide, scan
+
+    outputs, scene = asked.task.outputs, asked.scene
+    if not any(name.startswith(("lock.", "criteria.", "termination.")) for name in outputs):
+        return {}
+    motion = build_deployment(scene, Stopwatch())
+    refuse_structure(motion.system.digest, build_deployment(changed(asked, keys), Stopwatch()).system.digest)
+    criterion = scene.deploy.criterion
+    found = scan(motion, motion.options, multipliers=criterion not in ("dead_point", "latch"))
+    end = decide(motion, found)
+    kinds = {"dead_point": EventKind.DEAD_POINT, "latch": EventKind.LATCH}
+    if found.driven or end.time is None or end.criterion not in kinds:
+        raise CapabilityError("no event of the motion's state gives the time of the lock")
+    function = next(e.value for e in motion.system.events if e.kind is kinds[end.criterion])
+    slopes = MotionSlopes(motion, keys, Ending(end.time, function))
+    times = ("lock.time", "termination.time", f"criteria.{end.criterion}")
+    return _of_end(motion, outputs, slopes, times, ("lock.angles.", "lock.angles_deg.", "lock.rates."))
+
+
+def _of_end(
+    motion: Motion,
+    outputs: Sequence[str],
+    slopes: MotionSlopes,
+    times: Sequence[str],
+    prefixes: tuple[str, str, str],
+) -> Found:
+    """Return the derivatives of those outputs that the end of a motion gives.
+
+    times : keys of its time. prefixes : of its positions, its positions in degrees, and its rates.
+    """
+    model = motion.problem.model
+    values, errors = slopes.found()
+    rows = dict.fromkeys(times, (values.time, errors.time))
+    for prefix, group, names, factor in (
+        (prefixes[0], "q", model.q_names, 1.0),
+        (prefixes[1], "q", model.q_names, math.degrees(1.0)),
+        (prefixes[2], "v", model.v_names, 1.0),
+    ):
+        for k, name in enumerate(names if prefix else ()):
+            rows[prefix + name] = factor * getattr(values, group)[k], factor * getattr(errors, group)[k]
+    return {
+        name: [Slope(float(y), float(e), EXACT) for y, e in zip(*rows[name])]
+        for name in outputs
+        if name in rows
+    }
+
+
+def _inverse(asked: Asked, keys: Sequence[Key]) -> Found:
+    from robodyn_cli.run.sensitivity.inverse import TorqueFigures, figures_among
+
+    figures = figures_among(asked.task.outputs, build_model(asked.scene).v_names)
+    if not figures:
+        return {}
+    found = TorqueFigures(asked.scene, keys)
+    refuse_structure(found.digest, TorqueFigures(changed(asked, keys), keys).digest)
+    return {name: found.slopes(figure, joint) for name, (figure, joint) in figures.items()}
+
+
+WORK: Mapping[str, Work] = {"simulate": _simulate, "deploy": _deploy, "inverse": _inverse}

@@ -1,0 +1,227 @@
+"""What a duty cycle asks of a motor and its gear, at all samples: torques, currents, losses, temperatures."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.motors.drive import Train
+from robodyn_cli.motors.electric import Curves, Electric, Motor, Supply
+from robodyn_cli.motors.gear import Transmission
+from robodyn_cli.motors.stepper import Stepper
+from robodyn_cli.record import record
+from robodyn_cli.solve.quadrature import integrate
+from robodyn_cli.spatial.algebra import Array
+
+
+@record
+class Duty:
+    """The motion of a joint and what its drives must bear, at T samples ``step`` apart [s].
+
+    speed, acceleration : (T,) of its coordinate [rad or m, per s and s^2]. load : (T,) torque or force that the gears
+    give the mechanism [N m or N], that of rotors and gears left out. hold : (T,) what holds the pose at rest. inertia :
+    (T,) of the mechanism at the joint, without the drive [kg m^2 or kg]. None where they are not known.
+    """
+
+    times: Array
+    speed: Array
+    acceleration: Array
+    load: Array
+    hold: Array | None = None
+    inertia: Array | None = None
+
+    @property
+    def step(self) -> float:
+        """Time between samples [s]."""
+        return float(self.times[1] - self.times[0])
+
+    def thinned(self) -> Duty:
+        """Return every second sample."""
+        arrays = (self.times, self.speed, self.acceleration, self.load, self.hold, self.inertia)
+        return Duty(*(None if x is None else x[::2] for x in arrays))  # type: ignore[arg-type]
+
+
+@record
+class Asked:
+    """What is asked of one motor's shaft, (..., T): speed [rad/s], acceleration [rad/s^2], torque into the gear [N m].
+
+    inertia : what turns with the rotor, (..., 1) or a number [kg m^2]; the rotor's own is the motor's.
+    """
+
+    speed: Array
+    acceleration: Array
+    torque: Array
+    inertia: Any
+
+    @staticmethod
+    def by(train: Train, duty: Duty) -> Asked:
+        """Return what a duty asks of each motor of a drive."""
+        n, share = train.turns, duty.load / train.drive.count
+        into = share if train.gear is None else train.gear.input_load(share, duty.speed)
+        return Asked(
+            n * duty.speed, n * duty.acceleration, into / n, train.inertia - train.motor.rotor_inertia
+        )
+
+
+@record
+class MotorCycle:
+    """A motor under what is asked of it, (..., T).
+
+    torque : at the shaft, the acceleration of its rotor included and the friction of its bearings not [N m].
+    current [A], friction : losses of the bearings [W], of motors whose data say so. copper : losses of the winding [W]
+    and temperature [degC] in the steady periodic state; ``heating`` : the temperature over a first cycle, which begins
+    at that of the surroundings, with the same losses. None where they are not known.
+    """
+
+    speed: Array
+    torque: Array
+    current: Array | None = None
+    friction: Array | None = None
+    copper: Array | None = None
+    temperature: Array | None = None
+    heating: Array | None = None
+
+    @property
+    def power(self) -> Array:
+        """Mechanical power at the shaft [W]."""
+        return self.torque * self.speed
+
+    @property
+    def electrical(self) -> Array | None:
+        """Power at the terminals [W]."""
+        if self.friction is None or self.copper is None:
+            return None
+        found: Array = self.power + self.friction + self.copper
+        return found
+
+
+def motor_cycle(motor: Motor, supply: Supply, asked: Asked, step: float) -> MotorCycle:
+    """Return what a motor does in a cycle of samples ``step`` apart [s]."""
+    speed = asked.speed
+    torque = asked.torque + (motor.rotor_inertia + asked.inertia) * asked.acceleration
+    if isinstance(motor, Electric):
+        current = motor.current(torque, speed)
+        return _heated(
+            motor, supply, motor.copper(current), step,
+            MotorCycle(speed, torque, current, motor.friction(speed) * speed),
+        )  # fmt: skip
+    if isinstance(motor, Stepper) and motor.losses is not None:
+        return _heated(motor, supply, np.full_like(torque, motor.losses), step, MotorCycle(speed, torque))
+    return MotorCycle(speed, torque)
+
+
+def _heated(motor: Motor, supply: Supply, cold: Array, step: float, cycle: MotorCycle) -> MotorCycle:
+    """Return the cycle with losses of the winding and temperatures.
+
+    The resistance is that at the mean temperature in the steady state, or at the largest that is allowed where the
+    mean would be above it.
+
+    Parameters
+    ----------
+    cold : losses (..., T) with the resistance at 25 degC [W].
+    """
+    parts = (cycle.speed, cycle.torque, cycle.current, cycle.friction)
+    thermal = motor.thermal
+    if thermal is None:
+        return MotorCycle(*parts, copper=cold)
+    mean = thermal.steady_mean(over_time(cold, step), supply.ambient)
+    growth = thermal.growth(np.minimum(mean, thermal.max_temperature))
+    copper = cold * growth[..., None]
+    warm = supply.ambient + thermal.warming(copper, step, periodic=True)
+    first = supply.ambient + thermal.warming(copper, step, periodic=False)
+    return MotorCycle(*parts, copper, warm, first)
+
+
+def over_time(y: Array, step: float) -> Array:
+    """Return the time averages (...,) of y (..., T)."""
+    flat = y.reshape(-1, y.shape[-1]).T
+    found: Array = (integrate(flat, step) / (step * (len(flat) - 1))).reshape(y.shape[:-1])
+    return found
+
+
+def rms(y: Array, step: float) -> Array:
+    """Return the roots of the time averages of y^2."""
+    return np.sqrt(np.maximum(0.0, over_time(y * y, step)))
+
+
+# -- limits ------------------------------------------------------------------------------------------------
+@record
+class Use:
+    """How much of a limit a cycle uses (...,), 1 : all of it; at : the sample that decides, None for a mean."""
+
+    part: Array
+    at: Array | None = None
+
+    @staticmethod
+    def most(part: Array) -> Use:
+        """Return the largest use of samples (..., T)."""
+        at = np.argmax(part, axis=-1)
+        return Use(np.take_along_axis(part, at[..., None], axis=-1)[..., 0], at)
+
+
+def peak_use(curves: Curves, cycle: MotorCycle) -> Array:
+    """Return how much of its envelope a motor uses, (..., T): while it brakes, of that for braking."""
+    driving = curves.driving.use(cycle.speed, cycle.torque)
+    if curves.braking is curves.driving:
+        return driving
+    braking = curves.braking.use(cycle.speed, cycle.torque)
+    return np.where(cycle.power < 0.0, braking, driving)
+
+
+def motor_limits(
+    motor: Motor, supply: Supply, curves: Curves, cycle: MotorCycle, step: float
+) -> dict[str, Use]:
+    """Return how much of each of its limits a motor uses, by name.
+
+    ``peak`` : of its envelope. ``continuous`` : of its rated current, or of its continuous envelope at the rms
+    speed. ``winding`` : of the warming that its winding bears.
+    """
+    found = {"peak": Use.most(peak_use(curves, cycle))}
+    thermal = motor.thermal
+    if isinstance(motor, Electric) and motor.rated_current is not None:
+        assert cycle.current is not None
+        found["continuous"] = Use(rms(cycle.current, step) / motor.rated_current)
+    elif curves.continuous is not None and thermal is None:
+        found["continuous"] = Use(curves.continuous.use(rms(cycle.speed, step), rms(cycle.torque, step)))
+    if thermal is not None and cycle.temperature is not None:
+        bears = thermal.max_temperature - supply.ambient
+        found["winding"] = Use.most((cycle.temperature - supply.ambient) / bears)
+    return found
+
+
+def gear_limits(gear: Transmission, load: Array, speed: Array, turns: Any, step: float) -> dict[str, Use]:
+    """Return how much of each of its limits a gear uses, by name.
+
+    ``gear_peak`` : of its peak torque. ``gear_rated`` : of its rated torque by the mean
+
+        L_m^3 = (integral of |qd| |L|^3) / (integral of |qd|)
+
+    (the largest torque where nothing turns). ``gear_speed`` : of its largest speed. load, speed : (..., T) of one gear
+    at the joint.
+    """
+    found: dict[str, Use] = {}
+    size, rate = np.abs(load), np.abs(speed)
+    if gear.peak_torque is not None:
+        found["gear_peak"] = Use.most(size / gear.peak_torque)
+    if gear.rated_torque is not None:
+        turned = over_time(rate, step)
+        cube = over_time(rate * size**3, step)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            mean = np.cbrt(np.maximum(cube, 0.0) / turned)
+        found["gear_rated"] = Use(np.where(turned > 0.0, mean, size.max(axis=-1)) / gear.rated_torque)
+    if gear.max_speed is not None:
+        found["gear_speed"] = Use.most(rate * turns / gear.max_speed)
+    return found
+
+
+def all_limits(train: Train, curves: Curves, duty: Duty, cycle: MotorCycle) -> dict[str, Use]:
+    """Return how much of each limit a drive uses, by name; ``brake`` : of the torque that its brakes hold."""
+    found = motor_limits(train.motor, train.supply, curves, cycle, duty.step)
+    if train.gear is not None:
+        share = duty.load / train.drive.count
+        found |= gear_limits(train.gear, share, duty.speed, train.turns, duty.step)
+    if train.brake is not None and duty.hold is not None:
+        held = train.brake.holding_torque * train.turns * train.drive.count
+        found["brake"] = Use.most(np.abs(duty.hold) / held)
+    return found

@@ -1,0 +1,245 @@
+"""The figures of drives in the summary, and whether they bear their duty."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from robodyn_cli.motors.drive import Train
+from robodyn_cli.motors.electric import Curves
+from robodyn_cli.record import record
+from robodyn_cli.results.summary import ABSENT, Absent
+from robodyn_cli.run.sizing.cycle import Asked, Duty, MotorCycle, Use, all_limits, motor_cycle, over_time, rms
+from robodyn_cli.solve.quadrature import integrate_positive
+from robodyn_cli.spatial.algebra import Array
+
+
+@record
+class Side:
+    """Torque [N m or N], speed [rad/s or m/s], power [W] and energy a cycle [J], at the joint or at each motor.
+
+    mean_torque : of its magnitude. driving, braking : where power goes to the mechanism, and where it comes back.
+    """
+
+    peak_torque: float
+    peak_torque_time: float
+    rms_torque: float
+    mean_torque: float
+    peak_speed: float
+    driving_power: float
+    braking_power: float
+    driving_energy: float
+    braking_energy: float
+
+    @staticmethod
+    def of(times: Array, torque: Array, speed: Array) -> Side:
+        """Return the figures of samples (T,)."""
+        step, power = float(times[1] - times[0]), torque * speed
+        size = np.abs(torque)
+        return Side(
+            peak_torque=float(size.max()),
+            peak_torque_time=float(times[int(np.argmax(size))]),
+            rms_torque=float(rms(torque, step)),
+            mean_torque=float(over_time(size, step)),
+            peak_speed=float(np.abs(speed).max()),
+            driving_power=max(0.0, float(power.max())),
+            braking_power=max(0.0, float(-power.min())),
+            driving_energy=_positive(power, step),
+            braking_energy=_positive(-power, step),
+        )
+
+
+def _positive(y: Array, step: float) -> float:
+    return float(integrate_positive(y[:, None], step)[0])
+
+
+@record
+class Electrical:
+    """Of each motor: currents [A], energy a cycle from the supply and back to it [J], and where it goes [J]."""
+
+    peak_current: float
+    rms_current: float
+    energy: float
+    regenerated: float
+    copper_loss: float
+    friction_loss: float
+
+    @staticmethod
+    def of(cycle: MotorCycle, step: float) -> Electrical | Absent:
+        """Return the figures of a motor whose current is known."""
+        power = cycle.electrical
+        if power is None or cycle.current is None or cycle.copper is None or cycle.friction is None:
+            return ABSENT
+        span = step * (power.shape[-1] - 1)
+        return Electrical(
+            peak_current=float(np.abs(cycle.current).max()),
+            rms_current=float(rms(cycle.current, step)),
+            energy=_positive(power, step),
+            regenerated=_positive(-power, step),
+            copper_loss=float(over_time(cycle.copper, step)) * span,
+            friction_loss=float(over_time(cycle.friction, step)) * span,
+        )
+
+
+@record
+class Winding:
+    """Temperatures of the winding [degC]: largest and mean in the steady periodic state, and at the end of a first
+    cycle that begins at the temperature of the surroundings."""
+
+    peak: float
+    mean: float
+    after_one_cycle: float
+
+
+@record
+class Limit:
+    """A limit: the part of it that is used, and when most of it is [s], where that is an instant."""
+
+    use: float
+    time: float | Absent
+
+
+@record
+class Errors:
+    """What the figures change by when every second sample is left out: of motor torque [N m], energy [J], and
+    temperature [degC]."""
+
+    rms_torque: float
+    energy: float
+    winding: float | Absent
+
+
+@record
+class DriveFigures:
+    """The figures of one joint's drive. margin : part of the limit that is left which decides, at ``time`` [s] where
+    it is an instant; least_margin : that is asked for."""
+
+    passes: bool
+    margin: float
+    least_margin: float
+    decides: str
+    time: float | Absent
+    motor: str
+    gear: str | None
+    brake: str | None
+    count: int
+    ratio: float
+    mass: float
+    cost: float
+    limits: dict[str, Limit]
+    joint: Side
+    shaft: Side
+    electrical: Electrical | Absent
+    winding: Winding | Absent
+    gear_loss: float
+    inertia_ratio: list[float] | Absent
+    wind_up: float | Absent
+    errors: Errors | Absent
+    units: dict[str, str]
+
+
+@record
+class Evaluated:
+    """A drive in its cycle: its parts, duty, envelopes, samples, and how much of each limit it uses."""
+
+    train: Train
+    duty: Duty
+    curves: Curves
+    cycle: MotorCycle
+    uses: Mapping[str, Use]
+
+    @staticmethod
+    def of(train: Train, duty: Duty) -> Evaluated:
+        """Return a drive in its duty cycle."""
+        curves = train.curves
+        cycle = motor_cycle(train.motor, train.supply, Asked.by(train, duty), duty.step)
+        return Evaluated(train, duty, curves, cycle, all_limits(train, curves, duty, cycle))
+
+    @property
+    def gear_loss(self) -> float:
+        """Energy that the gears lose in a cycle [J]."""
+        asked = Asked.by(self.train, self.duty)
+        into = asked.torque * asked.speed * self.train.drive.count
+        lost = into - self.duty.load * self.duty.speed
+        return float(over_time(lost, self.duty.step)) * self.duty.step * (len(lost) - 1)
+
+    def figures(self, unit: str) -> DriveFigures:
+        """Return the figures; ``unit`` : of the joint's coordinate."""
+        train, duty, cycle = self.train, self.duty, self.cycle
+        decides = max(self.uses, key=lambda name: float(self.uses[name].part))
+        limits = {name: self._limit(use) for name, use in self.uses.items()}
+        margin = 1.0 - limits[decides].use
+        force = "N m" if unit == "rad" else "N"
+        return DriveFigures(
+            passes=bool(margin >= train.drive.margin),
+            margin=margin,
+            least_margin=train.drive.margin,
+            decides=decides,
+            time=limits[decides].time,
+            motor=train.drive.motor,
+            gear=train.drive.gear,
+            brake=train.drive.brake,
+            count=train.drive.count,
+            ratio=float(train.turns),
+            mass=float(train.mass),
+            cost=float(train.cost),
+            limits=limits,
+            joint=Side.of(duty.times, duty.load, duty.speed),
+            shaft=Side.of(duty.times, cycle.torque, cycle.speed),
+            electrical=Electrical.of(cycle, duty.step),
+            winding=self._winding(),
+            gear_loss=self.gear_loss,
+            inertia_ratio=self._inertia_ratio(),
+            wind_up=self._wind_up(),
+            errors=self._errors(),
+            units={
+                "torque": force,
+                "speed": f"{unit}/s",
+                "wind_up": unit,
+                "ratio": "1" if unit == "rad" else "rad/m",
+            },
+        )
+
+    def _limit(self, use: Use) -> Limit:
+        time = ABSENT if use.at is None else float(self.duty.times[int(use.at)])
+        return Limit(float(use.part), time)
+
+    def _winding(self) -> Winding | Absent:
+        cycle = self.cycle
+        if cycle.temperature is None or cycle.heating is None:
+            return ABSENT
+        mean = float(over_time(cycle.temperature, self.duty.step))
+        return Winding(float(cycle.temperature.max()), mean, float(cycle.heating[-1]))
+
+    def _inertia_ratio(self) -> list[float] | Absent:
+        """Return smallest and largest inertia of the mechanism over that of the drives."""
+        if self.duty.inertia is None or not self.train.reflected > 0.0:
+            return ABSENT
+        ratio = self.duty.inertia / self.train.reflected
+        return [float(ratio.min()), float(ratio.max())]
+
+    def _wind_up(self) -> float | Absent:
+        """Return the largest angle or way by which the gears give way under the load."""
+        gear = self.train.gear
+        if gear is None or gear.stiffness is None:
+            return ABSENT
+        return float(np.abs(self.duty.load).max()) / (gear.stiffness * self.train.drive.count)
+
+    def _errors(self) -> Errors | Absent:
+        times = self.duty.times
+        if len(times) % 2 == 0 or len(times) < 5:
+            return ABSENT
+        half = Evaluated.of(self.train, self.duty.thinned())
+        change = [abs(a - b) for a, b in zip(self._shaft_figures(), half._shaft_figures())]
+        one, other = self._winding(), half._winding()
+        warm = abs(one.peak - other.peak) if one is not ABSENT and other is not ABSENT else ABSENT
+        return Errors(change[0], max(change[1:]), warm)
+
+    def _shaft_figures(self) -> list[float]:
+        step, power = self.duty.step, self.cycle.power
+        found = [float(rms(self.cycle.torque, step)), _positive(power, step), _positive(-power, step)]
+        electrical = self.cycle.electrical
+        if electrical is not None:
+            found += [_positive(electrical, step), _positive(-electrical, step)]
+        return found
