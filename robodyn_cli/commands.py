@@ -46,6 +46,7 @@ COMMANDS: dict[str, Command] = {
         "linear.linearise:linearise",
         brief=True,
     ),
+    "size": Command("Find the cheapest or lightest motors and gears for a motion.", "sizing.size:size"),
     "plan": Command("What a scene needs, what is left out, and operations."),
     "animate": Command("Make a movie of a result, or a strip of stills."),
     "cache": Command("Show how much compiled code is kept, or clear it."),
