@@ -24,6 +24,7 @@ PLOTS: tuple[str, ...] = (
     "joint_angles",
     "joint_rates",
     "joint_accelerations",
+    "tracking",
     "torques",
     "torque_terms",
     "drives",
@@ -47,6 +48,7 @@ AT_REST = ("assemble", "reach", "statics")
 # drawings of commands whose result is no motion
 ANALYSES: dict[str, tuple[str, ...]] = {
     "info": ("state",),
+    "linearise": ("poles", "mode_shapes", "frequency_response"),
     "size": ("size_front", "drives"),
     "stability": ("stability_spectrum", "stability_methods", "energy_growth", "baumgarte", "stability_suite"),
     "sensitivity": ("sensitivity_tornado",),
