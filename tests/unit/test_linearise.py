@@ -238,9 +238,7 @@ def test_along_an_inverse_motion() -> None:
 
 def test_a_controller_is_left_out() -> None:
     """About a state, and along the motion that it makes, where its torques are constants."""
-    control = (
-        "control={type: pd, reference: {type: joint, duration: 0.5, q: {theta1: -1, theta2: 0.2}}, gains: {kp: 200, kd: 30}}"
-    )
+    control = "control={type: pd, reference: {type: joint, duration: 0.5, q: {theta1: -1, theta2: 0.2}}, gains: {kp: 200, kd: 30}}"
     scene = load_scene(PENDULUM, [control, "simulate.duration=0.5", "simulate.samples=11"])
     plain = load_scene(PENDULUM)
     assert_close(linearise(scene)["linear/A"], linearise(plain)["linear/A"], 1e-14)
