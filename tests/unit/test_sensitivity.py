@@ -23,6 +23,7 @@ from robodyn_cli.run.sensitivity.exact import exact_slopes
 from robodyn_cli.run.sensitivity.report import quotient
 from robodyn_cli.run.sensitivity.slope import EXACT, Slope
 from robodyn_cli.scene.load import Family, load_scene_text
+from tests.unit.test_latch_positions import AT, FOUR_BAR
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -187,6 +188,24 @@ def test_the_lock_of_the_four_bar() -> None:
         assert abs(own.value - other.value) <= 3.0 * (own.error + other.error)
     time = found["lock.time", "robot.links.coupler.mass"].value
     assert time == pytest.approx(mass[0].value, rel=1e-8)
+
+
+def test_latches_at_positions() -> None:
+    """A boom in space and the four-bar; the position of the latch itself is structure, whose derivative is 1 / rate."""
+    to = ["robot.joints.a.spring.stiffness"]
+    of, tight = (
+        ["lock.time", "lock.angles.a"],
+        ["simulate.rtol=1e-12", "simulate.atol=1e-14", "deploy.after=stop"],
+    )
+    compare_with_differences(asked(AT, to, of, *tight))
+    question = asked(CONFIGS / "four_bar_deploy.yaml", ["deploy.latch.at.theta1"], ["lock.time", "lock.rates.theta1"],
+                     *FOUR_BAR, "expect={}")  # fmt: skip
+    time, _ = differences(question, [0], 1)[0]
+    assert time.value == pytest.approx(1.0 / question.outputs[1], rel=1e-8)
+    mass = asked(
+        CONFIGS / "four_bar_deploy.yaml", ["robot.links.crank.mass"], ["lock.time"], *FOUR_BAR, "expect={}"
+    )
+    compare_with_differences(mass)
 
 
 def test_numbers_of_formulas_are_keys() -> None:
