@@ -276,6 +276,9 @@ class System:
             "projection of velocities": self.velocities,
             "events": self.switching,
         }
+        if self.updates is not None:
+            names = ("controller at its samples", "delayed torques")
+            found |= dict(zip(names, self.updates.programs))
         return {name: program for name, program in found.items() if program is not None}
 
     @property
