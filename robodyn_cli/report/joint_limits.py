@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from robodyn_cli.report.decimate import finite
 from robodyn_cli.results.columns import column_names
 from robodyn_cli.results.result import Result
 
@@ -28,12 +29,12 @@ def limits_near(result: Result, path: str) -> dict[str, list[float]]:
     """Return the limits that the columns of a dataset come near or pass, by the names of the columns."""
     variable = result.variables[path]
     names = column_names(variable)
-    low, high = np.nanmin(variable.data, axis=0), np.nanmax(variable.data, axis=0)
     found: dict[str, list[float]] = {}
     for limit, sides in SIDES.get(path, {}).items():
         stored = result.variables.get(f"joint_limits/{limit}")
         for name, size in zip(column_names(stored), stored.data) if stored is not None else ():
-            bottom, top = low[names.index(name)], high[names.index(name)]
+            values = finite(variable.data[:, names.index(name)])
+            bottom, top = np.nanmin(values, initial=np.inf), np.nanmax(values, initial=-np.inf)
             room = NEAR * max(abs(bottom), abs(top))
             levels = [side * size for side in sides if bottom - room <= side * size <= top + room]
             if levels:
