@@ -454,7 +454,9 @@ def test_a_mechanism_with_loops_is_led_by_its_driven_joint() -> None:
 
 def test_a_stuck_joint_breaks_away_when_a_sample_asks_for_more() -> None:
     """The held force grows by 1 N a sample; the friction holds up to 4 N, so the cart starts with the fifth."""
-    text = CART.replace("spring: {stiffness: 23.0}, damper: {damping: 0.6}", "friction: {coulomb: 4.0, law: set_valued}")
+    text = CART.replace(
+        "spring: {stiffness: 23.0}, damper: {damping: 0.6}", "friction: {coulomb: 4.0, law: set_valued}"
+    )
     assert "set_valued" in text
     text = text.replace("x: -0.2", "x: 0.0")
     law = "control: {type: formulas, period: 0.1, law: {x: s.n + 0.5}, state: {n: {start: -1, next: s.n + 1}}}\n"
