@@ -68,7 +68,6 @@ def run_scene(job: SceneRun, console: Console, describe: Describe) -> int:
             try:
                 result, failure = _compute(job, scene, writer, watch, console, journal)
             except RobodynError as error:
-                _place(error, job)
                 if error.exit_code in REPLACING:
                     directory.replace_old(_failed(job.command, scene.title, error))
                 raise
@@ -211,13 +210,12 @@ def _compute(
     failure: RobodynError | None = None
     watch.listen(console.note)
     try:
-        with console.waiting(watch.doing):
+        with console.waiting(watch.doing), placed(job.scene, job.overrides, job.command):
             own = {"journal": journal} if journal is not None else {}
             result = execute(job.command, scene, console.progress, watch, writer, **job.options, **own)
     except RobodynError as error:
         if not isinstance(error.result, Result) or error.exit_code not in REPLACING:
             raise
-        _place(error, job)
         failure, result = error, error.result
     warnings = result.summary.get("warnings", ())
     for text in warnings:
@@ -229,12 +227,22 @@ def _compute(
     return result, failure
 
 
-def _place(error: RobodynError, job: SceneRun) -> None:
-    """Say where in the scene's files the key stands that an error of its run is about."""
+@contextlib.contextmanager
+def placed(scene: Path, overrides: Sequence[str], command: str) -> Iterator[None]:
+    """Let errors of a run say where in the scene's files the key stands that they are about."""
+    try:
+        yield
+    except RobodynError as error:
+        place_in_files(error, scene, overrides, command)
+        raise
+
+
+def place_in_files(error: RobodynError, scene: Path, overrides: Sequence[str], command: str) -> None:
+    """Put file, line, column and key before the message of an error about a scene; see ``run/placing.py``."""
     from robodyn_cli.run.placing import place
     from robodyn_cli.scene.load import examine
 
-    place(error, lambda: examine(job.scene, list(job.overrides)).root, job.command)
+    place(error, lambda: examine(scene, list(overrides)).root, command)
 
 
 def store(result: Result, directory: OutputDirectory, writer: ResultWriter | None = None) -> None:

@@ -107,6 +107,8 @@ STATEMENTS = (
 )  # fmt: skip
 # a run that goes on after the lock states its errors phase by phase
 PHASES = {"": (), "after the lock": ("after_lock",)}
+# groups whose datasets have their errors in another group
+BESIDE = {"outputs": "errors", "derivatives": "derivative_errors"}
 # the energy balance, as the summary names it, in which the energy is a constant: its drift is its error
 CONSERVED = "kinetic + potential"
 
@@ -134,7 +136,7 @@ def _is_inside(path: str, group: str) -> bool:
 def stated_error(result: Result, path: str) -> Array:
     """Return the error that a result states of a dataset, to be broadcast to its shape; nan where it states none.
 
-    A lock states the error of its time, and a study the error of each output in each run.
+    A lock states the error of its time, a study the error of each output in each run, and derivatives have theirs.
     """
     summary = result.summary
     group, _, key = path.partition("/")
@@ -142,8 +144,8 @@ def stated_error(result: Result, path: str) -> Array:
         times = result.time if path == "time" else np.array([event.get("time") for event in result.events])
         at_lock = times == _number(summary, "lock", "time")
         return np.where(at_lock, _number(summary, "lock", "time_error"), np.nan)
-    if group == "outputs" and f"errors/{key}" in result:
-        return result[f"errors/{key}"]
+    if group in BESIDE and f"{BESIDE[group]}/{key}" in result:
+        return result[f"{BESIDE[group]}/{key}"]
     if path == "energy/total" and summary.get("energy_balance") != CONSERVED:
         return np.array(np.nan)
     # one phase without an error leaves the dataset without one

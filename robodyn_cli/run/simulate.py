@@ -123,6 +123,8 @@ def _take_up(run: Run, journal: Journal) -> None:
             watcher.see(block.t, block.x)
         run.recorder.emit(block.t, block.x, block.p)
     run.driver.go_on(Beginning(float(block.t[-1]), block.x[-1]), block.counters, block.changes)
+    for watcher, noted in zip(run.driver.watchers, block.noted):
+        watcher.recall(noted)
 
 
 def _estimate(run: Run, progress: Progress) -> ErrorEstimate:

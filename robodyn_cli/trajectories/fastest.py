@@ -175,6 +175,11 @@ class TimedJoints(JointSpaceTrajectory):
         """Time of the whole path [s]."""
         return self.scaling.law.duration
 
+    @property
+    def knots(self) -> tuple[float, ...]:  # type: ignore[override]
+        """Times at which the acceleration along the path, or its rate, jumps."""
+        return tuple(self.scaling.law.knots[1:-1].tolist())
+
     def expressions(self, t: Expr, env: Mapping[str, Any]) -> Mapping[str, Any]:
         (s,) = self.scaling.law.expressions(t)
         found: Mapping[str, Any] = self.way.expressions(s, {**env, "t": s})
@@ -195,6 +200,11 @@ class TimedPath:
     def duration(self) -> float:
         """Time of the whole path [s]."""
         return self.scaling.law.duration
+
+    @property
+    def knots(self) -> tuple[float, ...]:
+        """Times at which the acceleration along the path, or its rate, jumps."""
+        return tuple(self.scaling.law.knots[1:-1].tolist())
 
     @property
     def point(self) -> str:

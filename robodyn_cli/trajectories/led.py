@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from robodyn_cli.errors import CapabilityError
+
 if TYPE_CHECKING:
     from robodyn_cli.expr.graph import Expr
 
@@ -93,6 +95,32 @@ class Follows:
     def evaluate(self, env: Mapping[str, Any]) -> Any:
         """Return the expression of t, or those of an attitude."""
         return self.followed.expressions(env)[self.name]
+
+
+class ToFind:
+    """The motion of one column of q, or of one attitude, along a path, before the joints' motion on it is known."""
+
+    text = FOLLOW
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.where = f"prescribed.{name}"
+
+    def evaluate(self, env: Mapping[str, Any]) -> Any:
+        raise CapabilityError(
+            "`prescribed: trajectory` finds the joints' motion along a path for a motion in time only; allowed: "
+            "simulate, deploy, inverse, kinematics"
+        )
+
+
+def to_find(columns: Iterable[str]) -> dict[str, ToFind]:
+    """Return the motion of each joint with these columns of q, which is still to be found."""
+    return {name: ToFind(name) for name in with_attitudes(dict.fromkeys(columns))}
+
+
+def is_to_find(prescribed: Mapping[str, Any]) -> bool:
+    """Tell whether prescribed motions are still to be found along a path."""
+    return isinstance(next(iter(prescribed.values()), None), ToFind)
 
 
 def follow_trajectory(trajectory: Any, until: float) -> dict[str, Follows]:

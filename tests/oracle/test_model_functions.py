@@ -63,7 +63,7 @@ class Case:
 
     def square(self, x: Array) -> Array:
         """Return a matrix (nv, nv) of Pinocchio in our order."""
-        return self.pin._back(self.pin._back(np.array(x)).T).T
+        return self.pin.in_our_order(self.pin.in_our_order(np.array(x)).T).T
 
 
 @kinds_and_seeds

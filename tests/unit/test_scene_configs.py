@@ -45,7 +45,8 @@ def test_loads_and_its_text_loads_again(path: Path, tmp_path: Path, monkeypatch:
 def test_every_robot_file_is_used() -> None:
     used = {Path(source).resolve() for path in SCENES for source in load_scene(path).sources}
     robots = [path for kind in ("*.yaml", "*.urdf") for path in CONFIGS.rglob(kind)]
-    assert {path.resolve() for path in robots} == used
+    # the example catalogue of motors comes with the program
+    assert {path.resolve() for path in robots} == {path for path in used if CONFIGS.resolve() in path.parents}
 
 
 def numbers(link: Link) -> tuple[Any, ...]:

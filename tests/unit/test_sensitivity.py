@@ -12,6 +12,7 @@ import pytest
 import scipy.linalg
 from typer.testing import CliRunner
 
+from robodyn_cli import sensitivity
 from robodyn_cli.cli.app import app
 from robodyn_cli.errors import SceneError
 from robodyn_cli.results.hdf5 import read
@@ -22,6 +23,7 @@ from robodyn_cli.run.sensitivity.exact import exact_slopes
 from robodyn_cli.run.sensitivity.report import quotient
 from robodyn_cli.run.sensitivity.slope import EXACT, Slope
 from robodyn_cli.scene.load import Family, load_scene_text
+from tests.unit.test_latch_positions import AT, FOUR_BAR
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -188,6 +190,24 @@ def test_the_lock_of_the_four_bar() -> None:
     assert time == pytest.approx(mass[0].value, rel=1e-8)
 
 
+def test_latches_at_positions() -> None:
+    """A boom in space and the four-bar; the position of the latch itself is structure, whose derivative is 1 / rate."""
+    to = ["robot.joints.a.spring.stiffness"]
+    of, tight = (
+        ["lock.time", "lock.angles.a"],
+        ["simulate.rtol=1e-12", "simulate.atol=1e-14", "deploy.after=stop"],
+    )
+    compare_with_differences(asked(AT, to, of, *tight))
+    question = asked(CONFIGS / "four_bar_deploy.yaml", ["deploy.latch.at.theta1"], ["lock.time", "lock.rates.theta1"],
+                     *FOUR_BAR, "expect={}")  # fmt: skip
+    time, _ = differences(question, [0], 1)[0]
+    assert time.value == pytest.approx(1.0 / question.outputs[1], rel=1e-8)
+    mass = asked(
+        CONFIGS / "four_bar_deploy.yaml", ["robot.links.crank.mass"], ["lock.time"], *FOUR_BAR, "expect={}"
+    )
+    compare_with_differences(mass)
+
+
 def test_numbers_of_formulas_are_keys() -> None:
     """The spring of the four-bar is a number inside a formula; as a parameter it has the same derivative."""
     path, of = CONFIGS / "four_bar_deploy.yaml", ["lock.time"]
@@ -288,6 +308,25 @@ def test_impacts_are_left_to_differences() -> None:
     assert not found and "stops" in why[0]
 
 
+@pytest.mark.parametrize("period", ["", "period: 0.01, "])
+def test_controllers_are_left_to_differences(period: str) -> None:
+    """m z'' = -8 z - 8 z' from the reference at 1 m/s, against the matrix exponential; sampled, nearly so."""
+    control = f"control: {{type: pd, {period}gains: {{kp: 8, kd: 8}}}}\n"
+    text = FALL.replace("-9.81]", "0]").replace("simulate:", control + "simulate:")
+    question = asked(text, ["robot.links.ball.mass"], ["final.q.z"])
+    found, why = exact_slopes(question)
+    assert not found and "controller" in why[0]
+    (slope,) = differences(question, [0], 1)[0]
+    step = 1e-4
+
+    def end(mass: float) -> float:
+        A = np.array([[0.0, 1.0], [-8.0 / mass, -8.0 / mass]])
+        return float((scipy.linalg.expm(A) @ [0.0, 1.0])[0])
+
+    truth = (end(2.0 + step) - end(2.0 - step)) / (2.0 * step)
+    assert slope.value == pytest.approx(truth, abs=2e-9 if not period else 5e-3)
+
+
 # -- bad input -------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("to", "of", "message"),
@@ -297,8 +336,8 @@ def test_impacts_are_left_to_differences() -> None:
             "final.q.z",
             "--to robot.links.bell.mass: robot.links: has no item named 'bell'",
         ),
-        ("robot.links.ball.name", "final.q.z", "--to robot.links.ball.name"),
-        ("initial.q", "final.q.z", "--to initial.q"),
+        ("robot.links.ball.name", "final.q.z", "<text>:7:18: robot.links.ball.name: the scene has no number"),
+        ("initial.q", "final.q.z", "initial.q: the scene has no number there"),
         ("simulate.samples", "final.q.z", "--to simulate.samples"),
         ("torques.z#1", "final.q.z", "no formula has such a number"),
         ("gravity.2", "final.q.x", "--of final.q.x"),
@@ -313,8 +352,16 @@ def test_bad_input(to: str, of: str, message: str) -> None:
 
 
 def test_a_formula_is_no_number() -> None:
-    with pytest.raises(SceneError, match=r"the scene has no number there; .* torques.theta1#1"):
+    with pytest.raises(
+        SceneError, match=r"yaml:11:19: torques.theta1: the scene has no number there; .* KEY#n"
+    ):
         asked(CONFIGS / "four_bar_deploy.yaml", ["torques.theta1"], ["lock.time"])
+
+
+def test_from_python() -> None:
+    result = sensitivity(load_scene_text(FALL), ["gravity.2", "initial.qd.z"], ["final.q.z"])
+    assert result["derivatives/final.q.z"] == pytest.approx([0.5, 1.0], abs=1e-11)
+    assert result.variables["derivatives/final.q.z"].column_units == ("m/(m/s^2)", "m/(m/s)")
 
 
 def test_units_of_derivatives() -> None:

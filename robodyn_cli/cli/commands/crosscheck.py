@@ -8,6 +8,7 @@ import typer
 
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.options import Overrides, Quiet, ReportAsJson, SceneFile, choice
+from robodyn_cli.cli.runner import placed
 from robodyn_cli.cli.words import table
 from robodyn_cli.exit_codes import FAILED
 
@@ -45,7 +46,7 @@ def command(
     from robodyn_cli.scene.load import load_scene
 
     console = Console(as_json, quiet)
-    with console.waiting(lambda: f"comparing with {engine}"):
+    with console.waiting(lambda: f"comparing with {engine}"), placed(scene, overrides or (), "simulate"):
         found = crosscheck(load_scene(scene, overrides or ()), engine, asked)
     console.data(jsonable(as_data(found)))
     console.say(describe(found))

@@ -9,7 +9,8 @@ import typer
 
 from robodyn_cli.cli.console import Console, width
 from robodyn_cli.cli.options import Overrides, Quiet, ReportAsJson, SceneFile
-from robodyn_cli.exit_codes import WRONG_USAGE
+from robodyn_cli.cli.runner import place_in_files, placed
+from robodyn_cli.errors import SceneError
 
 
 def command(
@@ -27,10 +28,16 @@ def command(
     from robodyn_cli.scene.load import load_scene
 
     console = Console(as_json, quiet)
-    found = plan(load_scene(scene, list(overrides or ())), for_command)
+    loaded = load_scene(scene, list(overrides or ()))
+    command = for_command or loaded.command or ""
+    with console.waiting(lambda: "planning"), placed(scene, overrides or (), command):
+        found = plan(loaded, for_command)
     console.data(found)
     console.say(render(found, width(sys.stdout)))
-    if found.get("missing"):
-        console.error(f"{scene}: the equations need {', '.join(found['missing'])}, which is not given")
-        return WRONG_USAGE
+    if missing := found.get("missing"):
+        what = f"{scene}: the equations need {', '.join(missing)}, which is not given"
+        error = SceneError(what, missing=missing)
+        place_in_files(error, scene, overrides or (), command)
+        console.error(error.message)
+        return error.exit_code
     return 0

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import TYPE_CHECKING
+
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.options import Quiet, ReportAsJson, SceneFiles, Strict
 from robodyn_cli.exit_codes import worst
+
+if TYPE_CHECKING:
+    from robodyn_cli.run.batch.findings import Finding
 
 
 def command(
@@ -12,14 +18,13 @@ def command(
 ) -> int:
     """List the errors of each scene; return the exit code of the worst finding."""
     from robodyn_cli.results.summary import as_keys
-    from robodyn_cli.run.batch.findings import findings
     from robodyn_cli.run.batch.gather import gather
     from robodyn_cli.run.batch.report_records import SceneFindings, ValidationReport
 
     console = Console(as_json, quiet)
     report, codes = [], []
     for path in gather(scenes):
-        found = findings(path, strict)
+        found = _findings(path, strict, console)
         codes.append(worst(f.exit_code for f in found))
         report.append(SceneFindings(str(path), codes[-1], found))
         errors = sum(f.severity == "error" for f in found)
@@ -33,3 +38,10 @@ def command(
     code = worst(codes)
     console.data(as_keys(ValidationReport.of(report, code)))
     return code
+
+
+def _findings(path: Path, strict: bool, console: Console) -> list[Finding]:
+    from robodyn_cli.run.batch.findings import findings
+
+    with console.waiting(lambda: f"validating {path}"):
+        return findings(path, strict)

@@ -22,7 +22,7 @@ from robodyn_cli.cli.options import (
     drawings,
     number,
 )
-from robodyn_cli.cli.runner import begun, default_directory, output, publish, show, store
+from robodyn_cli.cli.runner import begun, default_directory, output, placed, publish, show, store
 from robodyn_cli.cli.words import table
 
 COLUMNS = (
@@ -80,7 +80,8 @@ def command(
         loaded = load_scene(scene, list(overrides or ()))
         with begun(directory, console):
             try:
-                result = work_precision(loaded, names, tolerances, repeats, console.progress)
+                with placed(scene, overrides or (), loaded.command or "simulate"):
+                    result = work_precision(loaded, names, tolerances, repeats, console.progress)
             finally:
                 console.clear()
             store(result, directory)

@@ -19,6 +19,7 @@ from robodyn_cli.run.driver.motion import Choice, Gains, Motion, Watcher
 from robodyn_cli.run.driver.prepare import Setup, passive_coordinates, prepare
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Baumgarte, Scene
+from robodyn_cli.trajectories.led import is_to_find
 
 Follow = Callable[[Problem, Sequence[int]], Sequence[Watcher]]
 AUTOMATIC = "baumgarte"
@@ -93,6 +94,11 @@ def build_motion(
     RobodynError : the scene cannot be started; see ``prepare``.
     """
     watch = watch or Stopwatch()
+    if is_to_find(scene.prescribed):
+        from robodyn_cli.run.mechanism.along_path import with_motion_found
+
+        with watch.stage("solve"):
+            scene = with_motion_found(scene)
     if scene.control is not None:
         from robodyn_cli.run.control.reference import with_joint_reference
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Mapping
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
@@ -36,6 +37,13 @@ class HalfTurns(Watcher):
     @property
     def warnings(self) -> list[str]:
         return [half_turn_warning(name, time) for name, time in self.first.items()]
+
+    @property
+    def noted(self) -> dict[str, float]:
+        return dict(self.first)
+
+    def recall(self, noted: Mapping[str, float]) -> None:
+        self.first = dict(noted)
 
     def follow(self, motion: Motion) -> None:
         self.system = motion.system

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.fixed import literal
 from robodyn_cli.expr.graph import Expr
@@ -63,6 +65,14 @@ class JointLimits(Watcher):
             else f"joint {f.joint!r} starts beyond its {f.words}"
             for f, time in self.first.values()
         ]  # fmt: skip
+
+    @property
+    def noted(self) -> dict[str, float]:
+        return {name: time for name, (_, time) in self.first.items()}
+
+    def recall(self, noted: Mapping[str, float]) -> None:
+        functions = {f.name: f for f in self.limits}
+        self.first = {name: (functions[name], time) for name, time in noted.items()}
 
     def follow(self, motion: Motion) -> None:
         self.system = motion.system

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -73,6 +73,14 @@ class Watcher:
     def warnings(self) -> list[str]:
         """What users are to be warned of after the run."""
         return []
+
+    @property
+    def noted(self) -> dict[str, float]:
+        """Times [s] of what it has noted on the way, by name, for a run that goes on after it was killed."""
+        return {}
+
+    def recall(self, noted: Mapping[str, float]) -> None:
+        """Take over what an earlier process has ``noted``."""
 
     @property
     def rounding(self) -> float:

@@ -156,10 +156,15 @@ def _refined(found: _Found, intervals: int) -> Array:
             low = middle
         else:
             high, parts = middle, more
-    first = np.repeat(np.cumsum(parts) - parts, parts.astype(int))
-    share = (np.arange(len(first)) - first) / np.repeat(parts, parts.astype(int))
-    place = np.repeat(np.arange(len(D)), parts.astype(int))
-    return np.append(s[place] + D[place] * share, s[-1])
+    return divided(s, parts)
+
+
+def divided(s: Array, parts: Array) -> Array:
+    """Return a grid (K + 1,) with each interval divided into so many equal ``parts`` (K,)."""
+    count = parts.astype(int)
+    place = np.repeat(np.arange(len(count)), count)
+    share = (np.arange(len(place)) - np.repeat(np.cumsum(count) - count, count)) / count[place]
+    return np.append(s[place] + np.diff(s)[place] * share, s[-1])
 
 
 def _within(found: _Found, limits: Limits) -> _Found:

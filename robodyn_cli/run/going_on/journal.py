@@ -1,8 +1,8 @@
 """What a long run has come to, block by block, so that it goes on where it was when it was killed.
 
 The file begins with a line that says of which run it is. Each block follows as a line (JSON: the shape, the counters,
-the changes of method) and its numbers: times (m,), states (m, nx) and parameters (np,), as doubles. A block that was
-being written when the run ended is not used.
+the changes of method, what watchers have noted) and its numbers: times (m,), states (m, nx) and parameters (np,), as
+doubles. A block that was being written when the run ended is not used.
 """
 
 from __future__ import annotations
@@ -31,13 +31,17 @@ DOUBLE = np.dtype("<f8")
 
 @record
 class Block:
-    """Samples at times t (m,) with states x (m, nx), all with parameters p; what the run had done by then."""
+    """Samples at times t (m,) with states x (m, nx), all with parameters p; what the run had done by then.
+
+    noted : by the driver's watchers, in their order.
+    """
 
     t: Array
     x: Array
     p: Array
     counters: Counters
     changes: tuple[MethodChange, ...]
+    noted: tuple[dict[str, float], ...]
 
 
 class Journal:
@@ -99,12 +103,13 @@ class Journal:
 
     def add(self, t: Array, x: Array, driver: Driver) -> None:
         """Write a block of samples; it is in the file when this returns."""
-        counters, changes = (
-            dataclasses.astuple(driver.counters),
-            [dataclasses.astuple(c) for c in driver.changes],
-        )
         p = driver.parameters
-        head = {"shape": [*x.shape, len(p)], "counters": counters, "changes": changes}
+        head = {
+            "shape": [*x.shape, len(p)],
+            "counters": dataclasses.astuple(driver.counters),
+            "changes": [dataclasses.astuple(change) for change in driver.changes],
+            "noted": [watcher.noted for watcher in driver.watchers],
+        }
         numbers = np.concatenate([t, x.ravel(), p]).astype(DOUBLE)
         with output_errors(self.path):
             self._write(json.dumps(head).encode() + b"\n" + numbers.tobytes())
@@ -134,4 +139,4 @@ def _blocks(file: BinaryIO) -> Iterator[Block]:
             return
         t, x, p = np.split(np.frombuffer(data, DOUBLE).copy(), [m, m * (n + 1)])
         changes = tuple(MethodChange(*c) for c in head["changes"])
-        yield Block(t, x.reshape(m, n), p, Counters(*head["counters"]), changes)
+        yield Block(t, x.reshape(m, n), p, Counters(*head["counters"]), changes, tuple(head["noted"]))

@@ -12,7 +12,7 @@ from robodyn_cli.record import record
 from robodyn_cli.scene.points import with_points
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.led import followed_by, position_columns
+from robodyn_cli.trajectories.led import followed_by, is_to_find, position_columns
 from robodyn_cli.trajectories.motion import JointMotion, JointSpace, TaskSpace
 from robodyn_cli.trajectories.registry import trajectory_types
 
@@ -52,7 +52,8 @@ def with_led_point(scene: Scene) -> Scene:
 
 def without_following(scene: Scene) -> Scene:
     """Return the scene without motions prescribed by its trajectory, for commands that follow it themselves."""
-    return scene if followed_by(scene.prescribed) is None else dataclasses.replace(scene, prescribed={})
+    follows = followed_by(scene.prescribed) is not None or is_to_find(scene.prescribed)
+    return dataclasses.replace(scene, prescribed={}) if follows else scene
 
 
 def plan_motion(problem: Problem, times: Array) -> Planned:

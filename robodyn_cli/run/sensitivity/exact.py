@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-from robodyn_cli.errors import CapabilityError, GeometryError, SceneError, SingularConfigurationError
+from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.formulations.events import EventKind
 from robodyn_cli.model.build import build_model
 from robodyn_cli.run.driver.motion import Motion
@@ -32,7 +32,7 @@ def exact_slopes(asked: Asked) -> tuple[dict[tuple[str, int], Slope], dict[int, 
     def attempt(numbers: Sequence[int]) -> None:
         try:
             slopes = work(asked, [asked.keys[k] for k in numbers])
-        except (CapabilityError, SceneError, GeometryError, SingularConfigurationError) as obstacle:
+        except RobodynError as obstacle:
             if len(numbers) == 1:
                 why[numbers[0]] = obstacle.message
             for k in numbers if len(numbers) > 1 else ():  # one key may stand in the way of the others
@@ -54,11 +54,15 @@ def _obstacle(asked: Asked, key: Key) -> str:
     return ""
 
 
-def changed(scene: Asked, keys: Sequence[Key]) -> Scene:
+def changed(asked: Asked, keys: Sequence[Key]) -> Scene:
     """Return the scene with other numbers at the keys, so near to its own that it does the same."""
-    family, values = scene.task.family, dict(zip(scene.task.keys, scene.values))
-    named = [key.name for key in keys if "#" not in key.name]
-    return family.scene(settings(named, [values[name] * (1.0 + NEARBY) for name in named]))
+    values = dict(zip(asked.task.keys, asked.values))
+    others = {
+        key.name: values[key.name] + NEARBY * (abs(values[key.name]) or 1.0)
+        for key in keys
+        if "#" not in key.name
+    }
+    return asked.task.family.scene(settings(list(others), others.values()))
 
 
 def refuse_structure(own: str, other: str) -> None:

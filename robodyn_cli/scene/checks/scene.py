@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.formula import parse
@@ -24,7 +24,7 @@ from robodyn_cli.scene.checks.robot import check_robot, columns, moving
 from robodyn_cli.scene.points import BASE, carrier, joint_of, point_problem
 from robodyn_cli.scene.text.nodes import Node, Path, Scalar, find
 from robodyn_cli.scene.types import Robot, Scene, Torque
-from robodyn_cli.trajectories.led import follow_trajectory, led_joints, velocity_columns
+from robodyn_cli.trajectories.led import follow_trajectory, led_joints, to_find, velocity_columns
 from robodyn_cli.trajectories.registry import trajectory_types
 
 if TYPE_CHECKING:
@@ -133,22 +133,39 @@ def _following(scene: Scene, check: Check) -> Scene:
     """Return the scene with the joints prescribed that its trajectory leads."""
     with check:
         trajectory = scene.trajectory
-        if not hasattr(trajectory, "expressions"):
-            what = "there is none" if trajectory is None else f"one of type {trajectory.type} leads a point"
-            if getattr(trajectory, "type", None) == "fastest":
-                what = (
-                    "one of type fastest gets its times in `inverse`, whose result can be followed as a table"
-                )
-            kinds = [name for name in trajectory_types if hasattr(trajectory_types[name], "expressions")]
+        if trajectory is None:
+            message = (
+                f"there is no trajectory to follow; give `trajectory`, of type {', '.join(trajectory_types)}"
+            )
+            check.fail(("prescribed",), message)
+        in_time = hasattr(trajectory, "expressions")
+        if not in_time and (scene.loops or scene.couplers):
             check.fail(
                 ("prescribed",),
-                f"no trajectory gives the joints' motion: {what}; allowed: {', '.join(kinds)}",
+                f"with loops or couplers no motion of joints is found along a path of type {trajectory.type}; follow "
+                "the result of `inverse` or `kinematics` as a table",
             )
         if not check.found:
-            prescribed = follow_trajectory(trajectory, scene.simulate.duration)
+            prescribed: dict[str, Any] = dict(
+                follow_trajectory(trajectory, scene.simulate.duration)
+                if in_time
+                else to_find(_columns_along(scene.robot, trajectory))
+            )
             scene = dataclasses.replace(scene, prescribed=prescribed)
             _check_drives(scene, check)
     return scene
+
+
+def _columns_along(robot: Robot, trajectory: Any) -> tuple[str, ...]:
+    """Return the columns of q that a path leads: those of the joints that carry its point; for the least time all."""
+    every = columns(robot)
+    if trajectory.type == "fastest":
+        return every
+    joints, link = set(), carrier(robot, trajectory.point)
+    while link != BASE and (joint := joint_of(robot, link)) is not None:
+        joints.add(joint.name)
+        link = joint.parent or BASE
+    return tuple(name for name in every if name.partition(".")[0] in joints)
 
 
 def _check_joints(scene: Scene, names: Iterable[tuple[str, Path]], check: Check, at_key: bool) -> None:
