@@ -97,7 +97,7 @@ class Controller:
     reference : the motion that it follows, where it follows any.
     """
 
-    numbers: ClassVar[tuple[str, ...]] = ("gains", "limit")
+    numbers: ClassVar[tuple[str, ...]] = ("gains", "limit", "rate_limit", "sensors", "period")
     open_chain: ClassVar[bool] = False
     whole: ClassVar[bool] = False
     at_point: ClassVar[bool] = False

@@ -25,7 +25,7 @@ class State:
 class ByFormulas(Follower):
     """Torques by formulas in t, q.J, qd.J, the reference ref.J, refd.J and refdd.J, and states s.NAME."""
 
-    numbers: ClassVar[tuple[str, ...]] = ("law", "state", "limit")
+    numbers: ClassVar[tuple[str, ...]] = ("law", "state", "limit", "rate_limit", "sensors", "period")
 
     type: str = key(Choice(("formulas",)), doc="Kind of controller.")
     law: dict[str, Any] = key(MapOf(Formula(SEEN), of="joint"), unit="N m or N", doc="Torque of each joint.")

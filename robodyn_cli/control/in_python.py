@@ -22,7 +22,7 @@ class InPython(Follower):
     from t = 0; where f has a method ``reset``, that is called before.
     """
 
-    numbers: ClassVar[tuple[str, ...]] = ("limit",)
+    numbers: ClassVar[tuple[str, ...]] = ("limit", "rate_limit", "sensors", "period")
 
     type: str = key(Choice(("python",)), doc="Kind of controller.")
     function: Any = dataclasses.field(default=None, compare=False, repr=False)

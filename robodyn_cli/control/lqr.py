@@ -36,7 +36,7 @@ class Lqr(Controller):
     """
 
     open_chain: ClassVar[bool] = True
-    numbers: ClassVar[tuple[str, ...]] = ("limit",)
+    numbers: ClassVar[tuple[str, ...]] = ("limit", "rate_limit", "sensors", "period", "pose")
 
     type: str = key(Choice(("lqr",)), doc="Kind of controller.")
     gains: Weights = key(Section(Weights), default=Weights(), doc="Weights Q (`q`, `qd`) and R (`tau`).")

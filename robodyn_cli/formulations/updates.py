@@ -64,7 +64,7 @@ class Updates:
         in_python = control.controller.type == "python"
         seen = control.measured
         return Updates(
-            control.period,
+            float(control.period),
             control.rest,
             len(control.z),
             None if layout is None else layout.z[: len(control.z)],
@@ -109,7 +109,7 @@ def random_numbers(control: Control, duration: float) -> Array:
     """
     if not control.channels or control.period is None:
         return np.zeros((1, 0))
-    rows = math.floor(duration / control.period * (1.0 + 1e-12)) + 2
+    rows = math.floor(duration / float(control.period) * (1.0 + 1e-12)) + 2
     if rows * control.channels > MOST_NUMBERS:
         raise CapabilityError(
             f"noise of {rows} samples in {control.channels} channels does not fit into memory; allowed: a longer "

@@ -94,6 +94,8 @@ def looked_up() -> tuple[int, int]:
 @pytest.mark.parametrize("path", RUNS, ids=lambda p: p.stem)
 def test_a_run_with_other_numbers_compiles_nothing(path: Path) -> None:
     scene = load_scene(str(path))
+    if scene.control is not None:
+        pytest.skip("a controller's model shares the numbers that it has in common with the mechanism")
     error = run(scene)
     before = looked_up()
     assert run(Variation(3).scene(scene)) == error
@@ -117,7 +119,7 @@ def programs_of(scene: Scene) -> dict[str, list[Any]]:
 @pytest.mark.parametrize("path", SCENES, ids=lambda p: p.stem)
 def test_shared_code_gives_what_folded_numbers_give(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = load_scene(str(path))
-    groups = (*MOTION_GROUPS, "unknown")
+    groups = (*MOTION_GROUPS, "z", "unknown")
     try:
         nominal = programs_of(scene)
     except RobodynError as error:

@@ -68,7 +68,7 @@ class Control:
         model = problem.model
         self.places = [model.v_names.index(name) for name in self.joints]
         self.units = tuple("N m" if model.v_units[k].startswith("rad") else "N" for k in self.places)
-        self.period: float | None = None if self.controller.period is None else float(self.controller.period)
+        self.period: float | None = self.controller.period
         self.function = getattr(self.controller, "call", None)
         own = self.controller.states(self.joints)
         self.own = tuple(name for name, _ in own)
@@ -82,9 +82,10 @@ class Control:
         if self.period is None:
             return 0, 0.0
         delay = float(self.controller.delay)
-        whole = math.floor(delay / self.period + SHORT)
-        rest = delay - whole * self.period
-        return whole, rest if rest > SHORT * self.period else 0.0
+        period = float(self.period)
+        whole = math.floor(delay / period + SHORT)
+        rest = delay - whole * period
+        return whole, rest if rest > SHORT * period else 0.0
 
     def _held_names(self) -> list[str]:
         """Return the names of the states that only a sampled controller has."""

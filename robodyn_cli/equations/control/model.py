@@ -14,6 +14,7 @@ from robodyn_cli.control.base import Linear, PointTask
 from robodyn_cli.equations.control.equations import Equations
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.calculus import jacobian
+from robodyn_cli.expr.fixed import literal
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.expr.rebuild import renamed
 from robodyn_cli.model.model import BASE
@@ -153,8 +154,13 @@ class ControllerModel:
         A[:nv, nv:], A[nv:] = np.eye(nv), there
         B = np.zeros((2 * nv, len(driven)))
         B[nv:] = np.linalg.inv(own.numbers(own.mass_matrix, pose))[:, driven]
-        x = [*(a - float(b) for a, b in zip(q, pose)), *v]
-        return Linear(A, B, x, holding[driven], own.model.v_names, self.controller.period, self.refuse)
+        held = [literal(float(x), f"control.pose.{name}") for name, x in zip(own.model.q_names, pose)]
+        x = [*(a - b for a, b in zip(q, held)), *v]
+        return Linear(A, B, x, holding[driven], own.model.v_names, self._period, self.refuse)
+
+    @property
+    def _period(self) -> float | None:
+        return None if self.controller.period is None else float(self.controller.period)
 
     @cached_property
     def _others(self) -> Vector:

@@ -11,6 +11,7 @@ import numpy as np
 from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
 from robodyn_cli.equations.time_structure import beside, structure
 from robodyn_cli.expr.calculus import directional
+from robodyn_cli.expr.fixed import literal
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
@@ -44,7 +45,8 @@ class Reference:
         """Return (q, qd, qdd) of the joints, each (n,), as expressions of t; env : values for formulas."""
         n = len(self.joints)
         if self.motion is None:
-            return [float(self.start.get(name, 0.0)) for name in self.joints], [0.0] * n, [0.0] * n
+            held = [literal(float(self.start.get(name, 0.0)), f"initial.q.{name}") for name in self.joints]
+            return held, [0.0] * n, [0.0] * n
         given = Followed(self.motion, self.until).expressions({**env, "t": t})
         q = [given[name] for name in self.joints]
         qd = directional(q, [t], [1.0])

@@ -69,7 +69,7 @@ def control_summary(control: Control, recorder: Recorder, time: float, begun: fl
     return ControlSummary(
         type=control.controller.type,
         joints=list(control.joints),
-        period=ABSENT if control.period is None else control.period,
+        period=ABSENT if control.period is None else float(control.period),
         delay=float(control.controller.delay) if sampled else ABSENT,
         updates=updates if sampled else ABSENT,
         tracking=_tracking(control, recorder, t) or ABSENT,
