@@ -23,8 +23,10 @@ _HOME = {
     "kinematics": "robodyn_cli.run.mechanism.kinematics",
     "statics": "robodyn_cli.run.mechanism.statics",
     "assemble": "robodyn_cli.run.mechanism.assemble",
+    "linearise": "robodyn_cli.run.linear.linearise",
     "reach": "robodyn_cli.run.poses.reach",
     "InverseKinematics": "robodyn_cli.run.poses.inverse_kinematics",
+    "sensitivity": "robodyn_cli.run.sensitivity.sensitivity",
     "plan": "robodyn_cli.run.plan.plan",
     "Mechanism": "robodyn_cli.run.many.mechanism",
     "InverseDynamics": "robodyn_cli.run.inverse.dynamics",
@@ -55,6 +57,7 @@ if TYPE_CHECKING:  # "as" makes a name part of the API for type checkers
     from robodyn_cli.run.inverse.dynamics import ForwardDynamics as ForwardDynamics
     from robodyn_cli.run.inverse.dynamics import InverseDynamics as InverseDynamics
     from robodyn_cli.run.inverse.inverse import inverse as inverse
+    from robodyn_cli.run.linear.linearise import linearise as linearise
     from robodyn_cli.run.many.mechanism import Mechanism as Mechanism
     from robodyn_cli.run.mechanism.assemble import assemble as assemble
     from robodyn_cli.run.mechanism.kinematics import kinematics as kinematics
@@ -62,6 +65,7 @@ if TYPE_CHECKING:  # "as" makes a name part of the API for type checkers
     from robodyn_cli.run.plan.plan import plan as plan
     from robodyn_cli.run.poses.inverse_kinematics import InverseKinematics as InverseKinematics
     from robodyn_cli.run.poses.reach import reach as reach
+    from robodyn_cli.run.sensitivity.sensitivity import sensitivity as sensitivity
     from robodyn_cli.scene.load import load_scene as load_scene
     from robodyn_cli.scene.load import load_scene_text as load_scene_text
 

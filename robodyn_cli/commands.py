@@ -41,6 +41,12 @@ COMMANDS: dict[str, Command] = {
     "statics": Command(
         "Balance and its stability, or torques that hold a pose.", "mechanism.statics:statics", brief=True
     ),
+    "linearise": Command(
+        "Linear model about a state or along a motion: A, B, C, D, poles, modes.",
+        "linear.linearise:linearise",
+        brief=True,
+    ),
+    "size": Command("Find the cheapest or lightest motors and gears for a motion.", "sizing.size:size"),
     "plan": Command("What a scene needs, what is left out, and operations."),
     "animate": Command("Make a movie of a result, or a strip of stills."),
     "cache": Command("Show how much compiled code is kept, or clear it."),

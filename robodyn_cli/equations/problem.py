@@ -79,9 +79,10 @@ class Problem:
 
             self.control = Control(self)
 
-    def of(self, scene: sc.Scene, model: Model | None = None) -> Problem:
-        """Return the equations of another scene, with a model that is at hand."""
-        return Problem(scene, model=model)
+    @staticmethod
+    def of(scene: sc.Scene) -> Problem:
+        """Return the equations of another scene."""
+        return Problem(scene)
 
     def numbers(
         self, entries: Any, q: Array, t: float = 0.0, v: Array | None = None, p: Array | None = None
@@ -216,8 +217,7 @@ class Problem:
             return {}
         terms, elements = self.joint_forces(smooth), self.elements.torques
         if smooth:
-            given = self.scene.prescribed
-            return losses_of_drive(self.model, self.actuator_torques, self.v, terms, given)
+            return losses_of_drive(self.model, self.actuator_torques, self.v, terms, self.scene.prescribed)
         return losses_of_load(self.model, self.inverse_dynamics, self.a, self.v, terms, elements)
 
     @cached_property

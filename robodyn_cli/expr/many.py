@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,13 +17,17 @@ from numpy.typing import NDArray
 
 from robodyn_cli.expr.fixed import CANCELLED, Fixed, Witness, derive
 from robodyn_cli.expr.graph import Expr, Scalar, reachable
-from robodyn_cli.expr.rebuild import APPLY, apply, piecewise
+from robodyn_cli.expr.rebuild import APPLY, piecewise
 
 Array = NDArray[Any]
 COMPARE: dict[str, Callable[[Any, Any], Any]] = {
     name: getattr(operator, name) for name in ("lt", "le", "gt", "ge", "eq", "ne")
 }
 CONSTANT = -1
+Argument = tuple[int, Any]  # number of a step and nothing, or ``CONSTANT`` and a value
+Decision = tuple[
+    Callable[[Any, Any], Any], Argument, Argument, Any
+]  # a comparison, its sides, how it turned out
 
 
 class Recipe:
@@ -35,10 +40,10 @@ class Recipe:
 
     def __init__(self, places: Collection[str]) -> None:
         self.places = frozenset(places)
-        # operation, arguments (number of a step, or ``CONSTANT`` and a value)
-        self.steps: list[tuple[str, Any, list[tuple[int, Any]]]] = []
+        self.steps: list[tuple[str, Any, list[Argument]]] = []  # operation, data, arguments
         # by identity: the number itself, so that its identity stays its own, and its step
         self._known: dict[int, tuple[Any, int]] = {}
+        self._arguments: dict[int, tuple[Any, list[Argument]]] = {}
 
     def step_of(self, x: Any) -> int:
         """Return the step that computes a number, ``CONSTANT`` where it is the same in all runs."""
@@ -78,23 +83,40 @@ class Recipe:
             self._known[id(shared)] = shared, step
         return self._known[id(shared)][1]
 
-    def _argument(self, x: Any) -> tuple[int, Any]:
+    def _argument(self, x: Any) -> Argument:
         step = self.step_of(x)
         return step, float(x) if step == CONSTANT else None
 
-    def _append(self, op: str, data: Any, args: list[tuple[int, Any]]) -> int:
+    def _append(self, op: str, data: Any, args: list[Argument]) -> int:
         self.steps.append((op, data, args))
         return len(self.steps) - 1
 
-    def deciding(self, witnesses: Sequence[Witness]) -> list[Witness]:
+    def arguments(self, numbers: Sequence[Any]) -> list[Argument]:
+        """Return where the values of numbers come from; asked for again and again, they are looked up once."""
+        known = self._arguments.get(id(numbers))
+        if known is None:
+            known = self._arguments[id(numbers)] = numbers, [self._argument(x) for x in numbers]
+        return known[1]
+
+    def deciding(self, witnesses: Sequence[Witness]) -> list[Decision]:
         """Return the comparisons that may turn out otherwise in other runs, each once."""
         each = {
             (w[0], *((id(w[1][0]), w[1][1]) if w[0] == "kept" else map(id, w[1:3]))): w for w in witnesses
         }
-        return [
-            w for w in each.values()
-            if any(self.step_of(x) != CONSTANT for x in (w[1][0] if w[0] == "kept" else w[1:3]))
-        ]  # fmt: skip
+        found: list[Decision] = []
+        for name, a, b, outcome in each.values():
+            if name == "kept":
+                shared, k = a
+                if any(self.step_of(x) != CONSTANT for x in shared):
+                    found.append((partial(_kept, k), (self.derived(shared), None), (CONSTANT, None), outcome))
+            elif any(self.step_of(x) != CONSTANT for x in (a, b)):
+                found.append((COMPARE[name], self._argument(a), self._argument(b), outcome))
+        return found
+
+
+def _kept(k: int, derived: tuple[Array, Array], _: None) -> Array:
+    """Return in which runs a call of ``derived`` kept its k-th result."""
+    return derived[1][:, k]
 
 
 class ManyNumbers:
@@ -111,17 +133,17 @@ class ManyNumbers:
         self.recipe, self.runs = recipe, runs
         self._values: list[Any] = []  # by step
 
-    def of(self, x: Any) -> Any:
-        """Return the values (N,) of a number, a float where it is the same in all runs."""
-        step = self.recipe.step_of(x)
-        return float(x) if step == CONSTANT else self._value(step)
-
     def table(self, numbers: Sequence[float]) -> Array:
         """Return the values (N, n) of n numbers."""
-        out = np.empty((self.runs, len(numbers)))
-        with np.errstate(all="ignore"):
-            for k, x in enumerate(numbers):
-                out[:, k] = self.of(x)
+        return self._joined(self._take(self.recipe.arguments(numbers)))
+
+    def _joined(self, columns: Sequence[Any]) -> Array:
+        """Return columns, arrays or numbers, as one array (N, n)."""
+        if self.runs == 1:
+            return np.array([x[0] if isinstance(x, np.ndarray) else x for x in columns], dtype=float)[None]
+        out = np.empty((self.runs, len(columns)))
+        for k, x in enumerate(columns):
+            out[:, k] = x
         return out
 
     def evaluate(self, expressions: Expressions, inputs: Mapping[str, Sequence[Any]]) -> Array:
@@ -129,41 +151,41 @@ class ManyNumbers:
 
         inputs : for each symbol of a group its values (N,), or a number, by group.
         """
-        value: dict[int, Any] = {}
+        constants = iter(self._take(self.recipe.arguments(expressions.constants)))
+        value: list[Any] = []
         with np.errstate(all="ignore"):
-            for node in expressions.nodes:
-                if node.op == "sym":
-                    _, group, position = node.value
+            for op, function, args, data in expressions.code:
+                if function is not None:
+                    value.append(function(*[value[k] for k in args]))
+                elif op == "const":
+                    value.append(next(constants))
+                elif op == "table":
+                    value.append(self._looked_up(value[args[0]], data))
+                else:
+                    _, group, position = data
                     x = inputs[group][position]
-                    value[node.index] = x[0] if self.runs == 1 and isinstance(x, np.ndarray) else x
-                elif node.op == "const":
-                    value[node.index] = self.of(node.value)
-                elif node.op == "table":
-                    value[node.index] = self._looked_up(value[node.args[0].index], node)
-                else:
-                    value[node.index] = apply(node, [value[a.index] for a in node.args])
-            out = np.empty((self.runs, len(expressions.outputs)))
-            for k, e in enumerate(expressions.outputs):
-                out[:, k] = value[e.index] if isinstance(e, Expr) else self.of(e)
-        return out
+                    value.append(x[0] if self.runs == 1 and isinstance(x, np.ndarray) else x)
+        outputs = self._take(self.recipe.arguments(expressions.outputs))
+        return self._joined([x if k is None else value[k] for k, x in zip(expressions.places, outputs)])
 
-    def decided_alike(self, witnesses: Sequence[Witness]) -> NDArray[np.bool_]:
+    def decided_alike(self, decisions: Sequence[Decision]) -> NDArray[np.bool_]:
         """Return in which runs (N,) all comparisons turn out as they did."""
-        alike = np.ones(self.runs, dtype=bool)
+        alike: Any = np.ones(self.runs, dtype=bool)
+        first, second = self._take([d[1] for d in decisions]), self._take([d[2] for d in decisions])
         with np.errstate(all="ignore"):
-            for name, a, b, outcome in witnesses:
-                if name == "kept":
-                    shared, k = a
-                    alike &= self._value(self.recipe.derived(shared))[1][:, k] == outcome
-                else:
-                    alike &= COMPARE[name](self.of(a), self.of(b)) == outcome
-        return alike
+            for decision, a, b in zip(decisions, first, second):
+                alike &= decision[0](a, b) == decision[3]
+        return np.asarray(alike)
 
-    def _value(self, step: int) -> Any:
-        for op, data, args in self.recipe.steps[len(self._values) : step + 1]:
-            values = [constant if k == CONSTANT else self._values[k] for k, constant in args]
-            self._values.append(self._computed(op, data, values))
-        return self._values[step]
+    def _take(self, arguments: Sequence[Argument]) -> list[Any]:
+        """Return values, each an array (N,), or a number where one holds for all runs."""
+        values = self._values
+        if len(values) < len(self.recipe.steps):
+            with np.errstate(all="ignore"):
+                for op, data, args in self.recipe.steps[len(values) :]:
+                    taken = [x if k == CONSTANT else values[k] for k, x in args]
+                    values.append(self._computed(op, data, taken))
+        return [x if k == CONSTANT else values[k] for k, x in arguments]
 
     def _computed(self, op: str, data: Any, args: list[Any]) -> Any:
         if op == "literal":
@@ -187,9 +209,9 @@ class ManyNumbers:
         largest = np.maximum(np.abs(args[0]), np.abs(args[1]))
         return np.where(np.abs(found) <= CANCELLED * largest, 0.0, found)
 
-    def _looked_up(self, x: Any, node: Expr) -> Array:
+    def _looked_up(self, x: Any, table: Any) -> Array:
         """Return the values of a piecewise polynomial whose knots and coefficients may be others in each run."""
-        knots, rows, held = node.value
+        knots, rows, held = table
         own = self.table(knots), [self.table(row) for row in rows], None if held is None else self.table(held)
         xs = np.broadcast_to(x, self.runs)
         return np.array([
@@ -199,11 +221,23 @@ class ManyNumbers:
 
 
 class Expressions:
-    """Expressions to be evaluated for many runs; their order of evaluation is found once."""
+    """Expressions to be evaluated for many runs; their order of evaluation is found once.
+
+    code : operations in order: name, function, places of arguments, data. places : of the outputs; None where one is a
+    number, which ``outputs`` holds. constants : numbers of the scene, in order.
+    """
 
     def __init__(self, outputs: Sequence[Scalar]) -> None:
-        self.outputs = list(outputs)
-        self.nodes = reachable(self.outputs)
+        nodes = reachable(list(outputs))
+        place = {node.index: k for k, node in enumerate(nodes)}
+        functions = {op: function for op, function in APPLY.items() if op != "table"}
+        self.code = [
+            (node.op, functions.get(node.op), [place[a.index] for a in node.args], node.value)
+            for node in nodes
+        ]
+        self.places = [place[e.index] if isinstance(e, Expr) else None for e in outputs]
+        self.outputs = [0.0 if isinstance(e, Expr) else e for e in outputs]
+        self.constants = [node.value for node in nodes if node.op == "const"]
 
 
 def _inputs(x: Fixed) -> Sequence[Any]:

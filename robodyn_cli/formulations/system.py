@@ -154,7 +154,8 @@ class System:
     def split(self, x: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
         """Return the mechanism's q, v and z of states x (..., nx)."""
         if self.layout is None:
-            return np.split(x, [self.nq, self.nq + self.nv], axis=-1)  # type: ignore[return-value]
+            end = self.nq + self.nv
+            return x[..., : self.nq], x[..., self.nq : end], x[..., end:]
         q, v, z = (x[..., list(places)] for places in (self.layout.q, self.layout.v, self.layout.z))
         return q, v, z
 
@@ -275,6 +276,9 @@ class System:
             "projection of velocities": self.velocities,
             "events": self.switching,
         }
+        if self.updates is not None:
+            names = ("controller at its samples", "delayed torques")
+            found |= dict(zip(names, self.updates.programs))
         return {name: program for name, program in found.items() if program is not None}
 
     @property

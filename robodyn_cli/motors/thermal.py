@@ -110,9 +110,18 @@ def _weights(rate: float, step: float) -> tuple[float, float, float]:
 
 
 def _accumulated(given: Array, a: float) -> Array:
-    """Return x (..., T) with x_k = a x_(k-1) + given_k, in passes that double what each entry has seen."""
-    x, reach, factor = given.copy(), 1, a
-    while reach < x.shape[-1]:
-        x[..., reach:] += factor * x[..., :-reach].copy()
-        reach, factor = 2 * reach, factor * factor
-    return x
+    """Return x (..., T) with x_k = a x_(k-1) + given_k: within blocks side by side, then from block to block."""
+    samples = given.shape[-1]
+    length = math.isqrt(samples - 1) + 1
+    blocks = -(-samples // length)
+    padded = np.zeros((*given.shape[:-1], blocks * length))
+    padded[..., :samples] = given
+    x = np.moveaxis(padded.reshape(*given.shape[:-1], blocks, length), -1, 0).copy()  # (length, ..., blocks)
+    for k in range(1, length):
+        x[k] += a * x[k - 1]
+    before = np.zeros(x.shape[1:])  # the last entry of the block before
+    for block in range(1, blocks):
+        before[..., block] = x[-1][..., block - 1] + a**length * before[..., block - 1]
+    powers = a ** np.arange(1, length + 1)
+    x += powers.reshape(-1, *[1] * before.ndim) * before
+    return np.moveaxis(x, 0, -1).reshape(padded.shape)[..., :samples]

@@ -102,7 +102,29 @@ def _inverse(result: Result, summary: Summary) -> list[Table]:
                 figure(joint["energy"], quadrature, units["energy"]),
             ]
         )
-    return [Table(("joint", "peak torque", "RMS torque", "peak speed", "peak power", "energy"), rows)]
+    head = ("joint", "peak torque", "RMS torque", "peak speed", "peak power", "energy")
+    return [Table(head, rows), *_drives(summary)]
+
+
+def _drives(summary: Summary) -> list[Table]:
+    """Return what motors bear, with their errors, and the margin of what decides."""
+    rows = []
+    for name, drive in summary.get("drives", {}).items():
+        errors = drive.get("errors", {})
+        parts = " + ".join(drive[key] for key in ("motor", "gear", "brake") if drive[key] is not None)
+        rows.append(
+            [
+                name,
+                parts if drive["count"] == 1 else f"{drive['count']} x {parts}",
+                figure(drive["shaft"]["rms_torque"], errors.get("rms_torque"), "N m"),
+                figure(_at(drive, "electrical", "rms_current"), None, "A"),
+                figure(_at(drive, "winding", "peak"), errors.get("winding"), "degC"),
+                f"{100.0 * drive['margin']:.3g} % of {drive['decides'].replace('_', ' ')}",
+                "bears it" if drive["passes"] else "too small",
+            ]
+        )
+    head = ("joint", "drive", "RMS torque", "RMS current", "winding", "left", "verdict")
+    return [Table(head, rows)]
 
 
 def _motion(result: Result, summary: Summary) -> list[Table]:
@@ -121,9 +143,9 @@ def _motion(result: Result, summary: Summary) -> list[Table]:
     }
     if list(cells["q"]) == list(cells["qd"]):
         rows = [[name, q, cells["qd"][name]] for name, q in cells["q"].items()]
-        return [Table(("joint", f"q {when}", f"qd {when}"), rows)]
+        return [Table(("joint", f"q {when}", f"qd {when}"), rows), *_drives(summary)]
     # joints whose velocities are no rates of their coordinates: balls, floating bodies
-    return [Table(("", f"{key} {when}"), list(cells[key].items())) for key in ("q", "qd")]
+    return [Table(("", f"{key} {when}"), list(cells[key].items())) for key in ("q", "qd")] + _drives(summary)
 
 
 def _units(result: Result, path: str) -> dict[str, str]:
@@ -190,6 +212,7 @@ def _study(result: Result, summary: Summary) -> list[Table]:
 
 TABLES: dict[str, Callable[[Result, Summary], list[Table]]] = {
     "inverse": _inverse,
+    "size": _inverse,
     "simulate": _motion,
     "deploy": _motion,
     "kinematics": _kinematics,

@@ -24,6 +24,7 @@ PLOTS: tuple[str, ...] = (
     "joint_angles",
     "joint_rates",
     "joint_accelerations",
+    "tracking",
     "torques",
     "torque_terms",
     "drives",
@@ -47,6 +48,8 @@ AT_REST = ("assemble", "reach", "statics")
 # drawings of commands whose result is no motion
 ANALYSES: dict[str, tuple[str, ...]] = {
     "info": ("state",),
+    "linearise": ("poles", "mode_shapes", "frequency_response"),
+    "size": ("size_front", "drives"),
     "stability": ("stability_spectrum", "stability_methods", "energy_growth", "baumgarte", "stability_suite"),
     "sensitivity": ("sensitivity_tornado",),
     "sweep": ("study_response", "study_map", "study_histograms", "study_influence"),
@@ -68,7 +71,7 @@ class Drawings:
 
 def plot_names() -> list[str]:
     """Return the names of all plots."""
-    return [*PLOTS, *(name for names in ANALYSES.values() for name in names)]
+    return list(dict.fromkeys((*PLOTS, *(name for names in ANALYSES.values() for name in names))))
 
 
 def plot_files() -> list[str]:

@@ -94,6 +94,13 @@ ENTRIES: tuple[Entry, ...] = (
         "degC",
         "temperature of the windings in the steady periodic state",
     ),
+    Entry(
+        "candidates/JOINT",
+        ("combination", "quantity"),
+        "1 or kg",
+        "combinations of motors and gears: their numbers, cost, mass, margin of the limit that decides",
+        ("motor", "gear", "cost", "mass", "margin"),
+    ),
     *(
         Entry(
             f"envelopes/{kind}/JOINT",

@@ -129,7 +129,7 @@ class Joint:
 
 @record
 class Shape:
-    """A shape that a link is drawn with: one of `box`, `sphere`, `cylinder`, `mesh` and `obj`."""
+    """A shape that a link is drawn with: one of `box`, `sphere`, `cylinder`, `outline`, `mesh` and `obj`."""
 
     box: tuple[float, ...] | None = key(
         Vector(3), default=None, unit="m", doc="Sides of a cuboid, whose centre is the origin."
@@ -142,6 +142,15 @@ class Shape:
     )
     cylinder: tuple[float, ...] | None = key(
         Vector(2), default=None, unit="m", doc="Radius, and length along z, of a cylinder about the origin."
+    )
+    outline: tuple[tuple[float, ...], ...] | None = key(
+        ListOf(Vector(2), minimum=3),
+        default=None,
+        unit="m",
+        doc="Corners x, y of a plate in the x-y plane, one after another around it.",
+    )
+    thickness: float = key(
+        Number(minimum=0.0), default=0.0, unit="m", doc="Thickness of an `outline`, along z."
     )
     mesh: str | None = key(
         MeshFile(), default=None, doc="Path of a mesh, relative to the file that names it: STL, OBJ or DAE."

@@ -40,6 +40,14 @@ def place_of(root: Node, key: str) -> tuple[str, ...]:
     return tuple(steps)
 
 
+def node_at(root: Node, key: str) -> Node | None:
+    """Return the node of the scene's tree that a key names, None where the scene has none there."""
+    node: Node | None = root
+    for step in key.split("."):
+        node = _child(node, step)
+    return node
+
+
 def refuse_doubles(root: Node, keys: Iterable[str], option: str) -> None:
     """Refuse keys that name one place of a scene twice, perhaps by the number and by the name of a list's item.
 

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
 
+from robodyn_cli.expr.fixed import derived
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import Model
-from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.spatial.algebra import Array, vector
 
 MOST_STEP = 0.7  # rad, or part of the size of the mechanism
 ITERATIONS = 60
@@ -49,12 +51,27 @@ class Conditions(Protocol):
 
 def mechanism_size(model: Model) -> float:
     """Return a characteristic length of the mechanism [m]: the sum of the distances from joint to joint, or more."""
-    total = 0.0
-    for body in model.bodies:
-        total += float(np.linalg.norm([x if not isinstance(x, Expr) else 0.0 for x in body.X_tree.r]))
-    for frame in (*model.points.values(), *(f for loop in model.loops for f in (loop.first, loop.second))):
-        total = max(total, float(np.linalg.norm([x if not isinstance(x, Expr) else 0.0 for x in frame.p])))
-    total = max([total, *(getattr(loop.element, "length", 0.0) for loop in model.loops)])
+    return _size(len(model.bodies), [float(x) for x in _lengths(model)])
+
+
+def size_number(model: Model) -> float:
+    """Return the same as a number of the scene, for equations: it is computed from the lengths there."""
+    bodies = len(model.bodies)
+    (size,) = derived(lambda lengths: [_size(bodies, lengths)], _lengths(model))
+    return size
+
+
+def _lengths(model: Model) -> list[float]:
+    """Return the coordinates of places, of joints first, and lengths of bars, each as a place along one axis."""
+    ends = (frame.p for loop in model.loops for frame in (loop.first, loop.second))
+    places = [*(body.X_tree.r for body in model.bodies), *(frame.p for frame in model.points.values()), *ends]
+    bars = [vector([getattr(loop.element, "length", 0.0), 0.0, 0.0]) for loop in model.loops]
+    return [0.0 if isinstance(x, Expr) else x for place in (*places, *bars) for x in place]
+
+
+def _size(bodies: int, lengths: Sequence[float]) -> float:
+    distances = [math.hypot(*lengths[k : k + 3]) for k in range(0, len(lengths), 3)]
+    total = max([sum(distances[:bodies]), *distances[bodies:]])
     return total if total > 0.0 else 1.0
 
 

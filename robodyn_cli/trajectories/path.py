@@ -118,6 +118,7 @@ class PathTrajectory:
         turned = self.start.orientation is not None
         if turned and self.facing is not None:
             yield ("facing",), "does not go with 'start.orientation'; allowed: one of them"
+        yield from self._of_points()
         for path, given in self._orientations():
             for where, message in orientation_problems(given):
                 yield (*path, *where), message
@@ -133,9 +134,26 @@ class PathTrajectory:
                 if getattr(self, name) is not None:
                     yield (name,), "limits a turn, and the path leaves the orientation free"
 
+    def _of_points(self) -> Problems:
+        """Report orientations of a spline that do not belong to its points one by one."""
+        for k, segment in enumerate(self.segments):
+            own = getattr(segment, "orientations", ())
+            if not own:
+                continue
+            if segment.orientation is not None:
+                yield ("segments", k, "orientation"), "does not go with 'orientations'; allowed: one of them"
+            if len(own) != len(segment.through):
+                what = (
+                    f"are {len(own)}; allowed: one for each of the {len(segment.through)} points in 'through'"
+                )
+                yield ("segments", k, "orientations"), what
+
     def _orientations(self) -> list[tuple[tuple[str | int, ...], Orientation]]:
         given = [(("start", "orientation"), self.start.orientation)]
         given += [(("segments", k, "orientation"), x.orientation) for k, x in enumerate(self.segments)]  # type: ignore[misc]
+        for k, segment in enumerate(self.segments):
+            own = getattr(segment, "orientations", ())
+            given += [(("segments", k, "orientations", i), x) for i, x in enumerate(own)]  # type: ignore[misc]
         return [(path, x) for path, x in given if x is not None]
 
     # -- motion ---------------------------------------------------------------------------------------

@@ -52,6 +52,16 @@ def test_model_functions(tmp_path: Path) -> None:
         assert row.get("differ", 0.0) < 1e-11
 
 
+def test_sensitivities(tmp_path: Path) -> None:
+    file = tmp_path / "sensitivities.json"
+    printed = run("sensitivities.py", "--quick", "--json", str(file))
+    ways = {row["way"]: row for row in rows_of(file)}
+    assert set(ways) == {"derivatives", "with their errors", "20 runs by deploy_many", "20 runs one by one"}
+    assert all(row["ms"] > 0.0 and way in printed for way, row in ways.items())
+    assert ways["derivatives"]["error"] < 1e-8
+    assert ways["with their errors"]["error"] < 1e-10
+
+
 def test_movies(tmp_path: Path) -> None:
     file = tmp_path / "movies.json"
     assert "347 frames" in run("movies.py", "--alone", "--repeats", "1", "--json", str(file))

@@ -4,6 +4,7 @@ finite differences and scipy, limits and integrals by scipy's integrators."""
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 
 from robodyn_cli import simulate
 from robodyn_cli.errors import NumericalError, RobodynError, SceneError
+from robodyn_cli.results.hdf5 import write
 from robodyn_cli.run.driver.build import build_motion
 from robodyn_cli.run.inverse.inverse import inverse
 from robodyn_cli.scene import load_scene_text
@@ -416,3 +418,62 @@ def test_bad_input_is_named(control: str, message: str) -> None:
 def test_a_signal_of_a_controller_needs_one() -> None:
     with pytest.raises(SceneError, match="of a controller, and there is none"):
         made(f"{CART}outputs: {{signals: {{e: 'ref.x - x'}}}}\n")
+
+
+# -- mechanisms, contact, going on -------------------------------------------------------------------------------
+FOUR_BAR = f"""\
+schema: 1
+gravity: [0, -9.81, 0]
+robot: {Path(__file__).parents[2]}/configs/robots/four_bar.yaml
+loops: [{{name: pin, type: revolute, between: [coupler.end, follower.end]}}]
+actuated: [theta1]
+"""
+QUINTIC = "{type: quintic, points: [{t: 0, q: {theta1: 1.0}}, {t: 1, q: {theta1: 1.6}}]}"
+
+
+def test_torques_of_the_inverse_reproduce_the_motion_of_a_mechanism() -> None:
+    """By a table, whose straight lines are off by h^2 / 8 tau'' between its rows."""
+    torques = inverse(made(f"{FOUR_BAR}trajectory: {QUINTIC}\ninverse: {{samples: 2001}}\n"))
+    names = torques.variables["q"].names
+    start = ", ".join(f"{name}: {x!r}" for name, x in zip(names, torques["q"][0].tolist()))
+    tau = torques["tau"][:, torques.variables["tau"].names.index("theta1")]
+    rows = ", ".join(f"[{t!r}, {x!r}]" for t, x in zip(torques["time"].tolist(), tau.tolist()))
+    run = f"initial: {{q: {{{start}}}, hold: [theta1]}}\nsimulate: {{duration: 1, samples: 201}}\n"
+    found = simulate(made(f"{FOUR_BAR}{run}torques: {{theta1: {{table: [{rows}]}}}}\n"))
+    bend = np.abs(np.diff(tau, 2)).max() / 8.0
+    assert_close(found["q"], torques["q"][::10], 50.0 * bend + 1e-8)
+
+
+def test_a_mechanism_with_loops_is_led_by_its_driven_joint() -> None:
+    start = "initial: {q: {theta1: 1.0, phi1: 1.6}, hold: [theta1]}\nsimulate: {duration: 3, samples: 301}\n"
+    control = f"control: {{type: pid, period: 0.002, joints: [theta1], reference: {QUINTIC}, gains: {{kp: 4000, kd: 400, ki: 9000}}}}\n"
+    found = simulate(made(FOUR_BAR + control + start))
+    assert abs(found["q"][-1, found.variables["q"].names.index("theta1")] - 1.6) < 2e-3
+    assert found.summary["constraint_residual"]["position"] < 1e-10
+
+
+def test_a_stuck_joint_breaks_away_when_a_sample_asks_for_more() -> None:
+    """The held force grows by 1 N a sample; the friction holds up to 4 N, so the cart starts with the fifth."""
+    text = CART.replace("spring: {stiffness: 23.0}, damper: {damping: 0.6}", "friction: {coulomb: 4.0, law: set_valued}")
+    assert "set_valued" in text
+    text = text.replace("x: -0.2", "x: 0.0")
+    law = "control: {type: formulas, period: 0.1, law: {x: s.n + 0.5}, state: {n: {start: -1, next: s.n + 1}}}\n"
+    found = simulate(made(f"{text}{law}simulate: {{duration: 0.6, samples: 61}}\n"))
+    t, x, v, u = found["time"], 0.3, 0.0, found["control/torque"][:, 0]
+    for k in range(60):
+        force = u[k] - 4.0 if u[k] > 4.0 else 0.0
+        x, v = x + 0.01 * v + 0.5e-4 * force / M, v + 0.01 * force / M
+        assert_close(found["q"][k + 1, 0], x, 1e-9)
+    assert v > 0.0 and found["qd"][int(0.49 / 0.6 * 60), 0] == 0.0, t
+
+
+def test_a_run_goes_on_with_the_states_of_its_controller(tmp_path: Path) -> None:
+    keys = "period: 0.01, delay: 0.013, sensors: {noise: 0.002, rates: differences}, gains: {kp: 60, kd: 2, ki: 30}"
+    whole = cart(f"{{type: pid, {keys}}}", 1.0, 101)
+    write(simulate(made(whole.text, "simulate.duration=0.5", "simulate.samples=51")), tmp_path / "result.h5")
+    rest = simulate(made(whole.text, f"initial.from={tmp_path}"))
+    first = simulate(whole)
+    assert_close(rest["q"], first["q"][50:], 1e-12)
+    assert_close(rest["control/states"], first["control/states"][50:], 1e-10)
+    with pytest.raises(SceneError, match="states of a controller"):
+        simulate(made(whole.text, f"initial.from={tmp_path}", "control.delay=0"))

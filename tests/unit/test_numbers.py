@@ -31,13 +31,7 @@ from robodyn_cli.scene.types import Inertia, Scene
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 LONGER = 1.01  # factor of all lengths, so that loops still close
 SCENES = sorted(p for p in CONFIGS.rglob("*.yaml") if "schema:" in p.read_text(encoding="utf-8"))
-# placements of frames are structure in the programs that solve for poses
-POSES = ("command: reach", "type: path")
-RUNS = [
-    p
-    for p in SCENES
-    if "command:" in (text := p.read_text(encoding="utf-8")) and not any(kind in text for kind in POSES)
-]
+RUNS = [p for p in SCENES if "command:" in p.read_text(encoding="utf-8")]
 
 
 class Variation:

@@ -50,6 +50,13 @@ CORNERS = (
     "{type: arc, via: [0.3, 1.1, 0.6], to: [0.4, 0.8, 0.9], orientation: {rpy: [0, 1, 0]}},"
     "{type: spline, through: [[0.4, 0.5, 0.2], [0, 0.2, 0.4], [0.1, 0, 0]], orientation: {rpy: [0, 0, 0]}}]"
 )
+POINTS = [[0.4, 0.5, 0.2], [0, 0.6, 0.4], [0.1, 0.2, 0.1], [0.5, 0.1, -0.2]]
+ATTITUDES = [[0.4, -0.2, 0.9], [1.2, 0.3, 1.5], [0.3, 1.1, 2.6], [-0.5, 0.4, 3.6]]
+SPLINE = (
+    "start: {position: [0, 0, 0], orientation: {rpy: [0.1, 0, 0]}}, segments: ["
+    f"{{type: spline, through: {POINTS}, orientations: [{', '.join(f'{{rpy: {x}}}' for x in ATTITUDES)}], dwell: 0.2}},"
+    "{type: line, to: [0.5, 0.4, -0.2], orientation: {rpy: [0, 0, 0]}}]"
+)
 ROUND = (
     "start: {position: [1, 0, 0]}, segments: [{type: line, to: [1, 0.5, 0], blend: 0},"
     "{type: circle, center: [0.6, 0.5, 0], angle: 90 deg, blend: 0}, {type: line, to: [0, 0.9, 0]}]"
@@ -81,6 +88,7 @@ def turned(R: Array, before: Array) -> Array:
     "rest",
     [
         CORNERS,
+        SPLINE,
         ROUND + ", facing: {to: tangent, axis: y, up: [0, 0.1, 1]}",
         ROUND + ", facing: {to: [0.2, 0.1, -1], axis: z, up: [1, 0, 0]}",
     ],
@@ -169,6 +177,36 @@ def test_arcs_circles_and_splines_pass_their_points() -> None:
     )
 
 
+def test_a_spline_passes_its_attitudes_smoothly() -> None:
+    """The frame is turned as asked at each point, and w-dot jumps at none; equal attitudes do not turn it."""
+    motion = path(SPLINE)
+    stretch = motion.plan.stretches[0]
+    for s, place, rpy in zip([*stretch.knots[1:]], POINTS, ATTITUDES):
+        p = stretch.position(np.array([s]))
+        assert_close(p[0, 0], np.array(place), 1e-10, scale=1.0)
+        assert_close(
+            stretch.turning.axes(p, np.array([s]))[0, 0], np.array(rotation_rpy(rpy)), 1e-11, scale=1.0
+        )
+    inside = stretch.knots[1:-1]
+    w, wd = (
+        [
+            taylor.angular(stretch.turning.axes(stretch.position(s), s))[k]
+            for s in (inside - 1e-9, inside + 1e-9)
+        ]
+        for k in (0, 1)
+    )
+    assert_close(w[0], w[1], 1e-6, scale=1.0)
+    assert_close(wd[0], wd[1], 1e-5, scale=1.0)
+    still = SPLINE.replace("rpy: [0.1, 0, 0]", "rpy: [0.4, 0, 0]")
+    for rpy in ATTITUDES:
+        still = still.replace(f"{{rpy: {rpy}}}", "{rpy: [0.4, 0, 0]}")
+    fixed = path(still)
+    times = np.linspace(0.0, fixed.plan.stretches[0].duration, 51)
+    found = fixed.target(times, {})
+    assert_close(found.R, np.broadcast_to(np.array(rotation_rpy([0.4, 0, 0])), (51, 3, 3)), 1e-14)
+    assert np.abs(found.w).max() < 1e-14
+
+
 def test_a_turn_is_about_one_axis_the_shorter_way() -> None:
     motion = path(
         "start: {position: [0, 0, 0], orientation: {rpy: [0, 0, 170 deg]}}, segments: [{type: line, to: [0, 0, 0],"
@@ -214,6 +252,10 @@ def test_series_of_known_functions() -> None:
         ("start: {position: [0, 0, 0]}, segments: [{type: line, to: [0, 0, 1]}], relative_to: tip", "speed: 1", "cubic", "which moves"),
         ("start: {position: [0, 0, 0]}, segments: [{type: line, to: [0, 0, 1]}], relative_to: bnch", "speed: 1", "cubic", "unknown point"),
         ("start: {position: [0, 0, 0]}, segments: [{type: spline, through: [[1, 0, 0], [1, 0, 0]]}]", "speed: 1", "cubic", "point before it"),
+        (SPLINE.replace("dwell: 0.2", "blend: 0"), "speed: 1", "cubic", "has to stop there"),
+        (SPLINE.replace("dwell: 0.2", "orientation: {}"), "speed: 1", "cubic", "one of them"),
+        (SPLINE.replace(", [0.5, 0.1, -0.2]]", "]"), "speed: 1", "cubic", "one for each of the 3 points"),
+        (SPLINE.replace(", orientation: {rpy: [0.1, 0, 0]}", ""), "speed: 1", "cubic", "with start.orientation"),
         ("start: {position: [0, 1e300, 0]}, segments: [{type: line, to: [1, 0, 0], blend: 0.1}, {type: line, to: [1, 1, 0]}]", "speed: 1", "cubic", "too far away"),
         ("start: {position: [0, 0, 0]}, segments: [{type: circle, center: [1e200, 0, 0]}]", "speed: 1", "cubic", "too far away"),
         ("start: {position: [0, 0, 0]}, segments: [{type: spline, through: [[1e200, 0, 0], [1, 1, 1]]}]", "speed: 1", "cubic", "too far away"),

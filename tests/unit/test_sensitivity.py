@@ -12,6 +12,7 @@ import pytest
 import scipy.linalg
 from typer.testing import CliRunner
 
+from robodyn_cli import sensitivity
 from robodyn_cli.cli.app import app
 from robodyn_cli.errors import SceneError
 from robodyn_cli.results.hdf5 import read
@@ -288,6 +289,25 @@ def test_impacts_are_left_to_differences() -> None:
     assert not found and "stops" in why[0]
 
 
+@pytest.mark.parametrize("period", ["", "period: 0.01, "])
+def test_controllers_are_left_to_differences(period: str) -> None:
+    """m z'' = -8 z - 8 z' from the reference at 1 m/s, against the matrix exponential; sampled, nearly so."""
+    control = f"control: {{type: pd, {period}gains: {{kp: 8, kd: 8}}}}\n"
+    text = FALL.replace("-9.81]", "0]").replace("simulate:", control + "simulate:")
+    question = asked(text, ["robot.links.ball.mass"], ["final.q.z"])
+    found, why = exact_slopes(question)
+    assert not found and "controller" in why[0]
+    (slope,) = differences(question, [0], 1)[0]
+    step = 1e-4
+
+    def end(mass: float) -> float:
+        A = np.array([[0.0, 1.0], [-8.0 / mass, -8.0 / mass]])
+        return float((scipy.linalg.expm(A) @ [0.0, 1.0])[0])
+
+    truth = (end(2.0 + step) - end(2.0 - step)) / (2.0 * step)
+    assert slope.value == pytest.approx(truth, abs=2e-9 if not period else 5e-3)
+
+
 # -- bad input -------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("to", "of", "message"),
@@ -297,8 +317,8 @@ def test_impacts_are_left_to_differences() -> None:
             "final.q.z",
             "--to robot.links.bell.mass: robot.links: has no item named 'bell'",
         ),
-        ("robot.links.ball.name", "final.q.z", "--to robot.links.ball.name"),
-        ("initial.q", "final.q.z", "--to initial.q"),
+        ("robot.links.ball.name", "final.q.z", "<text>:7:18: robot.links.ball.name: the scene has no number"),
+        ("initial.q", "final.q.z", "initial.q: the scene has no number there"),
         ("simulate.samples", "final.q.z", "--to simulate.samples"),
         ("torques.z#1", "final.q.z", "no formula has such a number"),
         ("gravity.2", "final.q.x", "--of final.q.x"),
@@ -313,8 +333,16 @@ def test_bad_input(to: str, of: str, message: str) -> None:
 
 
 def test_a_formula_is_no_number() -> None:
-    with pytest.raises(SceneError, match=r"the scene has no number there; .* torques.theta1#1"):
+    with pytest.raises(
+        SceneError, match=r"yaml:11:19: torques.theta1: the scene has no number there; .* KEY#n"
+    ):
         asked(CONFIGS / "four_bar_deploy.yaml", ["torques.theta1"], ["lock.time"])
+
+
+def test_from_python() -> None:
+    result = sensitivity(load_scene_text(FALL), ["gravity.2", "initial.qd.z"], ["final.q.z"])
+    assert result["derivatives/final.q.z"] == pytest.approx([0.5, 1.0], abs=1e-11)
+    assert result.variables["derivatives/final.q.z"].column_units == ("m/(m/s^2)", "m/(m/s)")
 
 
 def test_units_of_derivatives() -> None:

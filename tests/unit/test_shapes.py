@@ -224,6 +224,10 @@ def test_a_file_that_cannot_be_drawn_is_told_and_left_out(
         ("sphere: 0.05", "sphere: 0", "robot.links.1.visual.1.sphere"),
         ("sphere: 0.05", "sphere: 0.05, box: [1, 1, 1]", "'box' and 'sphere'; allowed: one of box, sphere"),
         ("{sphere: 0.05}", "{scale: [1, 1, 1]}", "allowed: one of box, sphere"),
+        ("sphere: 0.05", "outline: [[0, 0], [1, 0]]", "at least 3"),
+        ("sphere: 0.05", "outline: [[0, 0], [1, 1], [2, 2]]", "encloses no area"),
+        ("sphere: 0.05", "outline: [[0, 0], [1, 1], [1, 0], [0, 1.2]]", "sides 0 and 2 cross"),
+        ("sphere: 0.05", "sphere: 0.05, thickness: 1", "visual.1.thickness"),
         ("box: [0.2,", "box: [-0.2,", "not positive (value -0.2)"),
         ("sphere: 0.05", 'obj: "v 1 2"', "this is no mesh: line 1"),
         ("x: [0, 1, 0]}", "x: [1, 0, 0]}", "visual.2.origin"),
@@ -288,6 +292,50 @@ def test_faces_look_outwards(shape: Shape) -> None:
     fans = np.array([(f[0], a, b) for f in surface.faces for a, b in zip(f[1:], f[2:])])
     kind = next(k for k in exact if getattr(shape, k) is not None)
     assert volume(Mesh(points, fans)) == pytest.approx(exact[kind], rel=1e-12 if kind == "box" else 0.06)
+
+
+HOOK = ((0.0, 0.0), (0.3, 0.0), (0.3, 0.2), (0.25, 0.2), (0.25, 0.05), (0.0, 0.05))
+
+
+@pytest.mark.parametrize("corners", [HOOK, HOOK[::-1], (*HOOK[4:], *HOOK[:4])])
+def test_a_plate_has_its_outline(corners: tuple[tuple[float, float], ...]) -> None:
+    """Faces look outwards however the corners go round, and each tells its plane by its first corners."""
+    made = surface_of(Shape(outline=corners, thickness=0.02))
+    assert made is not None
+    box, surface = made
+    points = surface.places(box)
+    area = 0.3 * 0.05 + 0.05 * 0.15
+    normals = {round(float(np.ptp(points[list(f)], axis=0)[2]), 9): 0 for f in surface.faces}
+    assert set(normals) == {0.0, 0.02} and len(surface.faces) == 8
+    top, bottom = (points[list(surface.faces[k])] for k in (0, 1))
+    for face, up in ((top, 1.0), (bottom, -1.0)):
+        assert np.cross(face[1] - face[0], face[2] - face[0])[2] * up > 0.0
+        x, y = face[:, 0], face[:, 1]
+        assert 0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1)) == pytest.approx(up * area, rel=1e-12)
+    fans = np.array([(f[0], a, b) for f in surface.faces for a, b in zip(f[1:], f[2:])])
+    assert volume(Mesh(points, fans)) == pytest.approx(0.02 * area, rel=1e-9)
+
+
+def test_a_flat_view_shows_the_outline_and_not_its_hull() -> None:
+    text = """
+schema: 1
+gravity: [0, -9.81, 0]
+robot:
+  joints: [{name: a, type: revolute, axis: [0, 0, 1]}]
+  links: [{name: hook, mass: 1, com: [0.1, 0, 0], inertia: {zz: 0.1}, visual: [{outline: HOOK}]}]
+command: inverse
+trajectory: {type: joint, duration: 1, q: {a: "t"}}
+inverse: {samples: 5}
+""".replace("HOOK", str([list(x) for x in HOOK]))
+    drawing = make_drawing(inverse(load_scene_text(text)))
+    view = View(drawing, along_axis(2))
+    view.fit(400.0, 300.0)
+    found = [x for x in strokes(view, 0) if x.closed and x.fill is not None and len(x.points) == len(HOOK)]
+    assert len(found) == 1
+    x, y = found[0].points.T
+    size = float(np.ptp(x))
+    area = abs(0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
+    assert area / size**2 == pytest.approx((0.3 * 0.05 + 0.05 * 0.15) / 0.3**2, rel=1e-6)
 
 
 def test_shapes_change_no_number(result: Result) -> None:

@@ -52,7 +52,7 @@ def command(
     """Compute derivatives of outputs by keys."""
     from robodyn_cli.run.sensitivity.asked import prepare
     from robodyn_cli.run.sensitivity.report import report
-    from robodyn_cli.run.sensitivity.sensitivity import sensitivities
+    from robodyn_cli.run.sensitivity.slopes import sensitivities
     from robodyn_cli.scene.load import Family
 
     console = Console(as_json, quiet)

@@ -34,10 +34,30 @@ def describe(summary: Mapping[str, Any]) -> str:
         f"  simulated          {number(summary['termination'].get('time'))} s, {summary['samples']} samples, "
         f"{summary['integrator']} ({tolerances})",
         *error_lines(summary),
+        *(_control_lines(summary["control"]) if "control" in summary else ()),
         *drive_lines(summary),
         cost_line(summary),
     ]
     return "\n".join(lines)
+
+
+def _control_lines(control: Mapping[str, Any]) -> list[str]:
+    """Return how a controller has followed: the coordinate with the largest error, and time at limits."""
+    sampled = (
+        f", {control['updates']} samples every {number(control['period'])} s" if "period" in control else ""
+    )
+    lines = [f"  controller         {control['type']}{sampled}"]
+    tracking = control.get("tracking", {})
+    if tracking:
+        name, worst = max(tracking.items(), key=lambda item: item[1]["peak"])
+        peak = f"{number(worst['peak'])} at {number(worst['at'])} s"
+        lines.append(f"  tracking error     {name} {peak}, RMS {number(worst['rms'])}")
+    limited = {name: time for name, time in control.get("saturated", {}).items() if time > 0.0}
+    if limited:
+        lines.append(
+            "  at its limit       " + ", ".join(f"{name} {number(t)} s" for name, t in limited.items())
+        )
+    return lines
 
 
 def command(

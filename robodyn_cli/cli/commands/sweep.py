@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -39,7 +41,7 @@ if TYPE_CHECKING:
     from robodyn_cli.report.registry import Drawings
     from robodyn_cli.results.output_dir import OutputDirectory
     from robodyn_cli.results.result import Result
-    from robodyn_cli.run.study.study import Study
+    from robodyn_cli.run.study.study import Make, Study
 
 MOST_CASES = 8  # shown on the terminal
 
@@ -76,6 +78,11 @@ def command(
     ] = None,
     indices: Annotated[bool, typer.Option("--indices", help="Sobol indices, from N (keys + 2) runs.")] = False,
     jobs: Jobs = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option("--scheduler", metavar="ADDRESS", parser=utf8,
+                     help="Make the runs on a Dask cluster, e.g. tcp://host:8786, in place of this machine."),
+    ] = None,
     out: OutDir = None,
     overrides: Overrides = None,
     no_plots: NoPlots = False,
@@ -88,6 +95,10 @@ def command(
     from robodyn_cli.run.study.study import Asked, options_of, prepare
     from robodyn_cli.scene.load import Family
 
+    if scheduler is not None and jobs is not None:
+        raise SceneError(
+            "--jobs does not go with --scheduler: each worker has the threads that it was started with"
+        )
     console = Console(as_json, quiet)
     target, family = out or default_directory(scene, "sweep"), Family(scene, overrides or ())
     options = options_of(
@@ -97,14 +108,33 @@ def command(
     with output(target, scene, console) as directory:
         study = prepare(Asked(family, options, indices))
         with begun(directory, console):
-            result = _run(study, directory, jobs or cores(), console, drawings(no_plots, plots, format_))
+            maker = _maker(scheduler, jobs or cores(), console)
+            result = _run(study, directory, maker, console, drawings(no_plots, plots, format_))
     judged = options.least_yield is not None
     show(result, directory, console, lambda summary: describe(summary, judged))
     return _judge(result.summary, options.least_yield, console)
 
 
+@contextlib.contextmanager
+def _maker(scheduler: str | None, jobs: int, console: Console) -> Iterator[Make]:
+    """Give what makes runs: a cluster, or this machine with so many jobs."""
+    if scheduler is None:
+        from robodyn_cli.run.study.runs import run_here
+
+        yield lambda task, file: run_here(task, file, jobs)
+        return
+    from robodyn_cli.run.study.cluster import Cluster
+
+    with Cluster(scheduler, console.note) as cluster:
+        yield cluster.run
+
+
 def _run(
-    study: Study, directory: OutputDirectory, jobs: int, console: Console, drawn: Drawings | None
+    study: Study,
+    directory: OutputDirectory,
+    maker: AbstractContextManager[Make],
+    console: Console,
+    drawn: Drawings | None,
 ) -> Result:
     """Make the runs and write what they give; return the result."""
     from robodyn_cli.results.hdf5 import ResultWriter, read
@@ -116,8 +146,8 @@ def _run(
         if (earlier := earlier_rows(study, directory.path)) is not None:
             file.take_over(earlier)
             del earlier
-        with Progress(console) as progress:
-            run_study(study, file, jobs, progress)
+        with maker as make, Progress(console) as progress:
+            run_study(study, file, make, progress)
         title = study.scene.title or study.task.command
         with ResultWriter(
             directory.result_path, command="sweep", title=title, scene_text=study.scene.text

@@ -63,8 +63,7 @@ class ControllerModel:
         lead = getattr(getattr(self.controller, "reference", None), "point", None)
         if lead is not None:
             scene = with_points(scene, [lead])
-        same = not self.controller.model.set and lead is None
-        self.problem = make(scene, model=problem.model) if same else make(scene)
+        self.problem, self.t = make(scene), problem.t
         if self.problem.model.v_names != problem.model.v_names:
             raise SceneError(
                 f"{scene.path}: control.model.set: the model has other joints than the mechanism; allowed: "
@@ -81,7 +80,7 @@ class ControllerModel:
         groups: dict[str, Mapping[int, Any]] = {
             name: dict(enumerate(x)) for name, x in (("q", q), ("v", v), ("a", a))
         }
-        return renamed(entries, {**groups, "p": p})
+        return renamed(entries, {**groups, "p": p, "t": {0: self.t}})
 
     @cached_property
     def _friction(self) -> Vector:
@@ -120,7 +119,7 @@ class ControllerModel:
             local = own.pose[frame.body].R.T @ (own.model.base.E @ world)
             wrench = Wrench(zeros(3), local).shifted(frame.p)
             tau = path_torques(own.model, own.q, own.X, {frame.body: wrench})
-            known = {"q": dict(enumerate(q)), "force": dict(enumerate(force))}
+            known = {"q": dict(enumerate(q)), "force": dict(enumerate(force)), "t": {0: self.t}}
             found = renamed(list(tau), known)
             return [found[k] for k in self.driven]
 

@@ -20,6 +20,7 @@ from robodyn_cli.spatial.algebra import Array
 GRID, SHADOW, GROUND, TRAIL, BODY, ON_TOP, LATCH, LOAD = range(8)
 FULL = 4.0  # width of links [pt] below which springs and dampers are smaller too
 LAMP = np.array([-0.36, 0.64, 0.68])  # where light comes from: right, up, towards the eye
+EDGEWISE = 1e-3  # area of an outline over the square of its extent, below which a plate is seen from its side
 SHADES = 24
 PUSH, REACTION = ALARM, "#CC79A7"
 
@@ -117,7 +118,7 @@ def _solid(view: View, k: int, part: Part, depth: float) -> list[Stroke]:
         return []
     if view.flat:
         fill = mixed(part.colour, PAPER, 0.75 if part.kind == "solid" else 0.62)
-        return [Stroke(symbols.hull(seen[:, :2]), edge, 0.8, fill, True, BODY, depth - 1e-4)]
+        return [Stroke(_flat_outline(part, seen[:, :2]), edge, 0.8, fill, True, BODY, depth - 1e-4)]
     surface = part.surface or CUBE
     a, b, c = (seen[surface.first[:, n]] for n in range(3))
     normals = np.cross(b - a, c - a)
@@ -132,6 +133,14 @@ def _solid(view: View, k: int, part: Part, depth: float) -> list[Stroke]:
         look = (edge, 0.8) if part.surface is None else (shade, 0.5)
         found.append(Stroke(rows[:, :2], *look, shade, True, BODY, nearness))
     return found
+
+
+def _flat_outline(part: Part, seen: Array) -> Array:
+    """Return what is seen of a body (N, 2) in a flat view: its own outline where that is not seen edgewise."""
+    own = seen[list(part.surface.outline)] if part.surface is not None else seen[:0]
+    if len(own) and symbols.area(own) > EDGEWISE * float(np.ptp(own, axis=0).max()) ** 2:
+        return own
+    return symbols.hull(seen)
 
 
 @functools.lru_cache(maxsize=1000)

@@ -14,6 +14,12 @@ TURN = np.linspace(0.0, 2.0 * np.pi, 25)
 CIRCLE = np.column_stack([np.cos(TURN), np.sin(TURN)])[:-1]
 
 
+def area(corners: Array) -> float:
+    """Return the area of a polygon (N, 2)."""
+    x, y = corners.T
+    return abs(0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
+
+
 def hull(points: Array) -> Array:
     """Return the corners of the convex hull of points (N, 2), anticlockwise (Andrew's monotone chain, 1979)."""
     rows = sorted({(float(x), float(y)) for x, y in points})

@@ -1,6 +1,7 @@
 /* Bodies with a surface: what scene/mesh/surfaces.py makes. A part's vertices are the corners of the box around it. */
 
 const LAMP = [-0.36, 0.64, 0.68]; // where light comes from: right, up, towards the eye
+const EDGEWISE = 1e-3; // area of an outline over the square of its extent, below which a plate is seen from its side
 const SHADES = 20; // that are told apart, so that few attributes change from pose to pose
 
 /* The places in space of the points of a surface. */
@@ -17,7 +18,7 @@ function solid(part, view, colour, depth) {
   if (!seen.every(isPlace)) return [];
   if (view.flat) {
     const fill = mixed(colour, PAPER, part.kind === "solid" ? 0.75 : 0.62);
-    return [[path(hull(seen), true), depth - 1e-4, { colour: edge, fill }]];
+    return [[path(flatOutline(part, seen), true), depth - 1e-4, { colour: edge, fill }]];
   }
   const found = [];
   for (const face of part.surface.faces) {
@@ -30,6 +31,14 @@ function solid(part, view, colour, depth) {
     found.push([path(rows, true), rows.reduce((sum, p) => sum + p[2], 0) / rows.length, look]);
   }
   return found;
+}
+
+/* What is seen of a body in a flat view: its own outline where that is not seen edgewise, else the convex one. */
+function flatOutline(part, seen) {
+  const own = (part.surface.outline || []).map((k) => seen[k]);
+  const twice = own.reduce((sum, p, k) => sum + p[0] * own[(k + 1) % own.length][1] - p[1] * own[(k + 1) % own.length][0], 0);
+  const extent = Math.max(...[0, 1].map((n) => Math.max(...own.map((p) => p[n])) - Math.min(...own.map((p) => p[n]))));
+  return own.length && Math.abs(twice) > 2 * EDGEWISE * extent * extent ? own : hull(seen);
 }
 
 /* A difference of places on the screen with y upwards, all in pixels. */

@@ -132,7 +132,7 @@ def _inverse(scene: Scene) -> tuple[Model, list[Scalar]]:
         scene = with_time_law(scene)
     program = build_inverse(scene)
     planned = program.plan(min(TRIED, scene.inverse.samples))
-    refuse_indefinite(program.problem, planned.motion.q[few(len(planned.times))])
+    refuse_indefinite(program.problem.scene, planned.motion.q[few(len(planned.times))])
     model, outputs = program.problem.model, [x for term in program.terms.values() for x in term]
     if not unknown_data(model, outputs)[0]:
         first = JointMotion(*(x[:1] for x in (planned.motion.q, planned.motion.qd, planned.motion.qdd)))

@@ -93,6 +93,8 @@ def _refused(problem: Problem, simulated: bool) -> Iterator[str]:
         yield f"couplers ({', '.join(coupler.name for coupler in scene.couplers)})"
     if scene.prescribed:
         yield "prescribed motion"
+    if scene.control is not None and simulated:
+        yield "a controller"
     if model.loops and not simulated:
         yield "inverse dynamics of loops, whose load sharing is a choice (simulate compares loops)"
     for loop in model.loops:

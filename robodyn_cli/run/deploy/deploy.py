@@ -79,6 +79,11 @@ def deploy(
     RobodynError : with ``result``; SingularConfigurationError at a bifurcation.
     """
     watch = watch or Stopwatch()
+    if scene.control is not None:
+        raise CapabilityError(
+            f"{scene.path}: control: 'deploy' follows a mechanism until it locks, without a controller; allowed there: "
+            "'simulate'"
+        )
     motion = build_deployment(scene, watch)
     with watch.stage("scan"):
         found = scan(motion, motion.options, progress=progress)

@@ -152,6 +152,10 @@ class Driver:
     # -- running --------------------------------------------------------------------------------------
     def start(self, time: float, state: Array, options: Options | None = None) -> None:
         """Begin a run; watchers may change the state (an impact at the start)."""
+        self._go_on_from(time, self._begin(time, state, options))
+
+    def _begin(self, time: float, state: Array, options: Options | None = None) -> Array:
+        """Forget an earlier run; return the state from which the watchers let this one begin."""
         self.options = self.options if options is None else options
         if self.changes:
             self._begin_anew()
@@ -159,11 +163,11 @@ class Driver:
         self._paused = (time, 0)
         for watcher in self.watchers:
             state = watcher.begin(time, state, self.options)
-        self._go_on_from(time, state)
+        return state
 
     def go_on(self, beginning: Beginning, done: Counters, changes: Sequence[MethodChange]) -> None:
         """Take up a run that was broken off, where it had done so much and changed its method so."""
-        self.start(beginning.time, beginning.state)
+        self._begin(beginning.time, beginning.state)
         self._done, self.changes = done, list(changes)
         self._paused = (beginning.time, done.attempts)
         if changes:

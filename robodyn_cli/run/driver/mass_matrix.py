@@ -15,6 +15,7 @@ from robodyn_cli.errors import NumericalError, SceneError
 from robodyn_cli.expr.graph import is_number
 from robodyn_cli.model.model import BASE, Model
 from robodyn_cli.record import record
+from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array, columns
 from robodyn_cli.spatial.inertia import ArticulatedInertia
 
@@ -105,7 +106,7 @@ def braces(model: Model, q: Array, prescribed: Collection[str] = ()) -> dict[int
     return found
 
 
-def refuse_indefinite(problem: Problem, poses: Iterable[Array]) -> None:
+def refuse_indefinite(scene: Scene, poses: Iterable[Array]) -> None:
     """Refuse inertias that no bodies have, where they make a motion's kinetic energy negative in one of some poses.
 
     Single bodies may have any inertia as long as the mass matrix is that of some robot: identified parameters are such.
@@ -117,13 +118,18 @@ def refuse_indefinite(problem: Problem, poses: Iterable[Array]) -> None:
     """
     from robodyn_cli.model.consistency import doubtful_bodies
 
-    doubtful = doubtful_bodies(problem.scene)
-    for q in poses if doubtful else ():
+    doubtful = doubtful_bodies(scene)
+    if not doubtful:
+        return
+    problem = Problem(
+        scene
+    )  # with a graph of its own: whether there are doubts is not to change the run's programs
+    for q in poses:
         found = _negative_motion(problem.numbers(problem.mass_matrix, q), problem.numbers(problem.psi, q))
         if found is not None:
             path, name, text = doubtful[0]
             key, joint = ".".join(map(str, path)), problem.model.joint_of(int(np.argmax(np.abs(found))))
-            where = problem.scene.path
+            where = scene.path
             raise SceneError(
                 f"{where}: {key}: {name}: {text}, which makes the mass matrix not positive: the kinetic energy of a "
                 f"motion of joint {joint!r} is negative; allowed: inertias of bodies, or identified parameters that "

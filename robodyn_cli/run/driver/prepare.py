@@ -61,7 +61,7 @@ def prepare(scene: Scene, watch: Stopwatch | None = None, neutral: bool = False)
             if not assembled.redundant:
                 check_formulas_ahead(problem, assembled.q, assembled.v)
         model = build_model(scene) if problem.model.switched else problem.model
-        refuse_indefinite(problem, [assembled.q])
+        refuse_indefinite(scene, [assembled.q])
         needed = braces(model, assembled.q, scene.prescribed)
     if assembled.redundant or needed:
         with watch.stage("equations"):

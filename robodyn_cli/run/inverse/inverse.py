@@ -146,7 +146,7 @@ def _refuse_indefinite(problem: Problem, sampled: Sampled) -> None:
         from robodyn_cli.run.driver.mass_matrix import refuse_indefinite
         from robodyn_cli.run.observation.rounding import few
 
-        refuse_indefinite(problem, sampled.motion.q[few(len(sampled.times))])
+        refuse_indefinite(problem.scene, sampled.motion.q[few(len(sampled.times))])
 
 
 def _payload_warnings(problem: Problem, sampled: Sampled) -> list[str]:

@@ -177,14 +177,14 @@ class InverseProgram(ABC):
         split = np.split(found, [len(entries)], axis=2)
         terms = split[0].reshape(draws * samples, len(self.terms), -1)
         loads = dict(zip(self.terms, np.moveaxis(terms, 1, 0)))
-        tau = self._shared(loads, split[1].reshape(draws * samples, -1), sampled)
+        tau = self.shared(loads, split[1].reshape(draws * samples, -1), sampled)
         return None if tau is None else tau.reshape(draws, samples, -1)
 
     def _shared_by(self) -> list[Scalar]:
         """Return the expressions beside the terms that decide how actuators share the load."""
         return []
 
-    def _shared(self, loads: Mapping[str, Array], by: Array, sampled: Sampled) -> Array | None:
+    def shared(self, loads: Mapping[str, Array], by: Array, sampled: Sampled) -> Array | None:
         """Return the torques (T, nv) that bear loads (T, nv) by name, shared as expressions ``by`` (T, n) decide."""
         total: Array = np.sum(list(loads.values()), axis=0)
         return total

@@ -136,7 +136,9 @@ class Structures:
     def _patterns(self, values: Array) -> Array:
         """Return what of each row is structure: values of keys that are, and which keys are at a special one."""
         columns = [
-            values[:, k] if key.sort == STRUCTURE else np.isin(values[:, k], key.special).astype(float)
+            values[:, k]
+            if key.sort == STRUCTURE
+            else sum((values[:, k] == x for x in key.special), np.zeros(len(values)))
             for k, key in enumerate(self.keys)
         ]
         return np.stack([*columns, np.zeros(len(values))], axis=1)

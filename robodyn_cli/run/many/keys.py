@@ -24,6 +24,7 @@ OPTIONS = ("duration",)
 # values that a key is tried with until two are allowed, to see what they change
 TRIED = (0.8137, 1.2871, 0.1019, 0.0123, 7.31, 113.7, -0.8137, -1.2871, 1013.0, 1e5, 3.0, 5.0)
 UNREAD = frozenset({"text", "sources", "expect", "study", "title"})  # what equations do not know of a scene
+MOST_KNOWN = 10_000  # values that are known to be allowed, one by one
 CORNERS = 6  # keys of one element whose extremes are checked together; more: run by run
 
 
@@ -166,13 +167,15 @@ class Allowed:
     """What values a scene allows its keys.
 
     What a scene asks of numbers (bounds, an order, a sum) holds between two values where it holds at both, and links
-    keys of one element alone. So scenes are read with the extremes of each element, and all where one is refused.
+    keys of one element alone. So scenes are read with the extremes of each element, and all where one is refused. Each
+    value is read of keys that are structure: whole numbers, say, are none between two of them.
     """
 
     def __init__(self, family: Family, keys: Sequence[Key]) -> None:
         self.family, self.keys = family, keys
         self.names = [key.name for key in keys]
         self._low, self._high = np.full(len(keys), np.inf), np.full(len(keys), -np.inf)  # known to be allowed
+        self._each: set[tuple[int, float]] = set()  # the same of keys that are structure
 
     def refusals(self, values: Array) -> dict[int, SceneError]:
         """Return the rows of values (N, keys) that the scene does not allow, with the errors."""
@@ -190,6 +193,8 @@ class Allowed:
             return False
         low = np.minimum(values.min(axis=0, initial=np.inf), self._low)
         high = np.maximum(values.max(axis=0, initial=-np.inf), self._high)
+        if not self._each_is_allowed(values):
+            return False
         if np.all(low == self._low) and np.all(high == self._high):
             return True
         for element in dict.fromkeys(key.element for key in self.keys):
@@ -202,6 +207,22 @@ class Allowed:
                 if self._refusal(row) is not None:
                     return False
         self._low, self._high = low, high
+        return True
+
+    def _each_is_allowed(self, values: Array) -> bool:
+        """Tell whether all values of keys that are structure are allowed."""
+        for k, key in enumerate(self.keys):
+            if key.sort != STRUCTURE:
+                continue
+            for x in np.unique(values[:, k]).tolist():
+                if (k, x) in self._each:
+                    continue
+                row = values[0].copy()
+                row[k] = x
+                if self._refusal(row) is not None:
+                    return False
+                if len(self._each) < MOST_KNOWN:
+                    self._each.add((k, x))
         return True
 
     def _refusal(self, row: Array) -> SceneError | None:

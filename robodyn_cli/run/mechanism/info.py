@@ -105,22 +105,30 @@ def info(path: Path, overrides: Sequence[str] = (), at: Sequence[str] = ()) -> R
 def scene_at(path: Path, overrides: Sequence[str], at: Sequence[str]) -> Scene:
     """Return the scene with the state of ``at``, and all joints of an open chain somewhere."""
     scene = load_scene(path, list(overrides))
+    changes = changes_at(scene, overrides, at)
+    if not changes:
+        return scene
+    try:
+        return load_scene(path, changes)
+    except SceneError as error:
+        raise of_state(error, at) from None
+
+
+def changes_at(scene: Scene, overrides: Sequence[str], at: Sequence[str]) -> list[str]:
+    """Return the ``--set`` texts that give a scene the state of ``at``, and all joints of an open chain a position."""
     changes = [*overrides, *state_overrides(scene, at)]
     if not scene.loops and not scene.couplers:
         given = {name.partition(".")[0] for name in (*scene.initial.q, *scene.prescribed)}
         changes = [*(f"initial.q.{x}" for x in _neutral(scene, given)), *changes]
-    return _changed(path, changes, at) if changes else scene
+    return changes
 
 
-def _changed(path: Path, changes: Sequence[str], at: Sequence[str]) -> Scene:
-    try:
-        return load_scene(path, changes)
-    except SceneError as error:
-        # the user did not write the state as --set
-        label, mark, message = error.message.partition(": initial.")
-        if at and mark and label.startswith("--set initial."):
-            raise SceneError(f"--at {', '.join(at)!r}: {message}", **error.details) from None
-        raise
+def of_state(error: SceneError, at: Sequence[str]) -> SceneError:
+    """Return an error about a state as one about ``--at``, for the user did not write it as --set."""
+    label, mark, message = error.message.partition(": initial.")
+    if at and mark and label.startswith("--set initial."):
+        return SceneError(f"--at {', '.join(at)!r}: {message}", **error.details)
+    return error
 
 
 def _neutral(scene: Scene, given: set[str]) -> Iterable[str]:

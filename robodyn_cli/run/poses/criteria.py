@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from enum import Enum
 
@@ -11,12 +12,13 @@ from robodyn_cli.algorithms.kinematics import position_rates
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.calculus import directional, substitute
+from robodyn_cli.expr.fixed import derived
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.record import record
 from robodyn_cli.run.inverse.terms import torque_terms
 from robodyn_cli.run.poses.limits import PositionLimits
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.closure import mechanism_size
+from robodyn_cli.solve.closure import size_number
 from robodyn_cli.spatial.algebra import Matrix, identity, vector, zeros
 
 
@@ -114,7 +116,7 @@ def efforts(scene: Scene, problem: Problem) -> list[float] | None:
     by_joint = {joint.name: dict(joint.forces).get("limits") for joint in scene.robot.joints}
     found = [by_joint.get(name) for name in problem.model.v_names]
     values = [None if limits is None else limits.effort for limits in found]
-    return None if any(x is None for x in values) else [float(x) for x in values if x is not None]
+    return None if any(x is None for x in values) else [x for x in values if x is not None]
 
 
 def _torques(problem: Problem) -> tuple[list[Scalar], Matrix]:
@@ -123,9 +125,13 @@ def _torques(problem: Problem) -> tuple[list[Scalar], Matrix]:
     scales = efforts(problem.scene, problem)
     if scales is None:
         # torques at arm's length: comparable numbers, of the order of one
-        weight = sum(float(body.inertia.m) for body in model.bodies if isinstance(body.inertia.m, float))
-        gravity = float(np.linalg.norm([float(x) for x in model.gravity if isinstance(x, float)])) or 1.0
-        scales = [max(weight * gravity * mechanism_size(model), 1e-300)] * model.nv
+        masses = [body.inertia.m for body in model.bodies if isinstance(body.inertia.m, float)]
+        g = [x for x in model.gravity if isinstance(x, float)]
+
+        def weight(x: Sequence[float]) -> list[float]:
+            return [max(sum(x[len(g) :]) * (math.hypot(*x[: len(g)]) or 1.0), 1e-300)]
+
+        scales = [derived(weight, [*g, *masses])[0] * size_number(model)] * model.nv
     c = [x / scale for x, scale in zip(tau, scales)]
     C = zeros(len(c), model.nv)
     for k in range(model.nv):

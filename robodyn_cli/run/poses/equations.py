@@ -15,7 +15,7 @@ from robodyn_cli.kernels.samples import DATA, STATE, IterationKernel, SampleKern
 from robodyn_cli.record import record
 from robodyn_cli.run.poses.criteria import Criterion, Given, criterion_rows
 from robodyn_cli.run.poses.limits import PositionLimits
-from robodyn_cli.solve.closure import mechanism_size, rank
+from robodyn_cli.solve.closure import rank, size_number
 from robodyn_cli.solve.poses.steps import (
     CRITERION_STEP,
     MOST_STEP,
@@ -53,7 +53,7 @@ class PoseEquations:
     ) -> None:
         self.problem, self.task, self.limits, self.criterion = problem, task, limits, criterion
         model, graph = problem.model, problem.graph
-        self.size = mechanism_size(model)
+        self.size = size_number(model)
         self.lengths = [self.size if unit == "m" else 1.0 for unit in model.v_units]
         names = [*(f"target{k}" for k in range(TARGET)), *(f"near.{name}" for name in model.q_names)]
         data = graph.symbols(names, DATA)

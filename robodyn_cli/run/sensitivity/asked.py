@@ -15,8 +15,9 @@ from robodyn_cli.run.study.row import Rows, Task
 from robodyn_cli.run.study.study import COMMANDS, run_nominal
 from robodyn_cli.run.study.units import unit_of_output
 from robodyn_cli.scene.load import Family
+from robodyn_cli.scene.text.nodes import Scalar, located
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.scene.units import refuse_doubles, unit_of
+from robodyn_cli.scene.units import node_at, refuse_doubles, unit_of
 
 NEARBY = 1e-3  # part of a key's value by which it is changed to see whether the scene takes other numbers
 
@@ -112,27 +113,27 @@ def _of_key(family: Family, name: str) -> tuple[Key, float]:
     ------
     SceneError : it does not exist, has no number there, or does not take others nearby.
     """
-    value: float | None = None
+    node, refused = node_at(family.root, name), None
     try:
         key, value = understand(family, name), value_of(family, name)
         if value is not None:
             family.scene([setting(name, value + NEARBY * (value or 1.0))])
+            return key, value
     except SceneError as error:
-        raise _told_of(error, name) from error
-    if value is None:
-        raise SceneError(
-            f"{family.path}: --to {name}: the scene has no number there; allowed: a key with a number; of a formula "
-            f"its numbers are {name}#1, {name}#2, ...",
-            file=family.path, key=name,
-        )  # fmt: skip
-    return key, value
-
-
-def _told_of(error: SceneError, name: str) -> SceneError:
-    """Return the error of a key without the value that it was tried with."""
-    head, _, rest = error.message.partition(": ")
-    text = rest if head.startswith("--set ") else error.message
-    return SceneError(f"--to {name}: {text}", **error.details)
+        refused = error
+    if refused is not None and (
+        node is None or (isinstance(node, Scalar) and isinstance(node.value, (int, float)))
+    ):
+        # the key does not exist, or takes whole numbers alone; told without the value that it was tried with
+        head, _, rest = refused.message.partition(": ")
+        text = rest if head.startswith("--set ") else refused.message
+        raise SceneError(f"--to {name}: {text}", **refused.details) from refused
+    text = (
+        "the scene has no number there; allowed: a key with a number, or KEY#n, the n-th number of a formula"
+    )
+    if node is None:
+        raise SceneError(f"{family.path}: --to {name}: {text}", file=family.path, key=name)
+    raise located(node, name, text)
 
 
 def _of_formula(name: str, placed: dict[str, float]) -> tuple[Key, float]:

@@ -51,15 +51,26 @@ class Course:
     switched: tuple[int, ...]
 
 
+def refuse(motion: Motion) -> None:
+    """Refuse motions whose state is more than positions and rates, or jumps.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    if motion.problem.contact_joints:
+        raise CapabilityError("joints stick, slip or meet rigid stops")
+    if motion.problem.control is not None:
+        raise CapabilityError("a controller acts")
+
+
 def switches_of(motion: Motion, end: float) -> list[Switch]:
     """Return the switches of a motion before ``end`` [s], in order.
 
     Raises
     ------
-    CapabilityError : joints stick or meet stops, or the motion leaps over a singular pose.
+    CapabilityError : the motion leaps over a singular pose.
     """
-    if motion.problem.contact_joints:
-        raise CapabilityError("joints stick, slip or meet rigid stops")
     switching, t = motion.problem.switching, motion.problem.t
     of_time = tuple(g for _, g in switching.switches if is_of_time(g, t)) if motion.system.breakpoints else ()
     found = [Switch(time, of_time, False) for time in motion.system.breakpoints if 0.0 < time < end]

@@ -23,7 +23,15 @@ from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.driver.second_run import tighter
 from robodyn_cli.run.many.keys import NUMBER, OPTION, Key
 from robodyn_cli.run.sensitivity.blocks import nodes_of, transfers
-from robodyn_cli.run.sensitivity.course import Switch, follow, parts_of, plain_states, step_times, switches_of
+from robodyn_cli.run.sensitivity.course import (
+    Switch,
+    follow,
+    parts_of,
+    plain_states,
+    refuse,
+    step_times,
+    switches_of,
+)
 from robodyn_cli.run.sensitivity.start import start_slopes
 from robodyn_cli.run.sensitivity.variational import Linearised, Point, Slopes, Variational
 from robodyn_cli.solve.assembly import RANK_TOLERANCE
@@ -80,13 +88,19 @@ class MotionSlopes:
     """
 
     def __init__(self, motion: Motion, keys: Sequence[Key], ending: Ending) -> None:
+        refuse(motion)
         self.motion, self.keys, self.ending = motion, keys, ending
         self.variational = Variational(motion, [key.place if key.sort == NUMBER else "" for key in keys])
         self.start = start_slopes(motion, self.variational, keys)
-        self.switches = switches_of(motion, ending.time)
-        steps = step_times(motion, ending.time)
-        self.mean_step = ending.time / (len(steps) + 1)
-        self.parts = parts_of(ending.time, self.switches, steps)
+        self.follow()
+
+    def follow(self) -> None:
+        """Integrate the motion to see its switches and steps, between which it is smooth."""
+        motion, end = self.motion, self.ending.time
+        self.switches = switches_of(motion, end)
+        steps = step_times(motion, end)
+        self.mean_step = end / (len(steps) + 1)
+        self.parts = parts_of(end, self.switches, steps)
 
     def found(self) -> tuple[EndSlopes, EndSlopes]:
         """Return the derivatives and their estimated errors.

@@ -11,8 +11,8 @@ from robodyn_cli.record import record
 from robodyn_cli.results.columns import UNKNOWN
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, Absent
-from robodyn_cli.run.sensitivity.sensitivity import Sensitivities
 from robodyn_cli.run.sensitivity.slope import EXACT, Slope
+from robodyn_cli.run.sensitivity.slopes import Sensitivities
 
 
 @record

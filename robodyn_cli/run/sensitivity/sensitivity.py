@@ -1,36 +1,49 @@
-"""Sensitivities: derivatives of outputs of a scene's command by keys of the scene, exact or by differences."""
+"""Derivatives of outputs of a scene's command by keys of the scene, for Python."""
 
 from __future__ import annotations
 
-from robodyn_cli.record import record
-from robodyn_cli.run.sensitivity.asked import Asked
-from robodyn_cli.run.sensitivity.differences import differences
-from robodyn_cli.run.sensitivity.exact import exact_slopes
-from robodyn_cli.run.sensitivity.slope import Slope
+import os
+import time
+from collections.abc import Sequence
+
+from robodyn_cli.results.result import Result
+from robodyn_cli.run.sensitivity.asked import prepare
+from robodyn_cli.run.sensitivity.report import report
+from robodyn_cli.run.sensitivity.slopes import sensitivities
+from robodyn_cli.scene.load import Family
+from robodyn_cli.scene.types import Scene
 
 
-@record
-class Sensitivities:
-    """All derivatives (outputs, keys), and why those by differences are not exact, by the number of the key."""
-
-    asked: Asked
-    slopes: tuple[tuple[Slope, ...], ...]
-    obstacles: dict[int, str]
-
-
-def sensitivities(asked: Asked, jobs: int = 1) -> Sensitivities:
-    """Return the derivatives of all outputs by all keys.
+def sensitivity(
+    scene: Scene | Family | str | os.PathLike[str], to: Sequence[str], of: Sequence[str], jobs: int = 1
+) -> Result:
+    """Return the derivatives d output / d key, each with its estimated error.
 
     Parameters
     ----------
+    scene : names a command; its file, or as it was loaded.
+    to : keys of the scene with a number, as in ``--set``; ``KEY#n`` is the n-th number of a formula.
+    of : keys of the summary of the command.
     jobs : processes or threads for runs of central differences.
+
+    Returns
+    -------
+    A Result with a dataset ``derivatives/OUTPUT`` (keys,) in SI units for each output, ``derivative_errors/OUTPUT``,
+    ``normalised/OUTPUT`` (key / output times the derivative) and ``exact/OUTPUT``; ``summary["sensitivities"]`` ranks
+    them and says why one is not exact.
+
+    Raises
+    ------
+    SceneError : the scene names no command, or fails; a key does not exist, has no number, or takes no others; an
+        output is not in the summary, or is no number.
     """
-    exact, obstacles = exact_slopes(asked)
-    outputs, count = asked.task.outputs, len(asked.keys)
-    rest = [k for k in range(count) if any((name, k) not in exact for name in outputs)]
-    others = differences(asked, rest, jobs)
-    slopes = tuple(
-        tuple(exact.get((name, k)) or others[k][place] for k in range(count))
-        for place, name in enumerate(outputs)
+    start = time.perf_counter()
+    family = (
+        scene
+        if isinstance(scene, Family)
+        else Family.of(scene)
+        if isinstance(scene, Scene)
+        else Family(scene)
     )
-    return Sensitivities(asked, slopes, obstacles)
+    found = sensitivities(prepare(family, to, of), jobs)
+    return report(found, time.perf_counter() - start)

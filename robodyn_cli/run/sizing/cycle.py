@@ -63,6 +63,10 @@ class Asked:
             n * duty.speed, n * duty.acceleration, into / n, train.inertia - train.motor.rotor_inertia
         )
 
+    def only(self, rows: Any) -> Asked:
+        """Return some rows of many."""
+        return Asked(self.speed[rows], self.acceleration[rows], self.torque[rows], self.inertia[rows])
+
 
 @record
 class MotorCycle:
@@ -70,8 +74,7 @@ class MotorCycle:
 
     torque : at the shaft, the acceleration of its rotor included and the friction of its bearings not [N m].
     current [A], friction : losses of the bearings [W], of motors whose data say so. copper : losses of the winding [W]
-    and temperature [degC] in the steady periodic state; ``heating`` : the temperature over a first cycle, which begins
-    at that of the surroundings, with the same losses. None where they are not known.
+    and temperature [degC] in the steady periodic state. None where they are not known.
     """
 
     speed: Array
@@ -80,7 +83,6 @@ class MotorCycle:
     friction: Array | None = None
     copper: Array | None = None
     temperature: Array | None = None
-    heating: Array | None = None
 
     @property
     def power(self) -> Array:
@@ -129,8 +131,7 @@ def _heated(motor: Motor, supply: Supply, cold: Array, step: float, cycle: Motor
     growth = thermal.growth(np.minimum(mean, thermal.max_temperature))
     copper = cold * growth[..., None]
     warm = supply.ambient + thermal.warming(copper, step, periodic=True)
-    first = supply.ambient + thermal.warming(copper, step, periodic=False)
-    return MotorCycle(*parts, copper, warm, first)
+    return MotorCycle(*parts, copper, warm)
 
 
 def over_time(y: Array, step: float) -> Array:
@@ -162,11 +163,12 @@ class Use:
 
 def peak_use(curves: Curves, cycle: MotorCycle) -> Array:
     """Return how much of its envelope a motor uses, (..., T): while it brakes, of that for braking."""
-    driving = curves.driving.use(cycle.speed, cycle.torque)
     if curves.braking is curves.driving:
-        return driving
-    braking = curves.braking.use(cycle.speed, cycle.torque)
-    return np.where(cycle.power < 0.0, braking, driving)
+        return curves.driving.use(cycle.speed, cycle.torque)
+    found, brakes = np.empty_like(cycle.torque), cycle.power < 0.0
+    for curve, where in ((curves.driving, ~brakes), (curves.braking, brakes)):
+        found[where] = curve.use(cycle.speed[where], cycle.torque[where])
+    return found
 
 
 def motor_limits(
@@ -186,7 +188,9 @@ def motor_limits(
         found["continuous"] = Use(curves.continuous.use(rms(cycle.speed, step), rms(cycle.torque, step)))
     if thermal is not None and cycle.temperature is not None:
         bears = thermal.max_temperature - supply.ambient
-        found["winding"] = Use.most((cycle.temperature - supply.ambient) / bears)
+        part = (cycle.temperature - supply.ambient) / bears
+        # the losses of a stepper are always the same
+        found["winding"] = Use(part.max(axis=-1)) if cycle.current is None else Use.most(part)
     return found
 
 
@@ -215,9 +219,9 @@ def gear_limits(gear: Transmission, load: Array, speed: Array, turns: Any, step:
     return found
 
 
-def all_limits(train: Train, curves: Curves, duty: Duty, cycle: MotorCycle) -> dict[str, Use]:
-    """Return how much of each limit a drive uses, by name; ``brake`` : of the torque that its brakes hold."""
-    found = motor_limits(train.motor, train.supply, curves, cycle, duty.step)
+def other_limits(train: Train, duty: Duty) -> dict[str, Use]:
+    """Return how much of each limit of gear and brake is used, by name; ``brake`` : of the torque that it holds."""
+    found: dict[str, Use] = {}
     if train.gear is not None:
         share = duty.load / train.drive.count
         found |= gear_limits(train.gear, share, duty.speed, train.turns, duty.step)

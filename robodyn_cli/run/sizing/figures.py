@@ -10,7 +10,17 @@ from robodyn_cli.motors.drive import Train
 from robodyn_cli.motors.electric import Curves
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import ABSENT, Absent
-from robodyn_cli.run.sizing.cycle import Asked, Duty, MotorCycle, Use, all_limits, motor_cycle, over_time, rms
+from robodyn_cli.run.sizing.cycle import (
+    Asked,
+    Duty,
+    MotorCycle,
+    Use,
+    motor_cycle,
+    motor_limits,
+    other_limits,
+    over_time,
+    rms,
+)
 from robodyn_cli.solve.quadrature import integrate_positive
 from robodyn_cli.spatial.algebra import Array
 
@@ -154,7 +164,8 @@ class Evaluated:
         """Return a drive in its duty cycle."""
         curves = train.curves
         cycle = motor_cycle(train.motor, train.supply, Asked.by(train, duty), duty.step)
-        return Evaluated(train, duty, curves, cycle, all_limits(train, curves, duty, cycle))
+        uses = motor_limits(train.motor, train.supply, curves, cycle, duty.step) | other_limits(train, duty)
+        return Evaluated(train, duty, curves, cycle, uses)
 
     @property
     def gear_loss(self) -> float:
@@ -206,11 +217,11 @@ class Evaluated:
         return Limit(float(use.part), time)
 
     def _winding(self) -> Winding | Absent:
-        cycle = self.cycle
-        if cycle.temperature is None or cycle.heating is None:
+        cycle, step, thermal = self.cycle, self.duty.step, self.train.motor.thermal
+        if thermal is None or cycle.temperature is None or cycle.copper is None:
             return ABSENT
-        mean = float(over_time(cycle.temperature, self.duty.step))
-        return Winding(float(cycle.temperature.max()), mean, float(cycle.heating[-1]))
+        first = self.train.supply.ambient + float(thermal.warming(cycle.copper, step, periodic=False)[-1])
+        return Winding(float(cycle.temperature.max()), float(over_time(cycle.temperature, step)), first)
 
     def _inertia_ratio(self) -> list[float] | Absent:
         """Return smallest and largest inertia of the mechanism over that of the drives."""

@@ -32,16 +32,24 @@ def with_drives(summary: Summary, result: Result, scene: Scene, problem: Problem
     """
     times = result.time
     if len(times) < 2 or float(np.ptp(np.diff(times))) > 1e-9 * float(times[-1]):
-        what = "the samples are not uniform in time, so there are no figures of drives"
-        own = getattr(summary, "warnings", ABSENT)
-        return dataclasses.replace(summary, warnings=[*([] if own is ABSENT else own), what])  # type: ignore[type-var]
+        return _warned(summary, "the samples are not uniform in time, so there are no figures of drives")
     drives = Drives.of(scene, problem, Moved(times, *(result[name] for name in ("q", "qd", "qdd", "tau"))))
     drives.add_to(result)
     figures = drives.figures()
     if not all(one.passes for one in figures.values()):
         result.status = UNDERSIZED
+    for name, one in drives.evaluated.items():
+        if one.train.brake is not None and "brake" not in one.uses:
+            what = "data, payloads or loops leave open what holds it at rest"
+            summary = _warned(summary, f"the brake of joint {name!r} is not checked: {what}")
     title = scene.catalogue.title or ABSENT
     return dataclasses.replace(summary, drives=figures, catalogue=title)  # type: ignore[type-var]
+
+
+def _warned(summary: Summary, what: str) -> Summary:
+    """Return a summary with one more warning."""
+    own = getattr(summary, "warnings", ABSENT)
+    return dataclasses.replace(summary, warnings=[*([] if own is ABSENT else own), what])  # type: ignore[type-var]
 
 
 @record
@@ -134,7 +142,7 @@ class AtRest:
             t=moved.times[:, None], q=moved.q, v=still, a=still, p=np.zeros((len(moved.times), 0))
         )
         nv = problem.model.nv
-        R = _following(problem, arrays["psi"].reshape(len(moved.times), len(rows), nv))
+        R = following(problem, arrays["psi"].reshape(len(moved.times), len(rows), nv))
         if R is None:
             return AtRest(None, None)
         M_t = arrays["M"].reshape(-1, nv, nv) if "M" in arrays else None
@@ -142,7 +150,7 @@ class AtRest:
         return AtRest(inertia, np.einsum("tik,ti->tk", R, arrays["hold"]) if "hold" in arrays else None)
 
 
-def _following(problem: Problem, psi: Array) -> Array | None:
+def following(problem: Problem, psi: Array) -> Array | None:
     """Return R (T, nv, nv), whose column k is the motion of all joints while joint k moves and the other driven ones
     rest; None where these motions are not unique."""
     samples, rows, nv = psi.shape

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.exit_codes import INTERNAL
 from robodyn_cli.record import record
 from robodyn_cli.scene.load import Family
 from robodyn_cli.spatial.algebra import Array
@@ -73,3 +74,11 @@ class Points:
     def part(self, which: Any) -> Points:
         """Return some of them."""
         return Points(self.runs[which], self.values[which])
+
+
+def killed(points: Points, task: Task) -> Rows:
+    """Return the row of a run with which its process died."""
+    row = np.zeros(1, task.layout)
+    row["values"], row["code"], row["done"] = points.values, INTERNAL, True
+    row["outputs"] = row["errors"] = np.nan
+    return Rows(points.runs, row, {int(points.runs[0]): "the process of this run was ended from outside"})

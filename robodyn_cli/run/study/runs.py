@@ -16,7 +16,6 @@ from typing import Any, Protocol
 import numpy as np
 
 from robodyn_cli.errors import SceneError
-from robodyn_cli.exit_codes import INTERNAL
 from robodyn_cli.run.batch.criteria import judge
 from robodyn_cli.run.commands import execute
 from robodyn_cli.run.many.keys import settings
@@ -24,7 +23,7 @@ from robodyn_cli.run.many.single import ended, error_of, number_of
 from robodyn_cli.run.progress import no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.run.study.compiled import Compiled, suits
-from robodyn_cli.run.study.row import Points, Rows, Task, joined
+from robodyn_cli.run.study.row import Points, Rows, Task, joined, killed
 from robodyn_cli.run.study.rows import RowFile
 from robodyn_cli.spatial.algebra import Array
 
@@ -73,7 +72,7 @@ def _run_chunk(points: Points) -> tuple[Rows, float]:
     return made, (time.perf_counter() - start) / len(points)
 
 
-def run_all(task: Task, file: RowFile, jobs: int) -> Iterator[Rows]:
+def run_here(task: Task, file: RowFile, jobs: int) -> Iterator[Rows]:
     """Yield the rows of all missing runs, some at a time, in the order in which they are done.
 
     The caller puts them into the file.
@@ -88,11 +87,14 @@ def run_all(task: Task, file: RowFile, jobs: int) -> Iterator[Rows]:
     yield from _one_by_one(task, file.missing(), jobs)
 
 
-def run_points(task: Task, points: Points, jobs: int) -> Rows:
-    """Return the rows of runs that are few enough for memory; ``jobs`` as for ``run_all``."""
+def run_points(task: Task, points: Points, jobs: int, compiled: Compiled | None = None) -> Rows:
+    """Return the rows of runs that are few enough for memory.
+
+    jobs : as for ``run_here``. compiled : code of the task that is there already.
+    """
     parts = []
     if suits(task):
-        parts.append(Compiled(task, jobs).make(points))
+        parts.append((compiled or Compiled(task, jobs)).make(points))
         points = points.part(np.isin(points.runs, parts[0].runs, invert=True))
     parts += _one_by_one(task, Waiting([points]), jobs)
     return joined(parts)
@@ -109,7 +111,7 @@ def _one_by_one(task: Task, missing: Source, jobs: int) -> Iterator[Rows]:
         # what was being run as a process died is run again one by one, to find the run that does it
         if suspects.left:
             lost = yield from _in_processes(task, suspects, 1)
-            yield from (_killed(points, task) for points in lost)
+            yield from (killed(points, task) for points in lost)
         else:
             suspects = Waiting((yield from _in_processes(task, missing, jobs)))
 
@@ -126,7 +128,13 @@ class Waiting:
     """Runs that wait to be made one by one."""
 
     def __init__(self, points: Sequence[Points] = ()) -> None:
-        self._queue = deque(part.part([k]) for part in points for k in range(len(part)))
+        self._queue: deque[Points] = deque()
+        for part in points:
+            self.add(part)
+
+    def add(self, points: Points) -> None:
+        """Put runs at the end of the queue."""
+        self._queue.extend(points.part([k]) for k in range(len(points)))
 
     @property
     def left(self) -> int:
@@ -180,11 +188,3 @@ def _next_size(seconds: float, left: int, jobs: int) -> int:
     """Return how many runs to give a process at a time, from how long one took."""
     fitting = int(SECONDS_OF_CHUNK / max(seconds, 1e-6))
     return max(1, min(fitting, LONGEST_CHUNK, left // (4 * jobs) + 1))
-
-
-def _killed(points: Points, task: Task) -> Rows:
-    """Return the row of a run with which its process died."""
-    row = np.zeros(1, task.layout)
-    row["values"], row["code"], row["done"] = points.values, INTERNAL, True
-    row["outputs"] = row["errors"] = np.nan
-    return Rows(points.runs, row, {int(points.runs[0]): "the process of this run was ended from outside"})

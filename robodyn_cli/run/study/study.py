@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,12 +16,12 @@ from robodyn_cli.model.build import build_model
 from robodyn_cli.record import record
 from robodyn_cli.results.provenance import sha256
 from robodyn_cli.run.batch.criteria import lookup, refuse_unknown
-from robodyn_cli.run.many.keys import setting
+from robodyn_cli.run.many.keys import Allowed, setting, understand
 from robodyn_cli.run.many.single import number_of
 from robodyn_cli.run.study.design import Design, make_design
 from robodyn_cli.run.study.row import Rows, Task
 from robodyn_cli.run.study.rows import RowFile
-from robodyn_cli.run.study.runs import make_one, run_all
+from robodyn_cli.run.study.runs import make_one
 from robodyn_cli.run.study.units import unit_of_output
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene, StudyOptions
@@ -123,13 +123,18 @@ def prepare(asked: Asked) -> Study:
 
 
 def _check_key(family: Family, key: str, variation: Variation) -> None:
-    """Refuse a key that the scene does not have, or that takes no such numbers."""
+    """Refuse a key that the scene does not have, or a value of a grid that it does not take."""
     x = variation.example
-    text = f"{key}={math.degrees(x)!r} deg" if variation.degrees else setting(key, x)
+    words = f"{key}={math.degrees(x)!r} deg" if variation.degrees else setting(key, x)
     try:
-        family.scene([text])
+        family.scene([words])
+        values = np.array(variation.values)[:, None]
+        refused = Allowed(family, [understand(family, key)]).refusals(values) if variation.is_grid else {}
+        for row, error in refused.items():
+            words = setting(key, variation.values[row])
+            raise error
     except SceneError as error:
-        message = error.message.replace(f"--set {text}", f"--vary {key}={variation.text}", 1)
+        message = error.message.replace(f"--set {words}", f"--vary {key}={variation.text}", 1)
         raise SceneError(message, key=key) from error
 
 
@@ -167,14 +172,18 @@ def _numbers(facts: Mapping[str, Any], path: str = "") -> list[str]:
     return found
 
 
-def run_study(study: Study, file: RowFile, jobs: int, tell: Callable[[int, int], None]) -> None:
+Make = Callable[[Task, RowFile], Iterator[Rows]]
+
+
+def run_study(study: Study, file: RowFile, make: Make, tell: Callable[[int, int], None]) -> None:
     """Make all runs of a study that are not there.
 
     Parameters
     ----------
-    file : that takes the rows. tell : is told how many of how many runs are done.
+    file : that takes the rows. make : yields those of missing runs, some at a time, here or on a cluster.
+    tell : is told how many of how many runs are done.
     """
     tell(file.done, len(file))
-    for rows in run_all(study.task, file, jobs):
+    for rows in make(study.task, file):
         file.add(rows)
         tell(file.done, len(file))

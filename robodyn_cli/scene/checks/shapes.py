@@ -6,7 +6,7 @@ from robodyn_cli.scene.checks.check import Check
 from robodyn_cli.scene.robot_types import Link, Shape
 from robodyn_cli.scene.text.nodes import Path
 
-KINDS = ("box", "sphere", "cylinder", "mesh", "obj")
+KINDS = ("box", "sphere", "cylinder", "outline", "mesh", "obj")
 
 
 def check_shapes(link: Link, check: Check, path: Path) -> None:
@@ -27,6 +27,14 @@ def _check(shape: Shape, check: Check, path: Path) -> None:
             check.fail(
                 (*path, key), f"a size is not positive (value {min(sizes):g}); allowed: numbers > 0 [m]"
             )
+    if shape.thickness and shape.outline is None:
+        check.fail((*path, "thickness"), "is that of an outline; allowed: beside 'outline'")
+    if shape.outline is not None:
+        from robodyn_cli.scene.mesh.outline import outline_problem
+
+        problem = outline_problem(shape.outline)
+        if problem:
+            check.fail((*path, "outline"), problem)
     if shape.obj:
         from robodyn_cli.scene.mesh.mesh import MeshError
         from robodyn_cli.scene.mesh.obj import read_obj

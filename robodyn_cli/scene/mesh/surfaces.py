@@ -10,6 +10,7 @@ import numpy as np
 
 from robodyn_cli.record import record
 from robodyn_cli.scene.mesh.obj import read_obj
+from robodyn_cli.scene.mesh.outline import plate
 from robodyn_cli.scene.types import Shape
 from robodyn_cli.spatial.algebra import Array
 
@@ -21,12 +22,14 @@ class Surface:
     """The surface of a rigid body, in units of the box around it.
 
     points : (N, 3), 0 to 1 along the box's edges. faces : corners by their numbers, counterclockwise from outside.
-    closed : whether the faces enclose a volume, so that those turned away are hidden.
+    closed : whether the faces enclose a volume, so that those turned away are hidden. outline : corners of what flat
+    views show; () for the convex outline.
     """
 
     points: Array
     faces: tuple[tuple[int, ...], ...]
     closed: bool = True
+    outline: tuple[int, ...] = ()
 
     @cached_property
     def first(self) -> Array:
@@ -50,13 +53,18 @@ POLE = 0.12  # angle of the flat end around a pole [rad]
 
 def surface_of(shape: Shape) -> tuple[Array, Surface] | None:
     """Return the corners (8, 3) of the box around a shape, in its frame [m], and the surface in it; None if empty."""
-    points, faces, closed = _mesh(shape) if shape.obj is not None else (*_body(shape), True)
+    outline: tuple[int, ...] = ()
+    if shape.outline is not None:
+        points, faces, closed = plate(shape.outline, shape.thickness)
+        outline = faces[0]
+    else:
+        points, faces, closed = _mesh(shape) if shape.obj is not None else (*_body(shape), True)
     if not faces:
         return None
     low, high = points.min(axis=0), points.max(axis=0)
     size = np.where(high > low, high - low, 1.0)
     box = low + (np.array(CORNERS) + 0.5) * (high - low)
-    return box, Surface((points - low) / size, faces, closed)
+    return box, Surface((points - low) / size, faces, closed, outline)
 
 
 def _body(shape: Shape) -> tuple[Array, Faces]:

@@ -13,7 +13,7 @@ from robodyn_cli.spatial.orientation import rotation_of
 from robodyn_cli.trajectories.task.curves import STILL, Curve, Line, blend
 from robodyn_cli.trajectories.task.segments import BEYOND, FARTHEST, PathProblem
 from robodyn_cli.trajectories.task.stretch import Stretch, step_course
-from robodyn_cli.trajectories.task.turning import Facing, Turning, Turns, turn_between
+from robodyn_cli.trajectories.task.turning import Attitudes, Facing, Turning, Turns, turn_between
 
 SAME_WAY = 1e-6  # rad: how well directions have to meet where the frame goes on
 
@@ -160,6 +160,8 @@ def _check_corner(before: Line, after: Line, where: tuple[str | int, ...]) -> No
 def _turned(curves: Sequence[Curve], segments: Sequence[Any], here: range, R: Array) -> tuple[Stretch, Array]:
     """Return a stretch with the turns of its segments, and the axes at its end."""
     joined, meet = _joined(curves, segments, here)
+    if any(getattr(segments[k], "orientations", ()) for k in here):
+        return _turned_by_points(joined, segments, here, R)
     stretch = Stretch(joined, None)
     places = [0.0, *meet, stretch.size]
     turns, end = [], R
@@ -171,6 +173,20 @@ def _turned(curves: Sequence[Curve], segments: Sequence[Any], here: range, R: Ar
     parts = step_course(places[:-1], places[1:], len(curves) > 1, stretch.size)
     turning: Turning = Turns(R, turns, parts)
     return Stretch(joined, turning), end
+
+
+def _turned_by_points(
+    joined: Sequence[Curve], segments: Sequence[Any], here: range, R: Array
+) -> tuple[Stretch, Array]:
+    """Return a stretch of one spline whose points have orientations, and the axes at its end."""
+    k, curve = here[0], joined[0]
+    if len(here) > 1:
+        k = next(k for k in here if getattr(segments[k], "orientations", ()))
+        what = "turn the frame at the ends too, so it has to stop there; leave 'blend' out, or give 'orientation'"
+        raise PathProblem(("segments", k, "orientations"), what)
+    axes = [R, *(np.array(rotation_of(x), dtype=float) for x in segments[k].orientations)]
+    places = np.array([0.0, *curve.knots, curve.length])
+    return Stretch(joined, Attitudes(places, axes)), axes[-1]
 
 
 def _check_turning(stretch: Stretch, facing: Any, last: int) -> None:

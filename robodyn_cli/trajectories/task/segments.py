@@ -160,6 +160,11 @@ class SplineSegment:
     through: tuple[tuple[float, ...], ...] = key(
         ListOf(Vector(3), minimum=2), unit="m", doc="Points that it passes; the last one is its end."
     )
+    orientations: tuple[Orientation, ...] = key(
+        ListOf(Section(Orientation)),
+        default=(),
+        doc="How the frame is turned at each of these points; between them it turns smoothly.",
+    )
     orientation: Orientation | None = like(Arrival, "orientation")
     dwell: float = like(Arrival, "dwell")
     duration: float | None = like(Arrival, "duration")

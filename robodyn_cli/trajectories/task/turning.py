@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import Protocol
@@ -48,6 +49,33 @@ class Turns:
             turned = sine[..., None, None] * K + versine[..., None, None] * (K @ K)
             turned[0] += np.eye(3)
             R = taylor.multiplied(R, turned)
+        return R
+
+
+class Attitudes:
+    """The cubic spline through unit quaternions, made of length 1 at every place: rates and their rates are continuous.
+
+    Parameters
+    ----------
+    places : (N,), increasing. axes : (N, 3, 3), from each to the next by the shorter turn.
+    """
+
+    def __init__(self, places: Array, axes: Sequence[Array]) -> None:
+        from scipy.interpolate import CubicSpline  # takes long to import: only where it is used
+
+        q = [quaternion.from_rotation_vector(quaternion.logarithm(axes[0]))]
+        for before, after in itertools.pairwise(axes):
+            q.append(quaternion.product(q[-1], quaternion.from_rotation_vector(turn_between(before, after))))
+        self.course = Course(places, CubicSpline(places, np.array(q, dtype=float)).c[::-1])
+
+    def axes(self, p: Array, s: Array) -> Array:
+        q = taylor.unit(series_of(self.course, s, ORDER))
+        w, (x, y, z) = q[..., 0], np.moveaxis(q[..., 1:], -1, 0)
+        zero = np.zeros_like(w)
+        V = np.moveaxis(np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]), (0, 1), (-2, -1))
+        # R = 1 + 2 w V + 2 V V with V = [v]x
+        R = 2.0 * (taylor.scaled(w, V) + taylor.multiplied(V, V))
+        R[0] += np.eye(3)
         return R
 
 

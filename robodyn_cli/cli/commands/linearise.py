@@ -1,0 +1,169 @@
+"""``robodyn linearise``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.options import (
+    AsJson,
+    NoPlots,
+    OutDir,
+    Overrides,
+    PlotFormat,
+    PlotNames,
+    Quiet,
+    SceneFile,
+    Strict,
+    drawings,
+    utf8,
+)
+from robodyn_cli.cli.runner import SceneRun, run_scene
+from robodyn_cli.cli.words import number, table
+from robodyn_cli.errors import SceneError
+
+BALANCE = "balance"
+MOVING = 1e-3  # amplitude of a coordinate below which a mode's line leaves it out
+MOST = 4  # coordinates of a mode that are listed
+WIDE = 200  # the table of modes is not divided
+ABOUT = {
+    "state": "about the state",
+    "balance": "about a balance",
+    "hold": "about the pose, held by constant torques",
+    "motion": "along the motion",
+}
+
+
+def command(
+    scene: SceneFile,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--at",
+            metavar="STATE",
+            parser=utf8,
+            help="State, as `info` takes it: `theta1=60 deg`, or `balance`.",
+        ),
+    ] = None,
+    hold: Annotated[
+        bool, typer.Option("--hold", help="At rest in that pose, held by constant torques of the inputs.")
+    ] = False,
+    along: Annotated[
+        bool, typer.Option("--along", help="Along the scene's motion, by `simulate` or `inverse`.")
+    ] = False,
+    inputs: Annotated[
+        list[str] | None,
+        typer.Option("--input", metavar="NAME,...", parser=utf8, help="Joints whose torques are inputs."),
+    ] = None,
+    outputs: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--output", metavar="NAME,...", parser=utf8, help="What is measured: joints, qd.JOINT, points."
+        ),
+    ] = None,
+    out: OutDir = None,
+    overrides: Overrides = None,
+    no_plots: NoPlots = False,
+    plots: PlotNames = None,
+    format_: PlotFormat = "png",
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+    strict: Strict = False,
+) -> int:
+    """Linearise a scene; return the exit code."""
+    state = [text for text in at or () if text != BALANCE]
+    about = _about(at or (), state, hold, along)
+    changes, of = list(overrides or ()), {"inputs": _names(inputs), "outputs": _names(outputs)}
+    if about != "motion":
+        changes = _changes(scene, changes, state)
+    job = SceneRun(
+        "linearise", scene, out, changes, drawings(no_plots, plots, format_), strict,
+        options={"about": about, **of},
+    )  # fmt: skip
+    try:
+        return run_scene(job, Console(as_json, quiet), describe)
+    except SceneError as error:
+        from robodyn_cli.run.mechanism.info import of_state
+
+        raise of_state(error, state) from None
+
+
+def _about(at: Sequence[str], state: Sequence[str], hold: bool, along: bool) -> str:
+    """Return what is linearised about.
+
+    Raises
+    ------
+    SceneError : options that exclude each other.
+    """
+    balance = len(state) < len(at)
+    chosen = [
+        name for name, given in (("--at balance", balance), ("--hold", hold), ("--along", along)) if given
+    ]
+    if len(chosen) > 1 or (state and (balance or along)):
+        listed = " and ".join([*(["--at STATE"] if state else []), *chosen])
+        raise SceneError(f"{listed} exclude each other; allowed: one of them, or --at STATE with --hold")
+    return BALANCE if balance else "hold" if hold else "motion" if along else "state"
+
+
+def _names(given: Sequence[str] | None) -> tuple[str, ...]:
+    return tuple(name.strip() for text in given or () for name in text.split(",") if name.strip())
+
+
+def _changes(path: Path, overrides: Sequence[str], state: Sequence[str]) -> list[str]:
+    """Return all overrides of a scene that is to be in a state."""
+    from robodyn_cli.run.mechanism.info import changes_at
+    from robodyn_cli.scene.load import load_scene
+
+    return changes_at(load_scene(path, list(overrides)), overrides, state)
+
+
+def describe(summary: Mapping[str, Any]) -> str:
+    """Return the summary for the terminal."""
+    freedoms = summary["freedoms"]
+    inputs, outputs = (", ".join(x["name"] for x in summary[key]) or "none" for key in ("inputs", "outputs"))
+    lines = [
+        f"{summary['title']}",
+        f"  linear model       {ABOUT[summary['about']]}; {freedoms} degree{'s' if freedoms != 1 else ''} of freedom",
+        f"  states             {', '.join(x['name'] for x in summary['states'])}",
+        f"  inputs             {inputs}",
+        f"  outputs            {outputs}",
+    ]
+    if "holding_torques" in summary:
+        held = ", ".join(f"{name} {number(x)}" for name, x in summary["holding_torques"].items())
+        lines.append(f"  holding torques    {held}")
+    if "growth" in summary:
+        growth = summary["growth"]
+        lines.append(
+            f"  samples            {summary['samples']}; pole farthest to the right {number(growth['largest'])} 1/s "
+            f"at t = {number(growth['time'])} s"
+        )
+        return "\n".join(lines)
+    lines.append(f"  {summary['stability']:<18} modes, slowest first:")
+    rows = [["pole 1/s", "frequency Hz", "damping", "decay s"], *map(_row, summary["modes"])]
+    moves = ["moves", *map(_moves, summary["modes"])]
+    lines += [f"{row}   {text}" for row, text in zip(table(rows, columns=WIDE).split("\n"), moves)]
+    return "\n".join(lines)
+
+
+def _row(mode: Mapping[str, Any]) -> list[str]:
+    real, imaginary = mode["real"], mode["imaginary"]
+    pole = number(real) if not imaginary else f"{number(real)} +- {number(imaginary)}i" if real else (
+        f"+- {number(imaginary)}i"
+    )  # fmt: skip
+    note = "" if mode["reached"] and mode["shown"] else " *"
+    return [pole + note, number(mode["frequency"], 5), number(mode["damping"], 4), number(mode["time"], 4)]
+
+
+def _moves(mode: Mapping[str, Any]) -> str:
+    """Return the coordinates that a mode moves most."""
+    shape = sorted(mode["shape"].items(), key=lambda item: -item[1][0])
+    moves = [
+        f"{name} {number(size if abs(phase) < 1.6 else -size, 3)}"
+        for name, (size, phase) in shape
+        if size > MOVING
+    ]
+    return ", ".join(moves[:MOST]) + (", ..." if len(moves) > MOST else "")

@@ -1,0 +1,109 @@
+"""``robodyn size``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+import typer
+
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.options import (
+    AsJson,
+    NoPlots,
+    OutDir,
+    Overrides,
+    PlotFormat,
+    PlotNames,
+    Quiet,
+    SceneFile,
+    Strict,
+    drawings,
+)
+from robodyn_cli.cli.runner import SceneRun, run_scene
+from robodyn_cli.cli.words import cost_line, drive_lines, number, table
+from robodyn_cli.errors import SceneError
+from robodyn_cli.motors.registry import motor_types
+
+BY = ("cost", "mass")
+
+
+def describe(summary: Mapping[str, Any]) -> str:
+    """Return what was found: how much there was to choose from, the drives, and how to write them into the scene."""
+    found = summary["size"]
+    rows = [["joint", "combinations", "bear it", "best margin"]]
+    for name, joint in found["joints"].items():
+        best = joint["front"][-1]["margin"] if joint["front"] else None
+        percent = "-" if best is None else f"{number(100.0 * best, 3)} %"
+        rows.append([name, str(joint["combinations"]), str(joint["passing"]), percent])
+    drives = summary["drives"]
+    written = [f"    {name}: {_written(drive)}" for name, drive in drives.items()]
+    total = f"cost {number(found['cost'])}, mass {number(found['mass'])} kg, smallest by {found['by']}"
+    return "\n".join(
+        [
+            f"{summary['title']}",
+            table(rows),
+            *drive_lines(summary),
+            f"  all drives         {total}; {found['sweeps']} sweeps over the joints",
+            "  in the scene       drives:",
+            *written,
+            cost_line(summary),
+        ]
+    )
+
+
+def _written(drive: Mapping[str, Any]) -> str:
+    parts = {key: drive[key] for key in ("motor", "gear", "brake") if drive[key] is not None}
+    if drive["count"] > 1:
+        parts["count"] = drive["count"]
+    return "{" + ", ".join(f"{key}: {value}" for key, value in parts.items()) + "}"
+
+
+def command(
+    scene: SceneFile,
+    by: Annotated[str, typer.Option("--by", metavar="cost|mass", help="What is to be small.")] = "cost",
+    margin: Annotated[
+        float | None,
+        typer.Option(
+            "--margin",
+            min=0.0,
+            max=0.99,
+            help="Part of every limit that is to be left. [default: the `margin` of each drive]",
+            show_default=False,
+        ),
+    ] = None,
+    types: Annotated[
+        str | None,
+        typer.Option(
+            "--types",
+            metavar="TYPE,...",
+            help="Kinds of motor to choose from. [default: all]",
+            show_default=False,
+        ),
+    ] = None,
+    out: OutDir = None,
+    overrides: Overrides = None,
+    no_plots: NoPlots = False,
+    plots: PlotNames = None,
+    format_: PlotFormat = "png",
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+    strict: Strict = False,
+) -> int:
+    """Size the drives of a scene; return the exit code, 1 where nothing bears the motion of a joint."""
+    if by not in BY:
+        raise SceneError(f"--by: unknown choice {by!r}; allowed: {', '.join(BY)}")
+    kinds = tuple(kind.strip() for kind in types.split(",")) if types is not None else ()
+    for kind in kinds:
+        if kind not in motor_types:
+            raise SceneError(f"--types: unknown kind of motor {kind!r}; allowed: {', '.join(motor_types)}")
+    job = SceneRun(
+        "size",
+        scene,
+        out,
+        overrides or (),
+        drawings(no_plots, plots, format_),
+        strict,
+        options={"by": by, "margin": margin, "types": kinds},
+    )
+    return run_scene(job, Console(as_json, quiet), describe)

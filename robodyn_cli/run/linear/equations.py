@@ -1,0 +1,122 @@
+"""The equations of motion and their exact derivatives at states, as arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.algorithms.kinematics import position_rates
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.calculus import directional
+from robodyn_cli.record import record
+from robodyn_cli.run.functions.derivatives import by_steps, by_symbols
+from robodyn_cli.run.observation.evaluation import SampleFunction
+from robodyn_cli.spatial.algebra import Array, Matrix, Vector, identity, zeros
+
+LAMBDA = "lam"  # symbol group of the multipliers
+
+
+@record
+class States:
+    """States of a motion: times (T,), q (T, nq), v and a = v-dot (T, nv).
+
+    tau : torques (T, nv) beside the forces of the equations. a : None where it is what the forces give.
+    """
+
+    times: Array
+    q: Array
+    v: Array
+    a: Array | None
+    tau: Array
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    @property
+    def groups(self) -> dict[str, Array]:
+        return {"t": self.times[:, None], "q": self.q, "v": self.v}
+
+
+class Equations:
+    """M a + h - f - Psi^T lambda = tau and Psi a + gamma = 0 of a mechanism, f the forces that belong to it.
+
+    Parameters
+    ----------
+    f : (nv,) as expressions of t, q and v. parameters : values of p.
+    """
+
+    def __init__(self, problem: Problem, f: Vector, parameters: Sequence[float]) -> None:
+        self.problem, self.f, self.parameters = problem, f, parameters
+        self.rows = problem.constraints.rows
+
+    def values(self, states: States) -> dict[str, Array]:
+        """Return ``M`` (T, nv, nv), ``load`` = h - f (T, nv), ``Psi`` (T, m, nv) and ``gamma`` (T, m)."""
+        problem = self.problem
+        outputs = {
+            "M": problem.mass_matrix,
+            "load": problem.bias - self.f,
+            "Psi": problem.psi,
+            "gamma": np.array(problem.constraints.gamma, dtype=object),
+        }
+        return self._evaluate(outputs, states, {})
+
+    def derivatives(self, states: States, a: Array, lam: Array) -> dict[str, Array]:
+        """Return the derivatives at accelerations a (T, nv) and multipliers lam (T, m).
+
+        By steps dq along the joints' manifolds and by v: ``r_q``, ``r_v`` (T, nv, nv) of M a + h - f - Psi^T lambda,
+        ``g_q``, ``g_v`` (T, m, nv) of Psi a + gamma, and ``w_q`` (T, m, nv) of Psi v + eta_t. ``bracket`` and ``N``:
+        see ``drift``.
+        """
+        problem = self.problem
+        nv, psi = problem.model.nv, problem.psi
+        multipliers = problem.graph.symbols([row.name for row in self.rows], LAMBDA)
+        needed = problem.mass_matrix @ np.array(problem.a, dtype=object) + problem.bias - self.f
+        gap = np.array(problem.constraints.gamma, dtype=object)
+        if self.rows:
+            needed = needed - psi.T @ np.array(multipliers, dtype=object)
+            gap = gap + psi @ np.array(problem.a, dtype=object)
+        rate = problem.constraints.velocity_residual(problem.v)
+        bracket, N = _brackets(problem)
+        outputs = {
+            "r_q": by_steps(problem, needed), "r_v": by_symbols(needed, problem.v),
+            "g_q": by_steps(problem, gap), "g_v": by_symbols(gap, problem.v),
+            "w_q": by_steps(problem, rate), "bracket": bracket, "N": N,
+        }  # fmt: skip
+        found = self._evaluate(outputs, states, {"a": a, LAMBDA: lam})
+        assert found["r_q"].shape[1:] == (nv, nv)
+        return found
+
+    def _evaluate(
+        self, outputs: Mapping[str, Any], states: States, more: Mapping[str, Array]
+    ) -> dict[str, Array]:
+        groups = {**states.groups, **more}
+        if self.parameters:
+            groups["p"] = np.tile(self.parameters, (len(states), 1))
+        flat = {name: list(np.asarray(x, dtype=object).flat) for name, x in outputs.items()}
+        function = SampleFunction(flat, tuple(groups), 1)  # interpreted: each is evaluated once
+        arrays = function(**groups)
+        return {name: arrays[name].reshape(len(states), *np.shape(x)) for name, x in outputs.items()}
+
+
+def _brackets(problem: Problem) -> tuple[Matrix, Matrix]:
+    """Return N (nq, nv) with q-dot = N v, and its bracket with the motion: d(N v)/dq N - d(N e_k)/dq (N v) in column k.
+
+    A motion beside another one is q + N xi with a step xi (nv,). Then xi-dot = dv + K xi with N K = bracket: K vanishes
+    where q-dot = v, and is -w x for rotations in body axes.
+    """
+    model, v = problem.model, problem.v
+    if not any(body.joint.quasi for body in model.bodies):
+        return zeros(0, model.nv), zeros(0, model.nv)
+    rates = position_rates(model, problem.q, v)
+    N = np.stack([position_rates(model, problem.q, unit) for unit in identity(model.nv)], axis=1)
+    turned = np.array([directional(list(column), problem.q, rates) for column in N.T], dtype=object).T
+    return by_steps(problem, rates) - turned, N
+
+
+def drift(found: Mapping[str, Array], sample: int, nv: int) -> Array:
+    """Return K (nv, nv) of ``_brackets`` at a sample."""
+    if not found["N"].shape[1]:
+        return np.zeros((nv, nv))
+    return np.linalg.pinv(found["N"][sample]) @ found["bracket"][sample]

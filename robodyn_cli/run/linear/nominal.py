@@ -1,0 +1,194 @@
+"""What is linearised: a state, a balance, a pose that the inputs hold, or a motion."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from robodyn_cli.equations.contact_joints import FIELDS, moving_freely
+from robodyn_cli.equations.gears import geared
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import CapabilityError, SceneError
+from robodyn_cli.record import record
+from robodyn_cli.run.driver.prepare import prepare, refuse_changes
+from robodyn_cli.run.linear.equations import Equations, States
+from robodyn_cli.run.linear.reduce import independent, tangent
+from robodyn_cli.run.linear.signals import inputs_of
+from robodyn_cli.run.stopwatch import Stopwatch
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.spatial.algebra import Array, Vector, zeros
+
+HELD = 1e-9  # part of the loads that may be left where inputs hold a pose
+
+
+@record
+class Nominal:
+    """Equations and states about which they are linearised; inputs and independent coordinates by place."""
+
+    about: str
+    equations: Equations
+    states: States
+    inputs: tuple[int, ...]
+    places: tuple[int, ...]
+
+    @property
+    def problem(self) -> Problem:
+        return self.equations.problem
+
+
+@record
+class Question:
+    """What is asked: about ``state``, ``balance``, ``hold`` or ``motion``; inputs and outputs by name, () for all."""
+
+    about: str = "state"
+    inputs: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
+
+
+def nominal(scene: Scene, asked: Question, watch: Stopwatch) -> Nominal:
+    """Return the states about which a scene is to be linearised.
+
+    Raises
+    ------
+    SceneError, CapabilityError : the scene has no such state, or a part without a linear model. Others from assembling,
+    from the balance, and from the motion.
+    """
+    refuse_changes(scene, "linearise")
+    wished = asked.inputs
+    if scene.control is not None and not wished:
+        wished = scene.control.joints or ()
+    if asked.about == "motion":
+        problem, states, force = _along(scene, watch)
+    else:
+        setup = prepare(plant_of(scene), watch, neutral=True)
+        problem, states, force = setup.problem, _one(setup.assembled.q, setup.assembled.v), _applied
+    if geared(problem.model):
+        raise CapabilityError(
+            "losses of gears depend on the direction of power, which changes about a state; linearise takes gears "
+            "without 'gear'"
+        )
+    inputs = inputs_of(problem, wished)
+    if asked.about == "balance":
+        states = _balance(problem, states)
+    elif asked.about == "hold":
+        states, force = _one(states.q[0], 0.0 * states.v[0]), _passive
+    equations = Equations(problem, force(problem), _parameters(problem, states))
+    psi = equations.values(states)["Psi"]
+    places = independent(psi[0], inputs)
+    if asked.about == "hold":
+        states = _held(equations, states, inputs, places)
+    return Nominal(asked.about, equations, states, inputs, places)
+
+
+def plant_of(scene: Scene) -> Scene:
+    """Return a scene without its controller, which is no part of the linear model of what it drives."""
+    if scene.control is None:
+        return scene
+    return dataclasses.replace(
+        scene, control=None, outputs=dataclasses.replace(scene.outputs, signals={}), expect={}
+    )
+
+
+def _one(q: Array, v: Array) -> States:
+    return States(np.zeros(1), q[None], v[None], None, np.zeros((1, len(v))))
+
+
+def _applied(problem: Problem) -> Vector:
+    return problem.applied
+
+
+def _passive(problem: Problem) -> Vector:
+    """Return the forces but for the torques of the actuators, which are inputs."""
+    total: Vector = sum(problem.passive_forces(smooth=True).values(), zeros(problem.model.nv))
+    return total
+
+
+def _parameters(problem: Problem, states: States) -> Sequence[float]:
+    """Return the parameters p of joints with exact friction and stops, which slide here.
+
+    Raises
+    ------
+    CapabilityError : one is at rest, where its friction has no slope, or turns round along the motion.
+    """
+    found = list(moving_freely(problem.contact_joints))
+    for joint in problem.contact_joints:
+        if joint.friction is None:
+            continue
+        signs = set(np.sign(states.v[:, joint.v]).tolist())
+        if len(signs) > 1 or 0.0 in signs:
+            raise CapabilityError(
+                f"joint {joint.name!r} has friction that sticks, and is at rest or turns round: there it has no linear "
+                "model; allowed: states in which it slides one way, or friction with 'law: smooth'"
+            )
+        found[joint.place + FIELDS.index("direction")] = signs.pop()
+    return found
+
+
+def _balance(problem: Problem, states: States) -> States:
+    """Return the balance reached from a configuration; what holds joints of ``initial.hold`` is a constant torque."""
+    from robodyn_cli.run.mechanism.balance import balanced
+
+    rest = balanced(problem, states.q[0])
+    own = problem.numbers(problem.actuator_torques, rest.q)
+    still = np.zeros(problem.model.nv)
+    return States(np.zeros(1), rest.q[None], still[None], None, (rest.tau - own)[None])
+
+
+def _held(equations: Equations, states: States, inputs: Sequence[int], places: tuple[int, ...]) -> States:
+    """Return the state with the constant torques of the inputs that hold it.
+
+    Raises
+    ------
+    CapabilityError : they cannot.
+    """
+    values = equations.values(states)
+    T, _ = tangent(values["Psi"][0], places, 0.0)
+    load = T.T @ values["load"][0]
+    torques = np.linalg.lstsq(T.T[:, list(inputs)], load, rcond=None)[0]
+    left = load - T.T[:, list(inputs)] @ torques
+    if np.abs(left).max(initial=0.0) > HELD * max(np.abs(values["load"][0]).max(initial=0.0), 1e-12):
+        names = [equations.problem.model.v_names[k] for k in inputs]
+        raise CapabilityError(
+            f"{', '.join(names) or 'no input'} cannot hold this pose: a force of {np.abs(left).max():.3g} N m or N is "
+            "left; name more inputs, or linearise about a balance (--at balance)"
+        )
+    tau = states.tau.copy()
+    tau[0, list(inputs)] = torques
+    return States(states.times, states.q, states.v, None, tau)
+
+
+def _along(scene: Scene, watch: Stopwatch) -> tuple[Problem, States, Callable[[Problem], Vector]]:
+    """Return states along the motion of the scene's command: ``inverse``, or ``simulate``.
+
+    Torques of ``inverse`` and of a controller are constants there, other torques belong to the model.
+
+    Raises
+    ------
+    CapabilityError : another command's.
+    """
+    if scene.command not in (None, "simulate", "inverse"):
+        raise SceneError(
+            f"--along: the scene's command is {scene.command!r}; allowed: simulate, inverse, or none"
+        )
+    with watch.stage("motion"):
+        if scene.command == "inverse":
+            from robodyn_cli.run.inverse.inverse import inverse
+
+            result, force = inverse(scene), _passive
+            tau = result["tau"]
+        else:
+            from robodyn_cli.run.simulate import simulate
+
+            result = simulate(scene)
+            force, tau = _applied, np.zeros_like(result["qd"])
+            if scene.control is not None:
+                force, tau = _passive, result["tau"]
+    if scene.command == "inverse":
+        from robodyn_cli.run.mechanism.motion import with_led_point
+
+        problem = Problem(with_led_point(scene))
+    else:
+        problem = prepare(plant_of(scene), watch).problem
+    return problem, States(result.time, result["q"], result["qd"], result["qdd"], tau), force

@@ -1,0 +1,122 @@
+"""From the equations of a whole mechanism to a linear system in minimal coordinates.
+
+The coordinates are steps dq (nv,) along the joints' manifolds. Psi dq = 0 leaves the directions dq = T p, with the
+independent ones as p; rates follow from Psi dv + d(Psi v + eta_t)/dq dq = 0: dv = T w + W p. Accelerations alike, and
+T^T projects the forces of the loops away, so rows may depend on each other (Kane's and Maggi's equations; Bauchau,
+Flexible Multibody Dynamics, 2011, section 11.2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.linalg import qr
+
+from robodyn_cli.errors import NumericalError
+from robodyn_cli.record import record
+from robodyn_cli.run.linear.equations import Equations, States, drift
+from robodyn_cli.spatial.algebra import Array
+
+RANK = 1e-9  # a singular value this small beside the largest counts as zero
+PREFERRED = 1e-2  # so much worse may a choice of independent coordinates be that keeps those wished for
+
+
+@record
+class Linear:
+    """x-dot = A x + B u, x = (p, p-dot) of n freedoms, along T states.
+
+    A (T, 2n, 2n), B (T, 2n, inputs). places : the velocity coordinates that are p. dq (T, nv, n) : T of each state;
+    dv (T, nv, 2n) : rates of all coordinates by x. a (T, nv), lam (T, m) : accelerations and multipliers there.
+    """
+
+    A: Array
+    B: Array
+    places: tuple[int, ...]
+    dq: Array
+    dv: Array
+    a: Array
+    lam: Array
+
+
+def independent(psi: Array, wished: Sequence[int]) -> tuple[int, ...]:
+    """Return the places of independent coordinates, ``wished`` among them where that is a good choice; psi (m, nv)."""
+    nv = psi.shape[1]
+    if not len(psi):
+        return tuple(range(nv))
+    s = np.linalg.svd(psi, compute_uv=False)
+    rank = int((s > RANK * s[0]).sum())
+    best = qr(psi, mode="r", pivoting=True)
+    taken = list(best[1][:rank])
+    others = [k for k in range(nv) if k not in wished]
+    if len(others) >= rank:
+        again = qr(psi[:, others], mode="r", pivoting=True)
+        sizes = [abs(r[0][rank - 1, rank - 1]) if rank else 1.0 for r in (best, again)]
+        if sizes[1] > PREFERRED * sizes[0]:
+            taken = [others[k] for k in again[1][:rank]]
+    return tuple(k for k in range(nv) if k not in taken)
+
+
+def tangent(psi: Array, places: Sequence[int], time: float) -> tuple[Array, Array]:
+    """Return T (nv, n) with Psi T = 0, the identity at ``places``, and D (nv, m): the step D r is Psi's inverse.
+
+    Raises
+    ------
+    NumericalError : the coordinates at ``places`` do not determine the others.
+    """
+    nv = psi.shape[1]
+    dependent = [k for k in range(nv) if k not in places]
+    inverse = np.zeros((nv, len(psi)))
+    T = np.zeros((nv, len(places)))
+    T[list(places), range(len(places))] = 1.0
+    if dependent:
+        s = np.linalg.svd(psi[:, dependent], compute_uv=False)
+        if not s[-1] > RANK * s[0]:
+            raise NumericalError(
+                f"at t = {time:.6g} s the loops are singular: they do not determine the dependent coordinates; "
+                "linearise at other states"
+            )
+        inverse[dependent] = np.linalg.pinv(psi[:, dependent], rcond=RANK)
+        T -= inverse @ (psi @ T)
+    return T, inverse
+
+
+def multipliers(values: Mapping[str, Array], states: States, k: int) -> tuple[Array, Array]:
+    """Return accelerations (nv,) and multipliers (m,) of a state, by least norm where rows depend on each other."""
+    M, psi, load = values["M"][k], values["Psi"][k], values["load"][k] - states.tau[k]
+    if states.a is not None:
+        a: Array = states.a[k]
+        return a, np.linalg.lstsq(psi.T, M @ a + load, rcond=RANK)[0]
+    m = len(psi)
+    free = np.linalg.solve(M, np.concatenate([-load[:, None], psi.T], axis=1))
+    lam = np.linalg.lstsq(psi @ free[:, 1:], -values["gamma"][k] - psi @ free[:, 0], rcond=RANK)[0]
+    return free[:, 0] + free[:, 1:] @ lam, lam.reshape(m)
+
+
+def linearise_states(
+    equations: Equations, states: States, inputs: Sequence[int], places: tuple[int, ...]
+) -> Linear:
+    """Return the linear systems at states; ``inputs`` : velocity coordinates with a torque as input.
+
+    M (T p-ddot + c) + r_q dq + r_v dv = S u for T^T of it, with c from the constraints' second rates.
+    """
+    nv, n = equations.problem.model.nv, len(places)
+    values = equations.values(states)
+    pairs = [multipliers(values, states, k) for k in range(len(states))]
+    a, lam = (np.array([pair[i] for pair in pairs]) for i in range(2))
+    found = equations.derivatives(states, a, lam)
+    A, B = np.zeros((len(states), 2 * n, 2 * n)), np.zeros((len(states), 2 * n, len(inputs)))
+    dq, dv = np.zeros((len(states), nv, n)), np.zeros((len(states), nv, 2 * n))
+    for k, time in enumerate(states.times):
+        T, inverse = tangent(values["Psi"][k], places, float(time))
+        here = {name: x[k] for name, x in found.items()}
+        dq[k] = T
+        dv[k] = np.concatenate([-inverse @ here["w_q"] @ T, T], axis=1)
+        step = np.concatenate([T, np.zeros((nv, n))], axis=1)
+        second = -inverse @ (here["g_q"] @ step + here["g_v"] @ dv[k])
+        forces = here["r_q"] @ step + here["r_v"] @ dv[k] + values["M"][k] @ second
+        reduced = T.T @ values["M"][k] @ T
+        A[k, :n] = (dv[k] + drift(found, k, nv) @ step)[list(places)]
+        A[k, n:] = -np.linalg.solve(reduced, T.T @ forces)
+        B[k, n:] = np.linalg.solve(reduced, T.T[:, list(inputs)])
+    return Linear(A, B, places, dq, dv, a, lam)

@@ -1,0 +1,36 @@
+"""Sensitivities: derivatives of outputs of a scene's command by keys of the scene, exact or by differences."""
+
+from __future__ import annotations
+
+from robodyn_cli.record import record
+from robodyn_cli.run.sensitivity.asked import Asked
+from robodyn_cli.run.sensitivity.differences import differences
+from robodyn_cli.run.sensitivity.exact import exact_slopes
+from robodyn_cli.run.sensitivity.slope import Slope
+
+
+@record
+class Sensitivities:
+    """All derivatives (outputs, keys), and why those by differences are not exact, by the number of the key."""
+
+    asked: Asked
+    slopes: tuple[tuple[Slope, ...], ...]
+    obstacles: dict[int, str]
+
+
+def sensitivities(asked: Asked, jobs: int = 1) -> Sensitivities:
+    """Return the derivatives of all outputs by all keys.
+
+    Parameters
+    ----------
+    jobs : processes or threads for runs of central differences.
+    """
+    exact, obstacles = exact_slopes(asked)
+    outputs, count = asked.task.outputs, len(asked.keys)
+    rest = [k for k in range(count) if any((name, k) not in exact for name in outputs)]
+    others = differences(asked, rest, jobs)
+    slopes = tuple(
+        tuple(exact.get((name, k)) or others[k][place] for k in range(count))
+        for place, name in enumerate(outputs)
+    )
+    return Sensitivities(asked, slopes, obstacles)

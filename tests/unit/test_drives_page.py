@@ -1,0 +1,27 @@
+"""The worked page on drives says what the commands print."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from robodyn_cli.cli.app import run
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "drives.md").read_text(encoding="utf-8")
+BLOCKS = [
+    block.strip("\n").splitlines() for block in re.findall(r"```\n(\$ robodyn .*?)```", PAGE, re.DOTALL)
+]
+
+
+@pytest.mark.parametrize("block", BLOCKS, ids=lambda block: block[0])
+def test_what_is_shown_is_printed(
+    block: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(ROOT)
+    assert run([*shlex.split(block[0])[2:], "--no-plots", "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    assert len(block) > 2 and [line for line in block[1:] if line not in printed] == []

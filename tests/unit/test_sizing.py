@@ -1,0 +1,214 @@
+"""``size`` against what ``inverse`` says of every combination."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robodyn_cli.cli.app import run
+from robodyn_cli.errors import CapabilityError, SceneError
+from robodyn_cli.motors.drive import Drive
+from robodyn_cli.run.inverse.inverse import inverse
+from robodyn_cli.run.sizing.responses import Responses
+from robodyn_cli.run.sizing.size import size
+from robodyn_cli.scene.load import load_scene, load_scene_text
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+ARM = """
+schema: 1
+gravity: [1.3, -2.1, -9.2]
+robot:
+  joints:
+    - {name: a, type: revolute, axis: [0.2, 0.3, 1], origin: {xyz: [0.1, 0, 0.3], rpy: [0.2, -0.1, 0.4]}}
+    - {name: s, type: prismatic, axis: [1, 0.2, 0], origin: {xyz: [0.4, 0.1, 0], rpy: [0.3, 0, 0.1]}}
+    - {name: b, type: revolute, axis: [0, 1, 0.4], origin: {xyz: [0.1, 0.3, 0.2], rpy: [0, 0.5, 0]}}
+  links:
+    - {name: A, mass: 3.0, com: [0.2, 0.05, -0.1], com_frame: joint, inertia: {xx: 0.2, yy: 0.3, zz: 0.25, xy: 0.02, xz: -0.01, yz: 0.03}}
+    - {name: S, mass: 2.0, com: [0.1, -0.05, 0.1], com_frame: joint, inertia: {xx: 0.1, yy: 0.2, zz: 0.15, xy: 0.01, xz: 0.02, yz: -0.03}}
+    - {name: B, mass: 1.0, com: [0.3, 0.02, 0.04], com_frame: joint, inertia: {xx: 0.05, yy: 0.06, zz: 0.07, xy: 0.004, xz: 0.003, yz: 0.002}}
+trajectory:
+  type: joint
+  duration: 3
+  q: {a: "0.8*sin(2*pi*t/3)", s: "0.3 + 0.1*cos(2*pi*t/3)", b: "0.5*sin(4*pi*t/3) + 0.2*cos(2*pi*t/3)"}
+inverse: {samples: 601}
+catalogue:
+  motors:
+    large: {type: dc, mass: 2.7, cost: 30, torque_constant: 0.2, resistance: 0.9, voltage: 90, max_current: 60, rotor_inertia: 3e-4, coulomb: 0.01, viscous: 2e-5, thermal: {winding_resistance: 0.4, housing_resistance: 0.6, winding_time: 20, housing_time: 900, max_temperature: 150}}
+    small: {type: dc, mass: 0.7, cost: 10, torque_constant: 0.1, resistance: 0.7, voltage: 48, max_current: 30, rated_current: 6, rotor_inertia: 5e-5}
+    steps: {type: stepper, mass: 1.5, cost: 9, rotor_inertia: 8e-5, pull_out: [[0, 2.4], [40, 2.0], [190, 0.5]]}
+  gears:
+    g40: {type: gear, ratio: 40, efficiency: 0.8, back_driving: 0.5, inertia: 1e-4, mass: 0.9, cost: 5, peak_torque: 90, rated_torque: 60, max_speed: 400}
+    g9: {type: gear, ratio: 9, efficiency: 0.93, inertia: 3e-5, mass: 0.5, cost: 3, peak_torque: 60}
+    screw: {type: ball_screw, lead: 0.02, efficiency: 0.9, inertia: 2e-4, mass: 0.8, cost: 4}
+  brakes:
+    k: {holding_torque: 3, inertia: 5e-5, mass: 0.4, cost: 2}
+"""
+GEARS: dict[str, list[str | None]] = {"a": [None, "g40", "g9"], "s": ["screw"], "b": [None, "g40", "g9"]}
+MOTORS = ["large", "small", "steps"]
+
+
+def table(result: Any, joint: str) -> dict[tuple[str, str | None], float]:
+    """Return the margin of each combination of a joint."""
+    sized = result.summary["size"]["joints"][joint]
+    return {
+        (sized["motors"][int(motor)], sized["gears"][int(gear)]): margin
+        for motor, gear, _, _, margin in result[f"candidates/{joint}"].tolist()
+    }
+
+
+def with_drives(chosen: dict[str, tuple[str, str | None]], more: str = "") -> str:
+    drives = ", ".join(
+        f"{n}: {{motor: {m}{'' if g is None else f', gear: {g}'}{more}}}" for n, (m, g) in chosen.items()
+    )
+    return f"{ARM}drives: {{{drives}}}\n"
+
+
+@pytest.mark.parametrize(
+    "more", ["", ", brake: k, count: 2, coupling_inertia: 1.0e-4", ", mass_on: none, ambient: 40"]
+)
+def test_margins_are_those_of_inverse_with_each_combination(more: str) -> None:
+    """Every combination of every joint, the others as chosen: the same margins, the same verdicts."""
+    start = {"a": ("large", "g40"), "s": ("large", "screw"), "b": ("small", "g9")}
+    result = size(load_scene_text(with_drives(start, more)))
+    assert result.summary["size"]["margin_difference"] < 1e-9
+    chosen = {n: (d["motor"], d["gear"]) for n, d in result.summary["drives"].items()}
+    for joint in chosen:
+        margins = table(result, joint)
+        assert set(margins) == set(itertools.product(MOTORS, GEARS[joint]))
+        for parts, margin in margins.items():
+            text = with_drives({**chosen, joint: parts}, more)
+            found = inverse(load_scene_text(text)).summary["drives"][joint]
+            if margin >= 0.0 or found["margin"] >= 0.0:
+                assert margin == pytest.approx(found["margin"], abs=1e-9), (joint, parts)
+
+
+@pytest.mark.parametrize(("by", "other"), [("cost", "mass"), ("mass", "cost")])
+def test_what_is_chosen_is_the_cheapest_or_lightest_that_bears_it(by: str, other: str) -> None:
+    result = size(load_scene_text(ARM), by=by, margin=0.1)
+    assert any((result[f"candidates/{n}"][:, 4] < 0.1).sum() > 2 for n in "asb")
+    for joint, drive in result.summary["drives"].items():
+        data = result[f"candidates/{joint}"]
+        prices = {"cost": data[:, 2], "mass": data[:, 3]}
+        bears = data[:, 4] >= 0.1
+        assert bears.sum() == result.summary["size"]["joints"][joint]["passing"]
+        assert drive["passes"] and drive[by] == prices[by][bears].min()
+        equal = bears & (prices[by] == drive[by])
+        assert drive[other] == prices[other][equal].min()
+        front = result.summary["size"]["joints"][joint]["front"]
+        assert front[0]["motor"] == drive["motor"] and front[-1]["margin"] == data[:, 4].max()
+        pairs = [(one[by], one["margin"]) for one in front]
+        assert pairs == sorted(pairs) and len({m for _, m in pairs}) == len(pairs)
+        for price, margin in zip(prices[by][bears], data[bears, 4]):
+            assert any(p <= price and m >= margin for p, m in pairs)
+    again = size(load_scene_text(ARM), by=by, margin=0.1)
+    assert again.summary["size"] == result.summary["size"] and again.scene_text == result.scene_text
+    # the scene of the result, run again, has these drives
+    assert inverse(load_scene_text(result.scene_text)).summary["drives"] == result.summary["drives"]
+
+
+def test_torques_are_linear_in_masses_and_inertias() -> None:
+    """Of an arm, and of five bars whose two cranks share the load: far from the values that they were found with."""
+    rng = np.random.default_rng(4)
+    five = load_scene(CONFIGS / "mechanisms" / "five_bar_circle.yaml", ["outputs.reactions=false"])
+    arm = load_scene_text(ARM)
+    for scene, joints in ((arm, ("a", "s", "b")), (five, ("left", "right"))):
+        responses = Responses.of(scene, {name: Drive(motor="") for name in joints})
+        masses, inertias = rng.uniform(0.1, 20.0, len(joints)), rng.uniform(0.01, 9.0, len(joints))
+        units = {"s": "gear: m, "} if scene is arm else {}
+        drives = {
+            name: f"{{motor: m, {units.get(name, '')}mass: {m!r}, coupling_inertia: {I!r}}}"
+            for name, m, I in zip(joints, masses.tolist(), inertias.tolist())
+        }
+        catalogue = "{motors: {m: {type: envelope, peak: [[0, 1], [1, 1]], continuous: [[0, 1], [1, 1]]}}, gears: {m: {type: belt, motor_radius: 1}}}"
+        settings = [f"catalogue={catalogue}", *(f"drives.{n}={x}" for n, x in drives.items())]
+        changed = load_scene_text(scene.text, str(CONFIGS / "x.yaml"), settings)
+        tau = inverse(changed)["tau"]
+        found = responses.tau.at(masses, inertias)
+        assert np.abs(found - tau).max() < 1e-11 * np.abs(tau).max()
+
+
+def test_a_mechanism_with_loops() -> None:
+    scene = load_scene(
+        CONFIGS / "mechanisms" / "five_bar_circle.yaml",
+        ["drives={left: {motor: servo0p64_3000, brake: brake2}, right: {motor: servo0p64_3000}}"],
+    )
+    result = size(scene, by="mass")
+    assert result.status == "ok" and result.summary["size"]["margin_difference"] < 1e-9
+    assert (
+        result.summary["drives"]["left"]["brake"] == "brake2"
+        and "brake" in result.summary["drives"]["left"]["limits"]
+    )
+
+
+def test_heavier_motors_further_out_make_the_inner_ones_bear_more() -> None:
+    """The shoulder of the lecture's arm is sized with the elbow's drive on its link."""
+    carried = size(load_scene(CONFIGS / "2r_circle.yaml"))
+    free = size(load_scene(CONFIGS / "2r_circle.yaml", [
+        f"drives.{n}={{motor: dc63_300w, mass_on: none}}" for n in ("theta1", "theta2")
+    ]))  # fmt: skip
+    mass = carried.summary["drives"]["theta2"]["mass"]
+    more = carried["drives/load"][:, 0] - free["drives/load"][:, 0]
+    q, qdd = carried["q"][:, 0], carried["qdd"][:, 0]
+    # a point mass at the end of the first link, 1 m from the shoulder
+    assert np.allclose(more, mass * (9.81 * np.cos(q) + qdd), rtol=0, atol=1e-9)
+
+
+def test_where_nothing_is_strong_enough(tmp_path: Path) -> None:
+    text = ARM.replace("mass: 1.0", "mass: 400.0")
+    result = size(load_scene_text(text))
+    assert result.status == "undersized"
+    sized = result.summary["size"]["joints"]["a"]
+    assert sized["passing"] == 0 and sized["front"] == []
+    assert result.summary["size"]["margin_difference"] < 1e-9 * abs(result.summary["drives"]["a"]["margin"])
+    path = tmp_path / "heavy.yaml"
+    path.write_text(text, encoding="utf-8")
+    assert run(["size", str(path), "--no-plots", "--quiet", "--out", str(tmp_path / "out")]) == 1
+
+
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "arm.yaml"
+    path.write_text(ARM, encoding="utf-8")
+    assert run(["size", str(path), "--by", "mass", "--margin", "0.2", "--out", str(tmp_path / "out")]) == 0
+    printed = capsys.readouterr().out
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
+    assert summary["command"] == "size" and summary["size"]["by"] == "mass"
+    assert all(drive["margin"] >= 0.2 == drive["least_margin"] for drive in summary["drives"].values())
+    for name, drive in summary["drives"].items():
+        assert f"    {name}: {{motor: {drive['motor']}" in printed
+    assert {"size_front.png", "drives.png"} <= set(summary["outputs"])
+    assert run(["size", str(path), "--by", "price", "--no-plots", "--out", str(tmp_path / "o2")]) == 2
+    assert "--by: unknown choice 'price'; allowed: cost, mass" in capsys.readouterr().err
+
+
+def test_kinds_of_motor(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    result = size(load_scene_text(ARM), types=("stepper",))
+    assert {drive["motor"] for drive in result.summary["drives"].values()} == {"steps"}
+    path = tmp_path / "arm.yaml"
+    path.write_text(ARM, encoding="utf-8")
+    assert run(["size", str(path), "--types", "dc, servo", "--no-plots", "--out", str(tmp_path / "out")]) == 2
+    assert "unknown kind of motor 'servo'; allowed: dc, brushless" in capsys.readouterr().err
+
+
+def test_what_cannot_be_sized() -> None:
+    with pytest.raises(SceneError, match="joint 'a' says by 'gear_ratio' what drives it"):
+        size(load_scene_text(ARM.replace("name: a, ", "name: a, gear_ratio: 3, ")))
+    with pytest.raises(SceneError, match="joint 'b' says by 'gear' what drives it"):
+        size(load_scene_text(ARM.replace("name: b, ", "name: b, gear: {efficiency: 0.5}, ")))
+    with pytest.raises(SceneError, match="no motor and gear for joint 's'"):
+        size(
+            load_scene_text(
+                ARM.replace(
+                    "    screw: {type: ball_screw, lead: 0.02, efficiency: 0.9, inertia: 2e-4, mass: 0.8, cost: 4}\n",
+                    "",
+                )
+            )
+        )
+    with pytest.raises(CapabilityError, match="type fastest follow from the torques"):
+        size(load_scene(CONFIGS / "trajectories" / "fastest_2r.yaml"))
+    with pytest.raises(SceneError, match="no joint is driven"):
+        size(load_scene_text(ARM + "actuated: []\n"))
