@@ -42,6 +42,11 @@ def changing(model: Model) -> tuple[Payload, ...]:
     return tuple(payload for payload in model.payloads if payload.place is not None)
 
 
+def carried_at_start(model: Model) -> list[float]:
+    """Return the parameters p of a state before anything is gripped or released."""
+    return [float(payload.spec.start is None) for payload in changing(model)]
+
+
 def as_link(payload: sc.Payload) -> sc.Link:
     """Return the link that a payload is for the body that carries it; data that are not given are unknown there too."""
     return sc.Link(name=payload.name, mass=payload.mass, com=payload.com, inertia=payload.inertia)

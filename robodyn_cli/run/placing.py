@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Sequence
 
 from robodyn_cli.errors import CapabilityError, GeometryError, RobodynError, SceneError
-from robodyn_cli.scene.text.nodes import Node, Path, dotted, find, index_of, located, nearest
+from robodyn_cli.scene.text.nodes import Node, Path, dotted, find, index_of, located, name_of, nearest
 from robodyn_cli.scene.text.nodes import Sequence as SequenceNode
 
 ABOUT_SCENE = (SceneError, CapabilityError, GeometryError)  # others happen on the way, and tell a time
@@ -47,8 +47,8 @@ def path_of(error: RobodynError, sentence: str, root: Node, command: str) -> Pat
     details = error.details
     if key := str(details.get("key", "")):
         return steps(key)
-    if links := links_without(root, details.get("missing", ())):
-        return ("robot", "links", links[0])
+    if lacking := owners(root, details.get("missing", ())):
+        return lacking[0]
     begins = KEY.match(sentence)
     if begins and (path := steps(begins[1])) and find(root, path[:1]) is not None:
         return path
@@ -68,10 +68,13 @@ def steps(key: str) -> Path:
     return tuple(int(step) if step.isdecimal() else step for step in key.split("."))
 
 
-def links_without(root: Node, missing: Sequence[str]) -> list[int]:
-    """Return the links that lack data, by number; missing : such as ``mass of rod``."""
-    links = find(root, ("robot", "links"))
-    if not isinstance(links, SequenceNode):
-        return []
-    owners = [index_of(links, name.rpartition(" of ")[2]) for name in missing]
-    return sorted({k for k in owners if k is not None})
+def owners(root: Node, missing: Sequence[str]) -> list[Path]:
+    """Return the paths of links and payloads that lack data; missing : such as ``mass of rod``."""
+    names = {name.rpartition(" of ")[2] for name in missing}
+    found: list[Path] = []
+    for where in (("robot", "links"), ("payloads",)):
+        items = find(root, where)
+        for k, item in enumerate(items.items if isinstance(items, SequenceNode) else ()):
+            if name_of(item) in names:
+                found.append((*where, k))
+    return found

@@ -112,6 +112,23 @@ def test_what_a_run_finds_wrong_has_its_place(
     assert done.data["error"].get("details", done.data["error"])["key"], done.data
 
 
+@pytest.mark.parametrize("when", ["from: {time: 0.4}", "until: {time: 0.4}"])
+def test_payloads_that_lack_data_and_come_and_go(when: str, tmp_path: Path) -> None:
+    """``info`` looks at the state before anything is gripped or released."""
+    scene = tmp_path / "ball.yaml"
+    ball = f"payloads: [{{name: ball, at: rod.com, mass: 3, {when}}}]\n"
+    scene.write_text(MIXED.replace("trajectory:", ball + "initial: {q: {slide: 0, arm: 0}}\ntrajectory:"))
+    for words in (("inverse", scene, "--no-plots", "--out", tmp_path / "out"), ("validate", scene)):
+        done = invoke(*words)
+        assert (
+            done.code == 2
+            and "payloads.0: " in done.err + done.out
+            and "inertia.zz of ball" in done.err + done.out
+        )
+    held = invoke("info", scene, "--json", "--no-plots", "--out", tmp_path / "out").data["mass_matrix"][0][0]
+    assert held == pytest.approx(5.0 if when.startswith("until") else 2.0, rel=1e-12)
+
+
 def test_strict_names_every_warning(tmp_path: Path) -> None:
     (tmp_path / "odd.yaml").write_text(MIXED.replace("zz: 0.1", "xx: 1, yy: 0.1, zz: 0.1").replace(
         "com: [0, 0, 0]}", "com: [0, 0, 0], inertia: {xx: 1, yy: 0.1, zz: 0.1}}"))  # fmt: skip

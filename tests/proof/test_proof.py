@@ -67,6 +67,14 @@ def test_scenes_that_were_wrong_once(seed: int) -> None:
     assert not bad, "\n".join(bad)
 
 
+@pytest.mark.parametrize(("seed", "step"), [(250149, 0.001358), (250365, 0.00226)])
+def test_a_bounce_within_a_fixed_step_is_followed(seed: int, step: float) -> None:
+    """A joint leaves its stop from zero and is back within the step in which it left."""
+    settings = ["simulate.integrator=implicit_midpoint", f"simulate.step={step}"]
+    found = simulate(load_scene_text(make(seed)[1].scene(), overrides=settings))
+    assert found.summary["error_estimate"]["state_max"] is not None, found.summary["error_estimate"]
+
+
 @pytest.mark.parametrize("seed", [230073, 230399, 250003])
 def test_errors_that_both_integrations_share(seed: int) -> None:
     """Some of 12 settings end where both errors are the same, or take a pulse in one and the same step."""

@@ -22,6 +22,7 @@ Values = Callable[[float], Numbers]
 Point = tuple[float, float]  # a time, and the value of a function there
 
 TRIALS = 200
+RISES = 8  # halvings of a bracket in which a function is looked for that rises from zero and falls again
 PATIENCE = 3  # secant steps that may fail to halve the bracket before it is bisected; fewer each time
 
 
@@ -105,7 +106,10 @@ def _root(index: int, values: Values, low: Point, high: Point, strict: bool = Fa
     sign, side, exact = math.copysign(1.0, g_a) if g_a else 0.0, 0, False
     g_a = float(values(a)[index])
     if g_a * sign < 0.0 or (g_a * sign == 0.0 and not (strict and sign)):
-        return Root(index, a, a, -sign)  # it was zero from the start
+        risen = _risen(index, values, a, b, sign) if g_a == 0.0 and sign else None
+        if risen is None:
+            return Root(index, a, a, -sign)  # it was zero from the start
+        a, g_a = risen
     fine = resolution(a, b)
     goal, patience, wasted = 0.5 * (b - a), PATIENCE, 0
     for _ in range(TRIALS):
@@ -133,6 +137,19 @@ def _root(index: int, values: Values, low: Point, high: Point, strict: bool = Fa
     if exact:
         a = max(a, b - fine)  # the root itself was met
     return Root(index, a, b, -sign) if math.isfinite(g_b) else None
+
+
+def _risen(index: int, values: Values, a: float, b: float, sign: float) -> Point | None:
+    """Return where a function that is zero at ``a`` has taken this sign before it loses it until ``b``; None nowhere.
+
+    A joint that has just bounced leaves its stop from zero and may be back within the step.
+    """
+    for k in range(1, RISES + 1):
+        place = a + 0.5**k * (b - a)
+        value = float(values(place)[index])
+        if value * sign > 0.0:
+            return place, value
+    return None
 
 
 def _weight(new: float, old: float) -> float:

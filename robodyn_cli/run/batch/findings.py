@@ -23,14 +23,14 @@ from robodyn_cli.run.driver.mass_matrix import refuse_indefinite
 from robodyn_cli.run.driver.prepare import passive_coordinates, prepare, refuse_changes
 from robodyn_cli.run.inverse.build import build_inverse
 from robodyn_cli.run.observation.rounding import few
-from robodyn_cli.run.placing import links_without, place
+from robodyn_cli.run.placing import owners, place
 from robodyn_cli.run.plan.data import unknown_data
 from robodyn_cli.run.plan.words import listed_data
 from robodyn_cli.run.progress import no_progress
 from robodyn_cli.run.singular.singularity import passive_determinant
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.load import examine
-from robodyn_cli.scene.text.nodes import Node, dotted, located, nearest
+from robodyn_cli.scene.text.nodes import Node, dotted, located, name_of, nearest
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.trajectories.motion import JointMotion
 
@@ -108,19 +108,20 @@ def _trial(scene: Scene, root: Node) -> list[RobodynError]:
             return []
     except RobodynError as error:
         if "missing" in error.details:
-            return _missing(scene, root, command or "", error.details["missing"])
+            return _missing(root, command or "", error.details["missing"])
         place(error, lambda: root, command or "")
         return [error]
-    return _missing(scene, root, command, unknown_data(model, outputs)[0])
+    return _missing(root, command, unknown_data(model, outputs)[0])
 
 
-def _missing(scene: Scene, root: Node, command: str, names: Sequence[str]) -> list[RobodynError]:
-    """Return an error a link that lacks data which the command needs."""
+def _missing(root: Node, command: str, names: Sequence[str]) -> list[RobodynError]:
+    """Return an error for each link or payload that lacks data which the command needs."""
     found: list[RobodynError] = []
-    for k in links_without(root, names):
-        here = [name for name in names if name.endswith(f" of {scene.robot.links[k].name}")]
+    for path in owners(root, names):
+        owner = name_of(nearest(root, path))
+        here = [name for name in names if name.endswith(f" of {owner}")]
         what = f"{command} needs {listed_data(here)}, which the scene does not give"
-        found.append(_at(root, ("robot", "links", k), what))
+        found.append(_at(root, path, what))
     return found
 
 

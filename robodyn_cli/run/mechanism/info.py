@@ -18,6 +18,7 @@ from robodyn_cli.expr.graph import Expr
 from robodyn_cli.expr.rebuild import Values
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.model.model import Model
+from robodyn_cli.model.payloads import carried_at_start
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, Absent
@@ -145,8 +146,11 @@ class Numbers:
         self.problem = setup.problem
         self.q, self.v = setup.assembled.q, setup.assembled.v
         still = [0.0] * len(self.v)
+        carried = carried_at_start(self.problem.model)
         # without data that are missing: what depends on them has no value
-        self.values = Values({"t": [0.0], "q": self.q.tolist(), "v": self.v.tolist(), "a": still, "p": []})
+        self.values = Values(
+            {"t": [0.0], "q": self.q.tolist(), "v": self.v.tolist(), "a": still, "p": carried}
+        )
 
     def array(self, entries: Any) -> Array:
         """Return the values of expressions; NaN where data are missing."""
