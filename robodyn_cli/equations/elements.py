@@ -12,7 +12,7 @@ from robodyn_cli.expr.functions import interpolate
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols, is_nonzero
 from robodyn_cli.forces.element import Action, Effect, HalfTurn, Line, Setting
 from robodyn_cli.model.model import BASE, FixedFrame, Force, Model
-from robodyn_cli.scene.types import Scene, Torque
+from robodyn_cli.scene.types import Torque
 from robodyn_cli.spatial.algebra import Transform, Values, Vector, Wrench, dot, zeros
 
 
@@ -164,10 +164,12 @@ def spans(model: Model, X: Sequence[Transform], q: Values, v: Values) -> dict[st
     return found
 
 
-def given_torques(scene: Scene, model: Model, t: Scalar, environment: Mapping[str, Any]) -> Vector:
+def given_torques(
+    torques: Mapping[str, Any], model: Model, t: Scalar, environment: Mapping[str, Any]
+) -> Vector:
     """Return the scene's ``torques`` (nv,): constants, formulas, tables."""
     tau = zeros(model.nv)
-    for name, torque in scene.torques.items():
+    for name, torque in torques.items():
         table = isinstance(torque, Torque)
         value = interpolate(t, *zip(*torque.table)) if table else torque.evaluate(environment)
         tau[model.v_names.index(name)] = value

@@ -77,12 +77,8 @@ class Problem:
         if scene.control is not None:
             from robodyn_cli.equations.control.control import Control
 
+            self.of = Problem
             self.control = Control(self)
-
-    @staticmethod
-    def of(scene: sc.Scene) -> Problem:
-        """Return the equations of another scene."""
-        return Problem(scene)
 
     def numbers(
         self, entries: Any, q: Array, t: float = 0.0, v: Array | None = None, p: Array | None = None
@@ -177,7 +173,8 @@ class Problem:
     @cached_property
     def actuator_torques(self) -> Vector:
         """tau_a (nv,): the scene's ``torques``, and those of its controller."""
-        tau = given_torques(self.scene, self.model, self.t, self.environment)
+        tau, given = zeros(self.model.nv), self.scene.torques
+        tau = given_torques(given, self.model, self.t, self.environment) if given else tau
         return tau if self.control is None else tau + self.control.on_joints()
 
     @cached_property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from robodyn_cli.algorithms.kinematics import Pose
@@ -40,6 +41,7 @@ class Equations(Protocol):
     def free_accelerations(self, f: Values) -> Vector: ...
     def numbers(self, entries: Any, q: Array) -> Array: ...
 
-    def of(self, scene: Scene) -> Equations:
-        """Return the equations of another scene."""
+    @property
+    def of(self) -> Callable[[Scene], Equations]:
+        """What gives the equations of another scene."""
         ...
