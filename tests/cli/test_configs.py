@@ -20,6 +20,9 @@ INVERSE = {"joint_angles", "joint_rates", "joint_accelerations", "torques", "tor
 SIMULATE = {"joint_angles", "joint_rates", "tip_path", "energy", "energy_drift", "mechanism"}
 DEPLOY = {"joint_angles", "multipliers", "constraint_residual", "singular_values", "mechanism"}
 DRAWINGS = {
+    "2r_drives": INVERSE | {"drives"},
+    "cart_pole_lqr": SIMULATE | {"torques", "tracking"},
+    "controlled_arm": SIMULATE | {"torques", "tracking"},
     "double_pendulum": SIMULATE,
     "four_bar_deploy": DEPLOY | {"tip_path"},
     "four_bar_prescribed": DEPLOY | {"tip_path"},

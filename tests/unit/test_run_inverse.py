@@ -101,7 +101,8 @@ def test_shipped_scenes(path: Path) -> None:
     result = inverse(load_scene(path), samples=401)
     assert result.summary["round_trip"] < 1e-12
     assert abs(result.summary["error_estimate"]["energy_balance_relative"]) < 1e-8
-    assert len(result.time) == 401 and all(len(v.data) == 401 for v in result.variables.values())
+    assert len(result.time) == 401
+    assert all(len(v.data) == 401 for v in result.variables.values() if v.dims[0] == "time")
     sums_to_tau(result)
     h = result.time[1]
     for path_name in result.group("points"):

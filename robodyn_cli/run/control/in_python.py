@@ -8,6 +8,7 @@ from typing import Any
 from robodyn_cli.errors import SceneError
 from robodyn_cli.results.result import Result
 from robodyn_cli.run import simulate as command
+from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.scene.load import load_scene_text
 from robodyn_cli.scene.types import Scene
 
@@ -39,11 +40,19 @@ def controlled_by(scene: Scene, function: Any, period: float | None) -> Scene:
     return dataclasses.replace(scene, control=dataclasses.replace(given, function=function))
 
 
-def simulate(scene: Scene, controller: Any = None, period: float | None = None, **options: Any) -> Result:
+def simulate(
+    scene: Scene,
+    progress: Progress = no_progress,
+    *,
+    controller: Any = None,
+    period: float | None = None,
+    **options: Any,
+) -> Result:
     """Integrate the scene over its duration.
 
     Parameters
     ----------
+    progress : called with the time that has been reached and the last one, while the run goes on.
     controller : a function ``f(t, q, qd)`` that gives the torques (n,) of the driven joints [N m or N] for what is
         measured of all joints at each sample: q (nq,), qd (nv,). Where it has a method ``reset``, that is called before
         each integration; there are two where the error is estimated.
@@ -60,4 +69,4 @@ def simulate(scene: Scene, controller: Any = None, period: float | None = None, 
     """
     if controller is not None or period is not None:
         scene = controlled_by(scene, controller, period)
-    return command.simulate(scene, **options)
+    return command.simulate(scene, progress, **options)

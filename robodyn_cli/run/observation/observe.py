@@ -261,7 +261,8 @@ class Observer:
             "energy/potential": potential,
             "energy/total": kinetic + potential,
         }
-        if self.system.work_done_by:
+        # the structure behind a lock may have nothing any more that does work
+        if self.system.work_done_by and z.shape[1]:
             data["energy/work"] = z[:, -1]
         for path in FORCES:
             if (name := path.replace("/", ".")) in found:
