@@ -232,7 +232,7 @@ class Driver:
                 continue
             if isinstance(outcome, Leap):
                 self._leap(outcome, stop, grid, seen)
-            elif outcome.ends or self.time >= end:
+            elif outcome.ends or stop >= end:  # the time may be that but for rounding
                 return
             else:
                 self._answer_stop(stop)
