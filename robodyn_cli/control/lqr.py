@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,6 +14,7 @@ from robodyn_cli.schema.fields import Choice, JointMap, Number, Section, key
 from robodyn_cli.spatial.algebra import Array
 
 MARGIN = 1e-9  # of the size of A: a mode that decays slower counts as one that does not
+SPLIT = 1e-7  # of the size of A: so far apart may rounding put a double eigenvalue
 RANK = 1e-10
 
 
@@ -71,7 +73,7 @@ def regulator(linear: Linear, Q: Array, R: Array) -> Array:
 
     Raises
     ------
-    SceneError : some mode that does not decay cannot be reached by the torques.
+    SceneError : some mode that does not decay cannot be reached by the torques, or one that stays costs nothing.
     """
     from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 
@@ -81,6 +83,12 @@ def regulator(linear: Linear, Q: Array, R: Array) -> Array:
         linear.refuse(
             f"the pair (A, B) cannot be stabilised: the mode {unreachable:.4g} 1/s does not decay, and the driven "
             "joints have no influence on it; allowed: joints that do"
+        )
+    costless = costless_mode(A, Q)
+    if costless is not None:
+        linear.refuse(
+            f"the mode {costless:.4g} 1/s neither grows nor decays and costs nothing, so it would stay as it is; "
+            "allowed: weights `gains.q` and `gains.qd` that see it"
         )
     if linear.period is None:
         P = solve_continuous_are(A, B, Q, R)
@@ -95,18 +103,33 @@ def regulator(linear: Linear, Q: Array, R: Array) -> Array:
 
 
 def unreachable_mode(A: Array, B: Array) -> complex | None:
-    """Return an eigenvalue [1/s] that does not decay and that inputs do not reach (Hautus' test), None without one."""
-    size = max(1.0, float(np.abs(A).max(initial=0.0)))
-    for mode in np.linalg.eigvals(A):
-        if mode.real < -MARGIN * size:
-            continue
-        both = np.concatenate(
-            [A - mode * np.eye(len(A)), B * (size / max(float(np.abs(B).max()), 1e-300))], axis=1
-        )
-        values = np.linalg.svd(both, compute_uv=False)
+    """Return an eigenvalue [1/s] that does not decay and that inputs do not reach, None without one."""
+    size = _size(A)
+    return _hidden_mode(A, B, [mode for mode in np.linalg.eigvals(A) if mode.real >= -MARGIN * size])
+
+
+def costless_mode(A: Array, Q: Array) -> complex | None:
+    """Return an eigenvalue [1/s] that neither grows nor decays and that Q does not see, None without one.
+
+    A regulator leaves such a mode as it is; one that grows is brought to rest in any case (Anderson and Moore 1990).
+    """
+    near = SPLIT * _size(A)  # what rounding makes of a double eigenvalue
+    modes = [mode for mode in np.linalg.eigvals(A) if abs(mode.real) <= near]
+    return _hidden_mode(A.T, Q, [complex(0.0, mode.imag if abs(mode.imag) > near else 0.0) for mode in modes])
+
+
+def _hidden_mode(A: Array, B: Array, modes: Sequence[complex]) -> complex | None:
+    """Return the first of some modes s for which [A - s 1, B] loses rank (Hautus' test), None without one."""
+    B = B * (_size(A) / max(float(np.abs(B).max()), 1e-300))
+    for mode in modes:
+        values = np.linalg.svd(np.concatenate([A - mode * np.eye(len(A)), B], axis=1), compute_uv=False)
         if values[-1] < RANK * values[0]:
             return complex(mode)
     return None
+
+
+def _size(A: Array) -> float:
+    return max(1.0, float(np.abs(A).max(initial=0.0)))
 
 
 def _by_name(weight: Any, names: tuple[str, ...]) -> Array:

@@ -388,6 +388,20 @@ def test_an_uncontrollable_pair_is_refused() -> None:
         simulate(made(f"{two}control: {{type: lqr, joints: [x], pose: {{x: 0, th: 0}}}}\n"))
 
 
+@pytest.mark.parametrize("period", ["", ", period: 0.01"])
+@pytest.mark.parametrize("gains", ["q: {x: 0, th: 10}", "q: {x: 0, th: 10}, qd: 0"])
+def test_a_mode_that_costs_nothing_is_refused(gains: str, period: str) -> None:
+    """The cart may stand anywhere at no cost, so that nothing would bring it back."""
+    control = f"{{type: lqr, joints: [x], pose: {{x: 0, th: 0}}, gains: {{{gains}}}{period}}}"
+    with pytest.raises(SceneError, match="neither grows nor decays and costs nothing"):
+        simulate(made(f"{CART_POLE}control: {control}\n"))
+
+
+def test_what_is_no_function_is_refused() -> None:
+    with pytest.raises(SceneError, match="the controller is no function .value 3.; allowed: simulate"):
+        simulate(made(CART_POLE), controller=3, period=0.01)
+
+
 # -- bad input -------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     "control, message",

@@ -507,7 +507,7 @@ def test_a_catalogue_in_csv_is_one_in_yaml(tmp_path: Path) -> None:
     ("old", "new", "message"),
     [
         ("ratio,", "ration,", r"parts.csv:2:\d+: catalogue: unknown column 'ration' \(did you mean 'ratio'\?\); allowed: name, type"),
-        ("m, dc", "m, ac", r"parts.csv:3:4: catalogue.type: \(value 'ac'\); allowed: dc, brushless"),
+        ("m, dc", "m, ac", r"parts.csv:3:4: catalogue.type: unknown type of part 'm' .value 'ac'.; allowed: dc, brushless"),
         ("0.4, 0.6, 20", "0.4, x, 20", r"parts.csv:3:\d+: catalogue.motors.m.thermal.housing_resistance: .*'x'"),
         ("g, gear, 0.9, ,", "g, gear, 0.9, 7,", r"parts.csv:5:\d+: catalogue.gears.g.torque_constant: unknown key"),
         (", , 40, 0.8", ", , 0, 0.8", r"parts.csv:5:\d+: catalogue.gears.g.ratio: .*allowed: a number > 0"),

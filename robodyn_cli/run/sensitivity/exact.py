@@ -47,8 +47,10 @@ def exact_slopes(asked: Asked) -> tuple[dict[tuple[str, int], Slope], dict[int, 
 
 def _obstacle(asked: Asked, key: Key) -> str:
     """Return why a key has no exact derivatives; nothing where it may have them."""
+    if key.name.startswith("control."):
+        return "a controller acts"
     if key.sort == STRUCTURE:
-        return "the key is structure"
+        return "the key is part of the code (structure), not a number that it reads"
     if key.sort == NUMBER and key.place not in asked.placed:
         return "the key is zero or has its default, so that its terms are left out"
     return ""

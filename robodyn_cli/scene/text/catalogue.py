@@ -118,7 +118,10 @@ def _part(header: Cells, cells: Cells) -> tuple[Scalar, str, Mapping]:
         column = "name" if "name" not in given else "type"
         value = "nothing" if column not in given else shown(given[column].text)
         allowed = "a name" if column == "name" else ", ".join(types)
-        raise located(given.get(column, place), f"catalogue.{column}", f"(value {value}); allowed: {allowed}")
+        what = f"no {column} of a part" if column == "name" else f"unknown type of part {place.text!r}"
+        raise located(
+            given.get(column, place), f"catalogue.{column}", f"{what} (value {value}); allowed: {allowed}"
+        )
     entries: dict[str, list[tuple[Scalar, Node]]] = {}
     for name, cell in given.items():
         if name != "name" and not (name == "type" and kind.text == BRAKE):
