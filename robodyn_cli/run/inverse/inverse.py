@@ -212,10 +212,11 @@ def summarise(
     """Return the summary of a run."""
     problem, loops = program.problem, sampled.loops
     fastest: FastestFigures | Absent = ABSENT
+    inexact: list[str] = []
     if program.scaling is not None:
-        from robodyn_cli.run.fastest.report import figures
+        from robodyn_cli.run.fastest.report import figures, warnings
 
-        fastest = figures(program.scaling, problem.model, sampled)
+        fastest, inexact = figures(program.scaling, problem.model, sampled), warnings(program.scaling)
     return InverseSummary(
         termination=Termination("end of the trajectory", float(sampled.times[-1])),
         samples=len(sampled.times),
@@ -224,6 +225,7 @@ def summarise(
             *half_turns(problem, sampled),
             *_rest_warnings(problem, planned),
             *_payload_warnings(problem, sampled),
+            *inexact,
         ]
         or ABSENT,
         mechanism=ABSENT if loops is None else _mechanism(loops),

@@ -10,8 +10,8 @@ import numpy as np
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.record import record
+from robodyn_cli.run.fastest.grid import divided
 from robodyn_cli.run.fastest.resolve import with_time_law
-from robodyn_cli.run.fastest.search import divided
 from robodyn_cli.run.mechanism.motion import plan_motion, with_led_point
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
