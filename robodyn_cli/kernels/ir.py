@@ -20,12 +20,10 @@ from robodyn_cli.kernels.flow import Block, Flow, Loop
 from robodyn_cli.kernels.values import Condition, Int, Operand, Value, double_type, int_type, literal, ref_of
 
 RELAXED = "reassoc nsz arcp contract"
-CONTRACT = "contract"
 STRICT = ""
 BYTES = [f"\\{byte:02X}" for byte in range(256)]  # as a string's constant has them
 
 __all__ = [
-    "CONTRACT",
     "RELAXED",
     "STRICT",
     "Block",

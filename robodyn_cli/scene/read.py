@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable
 from collections.abc import Mapping as MappingOf
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.errors import SceneError, did_you_mean, nearest_word
 from robodyn_cli.expr.expectation import Expectation, parse_expectation
@@ -52,8 +52,6 @@ from robodyn_cli.schema.fields import (
 
 if TYPE_CHECKING:
     from robodyn_cli.expr.variation import Variation
-
-T = TypeVar("T")
 
 _MAX_LISTED = 20
 # squares of longer or shorter directions overflow or underflow
