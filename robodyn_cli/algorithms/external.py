@@ -17,6 +17,7 @@ from robodyn_cli.algorithms.rnea import joint_torque
 from robodyn_cli.expr.graph import Expr, is_nonzero
 from robodyn_cli.model.model import BASE, FixedFrame, Model
 from robodyn_cli.spatial.algebra import (
+    PARALLEL,
     Matrix,
     Transform,
     Twist,
@@ -30,8 +31,6 @@ from robodyn_cli.spatial.algebra import (
 
 if TYPE_CHECKING:
     from robodyn_cli.forces.element import End
-
-PARALLEL = 1e-12  # sine of the angle up to which two axes count as parallel
 
 
 class PathKinematics:
