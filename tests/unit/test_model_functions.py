@@ -105,6 +105,17 @@ def test_shapes_that_do_not_fit() -> None:
         m.jacobian("link7", q)
 
 
+@pytest.mark.parametrize("given", ["x", None, [[1, 2], [3]], {"q1": 0}, np.zeros(6) + 1j, ["1"] * 6])
+def test_what_is_no_array_of_numbers(given: Any) -> None:
+    m = Mechanism(ARM)
+    zero = np.zeros(6)
+    for call in (m.mass_matrix, lambda q: m.inverse_dynamics(zero, q, zero), lambda q: m.jacobian("link6", q)):
+        with pytest.raises(CapabilityError, match=r"^qd? is .*; needed: an array of real numbers"):
+            call(given)
+    with pytest.raises(SceneError, match="frame 3 is no name; allowed: a named point"):
+        m.jacobian(3, zero)  # type: ignore[arg-type]
+
+
 def test_they_belong_together() -> None:
     """tau = M qdd + C qd + G; forward dynamics undoes it; a frame's twist is the rate of its pose."""
     m = Mechanism(ARM)

@@ -37,10 +37,10 @@ class Arguments:
 
         Raises
         ------
-        CapabilityError : an array without exactly one column per joint (further columns would be ignored silently), or
-        arrays of different lengths.
+        CapabilityError : what is no array of real numbers, an array without exactly one column per joint (further
+        columns would be ignored silently), or arrays of different lengths.
         """
-        found = {name: np.asarray(array, dtype=float) for name, array in zip(self.columns, arrays)}
+        found = {name: _real(name, array) for name, array in zip(self.columns, arrays)}
         for name, array in found.items():
             joints = self.columns[name]
             if array.ndim not in (1, 2) or array.shape[-1] != len(joints):
@@ -54,6 +54,22 @@ class Arguments:
             raise CapabilityError(f"arrays of different lengths: {listed}; needed: as many rows of each")
         one = () in shapes.values()
         return {n: array[None] if one else np.asfortranarray(array) for n, array in found.items()}, one
+
+
+def _real(name: str, array: Any) -> Array:
+    """Return what is given for an argument as an array of doubles.
+
+    Raises
+    ------
+    CapabilityError : it is none of real numbers.
+    """
+    try:
+        found = np.asarray(array)
+        if found.dtype.kind in "fiub":
+            return found.astype(float, copy=False)
+    except ValueError:  # rows of different lengths
+        pass
+    raise CapabilityError(f"{name} is {array!r:.60}; needed: an array of real numbers")
 
 
 class StateFunction:
