@@ -5,7 +5,7 @@ Every message is one or two sentences that name the place (file, line, key), the
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 LONGEST = 60  # characters of a value that a message quotes
@@ -59,6 +59,18 @@ class NumericalError(RobodynError):
     """The numerics failed: divergence, step size underflow, singular mass matrix (exit code 3)."""
 
     exit_code = 3
+
+
+def unknown_data(names: Sequence[str]) -> SceneError:
+    """Return the error that names data the equations need and the scene does not give."""
+    listed = ", ".join(sorted(set(names)))
+    hint = ""
+    if any("inertia.x" in n or "inertia.y" in n or n.startswith("com[2]") for n in names):
+        hint = " (the motion or the load leaves the plane)"
+    return SceneError(
+        f"the equations of motion need {listed}, which the scene does not give{hint}",
+        missing=sorted(set(names)),
+    )
 
 
 def no_linear_algebra(error: Exception) -> NumericalError:
