@@ -137,58 +137,63 @@ def compared(case: Case, reference: float, calls: int, **how: Any) -> dict[str, 
     }
 
 
-def line(name: str, row: dict[str, float]) -> str:
-    return (
-        f"{name:<16}{row['intervals']:>10.0f}{row['duration']:>16.10f}{row['error']:>10.1e}{row['stated']:>10.1e}"
-        f"{row['passed']:>10.1e}{row['ms']:>8.1f}"
-    )
-
-
-def named(quick: bool) -> None:
-    """Print the errors of known cases, at several tolerances and beside toppra."""
+def named(quick: bool) -> list[list[str]]:
+    """Return the table of known cases, at several tolerances and beside toppra."""
     seven = measure.ROOT / "configs" / "seven_joint_arm.yaml"
+    head = seven.read_text().split("trajectory:")[0]
+    rigid = re.sub(r",?\s*friction: \{(?:[^{}]|\{[^{}]*\})*\}", "", head)
     top = np.sqrt(2.0 * 3.0 * 7.0 / 10.0)
     cases = [
         ("mass", load_scene_text(MASS.format(gravity=0), "mass.yaml"), 0.8944271909999159),
         ("mass, gravity", load_scene_text(MASS.format(gravity=-2), "mass.yaml"), top / 3.0 + top / 7.0),
         ("2R arm, circle", load_scene(measure.ROOT / "configs" / "trajectories" / "fastest_2r.yaml"), None),
-        ("7-joint arm", load_scene_text(seven.read_text().split("trajectory:")[0] + ARM, str(seven)), None),
+        ("7-joint arm", load_scene_text(head + ARM, str(seven)), None),
+        ("... no friction", load_scene_text(rigid + ARM, str(seven)), None),
     ]
-    rigid = re.sub(r",?\s*friction: \{(?:[^{}]|\{[^{}]*\})*\}", "", seven.read_text().split("trajectory:")[0])
-    cases.append(("... no friction", load_scene_text(rigid + ARM, str(seven)), None))
     peer = importlib.util.find_spec("toppra") is not None
+    rows = [["path", "tolerance", "intervals", "duration [s]", "error", "stated", "passed", "ms"]]
+    rows[0] += ["toppra: error", "ms"] if peer else []
     for name, scene, exact in cases:
         case = Case(scene)
         reference = exact or case.solve(400 if quick else REFERENCE).law.duration
         for tolerance in (1e-3, 1e-4) if quick else (1e-3, 1e-4, 1e-5, 1e-6):
             row = compared(case, reference, 1 if quick else 5, tolerance=tolerance)
-            text = line(name, row)
-            if peer and not any(body.forces for body in case.program.problem.model.bodies):
+            rows.append([name, f"{tolerance:.0e}", f"{row['intervals']:.0f}", f"{row['duration']:.10f}"])
+            rows[-1] += [*(f"{row[key]:.1e}" for key in ("error", "stated", "passed")), f"{row['ms']:.1f}"]
+            if peer and any(body.forces for body in case.program.problem.model.bodies):
+                rows[-1] += ["", ""]
+            elif peer:
                 duration, ms = case.toppra(int(row["intervals"]))
-                text += f"   error {duration / reference - 1.0:.1e}, {ms:.1f} ms"
-            print(text, flush=True)
+                rows[-1] += [f"{duration / reference - 1.0:.1e}", f"{ms:.1f}"]
+    return rows
 
 
-def random(count: int, quick: bool) -> None:
-    """Print the errors of random paths, and what their largest and usual values are."""
+def random(count: int, quick: bool) -> list[list[str]]:
+    """Return the table of random paths: their largest and usual errors and times."""
     sys.path.insert(0, str(measure.ROOT))
     from tests.random_paths import random_path
 
-    rows = []
+    groups: dict[str, list[dict[str, float]]] = {"rigid": [], "with friction": []}
     for seed in range(count):
         case = Case(random_path(seed))
         reference = case.solve(1600 if quick else REFERENCE).law.duration
-        rows.append(compared(case, reference, 1 if quick else 5))
-        print(line(f"random {seed}, {case.program.problem.model.nv} joints", rows[-1]), flush=True)
-    error, stated, passed, ms = (
-        np.array([row[key] for row in rows]) for key in ("error", "stated", "passed", "ms")
-    )
-    ratio = (stated / np.abs(error))[np.abs(error) > 1e-7]
-    print(
-        f"{count} random paths: largest error {np.abs(error).max():.1e}, stated / true error {ratio.min():.2g} to "
-        f"{ratio.max():.2g} (median {np.median(ratio):.2g}), limits passed by {passed.max():.1e} at most, "
-        f"{np.median(ms):.1f} ms (median; largest {ms.max():.1f})"
-    )
+        found = compared(case, reference, 1 if quick else 5)
+        groups["with friction" if case.program.problem.model.bodies[0].forces else "rigid"].append(found)
+    rows = [
+        ["random arms", "paths", "largest error", "stated / true", "passed", "intervals", "ms", "largest ms"]
+    ]
+    for name, members in groups.items():
+        value = {key: np.array([row[key] for row in members]) for key in members[0]} if members else {}
+        if not value:
+            continue
+        error = np.abs(value["error"])
+        ratio = (value["stated"] / np.maximum(error, 1e-300))[error > 1e-7]
+        rows.append(
+            [name, f"{len(members)}", f"{error.max():.1e}", f"{ratio.min():.2g} to {ratio.max():.2g}"]
+        )
+        rows[-1] += [f"{value['passed'].max():.1e}", f"{np.median(value['intervals']):.0f}"]
+        rows[-1] += [f"{np.median(value['ms']):.1f}", f"{value['ms'].max():.1f}"]
+    return rows
 
 
 def main() -> None:
@@ -196,12 +201,10 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="coarser references, fewer calls")
     parser.add_argument("--random", type=int, default=0, metavar="N", help="random paths too")
     given = parser.parse_args()
-    print(
-        f"{'path':<16}{'intervals':>10}{'duration [s]':>16}{'error':>10}{'stated':>10}{'passed':>10}{'ms':>8}   toppra"
-    )
-    named(given.quick)
+    measure.print_machine()
+    print(measure.table(named(given.quick)), flush=True)
     if given.random:
-        random(given.random, given.quick)
+        print(measure.table(random(given.random, given.quick)))
 
 
 if __name__ == "__main__":

@@ -76,6 +76,8 @@ class FastestTrajectory:
     The path is a spline through ``points``, or that of another trajectory, whose own times are dropped.
     """
 
+    to_be_found = least_time = True  # its times follow from the dynamics
+
     type: str = key(Choice(("fastest",)), doc="Kind of trajectory.")
     points: tuple[PathPoint, ...] = key(
         ListOf(Section(PathPoint), minimum=2),
@@ -120,7 +122,12 @@ class FastestTrajectory:
                     ("points", k + 1, "q"),
                     "is the position of the way point before it; leave one of them out",
                 )
-        if self.path is not None:
+        if getattr(self.path, "to_be_found", False):
+            yield (
+                ("path",),
+                "is a sequence with motions of a point or in the least time; allowed: motions of joints",
+            )
+        elif self.path is not None:
             for where, message in self.path.problems(scene):
                 yield ("path", *where), message
         yield from self._limit_problems(scene)
@@ -154,7 +161,7 @@ class Scaling:
     """A path with its time law s(t), and how it was found.
 
     law : one function of t. error : estimated error of the duration [s]. limits : bounds by kind and column of v.
-    intervals : of the grid. tolerance : of the duration, in parts of it, that was asked for; None where it was the grid.
+    intervals : of the grid. tolerance : of the duration, in parts of it, asked for; None: the grid was.
     """
 
     law: Course

@@ -138,3 +138,8 @@ def column_order(columns: Sequence[Any], samples: int) -> Array:
     for k, column in enumerate(columns):
         out[:, k] = column
     return out
+
+
+def is_to_be_found(trajectory: Any) -> bool:
+    """Tell whether a segment of a sequence has no motion of joints yet: that of a point, or one in the least time."""
+    return not hasattr(trajectory, "expressions") or bool(getattr(trajectory, "to_be_found", False))

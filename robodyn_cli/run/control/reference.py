@@ -55,10 +55,10 @@ def with_joint_reference(scene: Scene) -> Scene:
     if getattr(controller, "reference", None) is None:
         return scene
     followed = dataclasses.replace(scene, control=None, trajectory=controller.reference, prescribed={})
-    if controller.reference.type == "fastest":
-        from robodyn_cli.run.fastest.resolve import with_time_law
+    if getattr(controller.reference, "to_be_found", False):
+        from robodyn_cli.run.mechanism.in_time import with_motion
 
-        followed = with_time_law(followed)
+        followed = with_motion(followed)
     reference = followed.trajectory
     if hasattr(reference, "target") and not controller.at_point:
         if scene.loops or scene.couplers:

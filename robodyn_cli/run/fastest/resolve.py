@@ -17,11 +17,12 @@ from robodyn_cli.run.fastest.profile import NoProfile
 from robodyn_cli.run.fastest.search import Fastest, fastest
 from robodyn_cli.run.inverse.build import build_inverse
 from robodyn_cli.run.inverse.program import InverseProgram
+from robodyn_cli.run.mechanism.along_path import interpolated
 from robodyn_cli.run.mechanism.motion import Planned, plan_motion
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.fastest import BOUNDS, FastestTrajectory, Scaling, timed
-from robodyn_cli.trajectories.motion import JointMotion
+from robodyn_cli.trajectories.motion import JointMotion, TaskSpace
 
 STILL = 1e-6  # of the largest |dq/ds|: the path stands still
 CORNER = 1e-6  # of it: the direction jumps
@@ -77,6 +78,9 @@ def limited_path(trajectory: FastestTrajectory, program: InverseProgram) -> Limi
 def _path_of(program: InverseProgram) -> Callable[[Array], JointMotion]:
     problem = program.problem
     if not problem.model.closures:
+        if isinstance(problem.scene.trajectory, TaskSpace):
+            way = interpolated(problem.scene, problem.model.q_names)
+            return lambda s: way.motion(s, problem.model.q_names, {})
         return lambda s: plan_motion(problem, s).motion
     from robodyn_cli.run.inverse.closed import ClosedLoops
     from robodyn_cli.run.mechanism.guided_motion import guided_motion
@@ -122,7 +126,8 @@ def _torques_of(program: InverseProgram) -> Torques:
 def special_points(trajectory: FastestTrajectory, program: InverseProgram, path: LimitedPath) -> Array:
     """Return where the path is not smooth, and where a joint with forces turns back."""
     way = trajectory.way
-    fixed = np.array([x for x in getattr(way, "knots", None) or () if 0.0 < x < way.duration])
+    knots = way.jumps if hasattr(way, "jumps") else getattr(way, "knots", None) or ()
+    fixed = np.array([x for x in knots if 0.0 < x < way.duration])
     s = merged(np.linspace(0.0, way.duration, LOOKS + 1), fixed)
     found = path.at(s)
     problem = program.problem

@@ -98,16 +98,16 @@ def inverse(
 
 
 def program_of(scene: Scene) -> InverseProgram:
-    """Return the program of a scene, whose time law is found first where its motion is to be the fastest.
+    """Return the program of a scene, whose motion is found first where it follows from the dynamics or from paths.
 
     Raises
     ------
     RobodynError : see ``inverse``.
     """
-    if getattr(scene.trajectory, "type", None) == "fastest":
-        from robodyn_cli.run.fastest.resolve import with_time_law
+    if getattr(scene.trajectory, "to_be_found", False):
+        from robodyn_cli.run.mechanism.in_time import with_motion
 
-        scene = with_time_law(scene)
+        scene = with_motion(scene)
     return build_inverse(scene)
 
 

@@ -1,8 +1,7 @@
-"""A simulation whose prescribed joints follow a path: their motion along it, found before it begins."""
+"""The motion of the joints along a path, by polynomials through what the inverse kinematics finds."""
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import numpy as np
@@ -11,13 +10,11 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.record import record
 from robodyn_cli.run.fastest.grid import divided
-from robodyn_cli.run.fastest.resolve import with_time_law
 from robodyn_cli.run.mechanism.motion import plan_motion, with_led_point
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.course import Course
 from robodyn_cli.trajectories.joint_space import CourseTrajectory
-from robodyn_cli.trajectories.led import follow_trajectory, position_columns, velocity_columns
 from robodyn_cli.trajectories.quintic_spline import hermite
 
 FIRST = 32  # intervals of the first look
@@ -31,40 +28,24 @@ SHORT = 1e-6  # of the duration: in an interval so short an acceleration may jum
 
 @record
 class Interpolated(CourseTrajectory):
-    """The motion of joints by quintics through positions, rates and accelerations."""
+    """The motion of joints by quintics through positions, rates and accelerations; ``jumps`` : knots of their path."""
 
     joints: tuple[str, ...]
     duration: float
     through: Course
+    jumps: tuple[float, ...]
 
     def make_course(self) -> Course:
         return self.through
 
 
-def with_motion_found(scene: Scene) -> Scene:
-    """Return the scene with the motion of the joints that its path leads; positions of them are where they may start.
+def interpolated(scene: Scene, columns: tuple[str, ...]) -> Interpolated:
+    """Return the motion of columns of q along the path, close to the inverse kinematics between its points too.
 
     Raises
     ------
-    CapabilityError : the joints' rates jump on the way. Others as the inverse kinematics and ``with_time_law`` raise.
+    CapabilityError : the joints' rates jump on the way. Others as the inverse kinematics raises.
     """
-    columns = position_columns(scene.prescribed)
-    bare = with_time_law(dataclasses.replace(scene, prescribed={}))
-    trajectory: Any = bare.trajectory
-    if not hasattr(trajectory, "expressions"):
-        trajectory = _interpolated(bare, columns)
-    rates = velocity_columns(scene.prescribed)
-    initial = dataclasses.replace(
-        scene.initial,
-        q={name: x for name, x in scene.initial.q.items() if name not in columns},
-        qd={name: x for name, x in scene.initial.qd.items() if name not in rates},
-    )
-    prescribed = follow_trajectory(trajectory, scene.simulate.duration)
-    return dataclasses.replace(scene, trajectory=trajectory, prescribed=prescribed, initial=initial)
-
-
-def _interpolated(scene: Scene, columns: tuple[str, ...]) -> Interpolated:
-    """Return the motion of columns of q along the path, close to the inverse kinematics between its points too."""
     problem = Problem(with_led_point(scene))
     trajectory: Any = scene.trajectory
     places = [problem.model.q_names.index(name) for name in columns]
@@ -83,7 +64,7 @@ def _interpolated(scene: Scene, columns: tuple[str, ...]) -> Interpolated:
         rough = np.abs(course(middle, 2) - a[between]).max(axis=1) / (ACCELERATION * np.abs(a).max())
         need = np.maximum(off ** (1.0 / 6.0), np.where(h > SHORT * T, rough**0.25, 0.0))
         if need.max() <= 1.0:
-            return Interpolated(columns, T, course)
+            return Interpolated(columns, T, course, tuple(knots.tolist()))
         if len(t) > MOST or h[need > 1.0].min() <= SHORT * T:
             break
         t = divided(t, np.clip(np.ceil(need), 1.0, PARTS))

@@ -62,10 +62,10 @@ def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwat
     watch = watch or Stopwatch()
     if scene.kinematics.sweep is None:
         scene = without_following(scene)
-        if getattr(scene.trajectory, "type", None) == "fastest":
-            from robodyn_cli.run.fastest.resolve import with_time_law
+        if getattr(scene.trajectory, "to_be_found", False):
+            from robodyn_cli.run.mechanism.in_time import with_motion
 
-            scene = with_time_law(scene)
+            scene = with_motion(scene)
     with watch.stage("equations"):
         problem = Problem(with_points(with_led_point(scene), scene.kinematics.transmission or ()))
     with watch.stage("solve"):

@@ -24,7 +24,14 @@ from robodyn_cli.scene.checks.robot import check_robot, columns, moving
 from robodyn_cli.scene.points import BASE, carrier, joint_of, point_problem
 from robodyn_cli.scene.text.nodes import Node, Path, Scalar, find
 from robodyn_cli.scene.types import Robot, Scene, Torque
-from robodyn_cli.trajectories.led import follow_trajectory, led_joints, to_find, velocity_columns
+from robodyn_cli.trajectories.led import (
+    follow_trajectory,
+    led_joints,
+    position_columns,
+    to_find,
+    velocity_columns,
+)
+from robodyn_cli.trajectories.motion import is_to_be_found
 from robodyn_cli.trajectories.registry import trajectory_types
 
 if TYPE_CHECKING:
@@ -138,7 +145,7 @@ def _following(scene: Scene, check: Check) -> Scene:
                 f"there is no trajectory to follow; give `trajectory`, of type {', '.join(trajectory_types)}"
             )
             check.fail(("prescribed",), message)
-        in_time = hasattr(trajectory, "expressions")
+        in_time = not is_to_be_found(trajectory)
         if not in_time and (scene.loops or scene.couplers):
             check.fail(
                 ("prescribed",),
@@ -159,6 +166,11 @@ def _following(scene: Scene, check: Check) -> Scene:
 def _columns_along(robot: Robot, trajectory: Any) -> tuple[str, ...]:
     """Return the columns of q that a path leads: those of the joints that carry its point; for the least time all."""
     every = columns(robot)
+    if trajectory.type == "sequence":
+        led = {name for segment in trajectory.segments for name in _columns_along(robot, segment)}
+        return tuple(name for name in every if name in led)
+    if not is_to_be_found(trajectory):
+        return position_columns(trajectory.joints)
     if trajectory.type == "fastest":
         return every
     joints, link = set(), carrier(robot, trajectory.point)
