@@ -39,11 +39,12 @@ def even_in_time(s: Array, profile: Profile, intervals: int) -> Array:
     return np.concatenate([even[:-1], last, even[-1:]])
 
 
-def refined(s: Array, rows: Rows, profile: Profile, count: int) -> Array:
+def refined(s: Array, rows: Rows, profile: Profile, count: int, even: Array) -> Array:
     """Return the grid divided into so many intervals, more of them where the time lost is largest.
 
     On the fastest motion one of the limits binds everywhere. What the use of the limits is off by inside of a segment
-    grows with the square of its length, so the time lost with the cube of it.
+    grows with the square of its length, so the time lost with the cube of it. Segments of constant acceleration, ``even``
+    (K,), are less exact, and what x lacks there is lacking all along the arcs beside them: they are always divided.
     """
     u, x = profile.between(s)
     use = np.maximum(np.abs(rows.values(u, x)).max(axis=2), x / rows.most)
@@ -59,7 +60,7 @@ def refined(s: Array, rows: Rows, profile: Profile, count: int) -> Array:
             low = middle
         else:
             high, parts = middle, more
-    return divided(s, parts)
+    return divided(s, np.where(even, PARTS, parts))
 
 
 def divided(s: Array, parts: Array) -> Array:

@@ -16,7 +16,7 @@ from robodyn_cli.trajectories.course import Course
 FIRST, EVEN = 50, 100  # intervals of the first look, and of the grid that is even in time
 GROWTH = (1.3, 2.0)  # of the number of intervals from one grid to the next
 MOST = 50_000  # intervals
-ORDER = 1.4  # at which the error falls with the intervals at least: measured 1.6 to 4 on random paths
+ORDER = 1.2  # at which the error falls with the intervals at least: so that the estimate is seldom below the error
 LEFT = 0.02  # of the tolerance: what may be passed in the end, by which the whole motion is slowed down
 PASSED = 5e-8  # of a limit, what may be passed between grid points then
 NEAR = 1e-6  # of a range of u, at its border
@@ -77,7 +77,7 @@ def fastest(length: float, intervals: int | None, tolerance: float, fixed: Array
             growth = float(np.clip(wanted, *GROWTH))
         finer = min(int(np.ceil(growth * count)), most)
         count, before, growth = finer, duration, finer / count
-        s = refined(s, margins.rows, margins.profile, count + LAST)
+        s = refined(s, margins.rows, margins.profile, count + LAST, found.passes.even)
 
 
 def _finished(margins: Margins, error: float, left: float) -> Fastest:
