@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 from robodyn_cli.algorithms.kinematics import Pose
+from robodyn_cli.equations.constraints import Constraints
+from robodyn_cli.equations.dependence import Combination, Dependence
 from robodyn_cli.expr.graph import Expr, Graph
 from robodyn_cli.model.model import Model
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.spatial.algebra import Array, Matrix, Transform, Values, Vector
+from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector
 
 
 class Equations(Protocol):
@@ -21,6 +23,10 @@ class Equations(Protocol):
     t: Expr
     q: list[Expr]
     v: list[Expr]
+    a: list[Expr]
+    keep_rows: Sequence[int] | None
+    dependent: tuple[Dependence, ...]
+    braces: Mapping[int, float]
 
     @property
     def environment(self) -> dict[str, Any]: ...
@@ -38,10 +44,15 @@ class Equations(Protocol):
     def inverse_dynamics(self) -> Vector: ...
     def newton_euler(self, v: Values, a: Values, gravity: Vector | None) -> Vector: ...
     def passive_forces(self, smooth: bool) -> dict[str, Vector]: ...
-    def free_accelerations(self, f: Values) -> Vector: ...
-    def numbers(self, entries: Any, q: Array) -> Array: ...
 
     @property
-    def of(self) -> Callable[[Scene], Equations]:
+    def elimination_order(self) -> list[int]: ...
+    @property
+    def combinations(self) -> list[Combination]: ...
+    @property
+    def independent_rows(self) -> Constraints: ...
+
+    @property
+    def of(self) -> Callable[..., Equations]:
         """What gives the equations of another scene."""
         ...

@@ -151,11 +151,3 @@ def fastest_decay(system: System, t: float, x: Array, p: Array) -> float:
     if not np.all(np.isfinite(J)):
         return 0.0
     return float(max(0.0, -np.linalg.eigvals(J).real.min()))
-
-
-def parameters_at(system: System, t: float, x: Array) -> Array:
-    """Return the parameters p that a run starts with at a state: the system's, or what its partition chooses."""
-    if system.partition is None:
-        return np.array(system.parameters or [0.0])
-    chosen = system.partition.choose(t, system.split(x)[0], None)
-    return np.concatenate([np.zeros(system.partition.first), chosen])
