@@ -207,7 +207,7 @@ def test_gravity_is_held_in_any_pose(name: str) -> None:
     assert np.abs(result["control/torque"]).max() > 0.1
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", ["five_bar", "delta", "ring"])
 def test_feed_forward_is_the_inverse_and_moves_as_the_reference(name: str) -> None:
     case = CASES[name]
     motion = case.reference(0.0)
