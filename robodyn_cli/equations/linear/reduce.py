@@ -82,6 +82,21 @@ def tangent(psi: Array, places: Sequence[int], time: float) -> tuple[Array, Arra
     return T, inverse
 
 
+def held_by(
+    equations: Residuals, states: States, inputs: Sequence[int], places: tuple[int, ...]
+) -> tuple[States, Array]:
+    """Return a state at rest with the torques of the inputs that hold it best, and the load (f,) that is left along
+    the independent coordinates at ``places``."""
+    values = equations.values(states)
+    T, _ = tangent(values["Psi"][0], places, 0.0)
+    load = T.T @ values["load"][0]
+    torques = np.linalg.lstsq(T.T[:, list(inputs)], load, rcond=None)[0]
+    tau = states.tau.copy()
+    tau[0, list(inputs)] = torques
+    left = load - T.T[:, list(inputs)] @ torques
+    return States(states.times, states.q, states.v, None, tau), left
+
+
 def multipliers(values: Mapping[str, Array], states: States, k: int) -> tuple[Array, Array]:
     """Return accelerations (nv,) and multipliers (m,) of a state, by least norm where rows depend on each other."""
     M, psi, load = values["M"][k], values["Psi"][k], values["load"][k] - states.tau[k]
