@@ -154,6 +154,8 @@ def test_frequencies_of_a_double_pendulum() -> None:
     expected = np.sqrt(np.sort(np.linalg.eigvals(np.linalg.solve(M, K)).real))
     modes = result.summary["modes"]
     assert_close([mode["imaginary"] for mode in modes], expected, 1e-12)
+    for mode, exact in zip(modes, expected):
+        assert abs(mode["imaginary"] - exact) <= mode["error"] < 1e-10
     assert all(mode["real"] == 0.0 and mode["reached"] and mode["shown"] for mode in modes)
     assert result.summary["stability"] == "marginal" and "warnings" not in result.summary
 
@@ -253,6 +255,54 @@ def test_redundant_rows_change_nothing() -> None:
     scene = load_scene(CONFIGS / "parallelogram.yaml")
     result = linearise(scene)
     assert result.summary["freedoms"] == 1 and np.isfinite(result["linear/A"]).all()
+
+
+@pytest.mark.parametrize("angle", [10, 30, 77, 131])
+@pytest.mark.parametrize("about", ["state", "balance"])
+def test_a_free_motion_is_one_mode_at_zero(angle: float, about: str) -> None:
+    """Nothing pulls the parallelogram anywhere: what rounding leaves of its double pole is no oscillation."""
+    start = f"initial={{q: {{theta1: {angle} deg, phi2: -{angle} deg, phi1: {angle} deg}}, hold: [theta1]}}"
+    result = linearise(load_scene(CONFIGS / "parallelogram.yaml", [start]), about=about)
+    (mode,) = result.summary["modes"]
+    assert (mode["real"], mode["imaginary"], mode["frequency"]) == (0.0, 0.0, 0.0)
+    assert mode["damping"] is None and 0.0 < mode["error"] < 1e-5
+    assert result.summary["stability"] == "marginal"
+    assert not result["linear/poles_real"].any() and not result["linear/poles_imaginary"].any()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_poles_do_not_depend_on_the_choice_of_coordinates(seed: int) -> None:
+    """A four-bar that hangs in a random direction of gravity: each joint as the independent one gives the same poles."""
+    rng = np.random.default_rng(seed)
+    gravity = [float(x) for x in rng.normal(size=2)]
+    changes = ["torques={}", f"gravity=[{gravity[0]}, {gravity[1]}, 0]", "initial.qd={}"]
+    scene = load_scene(CONFIGS / "parallelogram.yaml", [*changes, "robot.joints.1.a=1.7"])
+    found = []
+    for name in ("theta1", "phi2", "phi1"):
+        result = linearise(scene, about="balance", inputs=[name])
+        assert result.summary["states"][0]["name"] == name
+        found.append([result[f"linear/poles_{part}"] for part in ("real", "imaginary", "error")])
+    for (real, imaginary, error), (*other, further) in zip(found, found[1:]):
+        assert (np.abs(imaginary) > 0.1).all() and not real.any()
+        # the balance itself is found to some 1e-10
+        assert np.abs(np.hypot(real - other[0], imaginary - other[1])).max() <= max(error + further) + 1e-9
+
+
+def test_a_pole_is_as_uncertain_as_it_says() -> None:
+    """Disturbances of the entries within their rounding move no pole farther than its error: double ones, and others."""
+    from robodyn_cli.run.linear.modes import pole_errors
+
+    rng = np.random.default_rng(3)
+    for size in (2, 4, 8):
+        A = rng.normal(size=(size, size))
+        A[0], A[:, 0] = 0.0, 0.0
+        A[0, 1] = 1.0  # poles at 0: one of the block, one of its own
+        rounding = 1e-13 * rng.random((size, size))
+        poles = np.linalg.eigvals(A)
+        errors = pole_errors(A, rounding, poles)
+        for _ in range(200):
+            moved = np.linalg.eigvals(A + rounding * rng.uniform(-1, 1, (size, size)))
+            assert (np.abs(poles[:, None] - moved).min(axis=1) <= errors).all()
 
 
 @pytest.mark.parametrize(

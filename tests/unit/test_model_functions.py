@@ -109,7 +109,11 @@ def test_shapes_that_do_not_fit() -> None:
 def test_what_is_no_array_of_numbers(given: Any) -> None:
     m = Mechanism(ARM)
     zero = np.zeros(6)
-    for call in (m.mass_matrix, lambda q: m.inverse_dynamics(zero, q, zero), lambda q: m.jacobian("link6", q)):
+    for call in (
+        m.mass_matrix,
+        lambda q: m.inverse_dynamics(zero, q, zero),
+        lambda q: m.jacobian("link6", q),
+    ):
         with pytest.raises(CapabilityError, match=r"^qd? is .*; needed: an array of real numbers"):
             call(given)
     with pytest.raises(SceneError, match="frame 3 is no name; allowed: a named point"):

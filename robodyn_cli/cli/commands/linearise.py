@@ -143,7 +143,7 @@ def describe(summary: Mapping[str, Any]) -> str:
         )
         return "\n".join(lines)
     lines.append(f"  {summary['stability']:<18} modes, slowest first:")
-    rows = [["pole 1/s", "frequency Hz", "damping", "decay s"], *map(_row, summary["modes"])]
+    rows = [["pole 1/s", "error", "frequency Hz", "damping", "decay s"], *map(_row, summary["modes"])]
     moves = ["moves", *map(_moves, summary["modes"])]
     lines += [f"{row}   {text}" for row, text in zip(table(rows, columns=WIDE).split("\n"), moves)]
     return "\n".join(lines)
@@ -155,7 +155,8 @@ def _row(mode: Mapping[str, Any]) -> list[str]:
         f"+- {number(imaginary)}i"
     )  # fmt: skip
     note = "" if mode["reached"] and mode["shown"] else " *"
-    return [pole + note, number(mode["frequency"], 5), number(mode["damping"], 4), number(mode["time"], 4)]
+    figures = (number(mode[key], digits) for key, digits in (("frequency", 5), ("damping", 4), ("time", 4)))
+    return [pole + note, f"{mode['error']:.1e}", *figures]
 
 
 def _moves(mode: Mapping[str, Any]) -> str:

@@ -17,6 +17,7 @@ from robodyn_cli.run.linear.modes import (
     Mode,
     frequencies_for,
     modes_of,
+    poles_along,
     response,
     stability_of,
 )
@@ -137,11 +138,14 @@ def _add_matrices(
             f"linear/{name}", matrix if along else matrix[0], units="SI", names=tuple(names),
             dims=(*(("time",) if along else ()), rows, across), long_name=f"{name} of the linear system",
         )  # fmt: skip
-    poles = np.sort_complex(np.linalg.eigvals(linear.A))
-    for name, part in (("real", poles.real), ("imaginary", poles.imag)):
+    poles, errors = poles_along(linear)
+    for name, part, what in (
+        ("real", poles.real, "real parts of the poles"), ("imaginary", poles.imag, "imaginary parts of the poles"),
+        ("error", errors, "how far rounding may move the poles"),
+    ):  # fmt: skip
         result.add(
             f"linear/poles_{name}", part if along else part[0], units="1/s",
-            dims=(*(("time",) if along else ()), "pole"), long_name=f"{name} parts of the poles",
+            dims=(*(("time",) if along else ()), "pole"), long_name=what,
         )  # fmt: skip
 
 
@@ -149,7 +153,7 @@ def _add_modes(result: Result, given: Nominal, linear: Linear, C: Array) -> list
     """Store the frequency response and the poses of the modes; return the modes."""
     A, B = linear.A[0], linear.B[0]
     model = given.problem.model
-    modes = modes_of(A, B, C[0], linear.dq[0], model.v_names)
+    modes = modes_of(linear, 0, C[0], model.v_names)
     if given.inputs:
         w = frequencies_for(modes)
         found = response(A, B, C[0], np.zeros((len(C[0]), B.shape[1])), w)
