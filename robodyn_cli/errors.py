@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+LONGEST = 60  # characters of a value that a message quotes
+
 
 class RobodynError(Exception):
     """Base of all errors that robodyn raises on purpose.
@@ -112,6 +114,14 @@ class DirectoryInUseError(CapabilityError):
     """Another run is writing into the output directory (exit code 2)."""
 
 
+def shown(value: Any) -> str:
+    """Return a value as quoted in messages: one line, not long."""
+    text = repr(value)
+    if len(text) <= LONGEST:
+        return text
+    return f"{text[: LONGEST - 3]}...{text[-1] if isinstance(value, str) else ''}"
+
+
 def did_you_mean(word: str, options: Iterable[str]) -> str:
     """Return ``" (did you mean 'x'?)"`` for the option nearest to ``word``, or an empty text."""
     near = nearest_word(word, options)
@@ -121,7 +131,8 @@ def did_you_mean(word: str, options: Iterable[str]) -> str:
 def unknown_name(what: str, name: str, options: Iterable[str]) -> str:
     """Return the message about a name that there is not."""
     options = list(options)
-    return f"unknown {what} {name!r}{did_you_mean(name, options)}; allowed: {', '.join(options)}"
+    allowed = ", ".join(options) if options else "none is defined"
+    return f"unknown {what} {shown(name)}{did_you_mean(name, options)}; allowed: {allowed}"
 
 
 def nearest_word(word: str, options: Iterable[str]) -> str | None:

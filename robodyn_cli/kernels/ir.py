@@ -20,7 +20,6 @@ from robodyn_cli.kernels.flow import Block, Flow, Loop
 from robodyn_cli.kernels.values import Condition, Int, Operand, Value, double_type, int_type, literal, ref_of
 
 RELAXED = "reassoc nsz arcp contract"
-CONTRACT = "contract"
 STRICT = ""
 # Columns of samples lie far apart, so the processor does not prefetch many of them by itself. Prefetching the samples
 # of a later block pays where they do not fit into the cache (measured on a busy machine: 30 joints, 10 000 samples,
@@ -31,7 +30,6 @@ BYTES = [f"\\{byte:02X}" for byte in range(256)]  # as a string's constant has t
 
 __all__ = [
     "BLOCKS_AHEAD",
-    "CONTRACT",
     "RELAXED",
     "STRICT",
     "Block",

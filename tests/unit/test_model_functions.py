@@ -137,6 +137,12 @@ def test_they_belong_together() -> None:
     spin = turned @ np.swapaxes(m.forward_kinematics("link6", q)[1], 1, 2)
     w = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
     assert_close(J[:, :3, 0], w, 1e-11)
+    p, R = m.forward_kinematics("link6.com", q)
+    found = m.inverse_kinematics("link6.com").solve(p, R)
+    assert found.reached.all()
+    again, turned = m.forward_kinematics("link6.com", found.q)
+    assert_close(again, p, 1e-9)
+    assert_close(turned, R, 1e-9)
 
 
 def test_derivatives_of_a_scene_with_springs_friction_and_a_tie() -> None:

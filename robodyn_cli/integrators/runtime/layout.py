@@ -65,16 +65,6 @@ class IntegerSlot:
     SIZE = 17
 
 
-class UpdateSlot:
-    """Slots of the block of updates; measured q and v follow, then the torques of a function in Python, then noise."""
-
-    PERIOD = 0
-    REST = 1
-    FUNCTION = 2  # its address, an integer
-    TIME = 3  # for the function
-    SIZE = 4
-
-
 class Status(enum.IntEnum):
     """Why the loop returned."""
 
