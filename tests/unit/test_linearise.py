@@ -197,6 +197,79 @@ def test_points_move_by_their_jacobians() -> None:
     assert_close(result["linear/C"], np.concatenate([J, 0 * J], axis=1), 1e-14)
 
 
+SIGNALS = (
+    'outputs.signals={one: {value: "sin(q.a)*qd.b.wx + 0.3*tau.a*qd.a", unit: W}, two: "length(tip, base.origin)",'
+    ' three: "tau.a - 2*q.a"}'
+)
+
+
+@pytest.mark.parametrize("about", ["state", "motion"])
+def test_outputs_by_formulas(about: str) -> None:
+    """C and D of signals against their values at neighbouring states and torques; torques have formulas of their own."""
+    scene = load_scene_text(
+        BALL.replace("torques:", "  points: {tip: {link: two, at: [0.1, 0.2, 0.3]}}\ntorques:")
+        + "simulate: {duration: 0.1, samples: 3}\n",
+        overrides=[SIGNALS],
+    )
+    found = linearise(scene, about=about, outputs=["one", "a", "two", "three"])
+    model = Mechanism(scene)._problem
+    manifold, names = Manifold(model.model), model.model.v_names
+    step = 1e-6
+
+    def signals(q: np.ndarray, v: np.ndarray, t: float, u: np.ndarray) -> np.ndarray:
+        tau = dict(zip(names, u))
+        tau["a"] += 2 * np.sin(3 * t) - 4 * q[0] - 0.3 * v[0]
+        tip, _ = Mechanism(scene).forward_kinematics("tip", q)
+        power = np.sin(q[0]) * v[1] + 0.3 * tau["a"] * v[0]
+        return np.array([power, q[0], np.linalg.norm(tip), tau["a"] - 2 * q[0]])
+
+    for k, t in enumerate(found.time):
+        C, D = (found[f"linear/{name}"] for name in "CD")
+        C, D = (C[k], D[k]) if about == "motion" else (C, D)
+        q, v, zero = found["q"][k], found["qd"][k], np.zeros(4)
+        for column, unit in enumerate(np.eye(4) * step):
+            sides = [
+                [signals(manifold.integrate(q, s * unit), v, t, zero) for s in (1, -1)],
+                [signals(q, v + s * unit, t, zero) for s in (1, -1)],
+                [signals(q, v, t, s * unit) for s in (1, -1)],
+            ]
+            by_q, by_v, by_u = ((plus - minus) / (2 * step) for plus, minus in sides)
+            assert_close(C[:, column], by_q, 1e-8, 1.0)
+            assert_close(C[:, 4 + column], by_v, 1e-8, 1.0)
+            assert_close(D[:, column], by_u, 1e-8, 1.0)
+    assert [s["unit"] for s in found.summary["outputs"]] == ["W", "rad", "1", "1"]
+
+
+def test_signals_of_the_controller_are_no_outputs() -> None:
+    scene = load_scene(CONFIGS / "controlled_arm.yaml", ["outputs.signals.wanted=ref.theta1"])
+    assert [s["name"] for s in linearise(scene, outputs=["power"]).summary["outputs"]] == ["power"]
+    with pytest.raises(SceneError, match="--output wanted: its formula needs ref.theta1 of the controller"):
+        linearise(scene, outputs=["wanted"])
+
+
+def test_instants_of_a_motion() -> None:
+    """Each is the linear model of the state there; the nearest sample is taken."""
+    scene = load_scene(PENDULUM, ["simulate.duration=1", "simulate.samples=101"])
+    result = linearise(scene, about=[0.0, 0.501, 0.499, 1.0])
+    assert_close(result["linear/instant"], [0.0, 0.5, 1.0], 1e-12)
+    for k, instant in enumerate(result.summary["instants"]):
+        at = int(np.argmin(np.abs(result.time - instant["time"])))
+        q, v = ([float(x) for x in result[name][at]] for name in ("q", "qd"))
+        there = [
+            f"initial={{q: {{theta1: {q[0]!r}, theta2: {q[1]!r}}}, qd: {{theta1: {v[0]!r}, theta2: {v[1]!r}}}}}"
+        ]
+        one = linearise(load_scene(PENDULUM, there))
+        for mode, same in zip(instant["modes"], one.summary["modes"]):
+            assert_close([mode["real"], mode["imaginary"]], [same["real"], same["imaginary"]], 1e-9)
+        A, B, C, D = (result[f"linear/{name}"][at] for name in "ABCD")
+        w = float(result["linear/frequency"][77])
+        direct = C @ np.linalg.solve(1j * w * np.eye(4) - A, B) + D
+        assert_close(result["linear/response_real"][k, 77], direct.real, 1e-10)
+        assert_close(result["linear/response_imaginary"][k, 77], direct.imag, 1e-10)
+    with pytest.raises(SceneError, match="--instants: 1.1 s is outside the motion; allowed: 0 to 1 s"):
+        linearise(scene, about=[1.1])
+
+
 def test_what_inputs_do_not_reach_is_said() -> None:
     scene = load_scene_text(PASSIVE)
     result = linearise(scene, outputs=["a"])
@@ -311,7 +384,7 @@ def test_a_pole_is_as_uncertain_as_it_says() -> None:
         ([], {"inputs": ["theta3"]}, "--input theta3: unknown .did you mean 'theta"),
         ([], {"inputs": ["theta1", "theta1"]}, "a joint is given twice"),
         ([], {"outputs": ["top"]}, "--output top: unknown.*allowed: theta1, theta2, qd.theta1"),
-        ([], {"about": "there"}, "allowed: state, balance, hold, motion"),
+        ([], {"about": "there"}, "allowed: state, balance, hold, motion, times"),
         (
             ["command=statics"],
             {"about": "motion"},
