@@ -15,6 +15,7 @@ from robodyn_cli.run.mechanism.motion import plan_motion, with_led_point
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.course import Course
+from robodyn_cli.trajectories.led import given_by_formulas
 
 
 class JointPath:
@@ -54,7 +55,12 @@ def with_joint_reference(scene: Scene) -> Scene:
     controller = scene.control
     if getattr(controller, "reference", None) is None:
         return scene
-    followed = dataclasses.replace(scene, control=None, trajectory=controller.reference, prescribed={})
+    followed = dataclasses.replace(
+        scene,
+        control=None,
+        trajectory=controller.reference,
+        prescribed=given_by_formulas(scene.prescribed),
+    )
     if controller.reference.type == "fastest":
         from robodyn_cli.run.fastest.resolve import with_time_law
 

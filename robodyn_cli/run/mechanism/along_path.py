@@ -17,7 +17,12 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.course import Course
 from robodyn_cli.trajectories.joint_space import CourseTrajectory
-from robodyn_cli.trajectories.led import follow_trajectory, position_columns, velocity_columns
+from robodyn_cli.trajectories.led import (
+    follow_trajectory,
+    given_by_formulas,
+    position_columns,
+    velocity_columns,
+)
 from robodyn_cli.trajectories.quintic_spline import hermite
 
 FIRST = 32  # intervals of the first look
@@ -48,18 +53,20 @@ def with_motion_found(scene: Scene) -> Scene:
     ------
     CapabilityError : the joints' rates jump on the way. Others as the inverse kinematics and ``with_time_law`` raise.
     """
-    columns = position_columns(scene.prescribed)
-    bare = with_time_law(dataclasses.replace(scene, prescribed={}))
+    formulas = given_by_formulas(scene.prescribed)
+    found = {name: x for name, x in scene.prescribed.items() if name not in formulas}
+    columns = position_columns(found)
+    bare = with_time_law(dataclasses.replace(scene, prescribed=formulas))
     trajectory: Any = bare.trajectory
     if not hasattr(trajectory, "expressions"):
         trajectory = _interpolated(bare, columns)
-    rates = velocity_columns(scene.prescribed)
+    rates = velocity_columns(found)
     initial = dataclasses.replace(
         scene.initial,
         q={name: x for name, x in scene.initial.q.items() if name not in columns},
         qd={name: x for name, x in scene.initial.qd.items() if name not in rates},
     )
-    prescribed = follow_trajectory(trajectory, scene.simulate.duration)
+    prescribed = {**formulas, **follow_trajectory(trajectory, scene.simulate.duration)}
     return dataclasses.replace(scene, trajectory=trajectory, prescribed=prescribed, initial=initial)
 
 

@@ -82,7 +82,7 @@ def _stay(problem: Problem, q: Array) -> Lead:
         still = np.tile(q[places], (len(times), 1))
         return still, 0.0 * still, 0.0 * still
 
-    return Lead(asked, joints=tuple(held))
+    return Lead.of_columns(problem.model, held, asked)
 
 
 def balanced(problem: Problem, q: Array) -> AtRest:
