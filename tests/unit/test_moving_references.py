@@ -76,8 +76,8 @@ def scene(
     start = {
         name: x for name, x in GUESS.items() if not (isinstance(prescribed, dict) and name in prescribed)
     }
-    start |= {"j7": "{quaternion: [1, 0, 0, 0]}"} if seventh == "spherical" else {}
     start |= {} if guess is None else guess
+    start |= {"j7": "{quaternion: [1, 0, 0, 0]}" if seventh == "spherical" else GUESS["j7"]}
     flow = lambda values: "{" + ", ".join(f"{k}: {x}" for k, x in values.items()) + "}"  # noqa: E731
     given = prescribed if isinstance(prescribed, str) else flow(prescribed)
     return load_scene_text(
@@ -166,16 +166,17 @@ def test_the_tool_follows_its_path_as_seen_from_a_moving_place(
     assert_close(differences(result["qd"], h), result["qdd"][4:-4], 1e-7)
 
 
-def test_the_torques_of_a_path_on_a_moving_table_let_a_simulation_follow_it() -> None:
-    position, attitude = start_at("work", PRESCRIBED)
-    s = scene(position + attitude, "work", PRESCRIBED)
+@pytest.mark.parametrize("seventh", ["revolute", "spherical"])
+def test_the_torques_of_a_path_on_a_moving_table_let_a_simulation_follow_it(seventh: str) -> None:
+    position, attitude = start_at("work", PRESCRIBED, seventh)
+    s = scene(position + attitude, "work", PRESCRIBED, seventh)
     found = inverse(s)
     assert found.summary["ik_residual"] < 1e-12 and found.summary["attitude_residual"] < 1e-11
     assert found.summary["round_trip"] < 1e-10
     arm = {name: "trajectory" for name in GUESS if name.startswith("j")}
     led = scene(
-        position + attitude, "work", {**PRESCRIBED, **arm}, rest="simulate: {duration: 1, samples: 101}\n",
-        guess={name: x for name, x in GUESS.items() if name in arm},
+        position + attitude, "work", {**PRESCRIBED, **arm}, seventh, "simulate: {duration: 1, samples: 101}\n",
+        {name: x for name, x in GUESS.items() if name in arm and name != "j7"},
     )  # fmt: skip
     run = simulate(led)
     assert_close(run["q"], found["q"][::2], 1e-10)

@@ -11,7 +11,7 @@ from robodyn_cli.equations.control.reference import Sampled
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.graph import Expr
-from robodyn_cli.run.mechanism.motion import plan_motion, with_led_point
+from robodyn_cli.run.mechanism.motion import by_columns, plan_motion, with_led_point
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.course import Course
@@ -34,8 +34,7 @@ class JointPath:
         """The joints over time, by inverse kinematics at so many instants that the rest can be interpolated."""
 
         def motion(times: Array) -> tuple[Array, Array, Array]:
-            found = plan_motion(self._problem, times).motion
-            return found.q, found.qd, found.qdd
+            return by_columns(self._problem.model, plan_motion(self._problem, times).motion)
 
         return Sampled(motion, self.duration).course
 

@@ -12,7 +12,7 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.record import record
 from robodyn_cli.run.fastest.resolve import with_time_law
 from robodyn_cli.run.fastest.search import divided
-from robodyn_cli.run.mechanism.motion import plan_motion, with_led_point
+from robodyn_cli.run.mechanism.motion import by_columns, plan_motion, with_led_point
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.course import Course
@@ -81,8 +81,8 @@ def _interpolated(scene: Scene, columns: tuple[str, ...]) -> Interpolated:
     while True:
         h, middle = np.diff(t), 0.5 * (t[1:] + t[:-1])
         times = np.unique(np.concatenate([t, middle, knots - BESIDE * T, knots + BESIDE * T]))
-        found = plan_motion(problem, times).motion
-        q, v, a = (x[:, places] for x in (found.q, found.qd, found.qdd))
+        found = by_columns(problem.model, plan_motion(problem, times).motion)
+        q, v, a = (x[:, places] for x in found)
         at, between = np.searchsorted(times, t), np.searchsorted(times, middle)
         jumps = np.isin(t, knots)
         course = _through(t, q[at], v[at], (a[at + jumps], a[at - jumps]))

@@ -116,7 +116,7 @@ def _swept(problem: Problem) -> Lead:
     sweep = scene.kinematics.sweep
     assert sweep is not None
     model = problem.model
-    refuse_quasi(model, (sweep.joint, *scene.initial.hold))
+    refuse_quasi(model, sweep.joint)
     others = held_columns(scene, problem) if model.closures else model.q_names
     held = [name for name in others if name != sweep.joint and name not in scene.prescribed]
     missing = [name for name in held if name not in scene.initial.q]
@@ -127,15 +127,7 @@ def _swept(problem: Problem) -> Lead:
         )
     rate = sweep.rate if sweep.stop > sweep.start else -sweep.rate
     stay = [scene.initial.q[name] for name in held]
-
-    def asked(times: Array) -> tuple[Array, Array, Array]:
-        q = np.tile([sweep.start, *stay], (len(times), 1))
-        q[:, 0] += rate * times
-        qd = np.zeros_like(q)
-        qd[:, 0] = rate
-        return q, qd, np.zeros_like(q)
-
-    return Lead.of_columns(model, (sweep.joint, *held), asked)
+    return Lead.staying(model, (sweep.joint, *held), [sweep.start, *stay], rate)
 
 
 def outputs(problem: Problem) -> dict[str, list[Scalar]]:

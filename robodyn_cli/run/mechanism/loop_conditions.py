@@ -49,6 +49,20 @@ class Lead:
         ]
         return Lead(asked, tuple(dict.fromkeys(x for own in joints for x in own)), tuple(columns))
 
+    @staticmethod
+    def staying(model: Model, columns: Sequence[str], q: Sequence[float], rate: float = 0.0) -> Lead:
+        """Return the lead of joints that stay at q, but for the first column, which moves on from there at a rate."""
+
+        def asked(times: Array) -> tuple[Array, Array, Array]:
+            values, rates = np.tile(q, (len(times), 1)), np.zeros((len(times), len(lead.joints)))
+            if rate:
+                values[:, 0] += rate * times
+                rates[:, 0] = rate
+            return values, rates, np.zeros_like(rates)
+
+        lead = Lead.of_columns(model, columns, asked)
+        return lead
+
 
 def nothing_led() -> Lead:
     """Return the lead of a mechanism whose motion its loops and prescribed joints determine alone."""
@@ -82,21 +96,20 @@ def lead_of(problem: Problem) -> Lead:
     return Lead.of_columns(problem.model, columns, joints)
 
 
-def refuse_quasi(model: Model, names: Sequence[str]) -> None:
-    """Refuse to lead joints whose velocities are no rates of positions, and joints of several axes as a whole.
+def refuse_quasi(model: Model, name: str) -> None:
+    """Refuse to sweep a joint of several axes as a whole, or a coordinate that is no rate of a position.
 
     Raises
     ------
     CapabilityError
     """
-    for name in names:
-        if name in model.joint_names and name not in model.v_names:
-            columns = ", ".join(model.v_columns(name))
-            raise CapabilityError(
-                f"joint {name!r} of a mechanism with loops cannot be led as a whole: lead joints of one axis, or "
-                f"single coordinates of it where they are rates of positions ({columns})",
-                joint=name,
-            )
+    if name in model.joint_names and name not in model.v_names:
+        columns = ", ".join(model.v_columns(name))
+        raise CapabilityError(
+            f"joint {name!r} cannot be swept as a whole: sweep a joint of one axis, or a single coordinate of it where "
+            f"that is the rate of a position ({columns})",
+            joint=name,
+        )
 
 
 class LoopConditions:

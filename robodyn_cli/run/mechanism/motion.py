@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, GeometryError, SceneError, SingularConfigurationError
 from robodyn_cli.model.model import Model
@@ -55,6 +57,17 @@ def with_led_point(scene: Scene) -> Scene:
 def without_following(scene: Scene) -> Scene:
     """Return the scene without motions prescribed by its trajectory, for commands that follow it themselves."""
     return dataclasses.replace(scene, prescribed=given_by_formulas(scene.prescribed))
+
+
+def by_columns(model: Model, motion: JointMotion) -> tuple[Array, Array, Array]:
+    """Return the columns of q (T, nq) and their first and second derivatives, of attitudes too."""
+    if not any(body.joint.quasi for body in model.bodies):
+        return motion.q, motion.qd, motion.qdd
+    from robodyn_cli.model.manifold import Manifold
+
+    manifold = Manifold(model)
+    rates = [manifold.rates(*state) for state in zip(motion.q, motion.qd, motion.qdd)]
+    return motion.q, np.array([first for first, _ in rates]), np.array([second for _, second in rates])
 
 
 def motion_duration(scene: Scene) -> float:
