@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Function, Int, Value
-from robodyn_cli.kernels.mathematics import operation, sincos
-from robodyn_cli.kernels.piecewise import piecewise
+from robodyn_cli.kernels.mathematics import operation, piecewise, sincos
 from robodyn_cli.kernels.program import NUMBERS, TRIGONOMETRIC, Instruction, Program
 
 if TYPE_CHECKING:

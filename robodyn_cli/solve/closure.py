@@ -18,6 +18,7 @@ from robodyn_cli.spatial.algebra import Array, vector
 
 MOST_STEP = 0.7  # rad, or part of the size of the mechanism
 ITERATIONS = 60
+CLOSED = 1e-11  # rad, or part of the size of the mechanism, up to which loops count as closed
 RANK = 1e-8  # ratio of singular values below which rank is lost, in comparable units
 
 

@@ -9,11 +9,11 @@ import numpy as np
 from robodyn_cli.control.lqr import Lqr, Regulator, regulator_gain
 from robodyn_cli.equations.contact_joints import moving_freely
 from robodyn_cli.equations.control.model import model_scene, passive_forces
+from robodyn_cli.equations.linear.reduce import Linear, held_by, independent, linearise_states
+from robodyn_cli.equations.linear.residuals import Residuals, States
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError
 from robodyn_cli.run.driver.prepare import plant_of, prepare
-from robodyn_cli.run.linear.equations import Equations, States
-from robodyn_cli.run.linear.reduce import Linear, held_by, independent, linearise_states
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import assemble
 from robodyn_cli.spatial.algebra import Array, Vector
@@ -34,7 +34,7 @@ def with_regulator(scene: Scene) -> Scene:
     model = problem.model
     pose = _pose(scene, problem)
     driven = tuple(model.v_names.index(name) for name in controller.joints)
-    equations = Equations(problem, _forces(problem, controller), moving_freely(problem.contact_joints))
+    equations = Residuals(problem, _forces(problem, controller), moving_freely(problem.contact_joints))
     if problem.constraints.rheonomic:
         raise _refusal(scene, "a motion is prescribed, so the pose does not stay; allowed with 'lqr': none")
     states = States.one(pose, np.zeros(model.nv))

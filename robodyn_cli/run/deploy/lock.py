@@ -190,7 +190,7 @@ def describe_lock(
     times = growth_times(found)
     asked = motion.scene.simulate.error_estimate
     angles = [(name, float(x), unit) for name, x, unit in zip(model.q_names, q, model.q_units)]
-    keys, note = _latch_keys(motion, found, lock, latch)
+    keys, note = _latch_keys(motion, lock, latch)
     return LockKeys(
         time=lock.time,
         time_error=error,
@@ -231,7 +231,7 @@ def _multiplier_keys(motion: Motion, found: Scan, recorder: Recorder) -> Multipl
 
 
 def _latch_keys(
-    motion: Motion, found: Scan, lock: Lock, latch: Latch | None
+    motion: Motion, lock: Lock, latch: Latch | None
 ) -> tuple[LatchKeys | Absent | None, str | Absent]:
     """Return what is said of the latch, and a note where one was asked for and none could close."""
     if latch is not None:

@@ -34,9 +34,7 @@ FINEST_RTOL = 1e-12  # below it, methods of high order are at rounding, where a 
 FINER = 0.45  # times a fixed step: where implicit methods halve theirs, the second run must not take the same steps
 DECIDES = 0.5  # of the growth of the steps, as a power: below it something else than the tolerance decides about them
 SHORTER = 0.6  # times the mean step of the first run, where a tighter tolerance says nothing
-FIRST_STEPS = (
-    0.4  # times the first steps, at the start and behind events, or both runs would share their errors
-)
+FIRST_STEPS = 0.4  # times the first steps, at the start and behind events: else both runs share their errors
 HIGH_ORDER = 7
 NOT_MEANINGFUL = 1e-2  # part of the range of a quantity above which its error means that its digits are lost
 AT_ROUNDING = 100.0  # times the rounding floor

@@ -11,7 +11,7 @@ import dataclasses
 
 import numpy as np
 
-from robodyn_cli.errors import NumericalError
+from robodyn_cli.errors import NumericalError, unknown_data
 from robodyn_cli.expr.graph import free_symbols
 from robodyn_cli.expr.rebuild import numbers
 from robodyn_cli.formulations.system import System
@@ -140,8 +140,6 @@ def fastest_decay(system: System, t: float, x: Array, p: Array) -> float:
     ------
     SceneError : the accelerations depend on data that the scene does not give.
     """
-    from robodyn_cli.kernels.program import unknown_data
-
     entries = system.jacobian.J
     groups = system.own_groups(np.array([t]), x, p)
     missing = [e.value[0] for e in free_symbols(entries.flat) if e.value[1] not in groups]

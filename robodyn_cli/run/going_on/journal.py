@@ -18,7 +18,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from robodyn_cli.errors import SceneError
-from robodyn_cli.integrators.runtime.integrator import Counters
+from robodyn_cli.integrators.runtime.options import Counters
 from robodyn_cli.record import record
 from robodyn_cli.results.atomic import output_errors
 from robodyn_cli.results.provenance import robodyn_version, sha256
