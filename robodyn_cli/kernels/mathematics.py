@@ -196,10 +196,11 @@ def piecewise(f: Function, x: Value, at: str, n: int, degree: int, held: bool) -
     results = []
     for k in range(x.width):
         u = f.lane(x, k)
-        search = _Search(f, u, at, n)
+        low, high = _interval(f, n)
         for _ in range(halvings(n)):
-            search.halve()
-        i, s = search.found()
+            _halve(f, u, at, low, high)
+        i = f.load_int(low)
+        s = u - f.load(f.offset(at, i))
         value = f.load(f.offset(rows[degree], i))
         for power in reversed(range(degree)):
             value = f.load(f.offset(rows[power], i)) + s * value
@@ -212,10 +213,11 @@ def piecewise(f: Function, x: Value, at: str, n: int, degree: int, held: bool) -
 def piecewise_of_shape(f: Function, u: Value, at: str, shape: list[Int], target: str) -> None:
     """Store the polynomial at u, one number, of which the code reads the shape: n, degree, held, halvings."""
     n, degree, held, times = shape
-    search = _Search(f, u, at, n)
+    low, high = _interval(f, n)
     with f.count(times):
-        search.halve()
-    i, s = search.found()
+        _halve(f, u, at, low, high)
+    i = f.load_int(low)
+    s = u - f.load(f.offset(at, i))
     segments = n - 1
     row = f.offset(f.offset(at, n), i)
     f.store(f.load(f.offset(row, segments * degree)), target)
@@ -226,29 +228,22 @@ def piecewise_of_shape(f: Function, u: Value, at: str, shape: list[Int], target:
         f.store(_beyond_ends(f, u, f.load(target), at, f.offset(at, segments), ends), target)
 
 
-class _Search:
-    """The segment that a number lies in, by bisection of the n knots at an address."""
+def _interval(f: Function, n: Int | int) -> tuple[str, str]:
+    """Return the places in memory of the ends of the interval that is halved: at first all n knots."""
+    low, high = f.int_slot(), f.int_slot()
+    f.store_int(0, low)
+    f.store_int(n - 1, high)
+    return low, high
 
-    def __init__(self, f: Function, u: Value, at: str, n: Int | int) -> None:
-        self.f, self.u, self.at = f, u, at
-        self.low, self.high = f.int_slot(), f.int_slot()
-        f.store_int(0, self.low)
-        f.store_int(n - 1, self.high)
 
-    def halve(self) -> None:
-        """Halve the interval, unless it is one segment."""
-        f = self.f
-        a, b = f.load_int(self.low), f.load_int(self.high)
-        middle = f.emit_int(f"lshr i64 {(a + b).ref}, 1")
-        right = f.compare("oge", self.u, f.load(f.offset(self.at, middle)))
-        wider = f.compare_int("sgt", b - a, 1)
-        f.store_int(f.select_int(right & wider, middle, a), self.low)
-        f.store_int(f.select_int((~right) & wider, middle, b), self.high)
-
-    def found(self) -> tuple[Int, Value]:
-        """Return the segment, and how far behind its first knot the number lies."""
-        i = self.f.load_int(self.low)
-        return i, self.u - self.f.load(self.f.offset(self.at, i))
+def _halve(f: Function, u: Value, at: str, low: str, high: str) -> None:
+    """Halve the interval of knots that u lies in, unless it is one segment."""
+    a, b = f.load_int(low), f.load_int(high)
+    middle = f.emit_int(f"lshr i64 {(a + b).ref}, 1")
+    right = f.compare("oge", u, f.load(f.offset(at, middle)))
+    wider = f.compare_int("sgt", b - a, 1)
+    f.store_int(f.select_int(right & wider, middle, a), low)
+    f.store_int(f.select_int((~right) & wider, middle, b), high)
 
 
 def _beyond_ends(f: Function, u: Value, value: Value, first: str, last: str, ends: str) -> Value:

@@ -26,6 +26,7 @@ from robodyn_cli.run.observation.recorder import Recorder
 from robodyn_cli.run.singular.singularity import Singularity, classify, culprit, psi_at
 from robodyn_cli.spatial.algebra import Array
 
+ROUNDING = 1e-14  # part of a time that rounding leaves over the steps of a run
 TRUSTED = 0.01  # relative error of a lock's time beyond which it is not reported as a lock
 
 
@@ -112,7 +113,7 @@ def time_error(motion: Motion, found: Scan, lock: Lock) -> float | None:
     pace = found.end / max(other.end, 1e-300)
     apart = abs(again[0] - lock.time) * remainder(method, found.steps, round(other.steps * pace))
     # an agreement below what rounding leaves over the steps of a run says nothing
-    return max(apart, 1e-14 * lock.time)
+    return max(apart, ROUNDING * lock.time)
 
 
 def doubt(lock: Lock | None, error: float | None) -> NumericalError | None:

@@ -8,6 +8,7 @@ trials take a small part of the cost of the run.
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -146,6 +147,10 @@ def fastest_decay(system: System, t: float, x: Array, p: Array) -> float:
     if missing:
         raise unknown_data(missing)
     J = numbers(entries, {group: values.tolist() for group, values in groups.items()})
-    if not np.all(np.isfinite(J)):
-        return 0.0
-    return float(max(0.0, -np.linalg.eigvals(J).real.min()))
+    return float(largest_decays(J))
+
+
+def largest_decays(J: Array) -> Any:
+    """Return the largest -Re of the eigenvalues of Jacobians (..., n, n) [1/s], 0 where one is not finite."""
+    finite = np.isfinite(J).all(axis=(-2, -1), keepdims=True)
+    return np.maximum(0.0, -np.linalg.eigvals(np.where(finite, J, 0.0)).real.min(axis=-1, initial=np.inf))
