@@ -98,10 +98,12 @@ def _torques(ax: Any, result: Result, columns: list[int], colours: dict[str, str
     """Draw torques with the limits of joints that reach a good part of theirs."""
     variable = result.variables["control/torque"]
     names, data = column_names(variable), finite(variable.data)
-    limits = (result.summary.get("control") or {}).get("limits", {})
+    control = result.summary.get("control") or {}
+    limits = control.get("limits", {})
+    drawn = "steps-post" if "period" in control else "default"  # held between samples
     for k in columns:
         colour = colours.get(names[k], style.COLOURS[k % len(style.COLOURS)])
-        ax.plot(*envelope(result.time, data[:, k]), color=colour, linewidth=1.1)
+        ax.plot(*envelope(result.time, data[:, k]), color=colour, linewidth=1.1, drawstyle=drawn)
         if names[k] in limits:
             for side in (-1.0, 1.0):
                 ax.axhline(side * limits[names[k]], color=colour, linewidth=0.8, linestyle=style.DASHES[1])
