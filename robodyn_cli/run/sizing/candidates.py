@@ -82,8 +82,8 @@ class Candidates:
             if len(rows) == 0 or curve is None:
                 continue
             motor, supply = self.catalogue.motors[name], Supply(self.drive.voltage, self.drive.ambient)
-            cycle = motor_cycle(motor, supply, asked.only(rows), duty.step)
-            found.keep((k, rows), motor_limits(motor, supply, curve, cycle, duty.step))
+            cycle = motor_cycle(motor, supply, asked.only(rows), duty.samples)
+            found.keep((k, rows), motor_limits(motor, supply, curve, cycle, duty.samples))
 
 
 class _Uses:

@@ -47,11 +47,13 @@ class Front:
 
 @record
 class Sized:
-    """What was found for a joint: how many of how many combinations bear its motion, and the front of cost or mass over
-    margin, the cheapest first. motors, gears : that the columns of `/candidates` count from 0 on."""
+    """What was found for a joint: how many of how many combinations bear its motion, the one with the largest margin
+    (also where none bears it), and the front of cost or mass over margin, the cheapest first. motors, gears : that the
+    columns of `/candidates` count from 0 on."""
 
     combinations: int
     passing: int
+    best: Front
     front: list[Front]
     motors: list[str]
     gears: list[str | None]
@@ -228,7 +230,8 @@ class Search:
         tau = responses.tau.at(m, I)[:, k]
         load = tau - self.figure(name, "inertias") * responses.qdd[:, k]
         hold = None if responses.hold is None else responses.hold.at(m, I)[:, k]
-        return Duty(responses.times, responses.qd[:, k], responses.qdd[:, k], load, hold)
+        qd, qdd = responses.qd[:, k], responses.qdd[:, k]
+        return Duty(responses.times, qd, qdd, load, hold, breaks=responses.breaks)
 
     def _best(self, name: str, masses: Mapping[str, float]) -> int:
         """Return the combination to choose for a joint, and keep how much of the limits all use."""
@@ -258,22 +261,29 @@ class Search:
         """Return what is chosen for a joint."""
         return self.candidates[name].train(self.chosen[name])
 
+    def _figures(self, name: str, k: int) -> Front:
+        """Return the figures of the k-th combination of a joint."""
+        one, use = self.candidates[name], self._use(name)
+        drive = one.train(k).drive
+        decides = list(self.uses[name])[int(use.reshape(len(use), -1)[:, k].argmax())]
+        cost, mass, margin = (float(x.flat[k]) for x in (one.costs, one.masses, self.margins(name)))
+        return Front(drive.motor, drive.gear, cost, mass, margin, decides)
+
+    def best(self, name: str) -> Front:
+        """Return the combination of a joint with the largest margin."""
+        return self._figures(name, int(np.argmax(self.margins(name))))
+
     def front(self, name: str) -> list[Front]:
         """Return the combinations of a joint that none beats in both cost (or mass) and margin, the cheapest first."""
-        one, margins, names = self.candidates[name], self.margins(name), list(self.uses[name])
+        one, margins = self.candidates[name], self.margins(name)
         price = one.costs if self.by == "cost" else one.masses
-        most = self._use(name).argmax(axis=0)
-        found: list[Front] = []
+        found: list[int] = []
         best = -np.inf
         for k in np.lexsort((-margins.ravel(), price.ravel())).tolist():
             if margins.flat[k] > best and margins.flat[k] >= one.drive.margin:
                 best = float(margins.flat[k])
-                train = one.train(k)
-                found.append(
-                    Front(train.drive.motor, train.drive.gear, float(one.costs.flat[k]), float(one.masses.flat[k]),
-                          best, names[int(most.flat[k])])
-                )  # fmt: skip
-        return found
+                found.append(k)
+        return [self._figures(name, k) for k in found]
 
 
 def _chosen(scene: Scene, search: Search) -> list[str]:
@@ -297,7 +307,9 @@ def _sizing(search: Search, sweeps: int, figures: Mapping[str, Mapping[str, Any]
         margins = search.margins(name)
         differences.append(abs(float(margins.flat[search.chosen[name]]) - figures[name]["margin"]))
         passing = int(np.count_nonzero(margins >= one.drive.margin))
-        joints[name] = Sized(margins.size, passing, search.front(name), list(one.motors), list(one.gears))
+        joints[name] = Sized(
+            margins.size, passing, search.best(name), search.front(name), list(one.motors), list(one.gears)
+        )
     return Sizing(
         by=search.by,
         cost=sum(search.figure(name, "costs") for name in joints),
