@@ -39,7 +39,8 @@ def describe(summary: Mapping[str, Any]) -> str:
         rows.append([name, *counts, margin_text(best["margin"]), limit])
     drives = summary["drives"]
     written = [f"    {name}: {_written(drive)}" for name, drive in drives.items()]
-    total = f"cost {number(found['cost'])}, mass {number(found['mass'])} kg, smallest by {found['by']}"
+    how = "of all combinations" if found["proven"] else "joint by joint"
+    total = f"cost {number(found['cost'])}, mass {number(found['mass'])} kg, smallest {found['by']} {how}"
     return "\n".join(
         [
             f"{summary['title']}",
@@ -82,6 +83,13 @@ def command(
             show_default=False,
         ),
     ] = None,
+    thorough: Annotated[
+        bool,
+        typer.Option(
+            "--thorough",
+            help="Try combinations of all joints together until none is better, for some minutes at most.",
+        ),
+    ] = False,
     out: OutDir = None,
     overrides: Overrides = None,
     no_plots: NoPlots = False,
@@ -105,6 +113,6 @@ def command(
         overrides or (),
         drawings(no_plots, plots, format_),
         strict,
-        options={"by": by, "margin": margin, "types": kinds},
+        options={"by": by, "margin": margin, "types": kinds, "thorough": thorough},
     )
     return run_scene(job, Console(as_json, quiet), describe)

@@ -169,18 +169,23 @@ def _heated(motor: Motor, supply: Supply, cold: Array, samples: Samples, cycle: 
 # -- limits ------------------------------------------------------------------------------------------------
 @record
 class Use:
-    """How much of a limit a cycle uses (...,), 1 : all of it; at : the sample that decides, None for a mean; off : by
-    how much more may be used between samples."""
+    """How much of a limit a cycle uses (...,), 1 : all of it; at : the sample that decides, None for a mean; course :
+    use of all samples (..., T), where one decides."""
 
     part: Array
     at: Array | None = None
-    off: Any = 0.0
+    course: Array | None = None
+
+    @property
+    def off(self) -> Any:
+        """By how much more may be used between samples."""
+        return 0.0 if self.at is None or self.course is None else rise(self.course, self.at)
 
     @staticmethod
     def most(part: Array) -> Use:
         """Return the largest use of samples (..., T)."""
         at = np.argmax(part, axis=-1)
-        return Use(np.take_along_axis(part, at[..., None], axis=-1)[..., 0], at, rise(part, at))
+        return Use(np.take_along_axis(part, at[..., None], axis=-1)[..., 0], at, part)
 
 
 def rise(y: Array, at: Array) -> Array:
