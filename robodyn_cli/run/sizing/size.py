@@ -64,8 +64,8 @@ class Sizing:
 class Wanted:
     """What is asked for.
 
-    by : what is to be small, ``cost`` or ``mass``; the other decides between equals. margin : part of each limit that is
-    to be left; default: that of each drive. types : kinds of motor to choose from; default: all. thorough : try
+    by : what is to be small, ``cost`` or ``mass``; the other decides between equals. margin : part of each limit that
+    is to be left; default: that of each drive. types : kinds of motor to choose from; default: all. thorough : try
     combinations of all joints together until nothing cheaper (lighter) is left, or for some minutes.
     """
 
