@@ -17,8 +17,8 @@ from robodyn_cli.spatial.algebra import Array, vector
 from robodyn_cli.trajectories.attitudes import FORMS
 from robodyn_cli.trajectories.base import Problems, SceneNames
 from robodyn_cli.trajectories.joint_space import JointSpaceTrajectory, attitude_places
-from robodyn_cli.trajectories.led import QUATERNION, position_columns, with_attitudes
-from robodyn_cli.trajectories.motion import JointMotion, JointSpace, is_to_be_found
+from robodyn_cli.trajectories.led import QUATERNION, is_to_be_found, position_columns, with_attitudes
+from robodyn_cli.trajectories.motion import JointMotion, JointSpace
 from robodyn_cli.trajectories.registry import trajectory_types
 
 MEET = 1e-9  # rad, m, and the same per second: how well segments have to meet

@@ -7,6 +7,7 @@ import numpy as np
 from robodyn_cli.run.fastest.profile import Profile
 from robodyn_cli.run.fastest.rows import Rows
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.trajectories.interpolation import divided
 
 LAST = 5  # points besides, ever nearer to the end: the drive brakes alone in the last segment (see ``Rows.rest``)
 PARTS = 4  # into which a segment is divided in one refinement at most
@@ -43,8 +44,9 @@ def refined(s: Array, rows: Rows, profile: Profile, count: int, even: Array) -> 
     """Return the grid divided into so many intervals, more of them where the time lost is largest.
 
     On the fastest motion one of the limits binds everywhere. What the use of the limits is off by inside of a segment
-    grows with the square of its length, so the time lost with the cube of it. Segments of constant acceleration, ``even``
-    (K,), are less exact, and what x lacks there is lacking all along the arcs beside them: they are always divided.
+    grows with the square of its length, so the time lost with the cube of it. Segments of constant acceleration,
+    ``even`` (K,), are less exact, and what x lacks there is lacking all along the arcs beside them: they are always
+    divided.
     """
     u, x = profile.between(s)
     use = np.maximum(np.abs(rows.values(u, x)).max(axis=2), x / rows.most)
@@ -61,11 +63,3 @@ def refined(s: Array, rows: Rows, profile: Profile, count: int, even: Array) -> 
         else:
             high, parts = middle, more
     return divided(s, np.where(even, PARTS, parts))
-
-
-def divided(s: Array, parts: Array) -> Array:
-    """Return a grid (K + 1,) with each interval divided into so many equal ``parts`` (K,)."""
-    count = parts.astype(int)
-    place = np.repeat(np.arange(len(count)), count)
-    share = (np.arange(len(place)) - np.repeat(np.cumsum(count) - count, count)) / count[place]
-    return np.append(s[place] + np.diff(s)[place] * share, s[-1])

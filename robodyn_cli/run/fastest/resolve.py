@@ -17,7 +17,7 @@ from robodyn_cli.run.fastest.profile import NoProfile
 from robodyn_cli.run.fastest.search import Fastest, fastest
 from robodyn_cli.run.inverse.build import build_inverse
 from robodyn_cli.run.inverse.program import InverseProgram
-from robodyn_cli.run.mechanism.along_path import interpolated
+from robodyn_cli.run.mechanism.along_path import motion_along
 from robodyn_cli.run.mechanism.motion import Planned, plan_motion
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
@@ -79,7 +79,7 @@ def _path_of(program: InverseProgram) -> Callable[[Array], JointMotion]:
     problem = program.problem
     if not problem.model.closures:
         if isinstance(problem.scene.trajectory, TaskSpace):
-            way = interpolated(problem.scene, problem.model.q_names)
+            way = motion_along(problem.scene, problem.model.q_names)
             return lambda s: way.motion(s, problem.model.q_names, {})
         return lambda s: plan_motion(problem, s).motion
     from robodyn_cli.run.inverse.closed import ClosedLoops
@@ -126,8 +126,7 @@ def _torques_of(program: InverseProgram) -> Torques:
 def special_points(trajectory: FastestTrajectory, program: InverseProgram, path: LimitedPath) -> Array:
     """Return where the path is not smooth, and where a joint with forces turns back."""
     way = trajectory.way
-    knots = way.jumps if hasattr(way, "jumps") else getattr(way, "knots", None) or ()
-    fixed = np.array([x for x in knots if 0.0 < x < way.duration])
+    fixed = np.array([x for x in getattr(way, "knots", None) or () if 0.0 < x < way.duration])
     s = merged(np.linspace(0.0, way.duration, LOOKS + 1), fixed)
     found = path.at(s)
     problem = program.problem

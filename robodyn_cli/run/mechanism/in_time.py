@@ -11,10 +11,15 @@ import numpy as np
 from robodyn_cli.errors import CapabilityError, RobodynError, SceneError
 from robodyn_cli.model.build import build_model
 from robodyn_cli.run.fastest.resolve import with_time_law
-from robodyn_cli.run.mechanism.along_path import interpolated
+from robodyn_cli.run.mechanism.along_path import motion_along
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.trajectories.fastest import FastestTrajectory
-from robodyn_cli.trajectories.led import follow_trajectory, position_columns, velocity_columns
+from robodyn_cli.trajectories.led import (
+    follow_trajectory,
+    given_by_formulas,
+    position_columns,
+    velocity_columns,
+)
 from robodyn_cli.trajectories.sequence import SequenceTrajectory
 
 
@@ -38,15 +43,17 @@ def with_motion_found(scene: Scene) -> Scene:
     ------
     CapabilityError : the joints' rates jump on the way. Others as ``with_motion`` raises.
     """
-    columns = position_columns(scene.prescribed)
-    trajectory = _of_joints(dataclasses.replace(scene, prescribed={}), columns)
-    rates = velocity_columns(scene.prescribed)
+    formulas = given_by_formulas(scene.prescribed)
+    found = {name: x for name, x in scene.prescribed.items() if name not in formulas}
+    columns = position_columns(found)
+    trajectory: Any = _of_joints(dataclasses.replace(scene, prescribed=formulas), columns)
+    rates = velocity_columns(found)
     initial = dataclasses.replace(
         scene.initial,
         q={name: x for name, x in scene.initial.q.items() if name not in columns},
         qd={name: x for name, x in scene.initial.qd.items() if name not in rates},
     )
-    prescribed = follow_trajectory(trajectory, scene.simulate.duration)
+    prescribed = {**formulas, **follow_trajectory(trajectory, scene.simulate.duration)}
     return dataclasses.replace(scene, trajectory=trajectory, prescribed=prescribed, initial=initial)
 
 
@@ -61,10 +68,11 @@ def _of_joints(scene: Scene, columns: Sequence[str] | None) -> Any:
     led = tuple(columns or build_model(scene).q_names)
     if isinstance(trajectory, FastestTrajectory):
         if hasattr(trajectory.way, "target"):
-            way = interpolated(dataclasses.replace(scene, trajectory=trajectory.way), led)
-            trajectory = dataclasses.replace(trajectory, path=way)
+            way = motion_along(dataclasses.replace(scene, trajectory=trajectory.way), led)
+            jumps = tuple(getattr(trajectory.way, "knots", None) or ())
+            trajectory = dataclasses.replace(trajectory, path=dataclasses.replace(way, jumps=jumps))
         return with_time_law(dataclasses.replace(scene, trajectory=trajectory)).trajectory
-    return trajectory if hasattr(trajectory, "expressions") else interpolated(scene, led)
+    return trajectory if hasattr(trajectory, "expressions") else motion_along(scene, led)
 
 
 def _with_sequence(scene: Scene, sequence: SequenceTrajectory, columns: Sequence[str] | None) -> Scene:

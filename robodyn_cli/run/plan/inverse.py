@@ -32,6 +32,7 @@ class Inverse:
     redundant: tuple[str, ...] = ()
 
     def __init__(self, scene: sc.Scene) -> None:
+        self.fastest = bool(getattr(scene.trajectory, "least_time", False))
         if getattr(scene.trajectory, "to_be_found", False):
             from robodyn_cli.run.mechanism.in_time import with_motion
 
@@ -106,6 +107,14 @@ class Inverse:
         reason = f"in the result: {', '.join(what)}"
         yield Term("energies, points and outlines", True, reason, _operations(program.outputs) - split)
         yield self._motion()
+        if self.fastest:
+            yield Term(
+                "time law", True, "as fast as the limits allow: two passes over a grid, before the samples"
+            )
+        if self.task is not None and self.task.chosen:
+            yield Term(
+                "search for the first pose", True, "of those that reach the path's start, before the samples"
+            )
         yield Term("integration, events, projection", False, "the motion is given: nothing is integrated")
 
     def _motion(self) -> Term:
