@@ -11,6 +11,7 @@ from robodyn_cli.trajectories.interpolation import divided
 
 LAST = 5  # points besides, ever nearer to the end: the drive brakes alone in the last segment (see ``Rows.rest``)
 PARTS = 4  # into which a segment is divided in one refinement at most
+SHORT = 1e-4  # of the path: segments of constant acceleration are divided down to this at least
 BESIDE = 1e-6  # of the path: as near as grid points may lie to one that there has to be
 
 
@@ -62,4 +63,5 @@ def refined(s: Array, rows: Rows, profile: Profile, count: int, even: Array) -> 
             low = middle
         else:
             high, parts = middle, more
-    return divided(s, np.where(even, PARTS, parts))
+    long = np.diff(s) > SHORT * (s[-1] - s[0])
+    return divided(s, np.where(even & long, PARTS, parts))
