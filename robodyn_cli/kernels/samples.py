@@ -124,9 +124,10 @@ class SampleKernel:
     ) -> dict[str, Array]:
         """Evaluate so many samples; a constant program needs no input.
 
-        memory : where the outputs (padded(samples), n) go, column-ordered; arrays of their own by default.
+        memory : where the outputs go, column-ordered arrays (T, n) with a row for each lane at least; by default arrays of
+        their own.
         """
-        padded = self.padded(samples)
+        padded = max(samples, self.lanes)
         inputs = self._inputs(samples, padded, groups)
         results = memory or {
             name: np.empty((padded, len(entries)), order="F")
@@ -136,13 +137,9 @@ class SampleKernel:
             self._run(inputs, results, padded, self.program.table)
         return {name: r[:samples] for name, r in results.items()}
 
-    def padded(self, samples: int) -> int:
-        """Return how many samples the code evaluates for so many: the lanes at least."""
-        return max(samples, self.lanes)
-
     def of_tables(self, tables: Array, samples: int, groups: Mapping[str, Array]) -> dict[str, Array]:
         """Evaluate so many samples with each row of tables (N, numbers) in place of its own: {output: (N, n, T)}."""
-        padded = self.padded(samples)
+        padded = max(samples, self.lanes)
         inputs = self._inputs(samples, padded, groups)
         results = {
             name: np.empty((len(tables), len(entries), padded))
