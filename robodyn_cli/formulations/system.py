@@ -177,6 +177,12 @@ class System:
         q, v, z = np.split(x, [self.nq, self.nq + self.nv], axis=-1)
         return {"t": t, "q": q, "v": v, "z": z, "p": p}
 
+    def parameters_at(self, t: float, q: NDArray[Any]) -> NDArray[np.float64]:
+        """Return the parameters p that a run starts with at q (nq,): those given, or what the partition chooses."""
+        if self.partition is None:
+            return np.array(self.parameters or [0.0])
+        return np.concatenate([np.zeros(self.partition.first), self.partition.choose(t, q, None)])
+
     def watched_by(self, owner_of: Callable[[EventFunction], Owner | None]) -> System:
         """Return the system with other owners of its events, without those that ``owner_of`` gives none for."""
         owners = [(e, owner_of(e)) for e in self.events]

@@ -93,7 +93,7 @@ class SampleKernel:
     @cached_property
     def _interpreted(self) -> InterpretedSamples | None:
         """The program as data; None for a program that is compiled at once."""
-        if self.program.operations <= LONG or self.program.has_tables:
+        if self.program.operations <= LONG:
             return None
         from robodyn_cli.kernels.bytecode.samples import InterpretedSamples
 
@@ -124,8 +124,8 @@ class SampleKernel:
     ) -> dict[str, Array]:
         """Evaluate so many samples; a constant program needs no input.
 
-        memory : where the outputs go, column-ordered arrays (T, n) with a row for each lane at least; by default arrays of
-        their own.
+        memory : where the outputs go, column-ordered arrays (T, n) with a row for each lane at least; by default
+        arrays of their own.
         """
         padded = max(samples, self.lanes)
         inputs = self._inputs(samples, padded, groups)

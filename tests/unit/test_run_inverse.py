@@ -218,8 +218,10 @@ def test_what_cannot_be_done_says_so() -> None:
         inverse(load_scene(CONFIGS / "double_pendulum.yaml"))
     with pytest.raises(CapabilityError, match="lacks 'theta2'"):
         lecture("actuated=[theta1]")
-    with pytest.raises(CapabilityError, match="'prescribed'"):
+    with pytest.raises(SceneError, match="'theta1', which carries 'tip', is prescribed"):
         lecture("prescribed={theta1: t}")
+    with pytest.raises(CapabilityError, match="'prescribed'"):
+        InverseDynamics(load_scene(CONFIGS / "2r_circle.yaml", ["prescribed={theta1: t}"]))
 
 
 @pytest.mark.parametrize(

@@ -147,10 +147,7 @@ class Control:
 
     def situation(self, seen: Measured) -> At:
         """Return what the law sees, with measured positions and rates."""
-        p = self.problem
-        env = p.environment
-        states = dict(zip(self.own, self.z))
-        return At(p, seen, self.reference.at(p.t, env), states, self._starting, env)
+        return At(self.problem, seen, self.reference, dict(zip(self.own, self.z)))
 
     @cached_property
     def exact(self) -> At:
@@ -261,16 +258,16 @@ class Control:
             found += new.get(name, self.group(name))
         return found
 
-    def start(self, q: Array, v: Array, noise: Array) -> Array:
+    def start(self, q: Array, v: Array, p: Array, noise: Array) -> Array:
         """Return the states (nc,) at t = 0, where the joints are at q (nq,) and v (nv,); sampled ones after an update.
 
-        noise : random numbers of the first sample.
+        p : parameters of the equations. noise : random numbers of the first sample.
         """
         z = np.array([*self._starts, *([0.0] * (len(self.names) - len(self.own)))])
         if self.period is None:
             return z
         inputs: dict[str, Any] = {"t": [0.0], "q": q, "v": v, STATES: z, NOISE: noise}
-        inputs["p"] = np.zeros(4 * len(v) + len(self.problem.model.parameters))
+        inputs["p"] = np.pad(p, (0, 4 * len(v) + len(self.problem.model.parameters)))
         last = [k for k, name in enumerate(self.names) if name.startswith("last.") and k >= len(self.own)]
         if last:
             z[last] = [float(x) for x in evaluate(self.measured.q, inputs)]

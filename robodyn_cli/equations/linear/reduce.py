@@ -85,6 +85,21 @@ def tangent(psi: Array, places: Sequence[int], time: float) -> tuple[Array, Arra
     return T, inverse
 
 
+def held_by(
+    equations: Residuals, states: States, inputs: Sequence[int], places: tuple[int, ...]
+) -> tuple[States, Array]:
+    """Return a state at rest with the torques of the inputs that hold it best, and the load (f,) that is left along
+    the independent coordinates at ``places``."""
+    values = equations.values(states)
+    T, _ = tangent(values["Psi"][0], places, 0.0)
+    load = T.T @ values["load"][0]
+    torques = np.linalg.lstsq(T.T[:, list(inputs)], load, rcond=None)[0]
+    tau = states.tau.copy()
+    tau[0, list(inputs)] = torques
+    left = load - T.T[:, list(inputs)] @ torques
+    return States(states.times, states.q, states.v, None, tau), left
+
+
 def constrained(M: Array, psi: Array, f: Array, c: Array) -> tuple[Array, Array]:
     """Return a (T, nv, k) and lambda (T, m, k) with M a - Psi^T lambda = f (T, nv, k) and Psi a = c (T, m, k).
 
