@@ -328,6 +328,48 @@ def test_torques_of_a_given_motion() -> None:
     assert [event["kind"] for event in found.events] == ["grip", "let_go"]
 
 
+def test_integrals_of_a_given_motion_end_at_the_jumps() -> None:
+    """Energies and RMS torques of 201 samples are those of the motions with and without the box, each in its time."""
+    base = {k: x for k, x in ARM.items() if k not in ("torques", "initial")}
+    base["robot"] = {**base["robot"], "joints": [
+        {**j, "type": "revolute", "axis": [0, 1, 0.3]} if j["name"] == "b" else j for j in base["robot"]["joints"]
+    ]}  # fmt: skip
+    motion = {
+        "type": "joint",
+        "duration": 1,
+        "q": {"a": "0.5*sin(2*t)", "c": "0.1*t", "d": "cos(3*t)", "b": "t^2"},
+    }
+    fine = {"trajectory": motion, "inverse": {"samples": 20001}}
+    light, heavy = inverse(scene_of(base, **fine)), inverse(scene_of(with_box(base), **fine))
+    t, qd = light["time"], light["qd"]
+    # at samples, between them, soon after the start, and for a single sample
+    for times in [(0.3, 0.7), (0.3037, 0.6012), (0.0011, 0.4999), (0.62, 0.625)]:
+        payload = {
+            "name": "box",
+            "at": "tool",
+            **BOX,
+            "from": {"time": times[0]},
+            "until": {"time": times[1]},
+        }
+        few = {"trajectory": motion, "inverse": {"samples": 201}}
+        summary = inverse(scene_of(base, payloads=[payload], **few)).summary
+        carried = ((t > times[0]) & (t <= times[1]))[:, None]
+        tau = np.where(carried, heavy["tau"], light["tau"])
+        rms, energy, net = (
+            np.trapezoid(y, t, axis=0) for y in (tau**2, np.maximum(tau * qd, 0.0), tau * qd)
+        )  # off by the jumps times a step of 5e-5 s
+        errors = summary["error_estimate"]
+        off = [1e-4 * np.abs(x).max(axis=0) for x in (tau, tau * qd)]
+        for k, joint in enumerate(summary["joints"].values()):
+            near = [
+                x[k] + 3.0 * errors[name] for x, name in zip(off, ("rms_quadrature", "energy_quadrature"))
+            ]
+            assert joint["rms_torque"] == pytest.approx(np.sqrt(rms[k]), abs=near[0]), times
+            assert joint["energy_net"] == pytest.approx(net[k], abs=near[1]), times
+            assert joint["energy"] == pytest.approx(energy[k], abs=near[1]), times
+        assert errors["rms_quadrature"] < (1e-6 if times[1] - times[0] > 0.1 else 0.1)
+
+
 def test_a_run_goes_on_from_a_stored_one(tmp_path: Path) -> None:
     """What is carried at the time of the stored sample follows from the times."""
     from robodyn_cli.results.hdf5 import write
