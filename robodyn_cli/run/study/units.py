@@ -31,6 +31,8 @@ def unit_of_output(key: str, model: Model) -> str:
             return unit + power if unit != "1" or not power else UNKNOWN
     if key.startswith("torques_of_joints."):
         return TORQUE.get(joints.get(key.partition(".")[2], ""), UNKNOWN)
+    if key.startswith("control."):
+        return _of_control(key.split(".")[1:], joints)
     figure, _, name = key.partition(".")
     if figure == "joints":
         name, _, figure = name.rpartition(".")
@@ -45,6 +47,16 @@ def _of_joint(figure: str, unit: str) -> str:
     if figure in MOTIONS:
         return unit + MOTIONS[figure]
     return _by_last_step(figure)
+
+
+def _of_control(steps: list[str], joints: dict[str, str]) -> str:
+    """Return the unit of a figure of the controller; a coordinate that is no joint is one of a point."""
+    group, name, figure = steps[0], ".".join(steps[1:-1]), steps[-1]
+    if group == "tracking":
+        return "s" if figure == "at" else joints.get(name, "m")
+    if group == "limits":
+        return TORQUE.get(joints.get(".".join(steps[1:]), ""), UNKNOWN)
+    return {"saturated": "s", "energy": "J", "period": "s", "delay": "s", "updates": "1"}.get(group, UNKNOWN)
 
 
 def _by_last_step(key: str) -> str:
