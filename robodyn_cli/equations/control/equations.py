@@ -8,22 +8,17 @@ from typing import Any, Protocol
 from robodyn_cli.algorithms.kinematics import Pose
 from robodyn_cli.equations.constraints import Constraints
 from robodyn_cli.equations.dependence import Combination, Dependence
-from robodyn_cli.expr.graph import Expr, Graph
-from robodyn_cli.model.model import Model
+from robodyn_cli.equations.linear.protocol import Equations as Linearised
+from robodyn_cli.expr.graph import Expr
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.spatial.algebra import Matrix, Transform, Values, Vector
+from robodyn_cli.spatial.algebra import Transform, Values, Vector
 
 
-class Equations(Protocol):
+class Equations(Linearised, Protocol):
     """The equations of a scene (satisfied by ``Problem``)."""
 
     scene: Scene
-    model: Model
-    graph: Graph
     t: Expr
-    q: list[Expr]
-    v: list[Expr]
-    a: list[Expr]
     keep_rows: Sequence[int] | None
     dependent: tuple[Dependence, ...]
     braces: Mapping[int, float]
@@ -36,10 +31,6 @@ class Equations(Protocol):
     def X(self) -> list[Transform]: ...
     @property
     def pose(self) -> dict[int, Pose]: ...
-    @property
-    def mass_matrix(self) -> Matrix: ...
-    @property
-    def bias(self) -> Vector: ...
     @property
     def inverse_dynamics(self) -> Vector: ...
     def newton_euler(self, v: Values, a: Values, gravity: Vector | None) -> Vector: ...

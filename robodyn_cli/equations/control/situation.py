@@ -11,7 +11,7 @@ from robodyn_cli.equations.control.equations import Equations
 from robodyn_cli.equations.control.model import ControllerModel
 from robodyn_cli.equations.control.reference import Reference
 from robodyn_cli.record import record
-from robodyn_cli.solve.inverse_kinematics import target_of
+from robodyn_cli.solve.inverse_kinematics import moving_reference, target_of
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.interpolation import interpolated
 
@@ -84,6 +84,12 @@ class At:
         trajectory, scene = self.controller.reference, self.problem.scene
         if not hasattr(trajectory, "target"):
             self.model.refuse("'task_pd' follows a path of a point: key 'reference' or 'trajectory'")
+
+        if moving_reference(self.model.problem.model, trajectory) is not None:
+            self.model.refuse(
+                f"'task_pd' follows a path in the world, and {trajectory.relative_to!r} is on a link that moves; "
+                "allowed: a place on the base"
+            )
 
         def motion(times: Array) -> tuple[Array, Array, Array]:
             found = target_of(self.model.problem.model, trajectory, times, scene.parameters)

@@ -5,17 +5,14 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-import numpy as np
-
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.run.driver.prepare import plant_of, prepare
 from robodyn_cli.run.mechanism.along_path import Interpolated
-from robodyn_cli.run.mechanism.motion import plan_motion, with_led_point, without_following
+from robodyn_cli.run.mechanism.motion import by_columns, plan_motion, with_led_point, without_following
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.course import held
 from robodyn_cli.trajectories.interpolation import interpolated
-from robodyn_cli.trajectories.joint_space import column_rates
 from robodyn_cli.trajectories.motion import JointMotion
 
 
@@ -34,8 +31,7 @@ def with_joint_reference(scene: Scene) -> Scene:
     ahead = loops and controller.type == "feed_forward"
     if getattr(controller, "reference", None) is None:
         return _with_reference(scene, _start_held(scene)) if ahead else scene
-    bare = scene if loops else dataclasses.replace(scene, prescribed={})
-    followed = dataclasses.replace(without_following(bare), control=None, trajectory=controller.reference)
+    followed = dataclasses.replace(without_following(scene), control=None, trajectory=controller.reference)
     if controller.reference.type == "fastest":
         from robodyn_cli.run.fastest.resolve import with_time_law
 
@@ -57,9 +53,7 @@ def joint_motion(scene: Scene) -> Interpolated:
     columns = problem.model.q_names
 
     def motion(times: Array) -> tuple[Array, Array, Array]:
-        found = _motion_of(problem, times)
-        rates, accelerations = _column_rates(problem, found)
-        return found.q, rates, accelerations
+        return by_columns(problem.model, _motion_of(problem, times))
 
     knots = getattr(trajectory, "knots", None)
     duration = float(trajectory.duration)
@@ -77,19 +71,6 @@ def _motion_of(problem: Problem, times: Array) -> JointMotion:
     if found.stopped is not None:
         raise found.stopped
     return found.motion
-
-
-def _column_rates(problem: Problem, motion: JointMotion) -> tuple[Array, Array]:
-    """Return the rates of the columns of q (T, nq) and their second derivatives."""
-    model = problem.model
-    if not any(body.joint.quasi for body in model.bodies):
-        return motion.qd, motion.qdd
-    first, second = np.empty_like(motion.q), np.empty_like(motion.q)
-    for k, q in enumerate(motion.q):
-        rates, accelerations = (dict(zip(model.v_names, x[k])) for x in (motion.qd, motion.qdd))
-        first[k] = column_rates(model.q_names, q, rates)
-        second[k] = column_rates(model.q_names, q, accelerations, first[k])
-    return first, second
 
 
 def _start_held(scene: Scene) -> Interpolated:

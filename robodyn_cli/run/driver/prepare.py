@@ -76,9 +76,7 @@ def plant_of(scene: Scene) -> Scene:
     """Return a scene without its controller."""
     if scene.control is None:
         return scene
-    return dataclasses.replace(
-        scene, control=None, outputs=dataclasses.replace(scene.outputs, signals={}), expect={}
-    )
+    return dataclasses.replace(scene, control=None, expect={})
 
 
 def refuse_changes(scene: Scene, command: str) -> None:

@@ -24,11 +24,15 @@ HELD = 1e-9  # part of the loads that may be left where inputs hold a pose
 
 @record
 class Nominal:
-    """Residuals and states about which they are linearised; inputs and independent coordinates by place."""
+    """Equations and states about which they are linearised; inputs and independent coordinates by place.
+
+    torques : of the actuators (nv,) that the equations have as expressions, beside what ``states.tau`` has.
+    """
 
     about: str
     problem: Problem
     equations: Residuals
+    torques: Vector
     states: States
     inputs: tuple[int, ...]
     places: tuple[int, ...]
@@ -75,7 +79,8 @@ def nominal(scene: Scene, asked: Question, watch: Stopwatch) -> Nominal:
     places = independent(psi[0], inputs)
     if asked.about == "hold":
         states = _held(equations, states, inputs, places)
-    return Nominal(asked.about, problem, equations, states, inputs, places)
+    torques = problem.actuator_torques if force is _applied else zeros(problem.model.nv)
+    return Nominal(asked.about, problem, equations, torques, states, inputs, places)
 
 
 def _applied(problem: Problem) -> Vector:

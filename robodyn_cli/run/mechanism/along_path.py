@@ -8,13 +8,18 @@ from typing import Any
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.record import record
 from robodyn_cli.run.fastest.resolve import with_time_law
-from robodyn_cli.run.mechanism.motion import plan_motion, with_led_point
+from robodyn_cli.run.mechanism.motion import by_columns, plan_motion, with_led_point
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.course import Course
 from robodyn_cli.trajectories.interpolation import interpolated
 from robodyn_cli.trajectories.joint_space import CourseTrajectory
-from robodyn_cli.trajectories.led import follow_trajectory, position_columns, velocity_columns
+from robodyn_cli.trajectories.led import (
+    follow_trajectory,
+    given_by_formulas,
+    position_columns,
+    velocity_columns,
+)
 
 
 @record
@@ -44,18 +49,20 @@ def with_motion_found(scene: Scene) -> Scene:
     ------
     CapabilityError : the joints' rates jump on the way. Others as the inverse kinematics and ``with_time_law`` raise.
     """
-    columns = position_columns(scene.prescribed)
-    bare = with_time_law(dataclasses.replace(scene, prescribed={}))
+    formulas = given_by_formulas(scene.prescribed)
+    found = {name: x for name, x in scene.prescribed.items() if name not in formulas}
+    columns = position_columns(found)
+    bare = with_time_law(dataclasses.replace(scene, prescribed=formulas))
     trajectory: Any = bare.trajectory
     if not hasattr(trajectory, "expressions"):
         trajectory = _interpolated(bare, columns)
-    rates = velocity_columns(scene.prescribed)
+    rates = velocity_columns(found)
     initial = dataclasses.replace(
         scene.initial,
         q={name: x for name, x in scene.initial.q.items() if name not in columns},
         qd={name: x for name, x in scene.initial.qd.items() if name not in rates},
     )
-    prescribed = follow_trajectory(trajectory, scene.simulate.duration)
+    prescribed = {**formulas, **follow_trajectory(trajectory, scene.simulate.duration)}
     return dataclasses.replace(scene, trajectory=trajectory, prescribed=prescribed, initial=initial)
 
 
@@ -66,8 +73,8 @@ def _interpolated(scene: Scene, columns: tuple[str, ...]) -> Interpolated:
     places = [problem.model.q_names.index(name) for name in columns]
 
     def motion(times: Array) -> tuple[Array, Array, Array]:
-        found = plan_motion(problem, times).motion
-        return found.q[:, places], found.qd[:, places], found.qdd[:, places]
+        q, v, a = by_columns(problem.model, plan_motion(problem, times).motion)
+        return q[:, places], v[:, places], a[:, places]
 
     duration = float(trajectory.duration)
     what = f"the joints' motion along the path of {trajectory.point!r}"
