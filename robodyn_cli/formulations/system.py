@@ -151,6 +151,11 @@ class System:
         """How many states there are beside the mechanism's q and v."""
         return self.nz if self.layout is None else len(self.layout.z)
 
+    @property
+    def work_place(self) -> int | None:
+        """Place in x of the work, the last of the further states; None where it is not integrated."""
+        return self.size - 1 if self.work_done_by else None
+
     def split(self, x: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
         """Return the mechanism's q, v and z of states x (..., nx)."""
         if self.layout is None:

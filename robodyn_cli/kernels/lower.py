@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Function, Int, Value
-from robodyn_cli.kernels.mathematics import operation, sincos
+from robodyn_cli.kernels.mathematics import operation, piecewise, sincos
 from robodyn_cli.kernels.program import NUMBERS, TRIGONOMETRIC, Instruction, Program
 
 if TYPE_CHECKING:
@@ -125,8 +125,6 @@ class _Lowering:
             return f.splat(self.inputs[group][position], self.width)
         args = [self.value(a) for a in i.args]
         if i.op == "table":
-            from robodyn_cli.kernels.piecewise import piecewise
-
             first, *shape = i.value
             return piecewise(f, args[0], f.offset(self._numbers.base, first), *shape)
         return operation(f, i.op, args, self.fused)

@@ -17,7 +17,6 @@ SECTIONS = (
     "robot", "gravity", "parameters", "loops", "forces", "payloads", "couplers", "torques", "drives",
     "prescribed",
 )  # fmt: skip
-Number = Callable[[float, str], float]  # from the value at a place
 _ORIENTATION = frozenset(field.name for field in dataclasses.fields(Orientation))
 
 
@@ -81,7 +80,7 @@ def numbers_at_places(scene: Scene) -> dict[str, float]:
     return found
 
 
-def _placed(value: Any, place: str, number: Number = literal) -> Any:
+def _placed(value: Any, place: str, number: Callable[[float, str], float] = literal) -> Any:
     """Return a value with its numbers as ``number`` gives them for their places."""
     if isinstance(value, float):
         return value if isinstance(value, Fixed) else number(value, place)
@@ -98,7 +97,7 @@ def _placed(value: Any, place: str, number: Number = literal) -> Any:
     return value
 
 
-def _record(value: Any, place: str, number: Number) -> Any:
+def _record(value: Any, place: str, number: Callable[[float, str], float]) -> Any:
     changed = {}
     for field in dataclasses.fields(value):
         own = getattr(value, field.name)
@@ -122,7 +121,7 @@ def _is_attitude(kind: Any) -> bool:
     return isinstance(kind, Direction) or (isinstance(kind, Vector) and kind.angle)
 
 
-def _formula(formula: Formula, place: str, number: Number) -> Formula:
+def _formula(formula: Formula, place: str, number: Callable[[float, str], float]) -> Formula:
     count = 0
 
     def leaf(node: Node) -> Node:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from robodyn_cli.algorithms.kinematics import poses, transforms
-from robodyn_cli.errors import SceneError
+from robodyn_cli.errors import RobodynError, SceneError
 from robodyn_cli.model.build import build_model
 from robodyn_cli.run.inverse.inverse import inverse
 from robodyn_cli.run.mechanism.kinematics import kinematics
@@ -192,6 +192,40 @@ def test_a_path_leads_two_arms_against_each_other_by_the_least_rates() -> None:
     for fixed in ("belt", "turn"):
         held = kinematics(scene(position + attitude, "work", {fixed: "0*t"}))
         assert np.linalg.norm(held["qd"][0]) > less
+
+
+def test_a_controller_follows_a_path_on_a_turning_table() -> None:
+    circle = (
+        "{type: circle, point: tip, relative_to: part, center: [0, 0, 0], radius: 0.05, duration: 1, "
+        "ik: {branch: elbow_up}}"
+    )
+    text = """schema: 1
+gravity: [0, -9.81, 0]
+robot:
+  joints:
+    - {name: theta1, type: revolute, parent: base, link: one, axis: [0, 0, 1]}
+    - {name: theta2, type: revolute, parent: one, link: two, axis: [0, 0, 1], origin: {xyz: [1, 0, 0]}}
+    - {name: turn, type: revolute, parent: base, link: table, axis: [0, 0, 1], origin: {xyz: [1.2, 0.6, 0]}}
+  links:
+    - {name: one, mass: 3, com: [0.5, 0.1, 0], inertia: {zz: 0.3}}
+    - {name: two, mass: 2, com: [0.4, 0, 0], inertia: {zz: 0.2}}
+    - {name: table, mass: 9, com: [0.05, 0, 0], inertia: {zz: 0.4}}
+  points: {tip: {link: two, at: [0.8, 0, 0]}, part: {link: table, at: [0.2, 0, 0]}}
+prescribed: {turn: 0.5*t}
+initial: {q: {theta1: 1, theta2: -1}}
+control: {type: %s, %s reference: %s, gains: {kp: 40000, kd: 2000}}
+simulate: {duration: 1, samples: 101}
+"""
+    driven = "joints: [theta1, theta2],"
+    s = load_scene_text(text % ("pd", driven, circle))
+    run = simulate(s)
+    model = build_model(with_led_point(s))
+    for q, time in zip(run["q"][30:], run.time[30:]):
+        at, (origin, R) = place(model, "tip", q, time)[0], place(model, "part", q, time)
+        phi = 2.0 * np.pi * time
+        assert np.linalg.norm(R.T @ (at - origin) - 0.05 * np.array([np.cos(phi), np.sin(phi), 0.0])) < 4e-3
+    with pytest.raises(RobodynError, match="'part' is on a link that moves"):
+        simulate(load_scene_text(text % ("task_pd", driven, circle)))
 
 
 REFUSED = [

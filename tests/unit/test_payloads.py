@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from scipy.interpolate import CubicSpline
 
 from robodyn_cli import deploy, inverse, load_scene_text, simulate, statics
 from robodyn_cli.equations.problem import Problem
@@ -224,6 +225,62 @@ def test_an_event_begins_what_a_time_ends() -> None:
     assert facts["gripped"] == pytest.approx(0.5, rel=1e-12) and facts["released"] == 2.0
     late = simulate(load_scene_text(text.replace("spin - 1.5", "spin - 7.5")))
     assert late.summary["payloads"]["ball"] == {} and late["qd"][-1, 0] == pytest.approx(3.0, rel=1e-14)
+
+
+def random_chain(seed: int) -> dict[str, Any]:
+    """A chain of two to four turning and sliding joints about any axes, with full inertias, and its reference."""
+    rng = np.random.default_rng(seed)
+    joints: list[dict[str, Any]] = []
+    links: list[dict[str, Any]] = []
+    for k in range(int(rng.integers(2, 5))):
+        moments = rng.uniform(0.05, 0.1, 3)
+        off = rng.uniform(-0.01, 0.01, 3)
+        joints.append(
+            {
+                "name": f"q{k}", "type": rng.choice(["revolute", "prismatic"]).item(),
+                "axis": rng.normal(size=3).tolist(),
+                "origin": {"xyz": rng.normal(0, 0.3, 3).tolist(), "rpy": rng.normal(size=3).tolist()},
+            }
+        )  # fmt: skip
+        links.append(
+            {
+                "name": f"link{k}", "mass": float(rng.uniform(1, 3)), "com": rng.normal(0, 0.1, 3).tolist(),
+                "inertia": dict(zip(("xx", "yy", "zz", "xy", "xz", "yz"), [*moments.tolist(), *off.tolist()])),
+            }
+        )  # fmt: skip
+    start, end = (
+        {f"q{k}": float(x) for k, x in enumerate(rng.uniform(-0.5, 0.5, len(joints)))} for _ in "ab"
+    )
+    frames = {"tool": {"link": links[-1]["name"], "at": [0.1, 0.05, 0.2], "rpy": [0.4, -0.3, 0.8]}}
+    return {
+        "schema": 1,
+        "gravity": [0.3, -0.2, -9.81],
+        "robot": {"joints": joints, "links": links, "frames": frames},
+        "payloads": [
+            {"name": "box", "at": "tool", **BOX, **MOVING, "from": {"time": 0.2}, "until": {"time": 0.4}}
+        ],
+        "control": {
+            "type": "pid",
+            "reference": {"type": "quintic", "points": [{"t": 0, "q": start}, {"t": 0.6, "q": end}]},
+            "gains": {"kp": 300.0, "kd": 30.0, "ki": 200.0},
+        },
+        "initial": {"q": start},
+        "simulate": {"duration": 0.6, "samples": 601},
+    }
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_controller_keeps_its_states_when_a_mass_is_gripped(seed: int) -> None:
+    """Its integral is ki times that of the error, past grip and release, and the work done makes up the energy."""
+    result = simulate(scene_of(random_chain(seed)))
+    assert result.status == "ok" and events(result, "grip") and events(result, "let_go")
+    integral = np.zeros_like(result["control/error"])
+    for first, last in ((0, 200), (200, 400), (400, 600)):  # its slope bends where velocities jump
+        part = slice(first, last + 1)
+        error = CubicSpline(result.time[part], result["control/error"][part])
+        integral[part] = integral[first] + error.antiderivative()(result.time[part])
+    np.testing.assert_allclose(result["control/states"], 200.0 * integral, atol=1e-6)
+    assert result.summary["energy_drift"] < 1e-7
 
 
 def test_what_is_handed_over_is_released_first() -> None:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.equations.control.equations import Equations
-from robodyn_cli.equations.control.reference import Reference, reference_of
+from robodyn_cli.equations.control.reference import Reference, reference_of, tracked_joints
 from robodyn_cli.equations.control.situation import At, Measured
 from robodyn_cli.equations.discontinuities import switches
 from robodyn_cli.expr.functions import maximum, minimum, nearest
@@ -134,7 +134,8 @@ class Control:
 
     @cached_property
     def tracked(self) -> list[Tracked]:
-        """What follows the reference: the driven joints, or the point that it leads; nothing where it leads none."""
+        """What follows the reference: joints, the driven ones first, or the point that it leads; nothing where it leads
+        none."""
         at, model = self.exact, self.problem.model
         if self.controller.at_point:
             task = at.point()
@@ -142,8 +143,13 @@ class Control:
             return [Tracked(name, "m", *pair) for name, *pair in zip(names, task.wanted, task.p)]
         if not self.reference.known:
             return []
-        units = dict(zip(model.q_names, model.q_units))
-        return [Tracked(name, units[name], r, q) for name, r, q in zip(self.joints, at.reference[0], at.q)]
+        places = {name: k for k, name in enumerate(model.q_names)}
+        joints = tracked_joints(self.reference, getattr(self.controller, "pose", {}), model)
+        wanted = self.reference.positions(joints, self.problem.t, self.problem.environment)
+        return [
+            Tracked(name, model.q_units[places[name]], r, self.problem.q[places[name]])
+            for name, r in zip(joints, wanted)
+        ]
 
     def situation(self, seen: Measured) -> At:
         """Return what the law sees, with measured positions and rates."""

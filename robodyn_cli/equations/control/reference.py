@@ -13,7 +13,7 @@ from robodyn_cli.expr.graph import Expr
 from robodyn_cli.model.model import Model
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.trajectories.attitudes import joint_expressions
-from robodyn_cli.trajectories.led import Followed, position_columns, with_attitudes
+from robodyn_cli.trajectories.led import Followed
 
 Columns = tuple[list[Any], list[Any], list[Any]]
 
@@ -36,13 +36,18 @@ class Reference:
 
     def at(self, t: Expr, env: Mapping[str, Any]) -> Columns:
         """Return (q, qd, qdd) of the joints, each (n,), as expressions of t; env : values for formulas."""
-        n = len(self.joints)
+        n, q = len(self.joints), self.positions(self.joints, t, env)
         if self.motion is None:
-            return self._held(self.joints), [0.0] * n, [0.0] * n
-        given = Followed(self.motion, self.until).expressions({**env, "t": t})
-        q = [given[name] for name in self.joints]
+            return q, [0.0] * n, [0.0] * n
         qd = directional(q, [t], [1.0])
         return q, qd, directional(qd, [t], [1.0])
+
+    def positions(self, names: Sequence[str], t: Expr, env: Mapping[str, Any]) -> list[Any]:
+        """Return the positions of some joints of one coordinate, as expressions of t."""
+        if self.motion is None:
+            return self._held(names)
+        given = Followed(self.motion, self.until).expressions({**env, "t": t})
+        return [given[name] for name in names]
 
     def of_all(self, model: Model, t: Expr, env: Mapping[str, Any]) -> tuple[list[Any], list[Any]]:
         """Return positions (nq,) and rates (nv,) of all joints, as expressions of t; the motion must give all."""
@@ -80,6 +85,9 @@ def reference_of(scene: Scene, start: Mapping[str, float]) -> Reference:
     return Reference(motion, controller.joints, start, scene.simulate.duration)
 
 
-def leads(motion: Any) -> tuple[str, ...]:
-    """Return the columns of q that a trajectory in joint space gives."""
-    return position_columns(with_attitudes(dict.fromkeys(motion.joints)))
+def tracked_joints(reference: Reference, pose: Mapping[str, float], model: Model) -> tuple[str, ...]:
+    """Return the joints of one coordinate that have a position to be at: the driven ones, and others that the motion
+    leads, or that are held in a ``pose`` of all joints."""
+    single = [name for name in model.v_names if name in model.q_names]
+    given = pose if reference.motion is None else dict.fromkeys(reference.motion.joints)
+    return (*reference.joints, *(name for name in single if name in given and name not in reference.joints))

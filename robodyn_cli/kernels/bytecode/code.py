@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.kernels.piecewise import halvings
+from robodyn_cli.kernels.mathematics import halvings
 from robodyn_cli.kernels.program import LEAVES, Instruction, Program
 from robodyn_cli.record import record
 

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.bytecode.code import KINDS, SHAPE, Bytecode
 from robodyn_cli.kernels.ir import RELAXED, Function
-from robodyn_cli.kernels.mathematics import LIBRARY, operation
-from robodyn_cli.kernels.piecewise import piecewise_of_shape
+from robodyn_cli.kernels.mathematics import LIBRARY, operation, piecewise_of_shape
 
 
 def interpreter(name: str, kinds: Sequence[str], width: int, fused: bool) -> Function:

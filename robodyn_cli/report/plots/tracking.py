@@ -90,10 +90,12 @@ def _torques(ax: Any, result: Result, columns: list[int], looks: Looks, units: s
     """Draw torques with the limits of joints that have some."""
     variable = result.variables["control/torque"]
     names, data = column_names(variable), finite(variable.data)
-    limits = (result.summary.get("control") or {}).get("limits", {})
+    control = result.summary.get("control") or {}
+    limits = control.get("limits", {})
+    drawn = "steps-post" if "period" in control else "default"  # held between samples
     for k in columns:
         look = looks.get(names[k]) or style.dashed_style(k)
-        ax.plot(*envelope(result.time, data[:, k]), **look, linewidth=1.2)
+        ax.plot(*envelope(result.time, data[:, k]), **look, linewidth=1.2, drawstyle=drawn)
         if names[k] in limits:
             for side in (-1.0, 1.0):
                 ax.axhline(side * limits[names[k]], **look, linewidth=0.7)

@@ -86,7 +86,9 @@ def names_of(scene: Scene, some: bool = False) -> _SceneNames:
 def check_scene(scene: Scene, check: Check) -> Scene:
     """Return the scene with the robot's connections filled in; ``check.found`` holds all errors."""
     robot = check_robot(scene.robot, check)
-    scene, follow = _without_following(scene)
+    follow = None
+    if scene.prescribed:
+        scene, follow = _without_following(scene)
     couplers = couplers_of(scene)
     scene = dataclasses.replace(scene, robot=robot, couplers=tuple(couplers.values()))
     joints = {joint.name for joint in robot.joints}
