@@ -27,7 +27,7 @@ from robodyn_cli.formulations.events import EventKind  # noqa: E402
 from robodyn_cli.run.deploy.deploy import build_deployment  # noqa: E402
 from robodyn_cli.run.deploy.scan import scan  # noqa: E402
 from robodyn_cli.run.many.keys import understand  # noqa: E402
-from robodyn_cli.run.sensitivity.motions import BLOCKS, Ending, MotionSlopes  # noqa: E402
+from robodyn_cli.run.sensitivity.motion.end import BLOCKS, Ending, MotionSlopes  # noqa: E402
 from robodyn_cli.run.stopwatch import Stopwatch  # noqa: E402
 from robodyn_cli.scene.load import Family  # noqa: E402
 

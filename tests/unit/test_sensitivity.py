@@ -17,7 +17,7 @@ from robodyn_cli.cli.app import app
 from robodyn_cli.errors import SceneError
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.run.sensitivity.asked import Asked, prepare
-from robodyn_cli.run.sensitivity.blocks import NEW, nodes_of, transfers
+from robodyn_cli.run.sensitivity.motion.blocks import NEW, nodes_of, transfers
 from robodyn_cli.run.sensitivity.differences import differences
 from robodyn_cli.run.sensitivity.exact import exact_slopes
 from robodyn_cli.run.sensitivity.report import quotient

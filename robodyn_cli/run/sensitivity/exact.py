@@ -11,7 +11,7 @@ from robodyn_cli.model.build import build_model
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.many.keys import NUMBER, STRUCTURE, Key, settings
 from robodyn_cli.run.sensitivity.asked import Asked
-from robodyn_cli.run.sensitivity.motions import Ending, MotionSlopes
+from robodyn_cli.run.sensitivity.motion.end import Ending, MotionSlopes
 from robodyn_cli.run.sensitivity.slope import EXACT, Slope
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene

@@ -22,8 +22,8 @@ from robodyn_cli.record import record
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.driver.second_run import tighter
 from robodyn_cli.run.many.keys import NUMBER, OPTION, Key
-from robodyn_cli.run.sensitivity.blocks import nodes_of, transfers
-from robodyn_cli.run.sensitivity.course import (
+from robodyn_cli.run.sensitivity.motion.blocks import nodes_of, transfers
+from robodyn_cli.run.sensitivity.motion.course import (
     Switch,
     follow,
     parts_of,
@@ -32,8 +32,8 @@ from robodyn_cli.run.sensitivity.course import (
     step_times,
     switches_of,
 )
-from robodyn_cli.run.sensitivity.start import start_slopes
-from robodyn_cli.run.sensitivity.variational import Linearised, Point, Slopes, Variational
+from robodyn_cli.run.sensitivity.motion.start import start_slopes
+from robodyn_cli.run.sensitivity.motion.variational import Linearised, Point, Slopes, Variational
 from robodyn_cli.solve.assembly import RANK_TOLERANCE
 from robodyn_cli.spatial.algebra import Array
 

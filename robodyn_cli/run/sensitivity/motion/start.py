@@ -15,7 +15,7 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.driver.prepare import held_columns, initial_positions
 from robodyn_cli.run.many.keys import START, Key
-from robodyn_cli.run.sensitivity.variational import Variational
+from robodyn_cli.run.sensitivity.motion.variational import Variational
 from robodyn_cli.solve.assembly import RANK_TOLERANCE
 from robodyn_cli.solve.closure import rank
 from robodyn_cli.spatial.algebra import Array

@@ -18,7 +18,7 @@ from robodyn_cli.run.driver.driver import Driver, MethodChange, Supervisor
 from robodyn_cli.run.driver.method import supervisor_for
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.driver.second_run import watched_again
-from robodyn_cli.run.sensitivity.blocks import NEW
+from robodyn_cli.run.sensitivity.motion.blocks import NEW
 from robodyn_cli.spatial.algebra import Array
 
 # part of the time by which samples stay on their own side of a switch; S changes by about as little over it
