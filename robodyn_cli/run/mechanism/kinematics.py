@@ -60,14 +60,8 @@ def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwat
     singular configuration; attribute ``result`` then holds what was reached.
     """
     watch = watch or Stopwatch()
-    if scene.kinematics.sweep is None:
-        scene = without_following(scene)
-        if getattr(scene.trajectory, "type", None) == "fastest":
-            from robodyn_cli.run.fastest.resolve import with_time_law
-
-            scene = with_time_law(scene)
     with watch.stage("equations"):
-        problem = Problem(with_points(with_led_point(scene), scene.kinematics.transmission or ()))
+        problem = problem_of(scene)
     with watch.stage("solve"):
         planned, led = plan(problem)
     times = planned.times
@@ -83,6 +77,17 @@ def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwat
     return result.unless(planned.stopped)
 
 
+def problem_of(scene: Scene) -> Problem:
+    """Return the equations of a scene for its kinematics, with the points that are wanted."""
+    if scene.kinematics.sweep is None:
+        scene = without_following(scene)
+        if getattr(scene.trajectory, "type", None) == "fastest":
+            from robodyn_cli.run.fastest.resolve import with_time_law
+
+            scene = with_time_law(scene)
+    return Problem(with_points(with_led_point(scene), scene.kinematics.transmission or ()))
+
+
 def plan(problem: Problem) -> tuple[Planned, tuple[str, ...]]:
     """Return the motion and the velocity coordinates that lead it.
 
@@ -90,24 +95,32 @@ def plan(problem: Problem) -> tuple[Planned, tuple[str, ...]]:
     ------
     SceneError : nothing moves. Others as ``plan_motion`` and ``guided_motion``.
     """
-    scene, model = problem.scene, problem.model
-    samples = scene.kinematics.samples
+    lead, times = leading(problem)
+    if lead is None:
+        return plan_motion(problem, times), problem.model.v_names
+    return guided_motion(problem, lead, times), (*lead.joints, *velocity_columns(problem.scene.prescribed))
+
+
+def leading(problem: Problem) -> tuple[Lead | None, Array]:
+    """Return what leads the mechanism, and times (T,); None in an open chain that a trajectory leads.
+
+    Raises
+    ------
+    SceneError : nothing moves.
+    """
+    scene, samples = problem.scene, problem.scene.kinematics.samples
     sweep = scene.kinematics.sweep
-    if sweep is None and scene.trajectory is None and not scene.prescribed:
+    if sweep is not None:
+        duration = abs(sweep.stop - sweep.start) / sweep.rate
+        return _swept(problem), np.linspace(0.0, duration, samples)
+    if scene.trajectory is None and not scene.prescribed:
         raise SceneError(
             f"{scene.path}: nothing moves: kinematics needs `kinematics.sweep`, `trajectory` or `prescribed`",
             key="kinematics",
         )
-    if sweep is None and scene.trajectory is not None and not problem.model.closures and not scene.prescribed:
-        times = np.linspace(0.0, scene.trajectory.duration, samples)
-        return plan_motion(problem, times), model.v_names
-    if sweep is None:
-        lead = lead_of(problem)
-        duration = scene.trajectory.duration if scene.trajectory is not None else scene.simulate.duration
-    else:
-        lead, duration = _swept(problem), abs(sweep.stop - sweep.start) / sweep.rate
-    found = guided_motion(problem, lead, np.linspace(0.0, duration, samples))
-    return found, (*lead.joints, *velocity_columns(scene.prescribed))
+    times = np.linspace(0.0, (scene.trajectory or scene.simulate).duration, samples)
+    open_chain = scene.trajectory is not None and not problem.model.closures and not scene.prescribed
+    return None if open_chain else lead_of(problem), times
 
 
 def _swept(problem: Problem) -> Lead:

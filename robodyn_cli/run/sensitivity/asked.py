@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 
 from robodyn_cli.errors import SceneError, did_you_mean
@@ -10,7 +10,7 @@ from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import Model
 from robodyn_cli.model.places import numbers_at_places
 from robodyn_cli.record import record
-from robodyn_cli.run.many.keys import NUMBER, START, Key, setting, understand, value_of
+from robodyn_cli.run.many.keys import NUMBER, START, Key, setting, settings, understand, value_of
 from robodyn_cli.run.study.row import Rows, Task
 from robodyn_cli.run.study.study import COMMANDS, run_nominal
 from robodyn_cli.run.study.units import unit_of_output
@@ -52,6 +52,16 @@ class Asked:
         """Their estimated errors, nan where the run tells none."""
         found: list[float] = self.nominal.rows["errors"][0].tolist()
         return found
+
+    def changed(self, numbers: Iterable[int], part: float) -> Scene:
+        """Return the scene with some keys, by number, changed by a part of their values; numbers of formulas stay."""
+        values = {self.task.keys[k]: self.values[k] + part * (abs(self.values[k]) or 1.0) for k in numbers}
+        settable = {name: value for name, value in values.items() if "#" not in name}
+        return self.task.family.scene(settings(list(settable), settable.values()))
+
+    def places(self, numbers: Iterable[int]) -> list[str]:
+        """Return the places of some keys, empty of keys that are no numbers of the equations."""
+        return [self.keys[k].place if self.keys[k].sort == NUMBER else "" for k in numbers]
 
     @cached_property
     def placed(self) -> dict[str, float]:

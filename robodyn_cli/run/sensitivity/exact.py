@@ -7,17 +7,17 @@ from collections.abc import Callable, Mapping, Sequence
 
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.formulations.events import EventKind
-from robodyn_cli.model.build import build_model
 from robodyn_cli.run.driver.motion import Motion
-from robodyn_cli.run.many.keys import NUMBER, STRUCTURE, Key, settings
+from robodyn_cli.run.many.keys import NUMBER, STRUCTURE, Key
 from robodyn_cli.run.sensitivity.asked import Asked
 from robodyn_cli.run.sensitivity.motion.end import Ending, MotionSlopes
 from robodyn_cli.run.sensitivity.slope import EXACT, Slope
 from robodyn_cli.run.stopwatch import Stopwatch
-from robodyn_cli.scene.types import Scene
 
 Found = dict[str, list[Slope]]  # by output, a derivative for each key
-Work = Callable[[Asked, Sequence[Key]], Found]
+Work = Callable[[Asked, Sequence[int]], Found]  # of keys by their numbers
+# keys of what a motion is asked to be, which are no numbers of the equations
+GIVEN = {"inverse": ("trajectory.",), "kinematics": ("trajectory.", "kinematics.")}
 NEARBY = 1e-6  # part of a key's value, by which another scene differs whose equations are compared
 
 
@@ -31,7 +31,7 @@ def exact_slopes(asked: Asked) -> tuple[dict[tuple[str, int], Slope], dict[int, 
 
     def attempt(numbers: Sequence[int]) -> None:
         try:
-            slopes = work(asked, [asked.keys[k] for k in numbers])
+            slopes = work(asked, numbers)
         except RobodynError as obstacle:
             if len(numbers) == 1:
                 why[numbers[0]] = obstacle.message
@@ -49,22 +49,13 @@ def _obstacle(asked: Asked, key: Key) -> str:
     """Return why a key has no exact derivatives; nothing where it may have them."""
     if key.name.startswith("control."):
         return "a controller acts"
+    if key.name.startswith(GIVEN.get(asked.task.command, ())):
+        return ""
     if key.sort == STRUCTURE:
         return "the key is part of the code (structure), not a number that it reads"
     if key.sort == NUMBER and key.place not in asked.placed:
         return "the key is zero or has its default, so that its terms are left out"
     return ""
-
-
-def changed(asked: Asked, keys: Sequence[Key]) -> Scene:
-    """Return the scene with other numbers at the keys, so near to its own that it does the same."""
-    values = dict(zip(asked.task.keys, asked.values))
-    others = {
-        key.name: values[key.name] + NEARBY * (abs(values[key.name]) or 1.0)
-        for key in keys
-        if "#" not in key.name
-    }
-    return asked.task.family.scene(settings(list(others), others.values()))
 
 
 def refuse_structure(own: str, other: str) -> None:
@@ -85,7 +76,7 @@ def refuse_structure(own: str, other: str) -> None:
 
 
 # -- what motions end with ------------------------------------------------------------------------------------
-def _simulate(asked: Asked, keys: Sequence[Key]) -> Found:
+def _simulate(asked: Asked, numbers: Sequence[int]) -> Found:
     from robodyn_cli.run.driver.build import build_motion
 
     outputs, scene = asked.task.outputs, asked.scene
@@ -94,12 +85,12 @@ def _simulate(asked: Asked, keys: Sequence[Key]) -> Found:
     if scene.initial.source is not None:
         raise CapabilityError("the run goes on from a stored one")
     motion = build_motion(scene)
-    refuse_structure(motion.system.digest, build_motion(changed(asked, keys)).system.digest)
-    slopes = MotionSlopes(motion, keys, Ending(scene.simulate.duration))
+    refuse_structure(motion.system.digest, build_motion(asked.changed(numbers, NEARBY)).system.digest)
+    slopes = MotionSlopes(motion, [asked.keys[k] for k in numbers], Ending(scene.simulate.duration))
     return _of_end(motion, outputs, slopes, ("final.time", "termination.time"), ("final.q.", "", "final.qd."))
 
 
-def _deploy(asked: Asked, keys: Sequence[Key]) -> Found:
+def _deploy(asked: Asked, numbers: Sequence[int]) -> Found:
     from robodyn_cli.run.deploy.deploy import build_deployment
     from robodyn_cli.run.deploy.scan import decide, scan
 
@@ -107,7 +98,7 @@ def _deploy(asked: Asked, keys: Sequence[Key]) -> Found:
     if not any(name.startswith(("lock.", "criteria.", "termination.")) for name in outputs):
         return {}
     motion = build_deployment(scene, Stopwatch())
-    refuse_structure(motion.system.digest, build_deployment(changed(asked, keys), Stopwatch()).system.digest)
+    refuse_structure(motion.system.digest, build_deployment(asked.changed(numbers, NEARBY), Stopwatch()).system.digest)
     criterion = scene.deploy.criterion
     found = scan(motion, motion.options, multipliers=criterion not in ("dead_point", "latch"))
     end = decide(motion, found)
@@ -115,7 +106,7 @@ def _deploy(asked: Asked, keys: Sequence[Key]) -> Found:
     if found.driven or end.time is None or end.criterion not in kinds:
         raise CapabilityError("no event of the motion's state gives the time of the lock")
     function = next(e.value for e in motion.system.events if e.kind is kinds[end.criterion])
-    slopes = MotionSlopes(motion, keys, Ending(end.time, function))
+    slopes = MotionSlopes(motion, [asked.keys[k] for k in numbers], Ending(end.time, function))
     times = ("lock.time", "termination.time", f"criteria.{end.criterion}")
     return _of_end(motion, outputs, slopes, times, ("lock.angles.", "lock.angles_deg.", "lock.rates."))
 
@@ -148,15 +139,20 @@ def _of_end(
     }
 
 
-def _inverse(asked: Asked, keys: Sequence[Key]) -> Found:
-    from robodyn_cli.run.sensitivity.inverse import TorqueFigures, figures_among
+def _inverse(asked: Asked, numbers: Sequence[int]) -> Found:
+    from robodyn_cli.run.sensitivity.inverse import InverseSlopes
 
-    figures = figures_among(asked.task.outputs, build_model(asked.scene).v_names)
-    if not figures:
-        return {}
-    found = TorqueFigures(asked.scene, keys)
-    refuse_structure(found.digest, TorqueFigures(changed(asked, keys), keys).digest)
-    return {name: found.slopes(figure, joint) for name, (figure, joint) in figures.items()}
+    found = InverseSlopes(asked, asked.scene, numbers)
+    refuse_structure(found.digest, InverseSlopes(asked, asked.changed(numbers, NEARBY), numbers).digest)
+    return found.slopes(asked.task.outputs)
 
 
-WORK: Mapping[str, Work] = {"simulate": _simulate, "deploy": _deploy, "inverse": _inverse}
+def _kinematics(asked: Asked, numbers: Sequence[int]) -> Found:
+    from robodyn_cli.run.sensitivity.kinematics import KinematicsSlopes
+
+    found = KinematicsSlopes(asked, asked.scene, numbers)
+    refuse_structure(found.digest, KinematicsSlopes(asked, asked.changed(numbers, NEARBY), numbers).digest)
+    return found.slopes(asked.task.outputs)
+
+
+WORK: Mapping[str, Work] = {"simulate": _simulate, "deploy": _deploy, "inverse": _inverse, "kinematics": _kinematics}

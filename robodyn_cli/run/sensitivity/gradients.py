@@ -89,52 +89,47 @@ def at_one_point(outputs: Sequence[Scalar], columns: Columns) -> Any:
     return function
 
 
-@record
-class Moved:
-    """A motion at samples, and how it changes with keys: arrays (T, n) by group of symbols (t, q, v, a, lam), and
-    their derivatives (T, n, K).
-    """
-
-    groups: Mapping[str, Array]
-    changes: Mapping[str, Array]
-
-    @property
-    def times(self) -> Array:
-        found: Array = self.groups["t"][:, 0]
-        return found
-
-    def plus(self, step: float, key: int) -> dict[str, Array]:
-        """Return the motion for a key changed by so much, to first order."""
-        return {name: x + step * self.changes[name][:, :, key] for name, x in self.groups.items()}
-
-
 class MotionGradients:
-    """Expressions along a motion that depends on keys itself."""
+    """Named expressions along a motion that may depend on keys itself: by t, q, v, v-dot, the multipliers, and keys."""
 
     def __init__(self, problem: Problem, outputs: Mapping[str, Sequence[Scalar]], places: Sequence[str]) -> None:
-        graph = problem.graph
-        rows = problem.constraints.names
         symbols: dict[str, list[Expr]] = {
             "t": [problem.t], "q": list(problem.q), "v": list(problem.v), "a": list(problem.a),
-            "lam": graph.symbols(list(rows), "lam"),
+            "lam": problem.graph.symbols(list(problem.constraints.names), "lam"),
         }  # fmt: skip
-        self.first: dict[str, int] = {}
         columns: dict[int, int] = {}
+        self._columns: dict[str, slice] = {}
         for group, own in symbols.items():
-            self.first[group] = len(columns)
+            self._columns[group] = slice(len(columns), len(columns) + len(own))
             columns |= {x.index: len(columns) + k for k, x in enumerate(own)}
-        self.counts = {group: len(own) for group, own in symbols.items()}
-        self.size = len(columns)
-        self.program = Gradients(outputs, Columns(columns, self.size, tuple(places)), [*symbols, "p"])
+        self._columns[KEYS] = slice(len(columns), None)
+        self._program = Gradients(outputs, Columns(columns, len(columns), tuple(places)), [*symbols, "p"])
+        self.digest = self._program.digest
 
-    def __call__(self, moved: Moved, p: Sequence[float] = ()) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Return values (T, n) and derivatives by keys (T, n, K) by name; what has no change stays as it is."""
-        found = self.program(len(moved.times), {**moved.groups, "p": np.array(p, dtype=float)})
-        values, changes = {}, {}
-        for name, (value, J) in found.items():
-            change = J[:, :, self.size :].copy()
-            for group, own in moved.changes.items():
-                first = self.first[group]
-                change += J[:, :, first : first + self.counts[group]] @ own
-            values[name], changes[name] = value, change
-        return values, changes
+    def __call__(self, groups: Mapping[str, Array], p: Sequence[float] = ()) -> Along:
+        """Evaluate at samples: arrays (T, n) by group of symbols."""
+        found = self._program(len(groups["t"]), {**groups, "p": np.array(p, dtype=float)})
+        return Along(found, self._columns)
+
+
+KEYS = "keys"
+
+
+@record
+class Along:
+    """Expressions along a motion: values and derivatives by name; the columns of each group of symbols."""
+
+    found: Mapping[str, tuple[Array, Array]]
+    columns: Mapping[str, slice]
+
+    def __getitem__(self, name: str) -> Array:
+        """Values (T, n)."""
+        return self.found[name][0]
+
+    def change(self, name: str, moved: Mapping[str, Array]) -> Array:
+        """Return derivatives by keys (T, n, K), with those of the motion (T, m, K) by group of symbols."""
+        J = self.found[name][1]
+        total: Array = J[:, :, self.columns[KEYS]].copy()
+        for group, own in moved.items():
+            total += J[:, :, self.columns[group]] @ own
+        return total
