@@ -57,7 +57,9 @@ class Lock:
 
     def prepared(self) -> MotionSlopes:
         keys = [understand(self.family, name) for name in KEYS]
-        return MotionSlopes(self.motion, keys, Ending(self.time(), self.function))
+        return MotionSlopes(
+            self.motion, keys, [key.place for key in keys], Ending(self.time(), self.function)
+        )
 
     def once(self) -> np.ndarray:
         """Return the derivatives from one motion."""

@@ -158,12 +158,13 @@ def share_change(
         A dtau = N^T (du - dPsi^T lambda),   Psi^T dlambda = du - B dtau - dPsi^T lambda,
 
     each of least norm like what changes, where the derivative of a pseudo-inverse of constant rank adds
-    (1 - P^+ P) dP^T P^+T x to the solution x of P x = b (Golub and Pereyra 1973, "The differentiation of pseudo-inverses",
-    SIAM J. Numer. Anal. 10).
+    (1 - P^+ P) dP^T P^+T x to the solution x of P x = b (Golub and Pereyra 1973, "The differentiation of
+    pseudo-inverses", SIAM J. Numer. Anal. 10).
 
     Parameters
     ----------
-    psi, psi_change : (T, m, nv). actuated : velocity coordinates. shared : how the load is shared. load_change : (T, nv).
+    psi, psi_change : (T, m, nv). actuated : velocity coordinates. shared : how the load is shared. load_change : of the
+        load (T, nv).
     """
     columns, N = list(actuated), shared.N
     lam, tau = shared.multipliers, shared.tau
@@ -174,14 +175,14 @@ def share_change(
         # any N + dN will do: torques of least norm do not depend on the basis
         dN = -np.linalg.pinv(psi, rcond=RANK) @ psi_change @ N if psi.shape[1] else np.zeros_like(N)
         right = np.einsum("tvf,tv->tf", N, rest)
-        dtau[:, columns] = _least(A, tau[:, columns], np.swapaxes(dN, 1, 2)[:, :, columns], right)
+        dtau[:, columns] = least_norm_change(A, tau[:, columns], np.swapaxes(dN, 1, 2)[:, :, columns], right)
     back = rest - dtau
     if not psi.shape[1]:
         return dtau, np.zeros((len(psi), 0))
-    return dtau, _least(np.swapaxes(psi, 1, 2), lam, np.swapaxes(psi_change, 1, 2), back)
+    return dtau, least_norm_change(np.swapaxes(psi, 1, 2), lam, np.swapaxes(psi_change, 1, 2), back)
 
 
-def _least(P: Array, x: Array, dP: Array, right: Array) -> Array:
+def least_norm_change(P: Array, x: Array, dP: Array, right: Array) -> Array:
     """Return the change of x = P^+ b (T, n) for P + dP, where P dx = ``right`` (T, m) holds."""
     inverse = np.linalg.pinv(P, rcond=RANK)
     free = np.einsum("tmn,tm->tn", dP, np.einsum("tnm,tn->tm", inverse, x))

@@ -17,9 +17,9 @@ from robodyn_cli.cli.app import app
 from robodyn_cli.errors import SceneError
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.run.sensitivity.asked import Asked, prepare
-from robodyn_cli.run.sensitivity.motion.blocks import NEW, nodes_of, transfers
 from robodyn_cli.run.sensitivity.differences import differences
 from robodyn_cli.run.sensitivity.exact import exact_slopes
+from robodyn_cli.run.sensitivity.motion.blocks import NEW, nodes_of, transfers
 from robodyn_cli.run.sensitivity.report import quotient
 from robodyn_cli.run.sensitivity.slope import EXACT, Slope
 from robodyn_cli.scene.load import Family, load_scene_text
@@ -271,34 +271,39 @@ def test_figures_of_torques() -> None:
     compare_with_differences(asked(CONFIGS / "2r_circle.yaml", ["robot.links.link2.com.0", "gravity.1"], of))
 
 
-def test_a_length_changes_the_motion_of_a_led_point() -> None:
-    question = asked(
-        CONFIGS / "2r_circle.yaml",
-        ["robot.joints.theta1.a", "robot.links.link1.mass"],
-        ["peak_torque.theta1"],
-    )
-    found, why = exact_slopes(question)
-    assert list(found) == [("peak_torque.theta1", 1)]
-    assert "a point is led" in why[0]
-
-
 # -- what has no exact derivative ------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("key", "reason"),
-    [
-        ("robot.joints.a.alpha", "structure"),
-        ("robot.joints.b.alpha", "zero"),
-        ("robot.joints.b.d", "zero"),
-        ("simulate.rtol", "structure"),
-    ],
-)
-def test_structure_is_never_taken_for_a_number(key: str, reason: str) -> None:
-    found, why = exact_slopes(asked(SWITCHING, [key], ["final.q.a"]))
-    assert not found and reason in why[0]
+TURNED = random_scene(4)[0].replace("origin: {xyz", "origin: {rpy: [0, 20 deg, 0.3], xyz")
+
+
+def test_zeros_and_angles_are_numbers_too() -> None:
+    compare_with_differences(asked(SWITCHING, ["robot.joints.a.alpha"], ["final.q.a", "final.qd.b"]))
+    to = ["robot.joints.j1.origin.rpy.0", "robot.joints.j2.origin.rpy.1", "gravity.0", "robot.links.l1.com.1"]
+    text = TURNED.replace("gravity: [1.0", "gravity: [0.0")
+    com = text.partition("name: l1, mass")[2].partition("com: [")[2].partition("]")[0]
+    own = com.split(", ")
+    text = text.replace(com, f"{own[0]}, 0.0, {own[2]}")
+    compare_with_differences(asked(text, to, ["final.q.j0", "final.qd.j2"]))
+
+
+@pytest.mark.parametrize("key", ["robot.joints.j1.axis.0", "simulate.rtol"])
+def test_structure_is_never_taken_for_a_number(key: str) -> None:
+    found, why = exact_slopes(asked(random_scene(0)[0], [key], ["final.q.j0"]))
+    assert not found and "structure" in why[0]
+
+
+def test_a_spring_and_a_damper_of_zero() -> None:
+    """What they would add to a fall z = t - g t^2 / 2: dz(1) = int (1 - s) force(s) ds / m."""
+    passive = "axis: [0, 0, 1], spring: {stiffness: 0, rest: 0.3}, damper: {damping: 0}}"
+    joint = "robot.joints.z"
+    to = [f"{joint}.spring.stiffness", f"{joint}.damper.damping"]
+    found = exact(asked(FALL.replace("axis: [0, 0, 1]}", passive), to, ["final.q.z"]))
+    truth = [0.5 * (0.3 / 2 - 1 / 6 + 9.81 / 24), 0.5 * (-1 / 2 + 9.81 / 6)]
+    for key, y in zip(to, truth):
+        assert found["final.q.z", key].value == pytest.approx(y, rel=1e-10)
 
 
 def test_one_key_does_not_stand_in_the_way_of_another() -> None:
-    found, why = exact_slopes(asked(SWITCHING, ["robot.joints.a.alpha", "parameters.k"], ["final.q.a"]))
+    found, why = exact_slopes(asked(SWITCHING, ["simulate.rtol", "parameters.k"], ["final.q.a"]))
     assert list(found) == [("final.q.a", 1)] and list(why) == [0]
 
 

@@ -8,9 +8,9 @@ from functools import cached_property
 from robodyn_cli.errors import SceneError, did_you_mean
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import Model
-from robodyn_cli.model.places import numbers_at_places
+from robodyn_cli.model.places import numbers_at_places, with_free
 from robodyn_cli.record import record
-from robodyn_cli.run.many.keys import NUMBER, START, Key, setting, settings, understand, value_of
+from robodyn_cli.run.many.keys import NUMBER, START, STRUCTURE, Key, setting, settings, understand, value_of
 from robodyn_cli.run.study.row import Rows, Task
 from robodyn_cli.run.study.study import COMMANDS, run_nominal
 from robodyn_cli.run.study.units import unit_of_output
@@ -37,9 +37,18 @@ class Asked:
     units: tuple[str, ...]
     output_units: tuple[str, ...]
 
-    @property
+    @cached_property
     def scene(self) -> Scene:
-        return self.task.family.own
+        """The scene as it stands, whose keys are numbers even where they are zero, a default or an angle."""
+        return self._free(self.task.family.own)
+
+    def _free(self, scene: Scene) -> Scene:
+        return with_free(scene, self.freed)
+
+    @property
+    def freed(self) -> frozenset[str]:
+        """Places of the keys that may be numbers of the equations."""
+        return frozenset(key.place or key.name for key in self.keys if key.sort in (NUMBER, STRUCTURE))
 
     @property
     def outputs(self) -> list[float]:
@@ -57,11 +66,12 @@ class Asked:
         """Return the scene with some keys, by number, changed by a part of their values; numbers of formulas stay."""
         values = {self.task.keys[k]: self.values[k] + part * (abs(self.values[k]) or 1.0) for k in numbers}
         settable = {name: value for name, value in values.items() if "#" not in name}
-        return self.task.family.scene(settings(list(settable), settable.values()))
+        return self._free(self.task.family.scene(settings(list(settable), settable.values())))
 
     def places(self, numbers: Iterable[int]) -> list[str]:
         """Return the places of some keys, empty of keys that are no numbers of the equations."""
-        return [self.keys[k].place if self.keys[k].sort == NUMBER else "" for k in numbers]
+        found = [self.keys[k].place or self.keys[k].name for k in numbers]
+        return [place if place in self.placed else "" for place in found]
 
     @cached_property
     def placed(self) -> dict[str, float]:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.formulations.events import EventKind
+from robodyn_cli.registry import Registry
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.many.keys import NUMBER, STRUCTURE, Key
 from robodyn_cli.run.sensitivity.asked import Asked
@@ -51,10 +53,8 @@ def _obstacle(asked: Asked, key: Key) -> str:
         return "a controller acts"
     if key.name.startswith(GIVEN.get(asked.task.command, ())):
         return ""
-    if key.sort == STRUCTURE:
+    if key.sort in (NUMBER, STRUCTURE) and (key.place or key.name) not in asked.placed:
         return "the key is part of the code (structure), not a number that it reads"
-    if key.sort == NUMBER and key.place not in asked.placed:
-        return "the key is zero or has its default, so that its terms are left out"
     return ""
 
 
@@ -86,7 +86,9 @@ def _simulate(asked: Asked, numbers: Sequence[int]) -> Found:
         raise CapabilityError("the run goes on from a stored one")
     motion = build_motion(scene)
     refuse_structure(motion.system.digest, build_motion(asked.changed(numbers, NEARBY)).system.digest)
-    slopes = MotionSlopes(motion, [asked.keys[k] for k in numbers], Ending(scene.simulate.duration))
+    slopes = MotionSlopes(
+        motion, [asked.keys[k] for k in numbers], asked.places(numbers), Ending(scene.simulate.duration)
+    )
     return _of_end(motion, outputs, slopes, ("final.time", "termination.time"), ("final.q.", "", "final.qd."))
 
 
@@ -98,7 +100,9 @@ def _deploy(asked: Asked, numbers: Sequence[int]) -> Found:
     if not any(name.startswith(("lock.", "criteria.", "termination.")) for name in outputs):
         return {}
     motion = build_deployment(scene, Stopwatch())
-    refuse_structure(motion.system.digest, build_deployment(asked.changed(numbers, NEARBY), Stopwatch()).system.digest)
+    refuse_structure(
+        motion.system.digest, build_deployment(asked.changed(numbers, NEARBY), Stopwatch()).system.digest
+    )
     criterion = scene.deploy.criterion
     found = scan(motion, motion.options, multipliers=criterion not in ("dead_point", "latch"))
     end = decide(motion, found)
@@ -106,7 +110,9 @@ def _deploy(asked: Asked, numbers: Sequence[int]) -> Found:
     if found.driven or end.time is None or end.criterion not in kinds:
         raise CapabilityError("no event of the motion's state gives the time of the lock")
     function = next(e.value for e in motion.system.events if e.kind is kinds[end.criterion])
-    slopes = MotionSlopes(motion, [asked.keys[k] for k in numbers], Ending(end.time, function))
+    slopes = MotionSlopes(
+        motion, [asked.keys[k] for k in numbers], asked.places(numbers), Ending(end.time, function)
+    )
     times = ("lock.time", "termination.time", f"criteria.{end.criterion}")
     return _of_end(motion, outputs, slopes, times, ("lock.angles.", "lock.angles_deg.", "lock.rates."))
 
@@ -139,20 +145,21 @@ def _of_end(
     }
 
 
-def _inverse(asked: Asked, numbers: Sequence[int]) -> Found:
-    from robodyn_cli.run.sensitivity.inverse import InverseSlopes
-
-    found = InverseSlopes(asked, asked.scene, numbers)
-    refuse_structure(found.digest, InverseSlopes(asked, asked.changed(numbers, NEARBY), numbers).digest)
-    return found.slopes(asked.task.outputs)
-
-
-def _kinematics(asked: Asked, numbers: Sequence[int]) -> Found:
-    from robodyn_cli.run.sensitivity.kinematics import KinematicsSlopes
-
-    found = KinematicsSlopes(asked, asked.scene, numbers)
-    refuse_structure(found.digest, KinematicsSlopes(asked, asked.changed(numbers, NEARBY), numbers).digest)
-    return found.slopes(asked.task.outputs)
+def _directly(asked: Asked, numbers: Sequence[int]) -> Found:
+    """Return the derivatives of a command without any integration."""
+    kind = DIRECT[asked.task.command]
+    found = kind(asked, asked.scene, numbers)
+    refuse_structure(found.digest, kind(asked, asked.changed(numbers, NEARBY), numbers).digest)
+    slopes: Found = found.slopes()
+    return slopes
 
 
-WORK: Mapping[str, Work] = {"simulate": _simulate, "deploy": _deploy, "inverse": _inverse, "kinematics": _kinematics}
+DIRECT: Registry[Any] = Registry(
+    "robodyn_cli.run.sensitivity",
+    {
+        "inverse": "inverse:InverseSlopes",
+        "kinematics": "kinematics:KinematicsSlopes",
+        "statics": "statics:StaticsSlopes",
+    },
+)
+WORK: Mapping[str, Work] = {"simulate": _simulate, "deploy": _deploy, **dict.fromkeys(DIRECT, _directly)}

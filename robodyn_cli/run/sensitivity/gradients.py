@@ -46,7 +46,9 @@ class Columns:
 class Gradients:
     """Named expressions as a function of samples: values (T, n) and derivatives (T, n, columns)."""
 
-    def __init__(self, outputs: Mapping[str, Sequence[Scalar]], columns: Columns, known: Sequence[str]) -> None:
+    def __init__(
+        self, outputs: Mapping[str, Sequence[Scalar]], columns: Columns, known: Sequence[str]
+    ) -> None:
         self.sizes, self.columns = {name: len(x) for name, x in outputs.items()}, columns
         rows = columns.of([x for entries in outputs.values() for x in entries])
         places = [(i, k) for i, row in enumerate(rows) for k in row]
@@ -92,7 +94,9 @@ def at_one_point(outputs: Sequence[Scalar], columns: Columns) -> Any:
 class MotionGradients:
     """Named expressions along a motion that may depend on keys itself: by t, q, v, v-dot, the multipliers, and keys."""
 
-    def __init__(self, problem: Problem, outputs: Mapping[str, Sequence[Scalar]], places: Sequence[str]) -> None:
+    def __init__(
+        self, problem: Problem, outputs: Mapping[str, Sequence[Scalar]], places: Sequence[str]
+    ) -> None:
         symbols: dict[str, list[Expr]] = {
             "t": [problem.t], "q": list(problem.q), "v": list(problem.v), "a": list(problem.a),
             "lam": problem.graph.symbols(list(problem.constraints.names), "lam"),
@@ -126,10 +130,13 @@ class Along:
         """Values (T, n)."""
         return self.found[name][0]
 
+    def by(self, name: str, group: str) -> Array:
+        """Derivatives (T, n, m) by the symbols of a group, or by the keys."""
+        return self.found[name][1][:, :, self.columns[group]]
+
     def change(self, name: str, moved: Mapping[str, Array]) -> Array:
         """Return derivatives by keys (T, n, K), with those of the motion (T, m, K) by group of symbols."""
-        J = self.found[name][1]
-        total: Array = J[:, :, self.columns[KEYS]].copy()
+        total = self.by(name, KEYS).copy()
         for group, own in moved.items():
-            total += J[:, :, self.columns[group]] @ own
+            total += self.by(name, group) @ own
         return total

@@ -14,7 +14,6 @@ from functools import cached_property
 import numpy as np
 
 from robodyn_cli.equations.gears import geared
-from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.record import record
@@ -27,7 +26,7 @@ from robodyn_cli.run.inverse.summary import JointFigures
 from robodyn_cli.run.observation.reactions import ReactionSamples
 from robodyn_cli.run.observation.reactions import figures as largest_loads
 from robodyn_cli.run.sensitivity.asked import Asked
-from robodyn_cli.run.sensitivity.figures import figure_slopes, known_outputs, step_along
+from robodyn_cli.run.sensitivity.figures import every_second, slopes_along
 from robodyn_cli.run.sensitivity.gradients import MotionGradients
 from robodyn_cli.run.sensitivity.led import Course, Led
 from robodyn_cli.run.sensitivity.slope import Slope
@@ -79,18 +78,16 @@ class InverseSlopes:
         """Key of everything that decides the code of values and derivatives."""
         return self.gradients.digest + self.led.digest
 
-    def slopes(self, outputs: Sequence[str]) -> dict[str, list[Slope]]:
+    def slopes(self) -> dict[str, list[Slope]]:
         """Return the derivatives of those outputs that are figures of the samples."""
-        own = known_outputs(outputs, self._figures(0.0, 0))
         sampled, moved = self.sampled, self.moved
-        found: dict[str, list[Slope]] = {name: [] for name in own}
-        for k in range(len(self.numbers)):
-            pairs = [(sampled.motion.qd, moved["v"]), (sampled.tau, moved["tau"]), (sampled.motion.qdd, moved["a"])]
-            scale = abs(self.asked.values[self.numbers[k]]) or 1.0
-            step = step_along([(y, change[:, :, k]) for y, change in pairs], scale)
-            for name, slope in zip(own, figure_slopes(own, lambda s, k=k: self._figures(s, k), step)):
-                found[name].append(slope)
-        return found
+        arrays = [
+            (sampled.motion.qd, moved["v"]),
+            (sampled.motion.qdd, moved["a"]),
+            (sampled.tau, moved["tau"]),
+        ]
+        arrays += [(wrench, moved[path]) for path, wrench in self.wrenches.items()]
+        return slopes_along(self.asked, self.numbers, self._figures, arrays)
 
     @cached_property
     def sampled(self) -> Sampled:
@@ -105,7 +102,9 @@ class InverseSlopes:
         groups = {"t": sampled.times[:, None], "q": motion.q, "v": motion.qd, "a": motion.qdd}
         moved = self.led.moved(groups)
         lam = self.program.row_multipliers(sampled)
-        groups["lam"] = np.zeros((len(sampled.times), len(self.problem.constraints.rows))) if lam is None else lam
+        groups["lam"] = (
+            np.zeros((len(sampled.times), len(self.problem.constraints.rows))) if lam is None else lam
+        )
         along = self.gradients(groups)
         tau = along.change("load", moved)
         if sampled.loops is not None:
@@ -132,22 +131,20 @@ class InverseSlopes:
         lead = program.lead if isinstance(program, ClosedLoops) else None
         return Course.of(program.problem, program.times(scene.inverse.samples), lead)
 
-    def _figures(self, step: float, k: int) -> Figures:
+    def _figures(self, k: int, step: float, every: int) -> Figures:
         """Return the figures for a key changed by so much, along the derivatives of the samples."""
         sampled, moved = self.sampled, self.moved
-        motion = sampled.motion
-        there = {
-            name: x + step * moved[name][:, :, k]
-            for name, x in (("q", motion.q), ("v", motion.qd), ("a", motion.qdd), ("tau", sampled.tau))
-        }
-        times = sampled.times + step * moved["t"][:, 0, k]
+        motion, part = sampled.motion, every_second(len(sampled.times), every)
+        arrays = {"q": motion.q, "v": motion.qd, "a": motion.qdd, "tau": sampled.tau, **self.wrenches}
+        there = {name: (x + step * moved[name][:, :, k])[part] for name, x in arrays.items()}
+        times = (sampled.times + step * moved["t"][:, 0, k])[part]
         motion = dataclasses.replace(motion, q=there["q"], qd=there["v"], qdd=there["a"])
         sampled = dataclasses.replace(sampled, times=times, motion=motion, terms={"all": there["tau"]})
         found = Figures(
             Termination("end of the trajectory", float(times[-1])), joint_figures(self.problem.model, sampled)
         )
         if self.loads is not None:
-            data = {path: self.wrenches[path] + step * moved[path][:, :, k] for path in self.loads.names}
+            data = {path: there[path] for path in self.loads.names}
             found = dataclasses.replace(found, reactions={"largest": largest_loads(data, self.loads.names)})
         if self.asked.scene.drives and any(name.startswith("drives.") for name in self.asked.task.outputs):
             found = dataclasses.replace(found, drives=self._drives(sampled, step, k))
@@ -155,7 +152,9 @@ class InverseSlopes:
 
     @cached_property
     def wrenches(self) -> Mapping[str, Array]:
-        assert self.loads is not None
+        """Forces and moments (T, n) by path, where they are wanted."""
+        if self.loads is None:
+            return {}
         sampled, motion = self.sampled, self.sampled.motion
         lam = self.program.row_multipliers(sampled)
         return self.loads(sampled.times, motion.q, motion.qd, motion.qdd, lam, sampled.p)

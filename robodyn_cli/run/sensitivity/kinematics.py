@@ -13,7 +13,7 @@ from robodyn_cli.run.mechanism.motion import Planned
 from robodyn_cli.run.mechanism.summary import KinematicsSummary
 from robodyn_cli.run.observation.evaluation import SampleFunction
 from robodyn_cli.run.sensitivity.asked import Asked
-from robodyn_cli.run.sensitivity.figures import figure_slopes, known_outputs, step_along
+from robodyn_cli.run.sensitivity.figures import every_second, slopes_along
 from robodyn_cli.run.sensitivity.gradients import MotionGradients
 from robodyn_cli.run.sensitivity.led import Course, Led
 from robodyn_cli.run.sensitivity.slope import Slope
@@ -42,19 +42,12 @@ class KinematicsSlopes:
         """Key of everything that decides the code of values and derivatives."""
         return self.gradients.digest + self.led.digest
 
-    def slopes(self, wanted: Sequence[str]) -> dict[str, list[Slope]]:
+    def slopes(self) -> dict[str, list[Slope]]:
         """Return the derivatives of those outputs that are figures of the samples."""
-        own = known_outputs(wanted, self._summary(0.0, 0))
         motion, moved = self.planned[0].motion, self.moved
-        found: dict[str, list[Slope]] = {name: [] for name in own}
-        for k, number in enumerate(self.numbers):
-            pairs = [(motion.q, moved["q"]), (motion.qd, moved["v"])]
-            pairs += [(array, moved[name]) for name, array in self.arrays.items() if name != "eta"]
-            scale = abs(self.asked.values[number]) or 1.0
-            step = step_along([(y, change[:, :, k]) for y, change in pairs], scale)
-            for name, slope in zip(own, figure_slopes(own, lambda s, k=k: self._summary(s, k), step)):
-                found[name].append(slope)
-        return found
+        arrays = [(motion.q, moved["q"]), (motion.qd, moved["v"])]
+        arrays += [(array, moved[name]) for name, array in self.arrays.items() if name != "eta"]
+        return slopes_along(self.asked, self.numbers, self._summary, arrays)
 
     @cached_property
     def planned(self) -> tuple[Planned, tuple[str, ...]]:
@@ -78,11 +71,12 @@ class KinematicsSlopes:
         along = self.gradients(groups)
         return {**moved, **{name: along.change(name, moved) for name in self.arrays}}
 
-    def _summary(self, step: float, k: int) -> KinematicsSummary:
+    def _summary(self, k: int, step: float, every: int) -> KinematicsSummary:
         """Return the summary for a key changed by so much, along the derivatives of the samples."""
         (planned, led), moved = self.planned, self.moved
+        part = every_second(len(planned.times), every)
         there = {
-            name: x + step * moved[name][:, :, k]
+            name: (x + step * moved[name][:, :, k])[part]
             for name, x in (
                 ("t", planned.times[:, None]), ("q", planned.motion.q), ("v", planned.motion.qd),
                 ("a", planned.motion.qdd), *self.arrays.items(),

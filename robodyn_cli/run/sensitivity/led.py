@@ -1,8 +1,8 @@
 """How the motion that a trajectory, a sweep or prescribed joints give changes with keys of the scene.
 
-What a trajectory asks at a sample is a formula of its own numbers, whose derivatives are differences (``given_changes``).
-The joints follow from it by the implicit function theorem, level by level: with the rows F(q, t, k) = 0 of the loops and
-of what is led, and their rates,
+What a trajectory asks at a sample is a formula of its own numbers; its derivatives are differences (``given_changes``).
+The joints follow from it by the implicit function theorem, level by level: with the rows F(q, t, k) = 0 of the loops
+and of what is led, and their rates,
 
     J dq = -F_k,   J dv = -(J v)_q dq - (J v)_k,   J da = -(J v-dot + gamma)_q dq - (...)_v dv - (...)_k
 """
@@ -21,7 +21,7 @@ from robodyn_cli.record import record
 from robodyn_cli.run.mechanism.loop_conditions import Lead, LoopConditions, lead_of
 from robodyn_cli.run.mechanism.motion import plan_motion
 from robodyn_cli.run.sensitivity.asked import Asked
-from robodyn_cli.run.sensitivity.differences import NARROWER, ROUNDING, extrapolated
+from robodyn_cli.run.sensitivity.differences import NARROWER, extrapolated
 from robodyn_cli.run.sensitivity.gradients import MotionGradients
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.guided import SINGULAR
@@ -31,6 +31,7 @@ from robodyn_cli.trajectories.motion import TaskSpace
 
 WIDEST = 1e-3  # part of a key's value by which it is changed
 LEVELS = 3
+ROUNDED = 1e-14  # of the largest entry of an array
 JUMPS = 1e-5  # error of a derivative, of the largest one, beyond which what is asked jumps at a sample
 Arrays = Sequence[Array]
 
@@ -67,11 +68,10 @@ def _slopes(asked: Asked, k: int, give: Callable[[Scene], Arrays]) -> list[Array
     sides = [[give(asked.changed([k], way * part)) for way in (1.0, -1.0)] for part in parts]
     for arrays in zip(*(zip(*pair) for pair in sides)):
         raw = np.array([(a - b) / step for (a, b), step in zip(arrays, steps)])
-        noise = np.array(
-            [ROUNDING * (np.abs(a) + np.abs(b)) / step for (a, b), step in zip(arrays, steps)]
-        )
+        size = max(float(np.abs(a).max(initial=0.0)) for pair in arrays for a in pair)
+        noise = np.array([np.full(raw[0].shape, ROUNDED * size / step) for step in steps])
         slope, error = extrapolated(raw, noise)
-        if np.any(error > JUMPS * max(float(np.abs(slope).max(initial=0.0)), 1e-300) + noise[-1]):
+        if np.any(error > JUMPS * float(np.abs(slope).max(initial=0.0)) + noise[-1].max(initial=0.0)):
             raise CapabilityError("what the trajectory asks jumps at a sample when the key changes")
         found.append(slope)
     return found
@@ -210,5 +210,7 @@ def _turned(R: Array, change: Array) -> Array:
     R = R.reshape(-1, 3, 3)
     dR = np.moveaxis(change.reshape(len(R), 3, 3, -1), 3, 1)
     W = dR @ np.swapaxes(R, 1, 2)[:, None]
-    w = np.stack([W[..., 2, 1] - W[..., 1, 2], W[..., 0, 2] - W[..., 2, 0], W[..., 1, 0] - W[..., 0, 1]], axis=1)
+    w = np.stack(
+        [W[..., 2, 1] - W[..., 1, 2], W[..., 0, 2] - W[..., 2, 0], W[..., 1, 0] - W[..., 0, 1]], axis=1
+    )
     return 0.5 * w

@@ -21,7 +21,7 @@ from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.record import record
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.driver.second_run import tighter
-from robodyn_cli.run.many.keys import NUMBER, OPTION, Key
+from robodyn_cli.run.many.keys import OPTION, Key
 from robodyn_cli.run.sensitivity.motion.blocks import nodes_of, transfers
 from robodyn_cli.run.sensitivity.motion.course import (
     Switch,
@@ -80,17 +80,20 @@ class Ending:
 
 
 class MotionSlopes:
-    """The derivatives of a motion's end by keys.
+    """The derivatives of a motion's end by keys, whose numbers are at ``places``, empty of keys that have none.
 
     Raises
     ------
     CapabilityError : the motion, or its start, has no derivatives that can be computed exactly.
     """
 
-    def __init__(self, motion: Motion, keys: Sequence[Key], ending: Ending) -> None:
+    def __init__(self, motion: Motion, keys: Sequence[Key], places: Sequence[str], ending: Ending) -> None:
         refuse(motion)
-        self.motion, self.keys, self.ending = motion, keys, ending
-        self.variational = Variational(motion, [key.place if key.sort == NUMBER else "" for key in keys])
+        self.motion, self.places, self.ending = motion, places, ending
+        self.lasting = np.array(
+            [float(key.sort == OPTION) for key in keys]
+        )  # keys that are the time of the end
+        self.variational = Variational(motion, places)
         self.start = start_slopes(motion, self.variational, keys)
         self.follow()
 
@@ -169,14 +172,14 @@ class MotionSlopes:
         CapabilityError : it is not known what they are.
         """
         if np.abs(jump).max() <= JUMPS * max(np.abs(before.rate).max(), 1e-300):
-            return np.zeros(len(self.keys))
+            return np.zeros(len(self.places))
         for function in switch.functions:
             at = self.variational.slopes([function], before.t, before.x)
             if switch.of_state or self._is_zero(at):
                 return -(at.keys[0] + at.state[0] @ before.S) / self._pace(at, before.rate)
-        if any(key.sort == NUMBER and key.place.startswith(FORMULAS) for key in self.keys):
+        if any(place.startswith(FORMULAS) for place in self.places):
             raise CapabilityError("rates jump at a time of which it is not known how it depends on the keys")
-        return np.zeros(len(self.keys))
+        return np.zeros(len(self.places))
 
     def _is_zero(self, at: Slopes) -> bool:
         """Tell whether a function of time is zero at a breakpoint."""
@@ -187,7 +190,7 @@ class MotionSlopes:
         one.
         """
         plain, function = self.variational.system, self.ending.function
-        shift = np.array([float(key.sort == OPTION) for key in self.keys])
+        shift = self.lasting
         if function is not None:
             at = self.variational.slopes([function], end.t, end.x)
             end = end.moved(-float(at.values[0]) / self._pace(at, end.rate))
